@@ -1,0 +1,62 @@
+"""casswarm: guiding a swarm of agents through a field of hazards.
+
+The names below are imported when they are first used, so that ``import casswarm`` is quick.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .errors import (
+        CasswarmError,
+        HazardError,
+        PlanningError,
+        PolicyError,
+        ScenarioError,
+        SolverError,
+    )
+    from .guide import Candidate, Guide
+    from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
+    from .planning import plan
+    from .policies import Decision, Policy, make_policy
+    from .scenario import Scenario, builtin_scenarios, load_scenario, save_scenario
+    from .solution import Residuals, Solution, Status
+    from .solvers import Solver, make_solver
+    from .study import Study, simulate
+
+__version__ = version("casswarm")
+
+_HOME = {
+    "errors": (
+        "CasswarmError",
+        "HazardError",
+        "PlanningError",
+        "PolicyError",
+        "ScenarioError",
+        "SolverError",
+    ),
+    "guide": ("Candidate", "Guide"),
+    "hazard": ("CustomHazard", "Hazard", "KernelHazard", "Saturation", "SaturationCollision"),
+    "planning": ("plan",),
+    "policies": ("Decision", "Policy", "make_policy"),
+    "scenario": ("Scenario", "builtin_scenarios", "load_scenario", "save_scenario"),
+    "solution": ("Residuals", "Solution", "Status"),
+    "solvers": ("Solver", "make_solver"),
+    "study": ("Study", "simulate"),
+}
+_MODULE = {name: module for module, names in _HOME.items() for name in names}
+
+__all__ = sorted(_MODULE)  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_MODULE[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

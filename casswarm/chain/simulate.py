@@ -1,0 +1,274 @@
+"""The controlled Markov chain, sampled: all runs of a policy advance together.
+
+A step of the paper's section II.C, for every run at once: observe positions and who is alive,
+decide, move, and draw who survives from the rates at the new positions with the old alive,
+P(i survives) = exp(-dt lambda_i(X(t+1), alive(t))). A run ends at the first arrival of a living
+member, at the last destruction, or at the horizon.
+
+Policies are deterministic, so runs in equal states share one decision and one evaluation of rates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import PolicyError
+from ..policies.base import Policy
+from ..problems.formation import Motion
+from .random import uniforms
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+Counts = NDArray[np.int64]
+
+PHYSICAL = 1e-9
+"""Excess over v_max or a_max (in units of velocity) up to which a velocity is left as it is."""
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Outcomes of R runs, an entry each.
+
+    Parameters
+    ----------
+    first : int
+        Index of the first run.
+    arrival : (R,) int
+        The step of the first arrival of a living member, -1 where there is none.
+    survivors : (R,) int
+        Members alive at the end of the run.
+    steps : (R,) int
+        Length of the run.
+    shortfalls : (R,) int
+        Member-steps in which a wish could not be fulfilled.
+    solver_failures : (R,) int
+        Steps in which the solver failed.
+    clipped : (R,) int
+        Member-steps in which the policy asked for more than v_max or a_max, and got the nearest
+        velocity that they allow.
+    states : int
+        Distinct states in which the policy was asked.
+    traces : tuple of Trace
+        The ways of the first runs.
+    """
+
+    first: int
+    arrival: Counts
+    survivors: Counts
+    steps: Counts
+    shortfalls: Counts
+    solver_failures: Counts
+    clipped: Counts
+    states: int
+    traces: tuple[Trace, ...]
+
+
+@dataclass(frozen=True)
+class Trace:
+    """The way of one run: positions (T+1, n, 2), where the destroyed stay, and alive (T+1, n)."""
+
+    positions: Floats
+    alive: Booleans
+
+
+@dataclass(frozen=True)
+class Chain:
+    """What the chain needs besides a policy, as plain data that can be sent to a worker.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    before : (n, 2)
+        V(-1).
+    seed : int
+    """
+
+    scenario: Scenario
+    before: Floats
+    seed: int
+
+    def run(
+        self,
+        policy: Policy,
+        first: int,
+        runs: int,
+        traces: int = 0,
+        progress: Callable[[int], None] | None = None,
+    ) -> Runs:
+        """Sample the runs `first`, ..., `first` + `runs` - 1 under a policy.
+
+        Parameters
+        ----------
+        policy : Policy
+        first, runs : int
+        traces : int
+            How many of these runs, from the first, keep their way.
+        progress : callable, optional
+            Called after every step with the number of runs that have ended by then.
+
+        Raises
+        ------
+        PolicyError, HazardError
+            Velocities or rates that are not finite or of the wrong shape.
+        """
+        scenario = self.scenario
+        draws = uniforms(self.seed, first, runs, scenario.n_steps, scenario.n)
+        swarm = _Swarms.start(scenario, self.before, runs, traces)
+        for step in range(scenario.n_steps):
+            active = np.flatnonzero(swarm.running)
+            if not active.size:
+                break
+            swarm.advance(scenario, policy, step, active, draws[active, step])
+            if progress is not None:
+                progress(runs - int(swarm.running.sum()))
+        return swarm.outcome(first)
+
+
+@dataclass
+class _Swarms:
+    """R swarms on their way; the entries of the destroyed are zero."""
+
+    positions: Floats
+    previous: Floats
+    alive: Booleans
+    running: Booleans
+    arrival: Counts
+    steps: Counts
+    shortfalls: Counts
+    failures: Counts
+    clipped: Counts
+    states: int
+    tracer: _Tracer
+
+    @classmethod
+    def start(cls, scenario: Scenario, before: Floats, runs: int, traces: int) -> _Swarms:
+        zeros = np.zeros(runs, np.int64)
+        alive = np.ones((runs, scenario.n), bool)
+        positions = np.tile(scenario.positions, (runs, 1, 1))
+        return cls(
+            positions=positions,
+            previous=np.tile(before, (runs, 1, 1)),
+            alive=alive,
+            running=np.ones(runs, bool),
+            arrival=zeros - 1,
+            steps=zeros.copy(),
+            shortfalls=zeros.copy(),
+            failures=zeros.copy(),
+            clipped=zeros.copy(),
+            states=0,
+            tracer=_Tracer([positions[:traces].copy()], [alive[:traces].copy()]),
+        )
+
+    def advance(
+        self, scenario: Scenario, policy: Policy, step: int, active: Counts, draws: Floats
+    ) -> None:
+        """Take the active runs from `step` to step + 1; `draws` (len(active), n) are uniform."""
+        first, back = distinct_states(
+            self.positions[active], self.previous[active], self.alive[active]
+        )
+        rows = active[first]
+        alive = self.alive[rows]
+        decision = policy.decide(step, self.positions[rows], self.previous[rows], alive)
+        velocities, clipped = _physical(
+            scenario, policy, decision.velocities, self.previous[rows], alive
+        )
+        following = self.positions[rows] + scenario.time.dt * velocities
+        survival = np.exp(-scenario.time.dt * scenario.hazard.rates(following, alive))
+        inside = scenario.target.contains(following)
+
+        survives = alive[back] & (draws < survival[back])
+        arrived = (survives & inside[back]).any(axis=1)
+        self.states += len(rows)
+        self.shortfalls[active] += decision.shortfalls[back]
+        self.failures[active] += decision.failures[back]
+        self.clipped[active] += clipped[back]
+        self.positions[active] = np.where(survives[..., None], following[back], 0.0)
+        self.previous[active] = np.where(survives[..., None], velocities[back], 0.0)
+        self.alive[active] = survives
+        self.steps[active] = step + 1
+        self.arrival[active[arrived]] = step + 1
+        self.running[active] = survives.any(axis=1) & ~arrived
+        self.tracer.record(active, following[back], self.alive)
+
+    def outcome(self, first: int) -> Runs:
+        """The runs' outcomes, once they have all ended or the horizon is reached."""
+        return Runs(
+            first=first,
+            arrival=self.arrival,
+            survivors=self.alive.sum(axis=1),
+            steps=self.steps,
+            shortfalls=self.shortfalls,
+            solver_failures=self.failures,
+            clipped=self.clipped,
+            states=self.states,
+            traces=self.tracer.traces(self.steps),
+        )
+
+
+@dataclass
+class _Tracer:
+    """The ways of the first few runs, a snapshot a step."""
+
+    positions: list[Floats]
+    alive: list[Booleans]
+
+    def record(self, active: Counts, following: Floats, alive: Booleans) -> None:
+        """Append where the active runs are now; the destroyed stay where they fell."""
+        positions, moved = self.positions[-1].copy(), self.alive[-1]
+        traced = active < len(positions)
+        rows = active[traced]
+        positions[rows] = np.where(moved[rows, :, None], following[traced], positions[rows])
+        self.positions.append(positions)
+        self.alive.append(alive[: len(positions)].copy())
+
+    def traces(self, steps: Counts) -> tuple[Trace, ...]:
+        positions, alive = np.stack(self.positions, axis=1), np.stack(self.alive, axis=1)
+        return tuple(
+            Trace(positions[run, : steps[run] + 1], alive[run, : steps[run] + 1])
+            for run in range(len(positions))
+        )
+
+
+def distinct_states(*arrays: NDArray[np.generic]) -> tuple[Counts, Counts]:
+    """Rows that differ, of arrays with a common first axis, compared bit by bit.
+
+    Returns
+    -------
+    first : (D,) int
+        A row of every distinct state.
+    back : (B,) int
+        Which of the D every row is.
+    """
+    rows = len(arrays[0])
+    joined = np.concatenate(
+        [np.ascontiguousarray(a).reshape(rows, -1).view(np.uint8) for a in arrays], axis=1
+    )
+    keys = np.ascontiguousarray(joined).view(np.dtype((np.void, joined.shape[1]))).ravel()
+    _, first, back = np.unique(keys, return_index=True, return_inverse=True)
+    return first.astype(np.int64), back.reshape(-1).astype(np.int64)
+
+
+def _physical(
+    scenario: Scenario, policy: Policy, velocities: Floats, previous: Floats, alive: Booleans
+) -> tuple[Floats, Counts]:
+    """Velocities within v_max and a_max, zero for the destroyed, and how many had to be changed."""
+    wanted = np.where(alive[..., None], velocities, 0.0)
+    if wanted.shape != previous.shape or not np.isfinite(wanted).all():
+        raise PolicyError(
+            f"policy {policy.name!r} gave velocities of shape {np.shape(velocities)}, or not "
+            f"finite; expected finite velocities of shape {previous.shape}"
+        )
+    motion = Motion(scenario.swarm.v_max, scenario.swarm.a_max, scenario.time.dt)
+    sets = motion.sets(previous)
+    beyond = alive & (sets.violation(wanted) > PHYSICAL)
+    if beyond.any():
+        wanted[beyond] = sets[beyond].project(wanted[beyond])
+    return wanted, beyond.sum(axis=1)

@@ -1,0 +1,27 @@
+"""What casswarm raises, so that a caller can catch one base class."""
+
+from __future__ import annotations
+
+
+class CasswarmError(Exception):
+    """Base of every error that casswarm raises on purpose."""
+
+
+class ScenarioError(CasswarmError, ValueError):
+    """A scenario that is wrong: the message names the file, the key and what is allowed."""
+
+
+class HazardError(CasswarmError, ValueError):
+    """A hazard whose rates are of the wrong shape, negative or not finite."""
+
+
+class PolicyError(CasswarmError, ValueError):
+    """A policy that is unknown, or whose velocities are of the wrong shape or not finite."""
+
+
+class SolverError(CasswarmError, ValueError):
+    """A solver that is unknown, misconfigured, or cannot take the problem it was given."""
+
+
+class PlanningError(CasswarmError, RuntimeError):
+    """No guide was found; the message tells the outcome of every start."""

@@ -1,0 +1,7 @@
+"""Figures: arrays and tables in, a matplotlib Figure out; nothing is shown or written."""
+
+from .bars import success_chart
+from .maps import guide_map, swarm_map
+from .style import save
+
+__all__ = ["guide_map", "save", "success_chart", "swarm_map"]

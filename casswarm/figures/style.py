@@ -1,0 +1,42 @@
+"""One look for every figure: colours that the colour-blind can tell apart, sizes fit for print."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+# Okabe, Ito, Color Universal Design, 2008
+INK = "#222222"
+BLUE = "#0072B2"
+SKY = "#56B4E9"
+GREEN = "#009E73"
+ORANGE = "#E69F00"
+VERMILION = "#D55E00"
+PURPLE = "#CC79A7"
+MEMBERS = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION)
+POLICIES = {"naive": VERMILION, "constrained": GREEN, "leader": BLUE}
+
+DPI = 200
+
+
+def figure(width: float = 6.4, height: float = 4.8) -> tuple[Figure, Axes]:
+    """A figure of one axes, in inches; drawn without pyplot, so without global state."""
+    fig = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(fig)
+    return fig, fig.add_subplot()
+
+
+def tidy(axes: Axes) -> None:
+    """Plain frame and quiet grid."""
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(axis="y", color="#dddddd", linewidth=0.6)
+    axes.set_axisbelow(True)
+
+
+def save(fig: Figure, path: Path) -> Path:
+    """Write a figure; the file's ending names the format."""
+    fig.savefig(path, dpi=DPI)
+    return path

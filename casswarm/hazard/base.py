@@ -1,0 +1,105 @@
+"""What every hazard offers: rates as numbers for batches of states, and as CasADi expressions."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import HazardError
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+Expression = Any  # a CasADi SX, MX or DM: CasADi has no type stubs
+
+
+class Hazard(ABC):
+    """A field of destruction rates lambda_i(x, alive), per unit time.
+
+    A hazard knows positions and who is alive, nothing of time, policies or solvers. Subclasses are
+    immutable and hashable: the problems built from a hazard are cached by it.
+    """
+
+    @property
+    @abstractmethod
+    def radar_positions(self) -> Floats:
+        """Positions of the radars, shape (k, 2); k = 0 where the hazard has none."""
+
+    @abstractmethod
+    def expression(self, positions: Expression, alive: Expression) -> Expression:
+        """Rates of all members as one expression.
+
+        Parameters
+        ----------
+        positions : MX of shape (2, n)
+            A column a member.
+        alive : MX or DM of shape (1, n)
+            1 for the living, 0 for the destroyed.
+
+        Returns
+        -------
+        MX of shape (1, n)
+            lambda_i, for the destroyed as if they alone came back to life.
+        """
+
+    @abstractmethod
+    def lone_expression(self, points: Expression) -> Expression:
+        """Rate lambda-bar of a lone member at each of m points: (2, m) to (1, m)."""
+
+    @abstractmethod
+    def _evaluate(self, positions: Floats, alive: Booleans) -> Floats:
+        """Rates (B, n) of a batch of states (B, n, 2), (B, n); unchecked, unmasked."""
+
+    def rates(self, positions: ArrayLike, alive: ArrayLike | None = None) -> Floats:
+        """Rates per unit time of every member, 0 for the destroyed.
+
+        Parameters
+        ----------
+        positions : array_like, shape (n, 2) or (B, n, 2)
+            One state, or a batch of states.
+        alive : array_like of bool, shape (n,) or (B, n), optional
+            Who is alive; everybody by default. One row serves a whole batch.
+
+        Returns
+        -------
+        ndarray, shape (n,) or (B, n)
+
+        Raises
+        ------
+        HazardError
+            Wrong shapes, positions that are not finite, or (for rates written by users) a rate
+            that is negative or not finite.
+        """
+        x = np.asarray(positions, dtype=float)
+        if x.ndim not in (2, 3) or x.shape[-1] != 2:
+            raise HazardError(f"positions have shape {x.shape}; expected (n, 2) or (B, n, 2)")
+        living = np.ones(x.shape[:-1], bool) if alive is None else np.asarray(alive, dtype=bool)
+        if living.shape not in (x.shape[:-1], x.shape[-2:-1]):
+            raise HazardError(
+                f"alive has shape {living.shape}; expected {x.shape[:-1]}, as positions have"
+            )
+        living = np.broadcast_to(living, x.shape[:-1])
+        if not np.isfinite(x).all():
+            raise HazardError("positions hold NaN or infinity")
+        batch = np.ascontiguousarray(x.reshape(-1, *x.shape[-2:]))
+        mask = np.ascontiguousarray(living.reshape(-1, x.shape[-2]))
+        rates = np.where(mask, self._evaluate(batch, mask), 0.0)
+        self._check(rates, batch)
+        return rates.reshape(x.shape[:-1])
+
+    def lone_rates(self, points: ArrayLike) -> Floats:
+        """Rate lambda-bar of a lone member at each point: (..., 2) to (...)."""
+        x = np.asarray(points, dtype=float)
+        return self.rates(x.reshape(-1, 1, 2)).reshape(x.shape[:-1])
+
+    def _check(self, rates: Floats, positions: Floats) -> None:
+        bad = ~(np.isfinite(rates) & (rates >= 0))
+        if bad.any():
+            state, member = np.argwhere(bad)[0]
+            x, y = positions[state, member]
+            raise HazardError(
+                f"{self!r} gives the rate {rates[state, member]} for member {member} at "
+                f"({x:g}, {y:g}); rates must be finite and not negative"
+            )

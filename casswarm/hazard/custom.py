@@ -1,0 +1,152 @@
+"""Rates written by users: any CasADi function of all positions."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..errors import HazardError
+from .base import Booleans, Expression, Floats, Hazard
+
+_CHUNK = 256  # states a call of the mapped function takes
+
+
+@dataclass(frozen=True)
+class CustomHazard(Hazard):
+    """Rates from a user's function.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(positions, alive, **parameters)`` with CasADi expressions: `positions` (n, 2),
+        `alive` (n, 1), 1 for the living; returns n rates per unit time, shape (n, 1) or (1, n).
+        It must work for every n >= 1 and be smooth where it is optimised: squared distances
+        rather than ``norm_2``, whose derivative at zero is NaN.
+    radars : k pairs (x, y), optional
+        Drawn on maps and used to find ways around; handed to the function as ``radars=`` if given.
+    parameters : mapping, optional
+        Further keyword arguments; lists become tuples.
+
+    Raises
+    ------
+    HazardError
+        The function fails, or returns another number of rates than members; at evaluation, rates
+        that are negative or not finite.
+    """
+
+    function: Callable[..., Expression]
+    radars: tuple[tuple[float, float], ...] = ()
+    parameters: Mapping[str, Any] | tuple[tuple[str, Any], ...] = ()
+
+    def __post_init__(self) -> None:
+        if not callable(self.function):
+            raise HazardError(f"{self.function!r} is not a function of (positions, alive)")
+        object.__setattr__(self, "radars", tuple((float(x), float(y)) for x, y in self.radars))
+        object.__setattr__(self, "parameters", _frozen(dict(self.parameters)))
+        for n in (1, 2):
+            rate_function(self, n)
+
+    @classmethod
+    def from_name(
+        cls,
+        name: str,
+        folder: Path | None = None,
+        radars: tuple[tuple[float, float], ...] = (),
+        parameters: Mapping[str, Any] | None = None,
+    ) -> CustomHazard:
+        """Hazard of the function called ``module:function``, looked for in `folder` first."""
+        return cls(_import_function(name, folder), radars, parameters or {})
+
+    @property
+    def radar_positions(self) -> Floats:
+        """Positions of the radars that were given, shape (k, 2)."""
+        return np.array(self.radars, dtype=float).reshape(-1, 2)
+
+    def expression(self, positions: Expression, alive: Expression) -> Expression:
+        """The user's function as an MX call: (2, n), (1, n) to (1, n)."""
+        return rate_function(self, positions.shape[1])(positions, alive)
+
+    def lone_expression(self, points: Expression) -> Expression:
+        """The user's function of one member, mapped over m points: (2, m) to (1, m)."""
+        m = points.shape[1]
+        return rate_function(self, 1).map(m)(points, ca.DM.ones(1, m))
+
+    def _evaluate(self, positions: Floats, alive: Booleans) -> Floats:
+        batch, n, _ = positions.shape
+        size = min(batch, _CHUNK)
+        mapped = rate_function(self, n).map(size)
+        out = np.empty((batch, n))
+        for start in range(0, batch, size):
+            start = min(start, batch - size)  # the last call overlaps, so that all have one size
+            chunk = slice(start, start + size)
+            x = positions[chunk].reshape(-1, 2).T
+            living = alive[chunk].reshape(1, -1).astype(float)
+            out[chunk] = np.asarray(mapped(x, living)).reshape(size, n)
+        return out
+
+    def __repr__(self) -> str:
+        return f"hazard {getattr(self.function, '__qualname__', self.function)!r}"
+
+
+@lru_cache(maxsize=64)
+def rate_function(hazard: CustomHazard, n: int) -> Expression:
+    """CasADi Function (2, n), (1, n) -> (1, n) of a user's rates.
+
+    Raises
+    ------
+    HazardError
+        The function raises, or returns a wrong shape.
+    """
+    positions, alive = ca.MX.sym("positions", 2, n), ca.MX.sym("alive", 1, n)
+    keywords = dict(hazard.parameters)
+    if hazard.radars:
+        keywords["radars"] = hazard.radars
+    try:
+        rates = ca.MX(hazard.function(positions.T, alive.T, **keywords))
+    except Exception as error:
+        raise HazardError(
+            f"{hazard!r} failed on {n} members with CasADi arguments: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+    if rates.shape not in ((n, 1), (1, n)):
+        raise HazardError(
+            f"{hazard!r} returned shape {rates.shape} for {n} members; expected ({n}, 1)"
+        )
+    return ca.Function("rates", [positions, alive], [ca.reshape(rates, 1, n)])
+
+
+def _import_function(name: str, folder: Path | None) -> Callable[..., Expression]:
+    module_name, _, attribute = name.partition(":")
+    if not module_name or not attribute:
+        raise HazardError(f"{name!r} is not of the form 'module:function'")
+    if folder is not None and str(folder) not in sys.path:
+        sys.path.insert(0, str(folder))
+    try:
+        found: Any = importlib.import_module(module_name)
+    except Exception as error:
+        raise HazardError(
+            f"cannot import the module {module_name!r} of {name!r}: {type(error).__name__}: {error}"
+        ) from error
+    for part in attribute.split("."):
+        if not hasattr(found, part):
+            raise HazardError(f"the module {module_name!r} has no function {attribute!r}")
+        found = getattr(found, part)
+    if not callable(found):
+        raise HazardError(f"{name!r} is not a function")
+    return found  # type: ignore[no-any-return]
+
+
+def _frozen(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return tuple(sorted((key, _frozen(item)) for key, item in value.items()))
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return tuple(_frozen(item) for item in value)
+    return value

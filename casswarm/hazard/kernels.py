@@ -1,0 +1,162 @@
+"""Rates composed of scalar kernels of squared distance, and their two assemblies.
+
+A member's rate is combine(S, D, C) of three sums of scalar kernels::
+
+    S = sum over radars l      strength_l source(||x_i - x_l||^2)
+    D = sum over living j      density(||x_i - x_j||^2)        (j = i counts)
+    C = sum over living j != i collision(||x_i - x_j||^2)
+
+Each kernel is written once, as a CasADi expression. `KernelHazard` assembles it in matrix form for
+the optimisation problems (n^2 pairs as one matrix, never an unrolled loop) and, lowered to NumPy,
+for batches of states.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from ..constants import CORE_RADIUS
+from ..errors import HazardError
+from .base import Booleans, Expression, Floats, Hazard
+
+_CHUNK_PAIRS = 1 << 19  # pairs evaluated at once: a few arrays of 4 MiB, whatever the batch
+
+
+def regular(squared_distance: Expression) -> Expression:
+    """Squared distance, kept above zero so that its inverse is finite.
+
+    With e = `CORE_RADIUS` it is the argument itself, to the letter, from e^2 on; below, it is
+    (e^2 + s^2 / e^2) / 2, which meets it with equal value and slope and never falls under e^2 / 2.
+    """
+    core = CORE_RADIUS**2
+    inside = ca.fmin(squared_distance, core)
+    return (squared_distance - inside) + (core + inside**2 / core) / 2
+
+
+@dataclass(frozen=True)
+class KernelHazard(Hazard):
+    """Base of the hazards that are composed of kernels.
+
+    Parameters
+    ----------
+    radars : k pairs (x, y)
+        Where the hazard comes from; at least one.
+    strengths : k positive floats, optional
+        Factor of every radar; 1 by default.
+    """
+
+    radars: tuple[tuple[float, float], ...]
+    strengths: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if np.ndim(self.radars) != 2 or np.shape(self.radars)[1] != 2:
+            raise HazardError(f"radars have shape {np.shape(self.radars)}; expected (k, 2), k >= 1")
+        if self.strengths is not None and len(self.strengths) != len(self.radars):
+            raise HazardError(
+                f"{len(self.strengths)} strengths for {len(self.radars)} radars; expected one each"
+            )
+        # hashable whatever sequence was given
+        object.__setattr__(self, "radars", tuple((float(x), float(y)) for x, y in self.radars))
+        if self.strengths is not None:
+            object.__setattr__(self, "strengths", tuple(float(s) for s in self.strengths))
+        for name, value in (("radars", self.radars), ("strengths", self.strengths or (1.0,))):
+            if not np.isfinite(value).all() or (name == "strengths" and min(value) <= 0):
+                raise HazardError(f"{name} must be finite, strengths above zero; got {value}")
+
+    @abstractmethod
+    def source(self, squared_distance: Expression) -> Expression:
+        """Kernel of a member and a radar of strength 1."""
+
+    @abstractmethod
+    def density(self, squared_distance: Expression) -> Expression:
+        """Kernel of a member and a living member, itself included."""
+
+    @abstractmethod
+    def collision(self, squared_distance: Expression) -> Expression:
+        """Kernel of a member and another living member."""
+
+    @abstractmethod
+    def combine(self, source: Expression, density: Expression, collision: Expression) -> Expression:
+        """Rate of a member from its three sums."""
+
+    @property
+    def radar_positions(self) -> Floats:
+        """Positions of the radars, shape (k, 2)."""
+        return np.array(self.radars, dtype=float)
+
+    @property
+    def radar_strengths(self) -> Floats:
+        """Strengths of the radars, shape (k,)."""
+        return np.ones(len(self.radars)) if self.strengths is None else np.array(self.strengths)
+
+    def expression(self, positions: Expression, alive: Expression) -> Expression:
+        """Rates of all members, matrix form: (2, n), (1, n) to (1, n)."""
+        n = positions.shape[1]
+        east, north = (ca.repmat(positions[axis, :].T, 1, n) for axis in (0, 1))
+        pairs = (east - east.T) ** 2 + (north - north.T) ** 2
+        living = alive.T
+        others = 1 - ca.DM.eye(n)
+        density = ca.mtimes(self.density(pairs), living)
+        collision = ca.mtimes(self.collision(pairs) * others, living)
+        return self.combine(self._sources(positions), density.T, collision.T)
+
+    def lone_expression(self, points: Expression) -> Expression:
+        """Rate of a lone member at each of m points: (2, m) to (1, m)."""
+        return self.combine(self._sources(points), self.density(0.0), 0.0)
+
+    def _sources(self, points: Expression) -> Expression:
+        radars = self.radar_positions
+        column = ca.DM.ones(len(radars), 1)
+        pairs = sum(
+            (ca.mtimes(column, points[axis, :]) - ca.repmat(radars[:, axis], 1, points.shape[1]))
+            ** 2
+            for axis in (0, 1)
+        )
+        return ca.mtimes(ca.DM(self.radar_strengths).T, self.source(pairs))
+
+    def _evaluate(self, positions: Floats, alive: Booleans) -> Floats:
+        batch, n, _ = positions.shape
+        size = max(1, _CHUNK_PAIRS // (n * max(n, len(self.radars))))
+        out = np.empty((batch, n))
+        for start in range(0, batch, size):
+            chunk = slice(start, start + size)
+            out[chunk] = self._evaluate_chunk(positions[chunk], alive[chunk])
+        return out
+
+    def _evaluate_chunk(self, positions: Floats, alive: Booleans) -> Floats:
+        source, density, collision, combine = lowered_kernels(self)
+        to_radars = _squared_distances(positions, self.radar_positions[None])
+        pairs = _squared_distances(positions, positions)
+        living = alive[:, None, :]
+        others = living & ~np.eye(positions.shape[1], dtype=bool)
+        return combine(
+            np.sum(source(to_radars) * self.radar_strengths, axis=-1),
+            np.sum(density(pairs) * living, axis=-1),
+            np.sum(collision(pairs) * others, axis=-1),
+        )
+
+
+def _squared_distances(a: Floats, b: Floats) -> Floats:
+    """Squared distances (B, n, m) between (B, n, 2) and (B or 1, m, 2)."""
+    east = a[:, :, None, 0] - b[:, None, :, 0]
+    north = a[:, :, None, 1] - b[:, None, :, 1]
+    return east * east + north * north
+
+
+@lru_cache(maxsize=64)
+def lowered_kernels(hazard: KernelHazard) -> tuple[Callable[..., Floats], ...]:
+    """NumPy functions of the four expressions: source, density, collision, combine."""
+    from .lowering import lower
+
+    return (
+        lower(hazard.source, 1, "source"),
+        lower(hazard.density, 1, "density"),
+        lower(hazard.collision, 1, "collision"),
+        lower(hazard.combine, 3, "combine"),
+    )

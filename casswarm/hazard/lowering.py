@@ -1,0 +1,100 @@
+"""From a scalar CasADi expression to plain Python source that NumPy runs over whole arrays.
+
+CasADi evaluates a function one point at a time; a kernel has to be evaluated at millions of squared
+distances. The expression stays the only definition: its instructions are written out again, one
+line each, as Python.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+
+from ..errors import HazardError
+from .base import Expression, Floats
+
+_BINARY = {
+    ca.OP_ADD: "{0} + {1}",
+    ca.OP_SUB: "{0} - {1}",
+    ca.OP_MUL: "{0} * {1}",
+    ca.OP_DIV: "{0} / {1}",
+    ca.OP_POW: "{0} ** {1}",
+    ca.OP_CONSTPOW: "{0} ** {1}",
+    ca.OP_LT: "np.less({0}, {1}) * 1.0",
+    ca.OP_LE: "np.less_equal({0}, {1}) * 1.0",
+    ca.OP_EQ: "np.equal({0}, {1}) * 1.0",
+    ca.OP_NE: "np.not_equal({0}, {1}) * 1.0",
+    ca.OP_AND: "np.logical_and({0}, {1}) * 1.0",
+    ca.OP_OR: "np.logical_or({0}, {1}) * 1.0",
+    ca.OP_FMIN: "np.fmin({0}, {1})",
+    ca.OP_FMAX: "np.fmax({0}, {1})",
+    ca.OP_ATAN2: "np.arctan2({0}, {1})",
+    ca.OP_HYPOT: "np.hypot({0}, {1})",
+    ca.OP_IF_ELSE_ZERO: "np.where(np.equal({0}, 0.0), 0.0, {1})",
+}
+_UNARY = {
+    ca.OP_ASSIGN: "{0}",
+    ca.OP_NEG: "-{0}",
+    ca.OP_SQ: "{0} * {0}",
+    ca.OP_TWICE: "2.0 * {0}",
+    ca.OP_INV: "1.0 / {0}",
+    ca.OP_NOT: "np.equal({0}, 0.0) * 1.0",
+    ca.OP_SQRT: "np.sqrt({0})",
+    ca.OP_EXP: "np.exp({0})",
+    ca.OP_LOG: "np.log({0})",
+    ca.OP_EXPM1: "np.expm1({0})",
+    ca.OP_LOG1P: "np.log1p({0})",
+    ca.OP_FABS: "np.fabs({0})",
+    ca.OP_SIGN: "np.sign({0})",
+    ca.OP_FLOOR: "np.floor({0})",
+    ca.OP_CEIL: "np.ceil({0})",
+    ca.OP_SIN: "np.sin({0})",
+    ca.OP_COS: "np.cos({0})",
+    ca.OP_TAN: "np.tan({0})",
+    ca.OP_ATAN: "np.arctan({0})",
+    ca.OP_SINH: "np.sinh({0})",
+    ca.OP_COSH: "np.cosh({0})",
+    ca.OP_TANH: "np.tanh({0})",
+}
+
+
+def lower_source(kernel: Callable[..., Expression], inputs: int, name: str) -> str:
+    """Python source of `kernel`, a function of `inputs` scalar SX to one scalar SX.
+
+    Raises
+    ------
+    HazardError
+        An operation that has no counterpart here (the message names it).
+    """
+    symbols = [ca.SX.sym(f"x{i}") for i in range(inputs)]
+    function = ca.Function(name, symbols, [ca.SX(kernel(*symbols))])
+    lines = [f"def {name}({', '.join(f'x{i}' for i in range(inputs))}):"]
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        read, written = function.instruction_input(k), function.instruction_output(k)
+        if operation == ca.OP_CONST:
+            value = repr(float(function.instruction_constant(k)))
+        elif operation == ca.OP_INPUT:
+            value = f"x{read[0]}"
+        elif operation == ca.OP_OUTPUT:
+            lines.append(f"    return w{read[0]}")
+            continue
+        elif operation in _UNARY:
+            value = _UNARY[operation].format(f"w{read[0]}")
+        elif operation in _BINARY:
+            value = _BINARY[operation].format(f"w{read[0]}", f"w{read[1]}")
+        else:
+            raise HazardError(f"kernel {name!r}: CasADi operation {operation} cannot be lowered")
+        lines.append(f"    w{written[0]} = {value}")
+    return "\n".join(lines) + "\n"
+
+
+def lower(kernel: Callable[..., Expression], inputs: int, name: str) -> Callable[..., Floats]:
+    """Elementwise NumPy function of the same expression as `kernel`."""
+    namespace: dict[str, object] = {"np": np, "inf": np.inf, "nan": np.nan}
+    exec(compile(lower_source(kernel, inputs, name), f"<kernel {name}>", "exec"), namespace)
+    lowered = namespace[name]
+    assert callable(lowered)
+    return lowered

@@ -1,0 +1,76 @@
+"""The paper's two destruction rates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import HazardError
+from .base import Expression
+from .kernels import KernelHazard, regular
+
+
+@dataclass(frozen=True)
+class Saturation(KernelHazard):
+    """Scenario I of the paper: radars that a dense swarm saturates (equations 8 and 9).
+
+    lambda_i = sum_l strength_l alpha_1 / ||x_i - x_l||^2 / (1 + alpha_2 D_i), where
+    D_i = sum over living j of 1 / (1 + alpha_3 ||x_i - x_j||^2), j = i included.
+
+    Distances below `CORE_RADIUS` are regularised (see `regular`): at a radar the rate is large and
+    finite. A lone member has lambda-bar(x) = sum_l alpha_1 / (1 + alpha_2) / ||x - x_l||^2.
+    """
+
+    alpha_1: float = 4.0
+    alpha_2: float = 3.0
+    alpha_3: float = 4.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require_finite(self, positive=("alpha_1", "alpha_3"), not_negative=("alpha_2",))
+
+    def source(self, squared_distance: Expression) -> Expression:
+        """alpha_1 / r^2."""
+        return self.alpha_1 / regular(squared_distance)
+
+    def density(self, squared_distance: Expression) -> Expression:
+        """H = 1 / (1 + alpha_3 r^2), equation (9)."""
+        return 1.0 / (1.0 + self.alpha_3 * squared_distance)
+
+    def collision(self, squared_distance: Expression) -> Expression:
+        """None: members may meet."""
+        return 0.0 * squared_distance
+
+    def combine(self, source: Expression, density: Expression, collision: Expression) -> Expression:
+        """S / (1 + alpha_2 D) + C, equation (8)."""
+        return source / (1.0 + self.alpha_2 * density) + collision
+
+
+@dataclass(frozen=True)
+class SaturationCollision(Saturation):
+    """Scenario II of the paper: saturation, and destruction by collision.
+
+    Adds sum over living j != i of (beta_1 / ||x_i - x_j||)^beta_2 to the rate of `Saturation`.
+    """
+
+    beta_1: float = 0.2
+    beta_2: float = 6.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require_finite(self, positive=("beta_1", "beta_2"))
+
+    def collision(self, squared_distance: Expression) -> Expression:
+        """(beta_1 / r)^beta_2, written with squared distances only."""
+        return (self.beta_1**2 / regular(squared_distance)) ** (self.beta_2 / 2)
+
+
+def _require_finite(
+    hazard: KernelHazard, positive: tuple[str, ...], not_negative: tuple[str, ...] = ()
+) -> None:
+    for name in positive + not_negative:
+        value = getattr(hazard, name)
+        if not np.isfinite(value) or value < 0 or (value == 0 and name in positive):
+            allowed = "a finite number above zero" if name in positive else "zero or above, finite"
+            raise HazardError(f"{name} = {value}; allowed: {allowed}")

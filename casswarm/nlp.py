@@ -1,0 +1,182 @@
+"""The problem: an immutable nonlinear program, and the numbers that make instances of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import SolverError
+from .sets import PlanarSets
+
+Floats = NDArray[np.float64]
+Expression = Any  # a CasADi MX: CasADi has no type stubs
+
+
+@dataclass(frozen=True, eq=False)
+class Nlp:
+    """A parametric nonlinear program in canonical form.
+
+    minimise f(x; p)  subject to  lbx <= x <= ubx,  lbg <= g(x; p) <= ubg
+
+    The bounds belong to `Instances`, so that one program, built and compiled once, serves every
+    state. x, p and g are made of named blocks: MX of shape (r, c), which as arrays are (c, r), so
+    that a block of c points in the plane is an MX (2, c) and an array (c, 2).
+
+    Parameters
+    ----------
+    name : str
+        In messages and tables.
+    variables, parameters, constraints : mapping of name to MX
+        Blocks of x and p (symbols) and g (expressions), in order.
+    objective : MX, scalar
+    unroll : bool
+        Whether the expressions are small enough to be expanded to scalar operations, which then
+        evaluate several times faster; ruinous for large ones.
+    """
+
+    name: str
+    variables: Mapping[str, Expression]
+    parameters: Mapping[str, Expression]
+    objective: Expression
+    constraints: Mapping[str, Expression]
+    unroll: bool = False
+
+    @cached_property
+    def x(self) -> Expression:
+        """All variables, a column."""
+        return ca.veccat(*self.variables.values())
+
+    @cached_property
+    def p(self) -> Expression:
+        """All parameters, a column."""
+        return ca.veccat(*self.parameters.values())
+
+    @cached_property
+    def g(self) -> Expression:
+        """All constraints, a column."""
+        return ca.veccat(*self.constraints.values()) if self.constraints else ca.MX(0, 1)
+
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """Numbers of variables, parameters and constraints."""
+        return self.x.shape[0], self.p.shape[0], self.g.shape[0]
+
+    @cached_property
+    def evaluate(self) -> Expression:
+        """CasADi Function (x, p) to (f, g)."""
+        return self._function("evaluate", [self.objective, self.g])
+
+    @cached_property
+    def gradient(self) -> Expression:
+        """CasADi Function (x, p) to (f, gradient of f)."""
+        return self._function("gradient", [self.objective, ca.gradient(self.objective, self.x)])
+
+    @cached_property
+    def jacobian(self) -> Expression:
+        """CasADi Function (x, p) to the Jacobian of g, sparse."""
+        return self._function("jacobian", [ca.jacobian(self.g, self.x)])
+
+    def _function(self, name: str, outputs: list[Expression]) -> Expression:
+        function = ca.Function(name, [self.x, self.p], outputs)
+        return function.expand() if self.unroll else function
+
+    @cached_property
+    def row_names(self) -> tuple[str, ...]:
+        """A name for every row of g, such as ``acceleration[3]``."""
+        return tuple(
+            f"{name}[{row}]"
+            for name, block in self.constraints.items()
+            for row in range(block.numel())
+        )
+
+    def pack_variables(self, **blocks: ArrayLike) -> Floats:
+        """X of B instances, (B, nx), from arrays (B, c, r) or (c, r) named like the variables."""
+        return _pack(self.variables, blocks)
+
+    def pack_parameters(self, **blocks: ArrayLike) -> Floats:
+        """P of B instances, (B, np)."""
+        return _pack(self.parameters, blocks)
+
+    def pack_constraints(self, **blocks: ArrayLike) -> Floats:
+        """Bounds of g of B instances, (B, ng)."""
+        return _pack(self.constraints, blocks)
+
+    def variable(self, name: str, x: Floats) -> Floats:
+        """The block `name` of x: (..., nx) to (..., c, r)."""
+        start = 0
+        for block, symbol in self.variables.items():
+            if block == name:
+                rows, columns = symbol.shape
+                part = x[..., start : start + rows * columns]
+                return part.reshape(*x.shape[:-1], columns, rows)
+            start += symbol.numel()
+        raise KeyError(name)
+
+
+def _pack(blocks: Mapping[str, Expression], arrays: Mapping[str, ArrayLike]) -> Floats:
+    if blocks.keys() != arrays.keys():
+        raise SolverError(f"blocks given: {sorted(arrays)}; expected: {sorted(blocks)}")
+    given = {name: np.asarray(array, dtype=float) for name, array in arrays.items()}
+    batch = max((a.shape[0] for a in given.values() if a.ndim == 3), default=1)
+    columns = []
+    for name, symbol in blocks.items():
+        shape = (batch, symbol.shape[1], symbol.shape[0])
+        columns.append(np.broadcast_to(given[name], shape).reshape(batch, -1))
+    return np.concatenate(columns, axis=1) if columns else np.empty((batch, 0))
+
+
+@dataclass(frozen=True)
+class Instances:
+    """B instances of an `Nlp`: its parameters, its bounds and where to start.
+
+    Parameters
+    ----------
+    start : (B, nx)
+        Initial guess; solvers that start from elsewhere by definition say so.
+    parameters : (B, np)
+    lower, upper : (B, nx)
+    lower_g, upper_g : (B, ng)
+    sets : PlanarSets, shape (B, nx / 2), optional
+        Where lbx, ubx and g describe a product of simple sets in the plane: that product, which
+        projection methods work on.
+    """
+
+    start: Floats
+    parameters: Floats
+    lower: Floats
+    upper: Floats
+    lower_g: Floats
+    upper_g: Floats
+    sets: PlanarSets | None = None
+
+    def __post_init__(self) -> None:
+        batch = self.start.shape[0]
+        for name in ("parameters", "lower", "upper", "lower_g", "upper_g"):
+            array = getattr(self, name)
+            width = array.shape[-1]
+            object.__setattr__(self, name, np.broadcast_to(array, (batch, width)))
+
+    def __len__(self) -> int:
+        return int(self.start.shape[0])
+
+    def __getitem__(self, rows: slice | NDArray[Any]) -> Instances:
+        """Some of the instances: a slice, a mask or indices."""
+        return Instances(
+            self.start[rows],
+            self.parameters[rows],
+            self.lower[rows],
+            self.upper[rows],
+            self.lower_g[rows],
+            self.upper_g[rows],
+            None if self.sets is None else self.sets[rows],
+        )
+
+    def restarted(self, start: Floats) -> Instances:
+        """The same instances from another start."""
+        return replace(self, start=start)

@@ -1,0 +1,250 @@
+"""From a scenario to a guide: which starts, which arrival steps, and the best of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import PlanningError, SolverError
+from .guide import Candidate, Guide, guide_from, path_of, sides_of
+from .problems.guide import GuideTask, guide_instance, guide_nlp
+from .problems.guide_penalised import penalised_guide_instance, penalised_guide_nlp
+from .solution import Solution
+from .solvers import ProjectedGradient, Solver, make_solver
+from .starts import around, resampled, straight
+
+if TYPE_CHECKING:
+    from .scenario import Scenario
+
+Floats = NDArray[np.float64]
+
+COARSE = 8
+"""Arrival steps tried first, evenly spread; the best one's neighbourhood is then halved to one."""
+
+WAYS = 3
+"""Ways around the radars, best first, whose arrival step a global search refines."""
+
+
+def plan(
+    scenario: Scenario,
+    solver: str | Solver = "ipopt",
+    *,
+    search: str | None = None,
+    check: bool = True,
+    progress: Callable[[str], None] | None = None,
+) -> Guide:
+    """Least risky path of a lone agent from the swarm's place to the target.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    solver : str or Solver
+        ``"ipopt"``, or ``"projected-gradient"`` for the paper's penalised form.
+    search : {"local", "global"}, optional
+        From the straight line only, as in the paper, or from ways on both sides of every radar;
+        the scenario's own choice by default.
+    check : bool
+        Whether to raise if no start led to the target; otherwise the best failure is returned.
+    progress : callable, optional
+        Called with the name of every start.
+
+    Returns
+    -------
+    Guide
+        The best outcome; `Guide.candidates` holds them all. Its risk is a local minimum of the
+        program in `casswarm.problems.guide`, for every arrival step up to the horizon.
+
+    Raises
+    ------
+    PlanningError
+        No start led to the target; the message counts the outcomes.
+    SolverError
+        A solver that is unknown, or cannot take the guide problem.
+    """
+    first = np.zeros(2)
+    a_max_first = np.inf
+    if scenario.swarm.velocity != "guide":
+        first, a_max_first = np.asarray(scenario.swarm.velocity, float), scenario.guide_a_max
+    guide = plan_from(
+        scenario,
+        scenario.guide_start,
+        solver,
+        search=search,
+        before=first,
+        a_max_first=a_max_first,
+        progress=progress,
+    )
+    return _checked(guide) if check else guide
+
+
+def plan_from(
+    scenario: Scenario,
+    start: ArrayLike,
+    solver: str | Solver = "ipopt",
+    *,
+    search: str | None = None,
+    before: ArrayLike = (0.0, 0.0),
+    a_max_first: float = np.inf,
+    progress: Callable[[str], None] | None = None,
+) -> Guide:
+    """Like `plan`, for an agent at `start` (2,) with velocity `before` (2,), never raising.
+
+    `a_max_first` bounds the squared change from `before` to the first velocity.
+    """
+    task = GuideTask(
+        start=np.asarray(start, float),
+        center=np.asarray(scenario.target.center, float),
+        radius=scenario.target.radius - scenario.arrival_margin,
+        before=np.asarray(before, float),
+        a_max=scenario.guide_a_max,
+        a_max_first=a_max_first,
+        v_max=scenario.swarm.v_max,
+        dt=scenario.time.dt,
+    )
+    backend = make_solver(solver, **_paper_options(scenario, solver))
+    planner = _Planner(scenario, task, backend, progress or (lambda _: None))
+    if isinstance(backend, ProjectedGradient):
+        candidates = [planner.penalised()]
+    else:
+        candidates = planner.candidates(search or scenario.guide.search)
+    best = min(candidates, key=_preference)
+    return guide_from(
+        scenario.hazard,
+        task.start,
+        best.velocities,
+        task.dt,
+        task.center,
+        bool(np.isfinite(best.risk)),
+        best.solution,
+        tuple(candidates),
+    )
+
+
+def _paper_options(scenario: Scenario, solver: str | Solver) -> dict[str, object]:
+    if solver != ProjectedGradient.name:
+        return {}
+    options = scenario.guide
+    return {"step": options.learning_rate, "iterations": options.iterations, "keep": "best"}
+
+
+def _preference(candidate: Candidate) -> tuple[bool, bool, float]:
+    """Arriving and solved first, then by risk."""
+    arrives = bool(np.isfinite(candidate.risk))
+    return not arrives, not candidate.solution.status.success, candidate.risk
+
+
+def _checked(guide: Guide) -> Guide:
+    if guide.arrives:
+        return guide
+    outcomes = Counter(str(c.solution.status) for c in guide.candidates)
+    told = ", ".join(f"{count} {status}" for status, count in outcomes.items())
+    raise PlanningError(
+        f"no guide found: of {len(guide.candidates)} solves ({told}) none arrives in the target. "
+        "A larger a_max or t_f, or flyable = false, gives the guide more room; "
+        "check=False returns the best failure"
+    )
+
+
+@dataclass(frozen=True)
+class _Planner:
+    scenario: Scenario
+    task: GuideTask
+    solver: Solver
+    progress: Callable[[str], None]
+
+    def candidates(self, search: str) -> list[Candidate]:
+        """Outcomes of every start of a local or global search."""
+        if search not in ("local", "global"):
+            raise SolverError(f"search {search!r} is unknown; allowed: 'local', 'global'")
+        goal = self._goal()
+        ways = {"straight": straight(self.task.start, goal)}
+        radars = self.scenario.hazard.radar_positions
+        if search == "global":
+            ways |= dict(around(self.task.start, goal, radars))
+        found: dict[str, list[Candidate]] = {}
+        for name, polyline in ways.items():
+            self.progress(name)
+            found[name] = list(self._try(name, polyline, self._steps()))
+        refined = self._most_promising(found) if self.scenario.guide.arrival == "any" else []
+        for name in refined:
+            self.progress(f"{name}, arrival step")
+            self._refine(name, ways[name], found[name])
+        return [candidate for tried in found.values() for candidate in tried]
+
+    def penalised(self) -> Candidate:
+        """Outcome of the paper's penalised form, from the straight line over all steps."""
+        task = replace(self.task, radius=self.scenario.target.radius)
+        nlp = penalised_guide_nlp(self.scenario.hazard, self.scenario.n_steps)
+        line = resampled(straight(task.start, task.center), self.scenario.n_steps, task.dt)
+        instance = penalised_guide_instance(nlp, task, self.scenario.guide.gamma, line)
+        self.progress("straight")
+        solution = self.solver.solve(nlp, instance)[0]
+        velocities = nlp.variable("velocities", solution.x)
+        return self._priced("straight", self.scenario.n_steps, velocities, solution)
+
+    def _try(self, name: str, polyline: Floats, steps: Iterable[int]) -> Iterator[Candidate]:
+        nlp = guide_nlp(self.scenario.hazard, self.scenario.n_steps)
+        for arrival in steps:
+            guess = resampled(polyline, arrival, self.task.dt)
+            instance = guide_instance(nlp, self.task, arrival, guess)
+            solution = self.solver.solve(nlp, instance)[0]
+            velocities = nlp.variable("velocities", solution.x)[:arrival]
+            yield self._priced(name, arrival, velocities, solution)
+
+    def _refine(self, name: str, polyline: Floats, tried: list[Candidate]) -> None:
+        """Try arrival steps between the best one and its neighbours until none is left."""
+        while True:
+            best = min(tried, key=_preference).arrival
+            steps = np.array(sorted({c.arrival for c in tried}))
+            at = int(np.searchsorted(steps, best))
+            between = {(int(steps[i]) + best) // 2 for i in (at - 1, at + 1) if 0 <= i < len(steps)}
+            fresh = between - set(steps.tolist())
+            if not fresh:  # a neighbour may be one step above: (best + 1 + best) // 2 = best
+                return
+            tried += self._try(name, polyline, sorted(fresh))
+
+    def _most_promising(self, found: dict[str, list[Candidate]]) -> list[str]:
+        """Starts to refine: the best of each way around the radars, at most `WAYS`."""
+        chosen: dict[str, str] = {}
+        for name in sorted(
+            found, key=lambda start: _preference(min(found[start], key=_preference))
+        ):
+            chosen.setdefault(min(found[name], key=_preference).sides, name)
+        return list(chosen.values())[:WAYS]
+
+    def _priced(self, name: str, arrival: int, velocities: Floats, solution: Solution) -> Candidate:
+        task = self.task
+        finite = np.isfinite(velocities).all()
+        velocities = np.clip(velocities, -task.v_max, task.v_max) if finite else 0.0 * velocities
+        positions = path_of(task.start, velocities, task.dt)
+        risk = np.inf
+        inside = self.scenario.target.contains(positions[1:])
+        if inside.any():
+            first = int(inside.argmax()) + 1
+            velocities, positions = velocities[:first], positions[: first + 1]
+            risk = float(task.dt * self.scenario.hazard.lone_rates(positions[1:]).sum())
+        radars = self.scenario.hazard.radar_positions
+        return Candidate(name, arrival, sides_of(positions, radars), velocities, risk, solution)
+
+    def _goal(self) -> Floats:
+        """The nearest point of the target, margin taken off."""
+        way = self.task.start - self.task.center
+        distance = np.hypot(*way)
+        shrink = min(1.0, self.task.radius / distance) if distance > 0 else 1.0
+        return self.task.center + shrink * way
+
+    def _steps(self) -> list[int]:
+        """Arrival steps to try first: from the fewest possible to all, evenly."""
+        horizon = self.scenario.n_steps
+        reach = np.arange(1, horizon + 1)[:, None] * self.task.dt * self.task.v_max
+        outside = np.maximum(np.abs(self.task.center - self.task.start) - reach, 0.0)
+        possible = 1 + np.flatnonzero(np.hypot(*outside.T) <= self.task.radius)
+        if not possible.size or self.scenario.guide.arrival == "horizon":
+            return [horizon]
+        count = min(COARSE, len(possible))
+        return sorted({int(step) for step in np.linspace(possible[0], horizon, count).round()})

@@ -1,0 +1,123 @@
+"""Policies: what every member does, from the state of the swarm."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import PolicyError
+from ..guide import Guide
+from ..planning import plan, plan_from
+from ..problems.formation import Motion
+from ..solvers import ProjectedGradient, Solver, make_solver
+from .base import Decision, Policy, UserPolicy, as_policy
+from .formation import ConstrainedPolicy, LeaderPolicy
+from .naive import NaivePolicy
+from .succession import SUCCESSIONS
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+POLICIES = {
+    "naive": "every member follows a guide of its own and ignores the others",
+    "constrained": "all keep to a corridor around the guide, with the least total rate",
+    "leader": "one member follows the guide, the others protect it",
+}
+"""Names that `make_policy` takes, each with what it does."""
+
+
+def make_policy(
+    name: str,
+    scenario: Scenario,
+    guide: Guide | None = None,
+    solver: str | Solver = "ipopt",
+    succession: str = "nearest",
+) -> Policy:
+    """Policy of a name.
+
+    Parameters
+    ----------
+    name : {"naive", "constrained", "leader"}
+    scenario : Scenario
+    guide : Guide, optional
+        Planned from the scenario by default.
+    solver : str or Solver
+        Of the formation problems: ``"ipopt"``, ``"projected-gradient"``.
+    succession : {"nearest", "first", "safest"}
+        Who leads, for ``"leader"``.
+
+    Raises
+    ------
+    PolicyError
+        An unknown name or rule of succession.
+    PlanningError
+        No guide was found.
+    """
+    _require_known("policy", name, POLICIES)
+    _require_known("succession", succession, SUCCESSIONS)
+    guide = plan(scenario) if guide is None else guide
+    motion = motion_of(scenario)
+    if name == "naive":
+        return NaivePolicy(motion, member_guides(scenario, guide))
+    options = scenario.formation
+    backend = make_solver(
+        solver,
+        **(
+            {"step": options.learning_rate, "iterations": options.iterations}
+            if solver == ProjectedGradient.name
+            else {}
+        ),
+    )
+    if name == "leader":
+        return LeaderPolicy(scenario.hazard, motion, guide, backend, succession)
+    return ConstrainedPolicy(scenario.hazard, motion, guide, backend, options.rho)
+
+
+def motion_of(scenario: Scenario) -> Motion:
+    """The members' physical limits."""
+    return Motion(scenario.swarm.v_max, scenario.swarm.a_max, scenario.time.dt)
+
+
+def initial_velocities(scenario: Scenario, guide: Guide) -> np.ndarray:
+    """V(-1) of every member, (n, 2): the scenario's, or the guide's first velocity."""
+    given = scenario.swarm.velocity
+    first = guide.velocities[0] if given == "guide" else np.asarray(given, float)
+    return np.tile(first, (scenario.n, 1))
+
+
+def member_guides(scenario: Scenario, guide: Guide) -> tuple[Guide, ...]:
+    """Every member's own guide, from where it starts with the swarm's initial velocity."""
+    before = initial_velocities(scenario, guide)
+    guides: dict[tuple[float, ...], Guide] = {}
+    for start, velocity in zip(scenario.positions, before, strict=True):
+        if tuple(start) not in guides:
+            guides[tuple(start)] = plan_from(
+                scenario, start, before=velocity, a_max_first=scenario.swarm.a_max
+            )
+    return tuple(guides[tuple(start)] for start in scenario.positions)
+
+
+def _require_known(kind: str, name: str, known: dict[str, object] | dict[str, str]) -> None:
+    if name not in known:
+        close = get_close_matches(name, known, 1)
+        hint = f"; did you mean {close[0]!r}?" if close else ""
+        raise PolicyError(f"{kind} {name!r} is unknown{hint} (known: {', '.join(known)})")
+
+
+__all__ = [
+    "POLICIES",
+    "SUCCESSIONS",
+    "ConstrainedPolicy",
+    "Decision",
+    "LeaderPolicy",
+    "NaivePolicy",
+    "Policy",
+    "UserPolicy",
+    "as_policy",
+    "initial_velocities",
+    "make_policy",
+    "member_guides",
+    "motion_of",
+]

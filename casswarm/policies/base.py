@@ -1,0 +1,121 @@
+"""What a policy is: velocities for a batch of states, and an account of what it could not do."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import PolicyError
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+Counts = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a policy does in a batch of B states.
+
+    Parameters
+    ----------
+    velocities : (B, n, 2)
+        V(t); those of the destroyed are ignored.
+    shortfalls : (B,) int
+        How many members could not fulfil their wish (the leader's place, the corridor).
+    failures : (B,) int
+        1 where the solver failed and a fallback was taken, else 0.
+    """
+
+    velocities: Floats
+    shortfalls: Counts
+    failures: Counts
+
+    @classmethod
+    def plain(cls, velocities: Floats) -> Decision:
+        """A decision with nothing to report."""
+        none = np.zeros(len(velocities), np.int64)
+        return cls(velocities, none, none)
+
+
+class Policy(ABC):
+    """A policy, through one verb. Policies are immutable, deterministic and pickle.
+
+    `decide` takes step -> step + 1, for B states at once. In every state the entries of destroyed
+    members are zero: a policy must not depend on them. It should not depend on the other states
+    of the batch either, so that results do not depend on batching.
+    """
+
+    name: str
+
+    @abstractmethod
+    def decide(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Decision:
+        """Velocities of step `step`, with what could not be done.
+
+        Parameters
+        ----------
+        step : int
+            t, from 0.
+        positions, previous : (B, n, 2)
+            X(t) and V(t-1).
+        alive : (B, n) bool
+        """
+
+    def velocities(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Floats:
+        """Velocities (B, n, 2) alone; see `decide`."""
+        return self.decide(step, positions, previous, alive).velocities
+
+
+@dataclass(frozen=True)
+class UserPolicy(Policy):
+    """A policy from a user's function of (step, positions, previous, alive)."""
+
+    function: Callable[[int, Floats, Floats, Booleans], Any]
+    name: str
+
+    def decide(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Decision:
+        """The function's velocities, checked.
+
+        Raises
+        ------
+        PolicyError
+            Velocities of the wrong shape, or not finite for a living member.
+        """
+        found = np.asarray(self.function(step, positions, previous, alive), dtype=float)
+        if found.shape != positions.shape:
+            raise PolicyError(
+                f"policy {self.name!r} returned velocities of shape {found.shape} at step {step}; "
+                f"expected {positions.shape}: (states, members, 2)"
+            )
+        found = np.where(alive[..., None], found, 0.0)
+        if not np.isfinite(found).all():
+            state, member = np.argwhere(~np.isfinite(found))[0][:2]
+            raise PolicyError(
+                f"policy {self.name!r} returned the velocity {found[state, member]} for member "
+                f"{member} at step {step}; velocities must be finite"
+            )
+        return Decision.plain(found)
+
+
+def as_policy(policy: Any, name: str | None = None) -> Policy:
+    """A policy of what a user wrote: a `Policy`, an object with `velocities`, or a function.
+
+    Raises
+    ------
+    PolicyError
+        None of these.
+    """
+    if isinstance(policy, Policy):
+        return policy
+    function = getattr(policy, "velocities", policy)
+    if not callable(function):
+        raise PolicyError(
+            f"{policy!r} is no policy: expected a name, a function of (step, positions, previous, "
+            "alive), or an object with such a method called velocities"
+        )
+    default = getattr(policy, "name", None) or getattr(policy, "__name__", type(policy).__name__)
+    return UserPolicy(function, name or str(default))

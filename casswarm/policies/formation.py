@@ -1,0 +1,100 @@
+"""The paper's two formation policies: leader protection and constrained trajectory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..guide import Guide
+from ..hazard import Hazard
+from ..problems.formation import Formation, Motion, Step, corridor_formation, leader_formation
+from ..solvers import Solver
+from .base import Booleans, Decision, Floats, Policy
+from .succession import SUCCESSIONS
+
+
+@dataclass(frozen=True, eq=False)
+class FormationPolicy(Policy):
+    """Base of the policies that solve a formation problem at every step along a guide.
+
+    Parameters
+    ----------
+    hazard : Hazard
+    motion : Motion
+    guide : Guide
+    solver : Solver
+    """
+
+    hazard: Hazard
+    motion: Motion
+    guide: Guide
+    solver: Solver
+
+    def decide(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Decision:
+        """Solve the formation problem of every state; see `Policy.decide`."""
+        goal = self.guide.reference(step + 1)
+        data = Step(self.hazard, self.motion, positions, previous, alive, goal)
+        formation = self._formation(step, data)
+        velocities, failures = solve_formation(formation, self.solver)
+        return Decision(velocities, formation.shortfalls.sum(axis=1), failures)
+
+    def _formation(self, step: int, data: Step) -> Formation:
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False)
+class LeaderPolicy(FormationPolicy):
+    """Planned leader trajectory with protectors, the paper's section IV.B.1.
+
+    Parameters
+    ----------
+    succession : str
+        Who leads: a rule of `SUCCESSIONS`; by default the living member nearest to the guide.
+    """
+
+    succession: str = "nearest"
+    name: str = "leader"
+
+    def _formation(self, step: int, data: Step) -> Formation:
+        rule = SUCCESSIONS[self.succession]
+        return leader_formation(data, rule(data, self.guide.reference(step)))
+
+
+@dataclass(frozen=True, eq=False)
+class ConstrainedPolicy(FormationPolicy):
+    """Constrained trajectory, the paper's section IV.B.2.
+
+    Parameters
+    ----------
+    rho : float
+        Bound on the squared distance of every member to the guide.
+    """
+
+    rho: float = 0.05
+    name: str = "constrained"
+
+    def _formation(self, step: int, data: Step) -> Formation:
+        return corridor_formation(data, self.rho)
+
+
+def solve_formation(formation: Formation, solver: Solver) -> tuple[Floats, NDArray[np.int64]]:
+    """Velocities (B, n, 2) of a batch of formation problems, and which solves failed (B,).
+
+    Answers are projected onto the sets, so the physical limits hold exactly. A failed solve keeps
+    its answer, made feasible, or the start where it is not finite; it is counted, never hidden.
+    """
+    velocities = formation.instances.lower.reshape(*formation.free.shape, 2).copy()
+    failures = np.zeros(len(velocities), np.int64)
+    open_ = np.flatnonzero(formation.free.any(axis=1))
+    if open_.size:
+        instances = formation.instances[open_]
+        assert instances.sets is not None
+        solutions = solver.solve(formation.nlp, instances)
+        found = np.stack([solution.x for solution in solutions])
+        usable = np.isfinite(found).all(axis=1, keepdims=True)
+        points = np.where(usable, found, instances.start).reshape(open_.size, -1, 2)
+        velocities[open_] = instances.sets.project(points)
+        failures[open_] = [not solution.status.success for solution in solutions]
+    return velocities, failures

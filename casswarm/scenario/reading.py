@@ -1,0 +1,110 @@
+"""Scenario files and the built-in scenarios, read; files written."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from ..errors import ScenarioError
+from .messages import nearest, report
+from .model import Scenario
+
+_TEMPLATE = "start from a built-in one: save_scenario(load_scenario('paper-1'), 'my.toml')"
+
+
+def load_scenario(source: str | os.PathLike[str]) -> Scenario:
+    """Scenario of a built-in name, or of a TOML file.
+
+    Parameters
+    ----------
+    source : str or path
+        Name of a built-in scenario (see `builtin_scenarios`), or path of a file.
+
+    Raises
+    ------
+    ScenarioError
+        No such scenario, a file that cannot be read, or one that is wrong: the message names the
+        file and has a line for each wrong key, with what was given and what is allowed.
+    """
+    texts = _builtin_texts()
+    if isinstance(source, str) and source in texts:
+        label = f"built-in scenario '{source}'"
+        return Scenario.from_data(_parsed(texts[source], label), source=label)
+    path = Path(source)
+    label = f"scenario file {path}"
+    data = _parsed(_text(path, str(source), label), label)
+    return Scenario.from_data(data, source=label, folder=path.resolve().parent)
+
+
+def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
+    """Write a scenario file that loads as an equal scenario.
+
+    Raises
+    ------
+    ScenarioError
+        The file cannot be written, or no file can name the scenario's hazard.
+    """
+    text = scenario.to_toml()
+    try:
+        Path(path).write_text(text, encoding="utf-8", newline="\n")
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ScenarioError(f"cannot write the scenario file {path}: {reason}") from error
+
+
+def builtin_scenarios() -> dict[str, str]:
+    """Descriptions of the built-in scenarios, by name."""
+    return {name: tomllib.loads(text)["description"] for name, text in _builtin_texts().items()}
+
+
+def _builtin_texts() -> dict[str, str]:
+    found = {
+        entry.name.removesuffix(".toml"): entry.read_text(encoding="utf-8")
+        for entry in files(f"{__package__}.builtin").iterdir()
+        if entry.name.endswith(".toml")
+    }
+    return dict(sorted(found.items()))
+
+
+def _text(path: Path, source: str, label: str) -> str:
+    try:
+        # Windows editors may start a file with a byte order mark
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ScenarioError(
+            f"{label} is not a text in UTF-8 (byte {error.start}); save it as a TOML text in UTF-8"
+        ) from None
+    except OSError as error:
+        if source and path.is_dir():
+            raise ScenarioError(f"{label} is a folder; name a TOML file in it") from None
+        if source and not isinstance(error, FileNotFoundError | IsADirectoryError):
+            raise ScenarioError(f"{label} cannot be read: {error.strerror}") from None
+    except ValueError:  # a path with a null character
+        pass
+    raise ScenarioError(_unknown(source))
+
+
+def _unknown(source: str) -> str:
+    names = list(builtin_scenarios())
+    meant = nearest(Path(source).stem, names)
+    hint = f"; did you mean '{meant}'?" if meant else ""
+    return (
+        f"no scenario '{source}': it is neither a built-in scenario nor a file{hint}\n"
+        f"  built-in scenarios: {', '.join(names)}"
+    )
+
+
+def _parsed(text: str, label: str) -> dict[str, Any]:
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(report(f"{label} is not valid TOML", [str(error)])) from None
+    except (ValueError, RecursionError):
+        words = "a number or a nesting of arrays in it is too long"
+        raise ScenarioError(report(f"{label} cannot be read", [words])) from None
+    if not data:
+        raise ScenarioError(f"{label} is empty; {_TEMPLATE}")
+    return data

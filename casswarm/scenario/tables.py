@@ -1,0 +1,158 @@
+"""The tables of a scenario file: what each key holds, its unit and its limits."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ..errors import ScenarioError
+from .fields import Allowed, Count, NotNegative, Number, Point, Positive, Switch, plain
+from .messages import problems, report
+
+_STEP_TOLERANCE = 1e-9  # relative: t_f = 1.0 holds ten steps of dt = 0.1, whatever 1.0 / 0.1 is
+_TIE_TOLERANCE = 1e-9  # relative: members equally far from the centroid but for rounding
+
+
+class Table(BaseModel):
+    """Base of the tables: immutable, no unknown keys, errors in plain words.
+
+    Raises
+    ------
+    ScenarioError
+        Keys that are missing, unknown or wrong, a line for each.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    def __init__(self, **values: Any) -> None:
+        try:
+            super().__init__(**plain(values))
+        except ValidationError as error:
+            headline = f"this {type(self).__name__} is wrong"
+            raise ScenarioError(report(headline, problems(error, type(self)))) from None
+
+    # Else pydantic would call this constructor for the tables inside a scenario, one by one, and
+    # lose which key of the whole is wrong.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+
+class Swarm(Table):
+    """The members: where they start and how they can move."""
+
+    positions: Annotated[
+        tuple[Point, ...],
+        Field(min_length=1),
+        Allowed("a list of [x, y] pairs of numbers, one for each member, at least one"),
+    ] = Field(description="Initial positions [x, y] of the n members, in units of length.")
+    velocity: Annotated[
+        Literal["guide"] | tuple[Number, Number],
+        Allowed("'guide', or [vx, vy], two numbers"),
+    ] = Field(
+        "guide",
+        description="Velocity of every member before the first step, V(-1), [vx, vy] in units of "
+        "length per time; 'guide' is the first velocity of the guide: a swarm already under way.",
+    )
+    v_max: Positive = Field(
+        description="Bound on the absolute value of each velocity component, length per time."
+    )
+    a_max: Positive = Field(
+        description="Bound on the change of velocity in a step, ||V(t) - V(t-1)||^2, in squared "
+        "units of velocity."
+    )
+
+    @property
+    def central_member(self) -> int:
+        """Index of the member nearest to the centroid, the lowest of equals."""
+        positions = np.array(self.positions)
+        offsets = positions - positions.mean(axis=0)
+        distances = np.hypot(offsets[:, 0], offsets[:, 1])
+        tolerance = _TIE_TOLERANCE * (distances.max() + np.abs(positions).max())
+        return int(np.argmax(distances <= distances.min() + tolerance))
+
+
+class Target(Table):
+    """The target zone Z, a closed disc; a member that is in it alive has arrived."""
+
+    center: Point = Field(description="Centre [x, y] of the target zone, in units of length.")
+    radius: Positive = Field(description="Radius of the target zone, in units of length.")
+
+    def distances(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distances of positions (..., 2) from the centre, shape (...)."""
+        offsets = positions - np.array(self.center)
+        return np.asarray(np.hypot(offsets[..., 0], offsets[..., 1]))
+
+    def contains(self, positions: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether positions (..., 2) lie in the zone, shape (...)."""
+        return np.asarray(self.distances(positions) <= self.radius)
+
+
+class Time(Table):
+    """The clock: steps of dt until t_f."""
+
+    dt: Positive = Field(description="Length of a step, in units of time.")
+    t_f: Positive = Field(description="Time at which a run ends at the latest.")
+
+    @property
+    def steps(self) -> int:
+        """Number of whole steps until t_f, floor(t_f / dt)."""
+        return math.floor(self.t_f / self.dt * (1 + _STEP_TOLERANCE))
+
+
+class GuideOptions(Table):
+    """How the guide, the path that the swarm follows, is searched for."""
+
+    search: Annotated[Literal["local", "global"], Allowed("'local' or 'global'")] = Field(
+        "global",
+        description="'local' improves the straight line, as the paper does; 'global' compares ways "
+        "around the radars.",
+    )
+    arrival: Annotated[Literal["any", "horizon"], Allowed("'any' or 'horizon'")] = Field(
+        "any",
+        description="Which arrival steps are candidates: 'any' up to the horizon, of which the "
+        "best is chosen, or the 'horizon' alone, as in the paper, where the path uses all the time.",
+    )
+    a_max: Positive | None = Field(
+        None,
+        description="The guide's own bound on ||V(t) - V(t-1)||^2, below the members' so that they "
+        "can follow it; by default the members'.",
+    )
+    flyable: Switch = Field(
+        True,
+        description="Whether the guide respects a bound on the change of velocity at all; false is "
+        "the paper's version.",
+    )
+    margin: NotNegative | None = Field(
+        None,
+        description="How deep inside the target zone the guide must arrive, in units of length, "
+        "below its radius, so that arrival survives rounding and those around the guide arrive "
+        "with it. By default radius / 10, for a lone member 1e-6 radius.",
+    )
+    gamma: Positive = Field(
+        10.0, description="Weight of the distance to the target in the paper's penalised form."
+    )
+    learning_rate: Positive = Field(
+        0.05, description="Step size of the paper's projected gradient for the guide."
+    )
+    iterations: Count = Field(
+        6000, description="Iterations of the paper's projected gradient for the guide."
+    )
+
+
+class FormationOptions(Table):
+    """How the members move around the guide."""
+
+    rho: Positive = Field(
+        0.05,
+        description="Bound on ||X_i - X*||^2, the squared half-width of the corridor around the "
+        "guide, in squared units of length.",
+    )
+    learning_rate: Positive = Field(
+        0.05, description="Step size of the paper's projected gradient for the formation."
+    )
+    iterations: Count = Field(
+        2000, description="Iterations of the paper's projected gradient for the formation."
+    )

@@ -1,0 +1,45 @@
+"""Solvers: one algorithm a file, all behind one verb."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from difflib import get_close_matches
+from typing import Any
+
+from ..errors import SolverError
+from .base import Answer, Solver
+from .ipopt import Ipopt
+from .projected_gradient import ProjectedGradient
+
+SOLVERS: dict[str, type[Solver]] = {solver.name: solver for solver in (Ipopt, ProjectedGradient)}
+"""Every solver by the name that `make_solver` and the command line take."""
+
+
+def make_solver(solver: str | Solver, **options: Any) -> Solver:
+    """Solver of a name, with options; a solver is returned as it is.
+
+    Raises
+    ------
+    SolverError
+        An unknown name or option; the message names the nearest known one.
+    """
+    if isinstance(solver, Solver):
+        return solver
+    if solver not in SOLVERS:
+        raise SolverError(f"solver {solver!r} is unknown{_nearest(solver, list(SOLVERS))}")
+    known = [field.name for field in fields(SOLVERS[solver])]  # type: ignore[arg-type]
+    for option in options:
+        if option not in known:
+            raise SolverError(
+                f"solver {solver!r} has no option {option!r}{_nearest(option, known)}"
+            )
+    return SOLVERS[solver](**options)
+
+
+def _nearest(word: str, known: list[str]) -> str:
+    close = get_close_matches(word, known, 1)
+    hint = f"; did you mean {close[0]!r}?" if close else ""
+    return f"{hint} (known: {', '.join(known)})"
+
+
+__all__ = ["SOLVERS", "Answer", "Ipopt", "ProjectedGradient", "Solver", "make_solver"]

@@ -1,0 +1,127 @@
+"""The paper's projected gradient: a fixed step, and an exact projection."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SolverError
+from ..nlp import Instances, Nlp
+from ..solution import Status
+from .base import Answer, Solver
+
+Floats = NDArray[np.float64]
+
+_CHUNK = 256  # instances advanced together
+
+
+@dataclass(frozen=True)
+class ProjectedGradient(Solver):
+    """x <- P(x - step grad f(x)), the paper's algorithm of sections III and IV.
+
+    Bertsekas, Tsitsiklis, Parallel and Distributed Computation, section 3.3.2. For problems whose
+    constraints are a box, or a product of boxes and discs in the plane (`Instances.sets`). Batched:
+    all instances advance together, and each stops on its own.
+
+    Parameters
+    ----------
+    step : float
+        The paper's learning rate.
+    iterations : int
+    tolerance : float
+        An instance has converged when no component of x moves by more than `tolerance` times the
+        step in one iteration. Running out of iterations is a limit, not a success.
+    keep : {"last", "best"}
+        Which iterate is the answer: the last, or the one with the least objective (with a fixed
+        step the iterates may circle around a kink).
+    """
+
+    step: float = 0.05
+    iterations: int = 2000
+    tolerance: float = 1e-6
+    keep: Literal["last", "best"] = "last"
+
+    name: ClassVar[str] = "projected-gradient"
+    summary: ClassVar[str] = "the paper's fixed-step method; boxes and discs only"
+
+    def _build(self, nlp: Nlp) -> None:
+        _ = nlp.gradient
+
+    def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        if nlp.constraints and instances.sets is None:
+            raise SolverError(
+                f"projected-gradient cannot take {nlp.name}: its constraints "
+                f"({', '.join(nlp.constraints)}) are no product of boxes and discs"
+            )
+        answers: list[Answer] = []
+        for start in range(0, len(instances), _CHUNK):
+            answers += self._run_chunk(nlp, instances[slice(start, start + _CHUNK)])
+        return answers
+
+    def _run_chunk(self, nlp: Nlp, instances: Instances) -> list[Answer]:
+        started = time.perf_counter()
+        x = _project(instances, instances.start)
+        answer, least = x.copy(), np.full(len(x), np.inf)
+        spent = np.full(len(x), self.iterations)
+        converged = np.zeros(len(x), bool)
+        moving, part = np.arange(len(x)), instances
+        for iteration in range(self.iterations):
+            objective, gradient = _gradients(nlp, x[moving], part.parameters)
+            if self.keep == "best":
+                better = objective < least[moving]
+                least[moving[better]] = objective[better]
+                answer[moving[better]] = x[moving[better]]
+            step = x[moving] - self.step * gradient
+            finite = np.isfinite(step).all(axis=1)
+            following = _project(part, np.where(finite[:, None], step, x[moving]))
+            change = np.abs(following - x[moving]).max(axis=1, initial=0.0)
+            x[moving] = np.where(finite[:, None], following, np.nan)
+            still = ~finite | (change <= self.tolerance * self.step)
+            if still.any():
+                spent[moving[still]] = iteration + 1
+                converged[moving[still]] = finite[still]
+                moving = moving[~still]
+                part = instances[moving]
+            if not moving.size:
+                break
+        if self.keep == "last":
+            answer = x
+        seconds = (time.perf_counter() - started) / max(1, len(x))
+        return [
+            _answer(answer[i], bool(converged[i]), int(spent[i]), seconds) for i in range(len(x))
+        ]
+
+
+def _answer(x: Floats, converged: bool, iterations: int, seconds: float) -> Answer:
+    if not np.isfinite(x).all():
+        return Answer(x, Status.FAILED, "gradient not finite", iterations, iterations, seconds)
+    if converged:
+        return Answer(x, Status.SOLVED, "step below tolerance", iterations, iterations, seconds)
+    words = "iterations exhausted"
+    return Answer(x, Status.ITERATION_LIMIT, words, iterations, iterations, seconds)
+
+
+def _project(instances: Instances, x: Floats) -> Floats:
+    if instances.sets is None:
+        return np.clip(x, instances.lower, instances.upper)
+    points = x.reshape(len(x), -1, 2)
+    return instances.sets.project(points).reshape(x.shape)
+
+
+def _gradients(nlp: Nlp, x: Floats, parameters: Floats) -> tuple[Floats, Floats]:
+    """Objectives (B,) and gradients (B, nx); the batch is padded to a power of two."""
+    size = 1 << max(0, len(x) - 1).bit_length()
+    pad = ((0, size - len(x)), (0, 0))
+    f, gradient = _mapped(nlp, size)(np.pad(x, pad, "edge").T, np.pad(parameters, pad, "edge").T)
+    return np.asarray(f)[0, : len(x)], np.asarray(gradient).T[: len(x)]
+
+
+@lru_cache(maxsize=64)
+def _mapped(nlp: Nlp, size: int) -> Any:
+    return nlp.gradient.map(size)

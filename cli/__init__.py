@@ -1,0 +1,35 @@
+"""The command line. Commands parse, call the library and write; they compute nothing themselves.
+
+Command modules import the library inside their functions, so that ``casswarm --help`` is quick.
+"""
+
+from __future__ import annotations
+
+import click
+
+from .. import __version__
+from .plan import plan
+from .scenarios import scenarios
+from .simulate import simulate
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="casswarm")
+def main() -> None:
+    """Guide a swarm of agents through a field of hazards to a target.
+
+    \b
+    Begin with:
+      casswarm scenarios list            what is built in
+      casswarm plan paper-1              the least risky way of a lone agent
+      casswarm simulate paper-1          how often the swarm arrives, policy by policy
+
+    SCENARIO is always the name of a built-in scenario or the path of a TOML file.
+
+    Results go to standard output and into a folder under results/; progress and warnings go to
+    standard error. Exit codes: 0 done, 1 ran but failed, 2 wrong input.
+    """
+
+
+for command in (plan, simulate, scenarios):
+    main.add_command(command)

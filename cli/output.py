@@ -1,0 +1,124 @@
+"""What a command leaves: a folder with tables, figures, and how they were made."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable, Iterable
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .. import __version__
+from .common import Failure
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from ..scenario import Scenario
+
+_LIBRARIES = ("casadi", "numpy", "scipy", "pandas", "matplotlib")
+
+
+class Folder:
+    """A results folder; every file is written beside its place and then moved into it."""
+
+    def __init__(self, command: str, scenario: Scenario, out: Path | None) -> None:
+        self.path = out or Path("results") / f"{command}-{scenario.name}"
+        self.command, self.scenario = command, scenario
+        self.files: list[str] = []
+        self._started = time.perf_counter()
+
+    def table(self, name: str, table: pd.DataFrame) -> None:
+        """Write a table as NAME.csv."""
+        self._write(f"{name}.csv", lambda path: table.to_csv(path, index=False))
+
+    def figure(self, name: str, figure: Figure) -> None:
+        """Write a figure as NAME.png."""
+        from ..figures import save
+
+        self._write(f"{name}.png", lambda path: save(figure, path))
+
+    def text(self, name: str, text: str) -> None:
+        """Write a text file."""
+        self._write(name, lambda path: path.write_text(text, encoding="utf-8"))
+
+    def record(self, result: dict[str, Any], inputs: dict[str, Any]) -> dict[str, Any]:
+        """Write run.json: the result, and all that made it; return its content."""
+        content = {
+            "command": self.command,
+            "inputs": inputs,
+            "result": result,
+            "scenario": self.scenario.to_toml(),
+            "versions": {
+                "casswarm": __version__,
+                "python": platform.python_version(),
+                **{name: version(name) for name in _LIBRARIES},
+            },
+            "platform": platform.platform(),
+            "arguments": sys.argv[1:],
+            "finished": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+            "seconds": time.perf_counter() - self._started,
+        }
+        self.text("run.json", json_text(content) + "\n")
+        return content
+
+    def _write(self, name: str, write: Callable[[Path], object]) -> None:
+        part = self.path / f".{os.getpid()}-{name}"  # the ending stays: it names the format
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            write(part)
+            part.replace(self.path / name)
+        except OSError as error:
+            part.unlink(missing_ok=True)
+            raise Failure(f"cannot write {self.path / name}: {error.strerror or error}") from error
+        self.files.append(name)
+
+    def closing(self) -> str:
+        """A line that says what was written where."""
+        return f"wrote {self.path}: {', '.join(self.files)}"
+
+
+def json_text(content: Any) -> str:
+    """JSON text; numbers that JSON does not know (infinity, NaN) become null."""
+    return json.dumps(_plain(content), indent=2, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    return str(value)
+
+
+def aligned(rows: Iterable[tuple[str, ...]]) -> str:
+    """Rows as columns of text, the first to the left and the others to the right."""
+    table = list(rows)
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    return "\n".join(
+        "  ".join(
+            cell.ljust(width) if column == 0 else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in table
+    )
+
+
+def say(text: str, quiet: bool = False) -> None:
+    """A line on standard error."""
+    if not quiet:
+        click.echo(text, err=True)

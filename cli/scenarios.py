@@ -1,0 +1,89 @@
+"""casswarm scenarios."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .common import WrongInput, reported_errors
+from .output import aligned
+
+
+@click.group()
+def scenarios() -> None:
+    """List, show, make and check scenario files."""
+
+
+@scenarios.command("list")
+def list_() -> None:
+    """The built-in scenarios, a line each."""
+    from ..scenario import builtin_scenarios
+
+    for name, description in builtin_scenarios().items():
+        click.echo(f"{name:14s} {description}")
+
+
+@scenarios.command()
+@click.argument("scenario")
+def show(scenario: str) -> None:
+    """Print SCENARIO as a TOML file."""
+    from ..scenario import load_scenario
+
+    with reported_errors():
+        click.echo(load_scenario(scenario).to_toml(), nl=False)
+
+
+@scenarios.command()
+@click.argument("path", type=click.Path(dir_okay=False, path_type=Path))
+@click.option(
+    "--from", "source", default="paper-1", show_default=True, help="The scenario to start from."
+)
+@click.option("--force", is_flag=True, help="Replace a file that exists.")
+def new(path: Path, source: str, force: bool) -> None:
+    """Write a scenario file at PATH, to be edited.
+
+    \b
+    Example:
+      casswarm scenarios new mine.toml --from wall
+      casswarm scenarios check mine.toml
+      casswarm simulate mine.toml
+    """
+    from ..scenario import load_scenario, save_scenario
+
+    if path.exists() and not force:
+        raise WrongInput(f"{path} exists; choose another name, or replace it with --force")
+    with reported_errors():
+        scenario = load_scenario(source).with_values({"name": path.stem})
+        save_scenario(scenario, path)
+    click.echo(f"wrote {path}; edit it, then: casswarm scenarios check {path}")
+
+
+@scenarios.command()
+@click.argument("sources", nargs=-1, required=True, metavar="SCENARIO...")
+def check(sources: tuple[str, ...]) -> None:
+    """Say whether every SCENARIO is valid, and what each holds."""
+    from ..errors import ScenarioError
+    from ..scenario import Scenario, load_scenario
+
+    def facts(source: str, scenario: Scenario) -> tuple[str, ...]:
+        radars = len(scenario.hazard.radar_positions)
+        return (
+            source,
+            "valid",
+            f"{scenario.n} members",
+            f"{radars} radars",
+            f"{scenario.n_steps} steps",
+            str(scenario.hazard_table.kind),
+        )
+
+    valid, wrong = [], []
+    for source in sources:
+        try:
+            valid.append(facts(source, load_scenario(source)))
+        except ScenarioError as error:
+            wrong.append(str(error))
+    if valid:
+        click.echo(aligned(valid))
+    if wrong:
+        raise WrongInput("\n".join(wrong))

@@ -1,0 +1,213 @@
+"""The formation of one step: where the members go around the guide's next point.
+
+The paper's section IV.B, both of its problems as one program with weights:
+
+    minimise    sum over i of w_i lambda_i(X + dt v, alive)
+    over        v in R^(2n)
+    subject to  -v_max <= v_i <= v_max
+                ||v_i - V_i(t-1)||^2 <= a_max                equation (5)
+                ||X_i + dt v_i - X*(t+1)||^2 <= rho          equation (7), where wished
+
+- **Leader protection** (6): w is 1 for the leader and 0 for the others; the leader's velocity is
+  fixed, dt v_i = X*(t+1) - X_i or as near to it as v_max and a_max allow; no corridor.
+- **Constrained trajectory** (7): w is 1 for the living; everybody has the corridor.
+
+Per member the constraint set is a box and one or two discs in the plane, so the set of a state is a
+product, `PlanarSets` of n members. It can be empty, which the paper does not say. v_max and a_max are
+physical and always hold; a member that cannot reach its corridor goes as near to it as they allow,
+and is counted (`Formation.shortfalls`). The destroyed stay where they fell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from ..hazard import Hazard
+from ..nlp import Instances, Nlp
+from ..sets import PlanarSets
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+SHORTFALL = 1e-6
+"""Distance up to which the leader counts as in its place."""
+
+_UNROLL = 8  # members up to which scalar expressions are faster
+
+
+@lru_cache(maxsize=16)
+def formation_nlp(hazard: Hazard, n: int, corridor: bool) -> Nlp:
+    """The program above for n members, with the corridor's constraints or without."""
+    v = ca.MX.sym("velocities", 2, n)
+    X, previous = ca.MX.sym("positions", 2, n), ca.MX.sym("previous", 2, n)
+    alive, weights = ca.MX.sym("alive", 1, n), ca.MX.sym("weights", 1, n)
+    goal, dt = ca.MX.sym("goal", 2), ca.MX.sym("dt")
+    following = X + dt * v
+    constraints = {"acceleration": ca.sum1((v - previous) ** 2)}
+    if corridor:
+        constraints["corridor"] = ca.sum1((following - ca.repmat(goal, 1, n)) ** 2)
+    return Nlp(
+        name=f"formation[{n}{', corridor' if corridor else ''}]",
+        variables={"velocities": v},
+        parameters={
+            "positions": X,
+            "previous": previous,
+            "alive": alive,
+            "weights": weights,
+            "goal": goal,
+            "dt": dt,
+        },
+        objective=ca.dot(weights, hazard.expression(following, alive)),
+        constraints=constraints,
+        unroll=n <= _UNROLL,
+    )
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What limits a member's step.
+
+    Parameters
+    ----------
+    v_max : float
+        Bound on each velocity component.
+    a_max : float
+        Bound on ||V(t) - V(t-1)||^2.
+    dt : float
+    """
+
+    v_max: float
+    a_max: float
+    dt: float
+
+    def sets(self, previous: Floats) -> PlanarSets:
+        """Velocities (..., 2) that the limits allow after `previous` (..., 2)."""
+        return PlanarSets(
+            np.full(2, -self.v_max),
+            np.full(2, self.v_max),
+            previous[..., None, :],
+            np.full(1, np.sqrt(self.a_max)),
+        )
+
+    def toward(self, positions: Floats, previous: Floats, goals: Floats) -> Floats:
+        """Velocities (..., 2) that bring positions (..., 2) as near to goals as is allowed.
+
+        Equation (6)'s v_i = X* - X_i where the limits allow it, and its projection where not.
+        """
+        return self.sets(previous).project((goals - positions) / self.dt)
+
+
+@dataclass(frozen=True)
+class Step:
+    """The data of a step t -> t + 1, for a batch of B states.
+
+    Parameters
+    ----------
+    hazard : Hazard
+    motion : Motion
+    positions, previous : (B, n, 2)
+        X(t) and V(t-1).
+    alive : (B, n) bool
+    goal : (2,)
+        X*(t+1).
+    """
+
+    hazard: Hazard
+    motion: Motion
+    positions: Floats
+    previous: Floats
+    alive: Booleans
+    goal: Floats
+
+
+@dataclass(frozen=True)
+class Formation:
+    """A batch of B formation problems, ready to be solved.
+
+    Parameters
+    ----------
+    nlp : Nlp
+    instances : Instances
+        B instances; members whose velocity is given have a box of zero width.
+    free : (B, n) bool
+        Whose velocity is to be found.
+    shortfalls : (B, n) bool
+        Who cannot fulfil its wish (the leader's place, the corridor) within the physical limits.
+    """
+
+    nlp: Nlp
+    instances: Instances
+    free: Booleans
+    shortfalls: Booleans
+
+
+def leader_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
+    """Leader protection, problem (6); `leaders` (B,) are the indices of living members."""
+    leads = np.arange(step.alive.shape[1]) == leaders[:, None]
+    sets = step.motion.sets(step.previous)
+    positions = step.positions[leads]
+    velocity = step.motion.toward(positions, step.previous[leads], step.goal)
+    missed = positions + step.motion.dt * velocity - step.goal
+    given = np.zeros_like(step.positions)
+    given[leads] = velocity
+    shortfalls = np.zeros_like(step.alive)
+    shortfalls[leads] = np.hypot(missed[:, 0], missed[:, 1]) > SHORTFALL
+    return _formation(step, sets, leads, step.alive & ~leads, given, shortfalls)
+
+
+def corridor_formation(step: Step, rho: float) -> Formation:
+    """Constrained trajectory, problem (7); `rho` bounds the squared distance to the goal."""
+    physical = step.motion.sets(step.previous)
+    to_goal = (step.goal - step.positions) / step.motion.dt
+    wishes = PlanarSets(
+        physical.lower,
+        physical.upper,
+        np.stack([step.previous, to_goal], axis=-2),
+        np.sqrt([step.motion.a_max, rho]) / [1.0, step.motion.dt],
+    )
+    sets, unmet = wishes.fulfil()
+    return _formation(step, sets, step.alive, step.alive & ~unmet, sets.lower, step.alive & unmet)
+
+
+def _formation(
+    step: Step,
+    sets: PlanarSets,
+    weights: Booleans,
+    free: Booleans,
+    given: Floats,
+    shortfalls: Booleans,
+) -> Formation:
+    """Formation in which the living who are not free have the velocities `given` (B, n, 2)."""
+    nlp = formation_nlp(step.hazard, step.alive.shape[1], sets.radii.shape[-1] == 2)
+    fixed = np.where(step.alive[..., None], given, 0.0)
+    lower = np.where(free[..., None], sets.lower, fixed)
+    upper = np.where(free[..., None], sets.upper, fixed)
+    radii = np.where(free[..., None], sets.radii, np.inf)
+    sets = PlanarSets(lower, upper, sets.centers, radii)
+    squared = (
+        radii * [1.0, step.motion.dt][: radii.shape[-1]]
+    ) ** 2  # as the constraints state them
+    instances = Instances(
+        start=nlp.pack_variables(velocities=sets.project(step.previous)),
+        parameters=nlp.pack_parameters(
+            positions=step.positions,
+            previous=step.previous,
+            alive=step.alive[..., None],
+            weights=weights[..., None],
+            goal=step.goal[None],
+            dt=[[step.motion.dt]],
+        ),
+        lower=nlp.pack_variables(velocities=lower),
+        upper=nlp.pack_variables(velocities=upper),
+        lower_g=np.full((len(free), nlp.sizes[2]), -np.inf),
+        upper_g=nlp.pack_constraints(
+            **{name: squared[..., k, None] for k, name in enumerate(nlp.constraints)}
+        ),
+        sets=sets,
+    )
+    return Formation(nlp, instances, free, shortfalls)

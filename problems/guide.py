@@ -1,0 +1,137 @@
+"""The guide: the path of a lone agent to the target with the least risk.
+
+The paper's section III as a nonlinear program, by direct multiple shooting:
+
+    minimise    sum over t = 1..T of dt lambda-bar(X(t))
+    over        X(1..T), V(0..T-1)
+    subject to  X(t+1) = X(t) + dt V(t)                    equation (3)
+                -v_max <= V(t) <= v_max                     equation (4)
+                ||V(t) - V(t-1)||^2 <= a_max                flyable: members can follow it
+                ||X(T) - c||^2 <= (radius - margin)^2
+
+The paper writes *min* exp(-sum) + gamma d, a slip of sign: survival is to be maximised, and the
+risk, minus its logarithm, is the better scaled objective. V(-1) is a parameter, with a limit of its
+own; infinite where the guide may start with any velocity.
+
+One program with `horizon` steps serves every arrival step T <= horizon: the risk of the steps after
+T has weight zero, and their velocities are fixed at zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from ..hazard import Hazard
+from ..nlp import Instances, Nlp
+
+Floats = NDArray[np.float64]
+
+_UNROLL = 3000  # steps times radars up to which scalar expressions are faster
+
+
+@lru_cache(maxsize=16)
+def guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
+    """The program above for arrival at any step up to `horizon`."""
+    X = ca.MX.sym("positions", 2, horizon)
+    V = ca.MX.sym("velocities", 2, horizon)
+    start, before, center = (ca.MX.sym(name, 2) for name in ("start", "before", "center"))
+    weights, dt = ca.MX.sym("weights", 1, horizon), ca.MX.sym("dt")
+    earlier = ca.horzcat(start, X[:, :-1])
+    change = V - ca.horzcat(before, V[:, :-1])
+    return Nlp(
+        name=f"guide[{horizon}]",
+        variables={"positions": X, "velocities": V},
+        parameters={
+            "start": start,
+            "before": before,
+            "center": center,
+            "weights": weights,
+            "dt": dt,
+        },
+        objective=ca.dot(weights, dt * hazard.lone_expression(X)),
+        constraints={
+            "dynamics": X - earlier - dt * V,
+            "acceleration": ca.sum1(change**2),
+            "arrival": ca.sumsqr(X[:, -1] - center),
+        },
+        unroll=horizon * max(1, len(hazard.radar_positions)) <= _UNROLL,
+    )
+
+
+@dataclass(frozen=True)
+class GuideTask:
+    """One lone agent's task, in the units of the scenario.
+
+    Parameters
+    ----------
+    start, center : (2,)
+        Where the agent is, and the target's centre.
+    radius : float
+        The agent must arrive at most this far from the centre (margin already taken off).
+    before : (2,)
+        V(-1).
+    a_max, a_max_first : float
+        Bounds on ||V(t) - V(t-1)||^2 for t >= 1, and for t = 0; may be infinite.
+    v_max, dt : float
+    """
+
+    start: Floats
+    center: Floats
+    radius: float
+    before: Floats
+    a_max: float
+    a_max_first: float
+    v_max: float
+    dt: float
+
+
+def guide_instance(nlp: Nlp, task: GuideTask, arrival: int, velocities: Floats) -> Instances:
+    """Instance that arrives at step `arrival`, started from the path of `velocities`.
+
+    Parameters
+    ----------
+    nlp : Nlp
+        From `guide_nlp`, of a horizon of at least `arrival`.
+    task : GuideTask
+    arrival : int
+        T >= 1.
+    velocities : (arrival, 2)
+        Initial guess; clipped to the box.
+    """
+    horizon = nlp.parameters["weights"].shape[1]
+    moving = np.arange(horizon) < arrival
+    guess = np.zeros((horizon, 2))
+    guess[:arrival] = np.clip(velocities, -task.v_max, task.v_max)
+    limit = np.where(moving[:, None], task.v_max, 0.0) * np.ones(2)
+    free = np.full((horizon, 2), np.inf)
+    a_max = np.where(moving, task.a_max, np.inf)
+    a_max[0] = task.a_max_first
+    return Instances(
+        start=nlp.pack_variables(
+            positions=task.start + task.dt * np.cumsum(guess, axis=0), velocities=guess
+        ),
+        parameters=nlp.pack_parameters(
+            start=task.start[None],
+            before=task.before[None],
+            center=task.center[None],
+            weights=moving[:, None].astype(float),
+            dt=[[task.dt]],
+        ),
+        lower=nlp.pack_variables(positions=-free, velocities=-limit),
+        upper=nlp.pack_variables(positions=free, velocities=limit),
+        lower_g=nlp.pack_constraints(
+            dynamics=np.zeros((horizon, 2)),
+            acceleration=np.full((horizon, 1), -np.inf),
+            arrival=[[-np.inf]],
+        ),
+        upper_g=nlp.pack_constraints(
+            dynamics=np.zeros((horizon, 2)),
+            acceleration=a_max[:, None],
+            arrival=[[task.radius**2]],
+        ),
+    )

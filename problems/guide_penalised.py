@@ -1,0 +1,73 @@
+"""The guide as the paper writes it: penalised, by single shooting, for the projected gradient.
+
+    minimise  -exp(-sum over t = 1..tau of dt lambda-bar(X(t))) + gamma d(X(N))
+    over      V(0..N-1) in [-v_max, v_max]^(2N),   X(t+1) = X(t) + dt V(t)
+
+The sign of the first term is the paper's slip, mended. tau is the arrival step, equation (2): the
+first t with X(t) in the target, or N. It is piecewise constant in V, so its derivative is zero. d is
+the distance to the target zone, max(0, ||x - c|| - radius), written so that its gradient exists at
+the centre. There is no acceleration limit in the paper's guide problem.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from ..hazard import Hazard
+from ..nlp import Instances, Nlp
+from .guide import GuideTask
+
+Floats = NDArray[np.float64]
+
+
+@lru_cache(maxsize=16)
+def penalised_guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
+    """The program above with `horizon` = N steps."""
+    V = ca.MX.sym("velocities", 2, horizon)
+    start, center = ca.MX.sym("start", 2), ca.MX.sym("center", 2)
+    radius, gamma, dt = (ca.MX.sym(name) for name in ("radius", "gamma", "dt"))
+    X = ca.repmat(start, 1, horizon) + dt * ca.cumsum(V, 1)
+    squared = ca.sum1((X - ca.repmat(center, 1, horizon)) ** 2)
+    inside = squared <= radius**2
+    underway = (ca.cumsum(inside, 1) - inside) < 0.5  # not arrived before this step
+    risk = ca.dot(underway, dt * hazard.lone_expression(X))
+    distance = ca.sqrt(ca.fmax(squared[-1], radius**2)) - radius
+    return Nlp(
+        name=f"penalised guide[{horizon}]",
+        variables={"velocities": V},
+        parameters={
+            "start": start,
+            "center": center,
+            "radius": radius,
+            "gamma": gamma,
+            "dt": dt,
+        },
+        objective=-ca.exp(-risk) + gamma * distance,
+        constraints={},
+        unroll=horizon * max(1, len(hazard.radar_positions)) <= 3000,
+    )
+
+
+def penalised_guide_instance(
+    nlp: Nlp, task: GuideTask, gamma: float, velocities: Floats
+) -> Instances:
+    """Instance of one agent's task, started from `velocities` (N, 2)."""
+    limit = np.full_like(velocities, task.v_max)
+    return Instances(
+        start=nlp.pack_variables(velocities=velocities[None]),
+        parameters=nlp.pack_parameters(
+            start=task.start[None],
+            center=task.center[None],
+            radius=[[task.radius]],
+            gamma=[[gamma]],
+            dt=[[task.dt]],
+        ),
+        lower=nlp.pack_variables(velocities=-limit),
+        upper=nlp.pack_variables(velocities=limit),
+        lower_g=nlp.pack_constraints(),
+        upper_g=nlp.pack_constraints(),
+    )

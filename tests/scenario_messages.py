@@ -1,0 +1,18 @@
+"""What errors about scenarios tell the user."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from casswarm.errors import ScenarioError
+
+
+def message(action: Callable[..., object], *arguments: object, **keywords: object) -> str:
+    with pytest.raises(ScenarioError) as caught:
+        action(*arguments, **keywords)
+    text = str(caught.value)
+    assert "pydantic" not in text
+    assert "Input should" not in text
+    return text

@@ -1,0 +1,191 @@
+from __future__ import annotations
+
+import copy
+import math
+import pickle
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from scenario_messages import message
+
+from casswarm.hazard import CustomHazard
+from casswarm.scenario import (
+    Scenario,
+    load_scenario,
+    save_scenario,
+)
+
+
+def constant_rate(positions: Any, alive: Any, rate: float = 0.1) -> Any:  # noqa: ARG001
+    return 0 * positions[:, 0] + rate
+
+
+def negative_rate(positions: Any, alive: Any) -> Any:  # noqa: ARG001
+    return 0 * positions[:, 0] - 1
+
+
+@pytest.fixture
+def paper() -> Scenario:
+    return load_scenario("paper-1")
+
+
+@pytest.fixture
+def file(tmp_path: Path, paper: Scenario) -> Callable[..., Path]:
+    """Write paper-1 with some text replaced."""
+
+    def write(*replacements: tuple[str, str]) -> Path:
+        text = paper.to_toml()
+        for old, new in replacements:
+            assert old in text
+            text = text.replace(old, new, 1)
+        path = tmp_path / "my.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+# --- functions of the user's own
+
+
+def test_a_function_of_a_module_is_stored_by_name(paper: Scenario, tmp_path: Path) -> None:
+    scenario = paper.with_hazard(constant_rate, rate=0.25)
+    assert isinstance(scenario.hazard, CustomHazard)
+    assert scenario.hazard.rates(scenario.positions).tolist() == [0.25] * 5
+    assert scenario.hazard_table.kind == f"{__name__}:constant_rate"
+    assert pickle.loads(pickle.dumps(scenario)) == scenario
+    save_scenario(scenario, tmp_path / "custom.toml")
+    assert load_scenario(tmp_path / "custom.toml") == scenario
+    assert scenario.with_values({"hazard.parameters.rate": 1}).hazard.rates([[0, 0]]) == [1]
+
+
+def test_a_lambda_works_but_cannot_be_saved(paper: Scenario, tmp_path: Path) -> None:
+    scenario = paper.with_hazard(lambda positions, alive: positions[:, 0] ** 2 * alive)
+    assert scenario.hazard.rates([[3, 0]]).tolist() == [9]
+    assert scenario.with_values({"formation.rho": 1}).hazard == scenario.hazard
+    text = message(save_scenario, scenario, tmp_path / "custom.toml")
+    assert "scenario 'paper-1' cannot be saved: hazard.kind is a function" in text
+    assert "is a lambda; move it into a module" in text
+    assert not (tmp_path / "custom.toml").exists()
+
+
+def test_functions_without_an_importable_name_say_why(
+    paper: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Rate:
+        def __call__(self, positions: Any, alive: Any) -> Any:
+            return constant_rate(positions, alive)
+
+    assert "has no name" in message(paper.with_hazard(Rate()).to_toml)
+
+    def other(positions: Any, alive: Any) -> Any:
+        return constant_rate(positions, alive)
+
+    for name, module, reason in [
+        ("constant_rate", __name__, "is another object than the function given"),
+        ("gone", __name__, "cannot be imported"),
+        ("other", "__main__", "is defined in a script or notebook"),
+    ]:
+        monkeypatch.setattr(other, "__qualname__", name)
+        monkeypatch.setattr(other, "__module__", module)
+        assert reason in message(paper.with_hazard(other).to_toml)
+
+
+def test_a_module_is_found_beside_the_scenario_file(
+    file: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (tmp_path / "beside_the_file.py").write_text(
+        "def rate(positions, alive, scale, radars):\n"
+        "    x, y = radars[0]\n"
+        "    return scale[1] * ((positions[:, 0] - x) ** 2 + (positions[:, 1] - y) ** 2)\n"
+    )
+    path = file()
+    text = path.read_text()
+    start, end = text.index("[hazard]"), text.index("[guide]")
+    table = (
+        '[hazard]\nkind = "beside_the_file:rate"\nradars = [[3, 4]]\nparameters.scale = [0, 2]\n\n'
+    )
+    path.write_text(text[:start] + table + text[end:])
+    scenario = load_scenario(path)
+    assert scenario.hazard.rates([[0, 0]]).tolist() == [50]
+    for other in (
+        pickle.loads(pickle.dumps(scenario)),
+        scenario.with_values({"swarm.a_max": 2.0}),
+        copy.deepcopy(scenario),
+    ):
+        monkeypatch.delitem(sys.modules, "beside_the_file")
+        sys.path.remove(str(tmp_path.resolve()))
+        assert other.hazard.rates([[0, 0]]).tolist() == [50]
+
+
+def test_a_hazard_that_fails_names_the_file_and_the_key(file: Callable[..., Path]) -> None:
+    path = file(('"saturation"', f'"{__name__}:constant_rate"'))
+    text = message(load_scenario, path)
+    assert f"scenario file {path} is wrong:" in text
+    assert "hazard.alpha_1 is no key of a 'module:function' kind; write it as" in text
+    assert "hazard.parameters.alpha_1" in text
+    for kind, reason in [
+        ("no_such_module:rate", "cannot import the module 'no_such_module'"),
+        (f"{__name__}:no_such_rate", "has no function 'no_such_rate'"),
+        (f"{__name__}:negative_rate", "must be finite and not negative"),
+    ]:
+        paper = load_scenario("paper-1")
+        text = message(paper.with_hazard, kind)
+        assert f"hazard.kind is '{kind}': " in text
+        assert reason in text
+
+
+def test_parameters_are_plain_values(paper: Scenario) -> None:
+    text = message(paper.with_hazard, constant_rate, rate=object(), alive=1)
+    assert "hazard.parameters.rate is <object object" in text
+    assert "must be a table of numbers, texts, true or false, or lists of these" in text
+    assert "hazard.parameters.alive is given to the function anyway" in text
+    assert "hazard.parameters.rate is nan" in message(
+        paper.with_hazard, constant_rate, rate=math.nan
+    )
+
+
+# --- hazard tables
+
+
+def test_unknown_kind_suggests_the_nearest(paper: Scenario) -> None:
+    text = message(paper.with_values, {"hazard.kind": "satturation"})
+    assert "hazard.kind is 'satturation'; it must be 'saturation', 'saturation+collision'" in text
+    assert "did you mean 'saturation'?" in text
+
+
+def test_keys_of_another_kind_are_refused(paper: Scenario) -> None:
+    text = message(paper.with_values, {"hazard.beta_1": 0.2})
+    assert "hazard.beta_1 is no key of kind 'saturation'; remove it, or choose kind" in text
+    text = message(paper.with_values, {"hazard.parameters.a": 1})
+    assert "hazard.parameters is no key of kind 'saturation'" in text
+
+
+@pytest.mark.parametrize("key", ["alpha_1", "alpha_2", "alpha_3", "beta_1", "beta_2"])
+def test_missing_constants_are_named(key: str) -> None:
+    text = message(load_scenario("paper-2").with_values, {f"hazard.{key}": None})
+    assert f"hazard.{key} is missing; kind 'saturation+collision' needs it: a number" in text
+
+
+@pytest.mark.parametrize("radars", [[], None])
+def test_builtin_kinds_need_radars(paper: Scenario, radars: object) -> None:
+    text = message(paper.with_values, {"hazard.radars": radars})
+    assert "hazard.radars is missing or empty; kind 'saturation' needs [x, y] pairs" in text
+
+
+def test_strengths_are_as_many_as_radars(paper: Scenario) -> None:
+    text = message(paper.with_values, {"hazard.strengths": [1, 2, 3]})
+    assert "hazard.strengths has 3 numbers for 2 radars; give one for each radar" in text
+
+
+def test_collision_rates_that_overflow_are_refused() -> None:
+    text = message(load_scenario("paper-2").with_values, {"hazard.beta_2": 1000})
+    assert "hazard.beta_2 is 1000 with beta_1 = 0.2: the rate of members that touch exceeds" in text
+
+
+def test_no_saturation_is_allowed(paper: Scenario) -> None:
+    assert paper.with_values({"hazard.alpha_2": 0}).hazard_table.alpha_2 == 0

@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+import math
+import pickle
+from typing import Any
+
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from casswarm.scenario import (
+    Scenario,
+    load_scenario,
+    save_scenario,
+)
+
+
+def floats(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(low, high, allow_nan=False)
+
+
+coordinates = floats(-100, 100)
+points = st.tuples(coordinates, coordinates)
+positive = floats(1e-3, 1e3)
+names = st.from_regex(r"\A[A-Za-z0-9][^\x00-\x1f\x7f-\x9f/\\]{0,30}\Z")
+parameters = st.recursive(
+    st.booleans() | st.integers(-(2**62), 2**62) | floats(-1e300, 1e300) | st.text(),
+    lambda children: st.lists(children, max_size=3),
+    max_leaves=5,
+)
+
+
+@st.composite
+def hazard_tables(draw: st.DrawFn) -> dict[str, Any]:
+    kind = draw(st.sampled_from(["saturation", "saturation+collision", "custom"]))
+    radars = draw(st.lists(points, min_size=kind != "custom", max_size=4))
+    if kind == "custom":
+        chosen = draw(st.dictionaries(st.text().filter(lambda key: key != "radars"), parameters))
+        kind = f"{__name__}:takes_anything"
+        return {"kind": kind, "radars": radars, "parameters": chosen}
+    table: dict[str, Any] = {"kind": kind, "radars": radars}
+    k = len(radars)
+    table["strengths"] = draw(st.none() | st.lists(positive, min_size=k, max_size=k))
+    table |= {"alpha_1": draw(positive), "alpha_2": draw(floats(0, 10)), "alpha_3": draw(positive)}
+    if kind != "saturation":
+        table |= {"beta_1": draw(floats(0.01, 1)), "beta_2": draw(floats(0.5, 10))}
+    return {key: value for key, value in table.items() if value is not None}
+
+
+def takes_anything(positions: Any, alive: Any, **_: object) -> Any:  # noqa: ARG001
+    return 0 * positions[:, 0]
+
+
+@st.composite
+def scenarios(draw: st.DrawFn) -> Scenario:
+    velocity = draw(st.just("guide") | st.tuples(floats(-1, 1), floats(-1, 1)))
+    guide: dict[str, Any] = {"flyable": draw(st.booleans()), "gamma": draw(positive)}
+    for key, values in {"a_max": positive, "margin": floats(0, 0.005)}.items():
+        value = draw(st.none() | values)
+        guide |= {} if value is None else {key: value}
+    data: dict[str, Any] = {
+        "name": draw(names),
+        "description": draw(st.text()),
+        "swarm": {
+            "positions": draw(st.lists(points, min_size=1, max_size=4)),
+            "velocity": velocity,
+            "v_max": draw(floats(1, 1e3)),
+            "a_max": draw(positive),
+        },
+        "target": {"center": draw(points), "radius": draw(floats(0.01, 10))},
+        "time": {"dt": draw(floats(0.01, 1)), "t_f": draw(floats(200, 400))},
+        "hazard": draw(hazard_tables()),
+        "guide": guide,
+        "formation": {"rho": draw(positive), "iterations": draw(st.integers(1, 10**9))},
+    }
+    radars, center = data["hazard"]["radars"], data["target"]["center"]
+    for position in data["swarm"]["positions"]:
+        assume(math.dist(position, center) > data["target"]["radius"] + 1e-6)
+        assume(all(math.dist(position, radar) > 0.02 for radar in radars))
+    return Scenario.from_data(data)
+
+
+@settings(deadline=None, max_examples=150)
+@given(scenario=scenarios())
+def test_loading_what_was_saved_gives_an_equal_scenario(
+    scenario: Scenario, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "round-trip.toml"
+    save_scenario(scenario, path)
+    assert load_scenario(path) == scenario
+    assert pickle.loads(pickle.dumps(scenario)) == scenario
+    assert scenario.with_values({}) == scenario

@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from scenario_messages import message
+
+from casswarm.scenario import (
+    Scenario,
+    load_scenario,
+)
+
+
+@pytest.fixture
+def paper() -> Scenario:
+    return load_scenario("paper-1")
+
+
+def test_very_many_errors_are_cut(paper: Scenario) -> None:
+    text = message(paper.with_values, {"swarm.positions": [["a", 0]] * 100})
+    assert len(text.splitlines()) == 22
+    assert "... and 80 more" in text
+
+
+WRONG_VALUES = [
+    ("swarm.v_max", True, "swarm.v_max is true; it must be a number above 0"),
+    ("swarm.v_max", "fast", "swarm.v_max is 'fast'; it must be a number above 0"),
+    ("swarm.v_max", 0, "swarm.v_max is 0; it must be a number above 0"),
+    ("swarm.v_max", math.nan, "swarm.v_max is nan; it must be a number above 0"),
+    ("swarm.v_max", math.inf, "swarm.v_max is inf; it must be a number above 0"),
+    ("swarm.v_max", 1e300, "swarm.v_max is 1e+300; it must be a number above 0"),
+    ("swarm.v_max", 10**400, "0000...; it must be a number above 0"),
+    ("swarm.v_max", 10**5000, "swarm.v_max is a number of thousands of digits; it must be"),
+    ("swarm.a_max", -0.5, "swarm.a_max is -0.5; it must be a number above 0"),
+    ("swarm.positions", [], "at least one"),
+    ("swarm.positions", 1.0, "swarm.positions is 1.0; it must be a list of [x, y] pairs"),
+    ("swarm.positions", [[0, 0], [1]], "swarm.positions[1] is [1]; swarm.positions must be a list"),
+    ("swarm.positions", [[0, 0, 0]], "swarm.positions[0] is [0, 0, 0]; swarm.positions must be"),
+    ("swarm.positions", [[0, "a"]], "swarm.positions[0][1] is 'a'; swarm.positions must be"),
+    ("swarm.positions", [[0, 1e10]], "swarm.positions[0][1] is 10000000000.0; swarm.positions"),
+    ("swarm.velocity", "slow", "swarm.velocity is 'slow'; it must be 'guide', or [vx, vy]"),
+    ("swarm.velocity", [1, "a"], "swarm.velocity is [1, 'a']; it must be 'guide', or [vx, vy]"),
+    ("target.center", [1], "target.center is [1]; it must be [x, y], two numbers"),
+    ("target.radius", 0.0, "target.radius is 0.0; it must be a number above 0"),
+    ("hazard.alpha_2", -1, "hazard.alpha_2 is -1; it must be a number, 0 or above"),
+    ("hazard.alpha_3", 0, "hazard.alpha_3 is 0; it must be a number above 0"),
+    ("hazard.strengths", [1, -1], "hazard.strengths[1] is -1; hazard.strengths must be a list"),
+    ("hazard.kind", 3, "hazard.kind is 3; it must be 'saturation', 'saturation+collision', or"),
+    ("hazard.parameters", 3, "hazard.parameters is 3; it must be a table of numbers"),
+    ("guide.search", "wide", "guide.search is 'wide'; it must be 'local' or 'global'"),
+    ("guide.flyable", 1, "guide.flyable is 1; it must be true or false"),
+    ("guide.iterations", 0, "guide.iterations is 0; it must be a whole number from 1"),
+    ("guide.iterations", 10.0, "guide.iterations is 10.0; it must be a whole number from 1"),
+    ("guide.margin", -0.1, "guide.margin is -0.1; it must be a number, 0 or above"),
+    ("name", "", "name is ''; it must be a text of 1 to 100 characters, without slashes"),
+    ("name", "../up", "name is '../up'; it must be a text of 1 to 100 characters"),
+    ("name", 1, "name is 1; it must be a text of 1 to 100 characters"),
+    ("description", 1, "description is 1; it must be a text in quotes"),
+    ("time", 3, "time is 3; it must be a table with the keys dt, t_f"),
+]
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"), WRONG_VALUES, ids=lambda item: item if isinstance(item, str) else ""
+)
+def test_wrong_values_say_what_is_allowed(
+    paper: Scenario, key: str, value: object, words: str
+) -> None:
+    assert words in message(paper.with_values, {key: value})
+
+
+# --- tables that contradict each other
+
+
+def test_a_member_on_a_radar_is_named(paper: Scenario) -> None:
+    text = message(paper.with_values, {"hazard.radars": [[3, 3], [0.5, 0.005]]})
+    assert "swarm.positions[1] is [0.5, 0.0], on hazard.radars[1]; move one of them" in text
+    assert "0.01 or more apart" in text
+
+
+def test_a_member_in_the_target_zone_is_named(paper: Scenario) -> None:
+    text = message(paper.with_values, {"target.center": [0.9, 0.0]})
+    assert "swarm.positions[1] is [0.5, 0.0], in the target zone already" in text
+
+
+def test_members_may_start_at_the_same_place(paper: Scenario) -> None:
+    assert paper.with_values({"swarm.positions": [[0, 0], [0, 0]]}).n == 2
+
+
+def test_less_than_one_step_is_refused(paper: Scenario) -> None:
+    text = message(paper.with_values, {"time.t_f": 0.2})
+    assert "time.t_f is 0.2 with dt = 0.33, less than one step; raise t_f to 0.33 or more" in text
+
+
+def test_too_many_steps_are_refused(paper: Scenario) -> None:
+    text = message(paper.with_values, {"time.dt": 1e-9})
+    assert "1e+10 steps; at most 100000 are allowed, raise dt" in text
+
+
+def test_a_target_out_of_reach_says_how_far_and_how_long(paper: Scenario) -> None:
+    text = message(paper.with_values, {"target.center": [30.5, 0.0], "time": {"dt": 1, "t_f": 10}})
+    assert "target.center is [30.5, 0.0], out of reach: at distance 30.5 from the guide's" in text
+    assert (
+        "start [0.0, 0.0], 30 to go along an axis, where 10 steps of dt * v_max = 2 go 20" in text
+    )
+    assert "the shortest possible way takes 15 steps: raise time.t_f to 15 or more" in text
+
+
+def test_reach_is_a_square(paper: Scenario) -> None:
+    clock = {"time.dt": 1.0, "time.t_f": 5.0, "target.radius": 1.0}
+    corner = 10 + math.sqrt(0.5)
+    near, far = corner - 1e-6, corner + 1e-6
+    assert paper.with_values({**clock, "target.center": [near, near]}).n_steps == 5
+    assert "out of reach" in message(paper.with_values, {**clock, "target.center": [far, far]})
+    assert paper.with_values({**clock, "target.center": [11.0, 0.0]}).n_steps == 5
+    text = message(paper.with_values, {**clock, "target.center": [-far, far]})
+    assert "takes 6 steps: raise time.t_f to 6 or more" in text
+
+
+def test_initial_velocity_is_at_most_v_max(paper: Scenario) -> None:
+    assert paper.with_values({"swarm.velocity": [2, -2]}).swarm.velocity == (2.0, -2.0)
+    text = message(paper.with_values, {"swarm.velocity": [0.0, -2.5]})
+    assert "swarm.velocity is [0.0, -2.5]; each component may be at most swarm.v_max = 2" in text
+
+
+def test_margin_is_below_the_radius(paper: Scenario) -> None:
+    text = message(paper.with_values, {"guide.margin": 0.5})
+    assert "guide.margin is 0.5; it must be below target.radius = 0.5" in text
