@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .arrays import Floats
 from .hazard import Hazard
 from .solution import Solution
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .arrays import Expression, Floats
 from .errors import SolverError
 from .sets import PlanarSets
-
-Floats = NDArray[np.float64]
-Expression = Any  # a CasADi MX: CasADi has no type stubs
 
 
 @dataclass(frozen=True, eq=False)

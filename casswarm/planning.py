@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from .arrays import Floats
 from .errors import PlanningError, SolverError
 from .guide import Candidate, Guide, guide_from, path_of, sides_of
 from .problems.guide import GuideTask, guide_instance, guide_nlp
@@ -21,7 +22,6 @@ from .starts import around, resampled, straight
 if TYPE_CHECKING:
     from .scenario import Scenario
 
-Floats = NDArray[np.float64]
 
 COARSE = 8
 """Arrival steps tried first, evenly spread; the best one's neighbourhood is then halved to one."""

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.optimize import lsq_linear
 
+from .arrays import Floats
 from .nlp import Instances, Nlp
 from .solution import Residuals
-
-Floats = NDArray[np.float64]
 
 ACTIVE = 1e-6
 """A row closer than this (relative) to its bound may carry an estimated multiplier."""
@@ -62,10 +60,9 @@ def judge(
         else np.concatenate(multipliers)
     )
     stationarity = float(np.abs(gradient + columns @ lam).max(initial=0.0))
-    at_upper = np.minimum(np.maximum(lam, 0), np.maximum(upper - values, 0))
-    at_lower = np.minimum(np.maximum(-lam, 0), np.maximum(values - lower, 0))
-    inequality = lower < upper
-    complementarity = float(np.maximum(at_upper, at_lower)[inequality].max(initial=0.0))
+    slack = np.where(lam > 0, upper - values, values - lower)
+    products = np.abs(lam[lam != 0] * slack[lam != 0])
+    complementarity = float(products.max(initial=0.0))
     return Residuals(violation, stationarity, complementarity, worst)
 
 

@@ -36,8 +36,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-FloatArray: TypeAlias = NDArray[np.float64]
-BoolArray: TypeAlias = NDArray[np.bool_]
+from .arrays import Booleans, Floats
+
 Index: TypeAlias = int | np.integer[Any] | slice | NDArray[np.bool_] | NDArray[np.integer[Any]]
 
 ROUNDING = 2.0**-46  # 64 units of rounding, 1.4e-14
@@ -60,10 +60,10 @@ class PlanarSets:
         Radii of the discs, >= 0; +inf means that the disc is absent.
     """
 
-    lower: FloatArray
-    upper: FloatArray
-    centers: FloatArray
-    radii: FloatArray
+    lower: Floats
+    upper: Floats
+    centers: Floats
+    radii: Floats
 
     def __post_init__(self) -> None:
         discs = np.shape(self.radii)[-1:]
@@ -97,7 +97,7 @@ class PlanarSets:
         arrays = (self.lower, self.upper, self.centers, self.radii)
         return PlanarSets(*(array[*key, ...] for array in arrays))
 
-    def project(self, points: ArrayLike) -> FloatArray:
+    def project(self, points: ArrayLike) -> Floats:
         """Nearest points of the sets.
 
         Parameters
@@ -128,7 +128,7 @@ class PlanarSets:
             )
         return nearest.reshape(*shape, 2)
 
-    def violation(self, points: ArrayLike) -> FloatArray:
+    def violation(self, points: ArrayLike) -> Floats:
         """Largest distance (...) to the box or a disc; 0 inside, NaN for a point not finite."""
         flat, sets, shape = self._paired(points)
         largest = np.asarray(np.hypot(*(flat - np.clip(flat, sets.lower, sets.upper)).T))
@@ -136,17 +136,17 @@ class PlanarSets:
             np.maximum(largest, _excess(flat, sets, k), out=largest)
         return largest.reshape(shape)
 
-    def contains(self, points: ArrayLike, tolerance: float) -> BoolArray:
+    def contains(self, points: ArrayLike, tolerance: float) -> Booleans:
         """Whether the violation (...) is at most `tolerance`, a distance; never if not finite."""
         return np.asarray(self.violation(points) <= tolerance)
 
     @cached_property
-    def is_empty(self) -> BoolArray:
+    def is_empty(self) -> Booleans:
         """Which sets are empty, shape `shape`; gaps of the order of rounding do not count."""
         _, sets, shape = self._paired(np.zeros(2))
         return np.asarray(~_search(_anchors(sets), sets)[1]).reshape(shape)
 
-    def fulfil(self) -> tuple[PlanarSets, BoolArray]:
+    def fulfil(self) -> tuple[PlanarSets, Booleans]:
         """Make every set non-empty by giving up wishes that cannot be fulfilled.
 
         The box and disc 0 are physical and always hold; disc 1 is a wish. Where the three do not
@@ -180,7 +180,7 @@ class PlanarSets:
         radii[shortfall] = np.inf
         return replace(self, lower=lower, upper=upper, radii=radii), shortfall
 
-    def _paired(self, points: ArrayLike) -> tuple[FloatArray, PlanarSets, tuple[int, ...]]:
+    def _paired(self, points: ArrayLike) -> tuple[Floats, PlanarSets, tuple[int, ...]]:
         """Points (M, 2), NaN where not finite; their sets, shape (M,); the shape to return to."""
         given = np.asarray(points, dtype=np.float64)
         if given.shape[-1:] != (2,):
@@ -198,18 +198,18 @@ class PlanarSets:
         return flat, PlanarSets(*arrays), shape
 
 
-def _excess(points: FloatArray, sets: PlanarSets, k: int) -> FloatArray:
+def _excess(points: Floats, sets: PlanarSets, k: int) -> Floats:
     """Signed distance (M,) of points to circle k, positive outside; -inf for an absent disc."""
     return np.asarray(np.hypot(*(points - sets.centers[:, k]).T) - sets.radii[:, k])
 
 
-def _slack(points: FloatArray, sets: PlanarSets, k: int) -> FloatArray:
+def _slack(points: Floats, sets: PlanarSets, k: int) -> Floats:
     """Distance (M,) that rounding may put between points and disc k."""
     size = np.maximum(*np.abs(points).T) + np.maximum(*np.abs(sets.centers[:, k]).T)
     return np.asarray(ROUNDING * (size + sets.radii[:, k]))
 
 
-def _in_discs(points: FloatArray, sets: PlanarSets) -> BoolArray:
+def _in_discs(points: Floats, sets: PlanarSets) -> Booleans:
     """Whether points (M, 2) lie in all discs of their sets, up to rounding; False for NaN."""
     inside = ~np.isnan(points[:, 0])
     for k in range(sets.radii.shape[-1]):
@@ -217,7 +217,7 @@ def _in_discs(points: FloatArray, sets: PlanarSets) -> BoolArray:
     return inside
 
 
-def _anchors(sets: PlanarSets) -> FloatArray:
+def _anchors(sets: PlanarSets) -> Floats:
     """Choose a point (M, 2) to search each set from: the centre of its smallest disc."""
     if sets.radii.shape[-1] == 0:
         return np.zeros((len(sets.radii), 2))
@@ -225,7 +225,7 @@ def _anchors(sets: PlanarSets) -> FloatArray:
     return np.take_along_axis(sets.centers, smallest, axis=1)[:, 0]
 
 
-def _search(points: FloatArray, sets: PlanarSets) -> tuple[FloatArray, BoolArray]:
+def _search(points: Floats, sets: PlanarSets) -> tuple[Floats, Booleans]:
     """Nearest points (M, 2), and whether there is one (M,); NaN stays NaN and counts as found."""
     nearest = np.clip(points, sets.lower, sets.upper)  # case 1
     found = _in_discs(nearest, sets) | np.isnan(points[:, 0])
@@ -237,7 +237,7 @@ def _search(points: FloatArray, sets: PlanarSets) -> tuple[FloatArray, BoolArray
     return nearest, found
 
 
-def _on_disc(points: FloatArray, sets: PlanarSets, k: int) -> tuple[FloatArray, BoolArray]:
+def _on_disc(points: Floats, sets: PlanarSets, k: int) -> tuple[Floats, Booleans]:
     """Case 2: projections (M, 2) on disc k, and whether they lie in the sets."""
     offset, radius = points - sets.centers[:, k], sets.radii[:, k]
     distance = np.hypot(*offset.T)
@@ -249,7 +249,7 @@ def _on_disc(points: FloatArray, sets: PlanarSets, k: int) -> tuple[FloatArray, 
     return clipped, outside & in_box & _in_discs(clipped, sets)
 
 
-def _on_two(points: FloatArray, sets: PlanarSets) -> tuple[FloatArray, BoolArray]:
+def _on_two(points: Floats, sets: PlanarSets) -> tuple[Floats, Booleans]:
     """Case 3: the nearest crossings (M, 2) that lie in the sets, and whether there is any."""
     nearest, found = points.copy(), np.zeros(len(points), dtype=bool)
     for crossing in _crossings(sets):
@@ -262,7 +262,7 @@ def _on_two(points: FloatArray, sets: PlanarSets) -> tuple[FloatArray, BoolArray
     return nearest, found
 
 
-def _crossings(sets: PlanarSets) -> Iterator[FloatArray]:
+def _crossings(sets: PlanarSets) -> Iterator[Floats]:
     """Points (M, 2) where circles cross lines of the box or each other; anything where not."""
     radii = np.where(np.isfinite(sets.radii), sets.radii, 0.0)
     for k in range(sets.radii.shape[-1]):
@@ -278,7 +278,7 @@ def _crossings(sets: PlanarSets) -> Iterator[FloatArray]:
         yield from _circle_crossings(sets.centers, radii)
 
 
-def _circle_crossings(centers: FloatArray, radii: FloatArray) -> Iterator[FloatArray]:
+def _circle_crossings(centers: Floats, radii: Floats) -> Iterator[Floats]:
     """Points (M, 2) where the circles of centers (M, 2, 2) and radii (M, 2) cross, or touch.
 
     Measured from the smaller one, for then an error of `along`, however large, keeps the points on

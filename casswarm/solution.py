@@ -5,10 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from enum import StrEnum
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
+from .arrays import Floats
 
 
 class Status(StrEnum):
@@ -39,7 +36,7 @@ class Residuals:
     stationarity : float
         Largest component of the Lagrangian's gradient.
     complementarity : float
-        Largest min(multiplier, slack) over the inequalities.
+        Largest product of a multiplier and the slack of its bound.
     worst : str
         Name of the row that is violated most, empty where none is.
     """

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from .arrays import Floats
 
 ALL_SIDES = 4  # radars up to which every combination of sides is tried
 CLEARANCE = 0.15  # how far beside a radar a way leads, in distances from start to target

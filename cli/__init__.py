@@ -16,7 +16,7 @@ from .simulate import simulate
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="casswarm")
 def main() -> None:
-    """Guide a swarm of agents through a field of hazards to a target.
+    r"""Guide a swarm of agents through a field of hazards to a target.
 
     \b
     Begin with:

@@ -46,7 +46,7 @@ def plan(
     arrival: str | None,
     flyable: bool | None,
 ) -> None:
-    """Find the least risky path of a lone agent: the guide that the swarm follows.
+    r"""Find the least risky path of a lone agent: the guide that the swarm follows.
 
     Writes guide.csv (a row a step), candidates.csv (every start's outcome), guide.png and run.json.
 

@@ -69,7 +69,7 @@ def simulate(
     search: str | None,
     arrival: str | None,
 ) -> None:
-    """Estimate how often the swarm reaches the target, policy by policy.
+    r"""Estimate how often the swarm reaches the target, policy by policy.
 
     Every run index sees the same random numbers under every policy. Prints a table and writes
     summary.csv, runs.csv (a row a run), success.png, a map of the first run of every policy, and
@@ -161,16 +161,16 @@ def summary_text(summary: pd.DataFrame) -> str:
     )
     rows = [
         (
-            str(row.policy),
-            f"{row.runs}",
-            f"{row.success:.4f}" if row.successes else "none",
-            f"{row.success_low:.4f} to {row.success_high:.4f}",
-            f"{row.survivors_mean:.2f}",
-            f"{row.arrival_step_mean:.1f}" if row.successes else "-",
-            f"{row.shortfalls}",
-            f"{row.solver_failures}",
-            f"{row.clipped}",
+            str(row["policy"]),
+            f"{row['runs']}",
+            f"{row['success']:.4f}" if row["successes"] else "none",
+            f"{row['success_low']:.4f} to {row['success_high']:.4f}",
+            f"{row['survivors_mean']:.2f}",
+            f"{row['arrival_step_mean']:.1f}" if row["successes"] else "-",
+            f"{row['shortfalls']}",
+            f"{row['solver_failures']}",
+            f"{row['clipped']}",
         )
-        for row in summary.itertuples()
+        for row in summary.to_dict("records")
     ]
     return aligned([head, *rows])

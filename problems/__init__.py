@@ -1,0 +1,1 @@
+"""The mathematics: one optimisation problem a file, symbolic, never solved here."""

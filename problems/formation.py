@@ -12,10 +12,10 @@ The paper's section IV.B, both of its problems as one program with weights:
   fixed, dt v_i = X*(t+1) - X_i or as near to it as v_max and a_max allow; no corridor.
 - **Constrained trajectory** (7): w is 1 for the living; everybody has the corridor.
 
-Per member the constraint set is a box and one or two discs in the plane, so the set of a state is a
-product, `PlanarSets` of n members. It can be empty, which the paper does not say. v_max and a_max are
-physical and always hold; a member that cannot reach its corridor goes as near to it as they allow,
-and is counted (`Formation.shortfalls`). The destroyed stay where they fell.
+Per member the constraint set is a box and one or two discs in the plane, so the set of a state is
+a product, `PlanarSets` of n members. It can be empty, which the paper does not say. v_max and a_max
+are physical and always hold; a member that cannot reach its corridor goes as near to it as they
+allow, and is counted (`Formation.shortfalls`). The destroyed stay where they fell.
 """
 
 from __future__ import annotations
@@ -27,12 +27,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Booleans, Floats
 from ..hazard import Hazard
 from ..nlp import Instances, Nlp
 from ..sets import PlanarSets
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 SHORTFALL = 1e-6
 """Distance up to which the leader counts as in its place."""

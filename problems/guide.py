@@ -24,12 +24,10 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Floats
 from ..hazard import Hazard
 from ..nlp import Instances, Nlp
-
-Floats = NDArray[np.float64]
 
 _UNROLL = 3000  # steps times radars up to which scalar expressions are faster
 

@@ -4,9 +4,9 @@
     over      V(0..N-1) in [-v_max, v_max]^(2N),   X(t+1) = X(t) + dt V(t)
 
 The sign of the first term is the paper's slip, mended. tau is the arrival step, equation (2): the
-first t with X(t) in the target, or N. It is piecewise constant in V, so its derivative is zero. d is
-the distance to the target zone, max(0, ||x - c|| - radius), written so that its gradient exists at
-the centre. There is no acceleration limit in the paper's guide problem.
+first t with X(t) in the target, or N. It is piecewise constant in V, so its derivative is zero. d
+is the distance to the target zone, max(0, ||x - c|| - radius), written so that its gradient exists
+at the centre. There is no acceleration limit in the paper's guide problem.
 """
 
 from __future__ import annotations
@@ -15,13 +15,11 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Floats
 from ..hazard import Hazard
 from ..nlp import Instances, Nlp
 from .guide import GuideTask
-
-Floats = NDArray[np.float64]
 
 
 @lru_cache(maxsize=16)

@@ -1,0 +1,1 @@
+"""The controlled Markov chain of destructions."""

@@ -1,11 +1,10 @@
-"""Random numbers that belong to (seed, run, step, member), whoever draws them and in which order."""
+"""Random numbers that belong to (seed, run, step, member), in whatever order they are drawn."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from ..arrays import Floats
 
 _WORDS = 4  # numbers a Philox counter yields
 

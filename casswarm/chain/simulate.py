@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Booleans, Counts, Floats
 from ..errors import PolicyError
 from ..policies.base import Policy
 from ..problems.formation import Motion
@@ -25,9 +26,6 @@ from .random import uniforms
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
-Counts = NDArray[np.int64]
 
 PHYSICAL = 1e-9
 """Excess over v_max or a_max (in units of velocity) up to which a velocity is left as it is."""

@@ -18,21 +18,21 @@ def success_chart(summary: pd.DataFrame, title: str = "") -> Figure:
     title : str
     """
     fig, axes = figure(1.6 + 1.5 * max(2, len(summary)), 4.2)
-    for place, row in enumerate(summary.itertuples()):
-        color = POLICIES.get(str(row.policy), MEMBERS[place % len(MEMBERS)])
-        below, above = row.success - row.success_low, row.success_high - row.success
-        axes.bar(place, row.success, width=0.55, color=color, alpha=0.85)
+    for place, row in enumerate(summary.to_dict("records")):
+        color = POLICIES.get(str(row["policy"]), MEMBERS[place % len(MEMBERS)])
+        below, above = row["success"] - row["success_low"], row["success_high"] - row["success"]
+        axes.bar(place, row["success"], width=0.55, color=color, alpha=0.85)
         axes.errorbar(
             place,
-            row.success,
+            row["success"],
             [[max(0.0, below)], [max(0.0, above)]],
             color=INK,
             capsize=6,
             linewidth=1.4,
         )
         axes.annotate(
-            f"{row.success:.3f}",
-            (place, row.success_high),
+            f"{row['success']:.3f}",
+            (place, row["success_high"]),
             (0, 5),
             textcoords="offset points",
             ha="center",

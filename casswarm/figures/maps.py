@@ -5,50 +5,47 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
+from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
 
+from ..arrays import Floats
 from ..chain.simulate import Trace
-from ..guide import Candidate, Guide
+from ..guide import Candidate, Guide, path_of
 from ..scenario import Scenario
-from .style import INK, MEMBERS, VERMILION, figure
+from .style import BLUE, INK, MEMBERS, VERMILION, figure
 
-Floats = NDArray[np.float64]
-
-_PIXELS = 240
-_CAP = 0.995  # quantile of the rates at which the colours end: radars are not the whole story
-_HALO = [withStroke(linewidth=3.0, foreground="white")]
+_PIXELS = 300
+_CAP = 0.995  # quantile of the rates at which the shades end: radars are not the whole story
+_WIDTH = 6.6  # of the map without its colour bar, inches
+_GREYS = LinearSegmentedColormap.from_list("greys", colormaps["Greys"](np.linspace(0.0, 0.72, 256)))
 
 
 def guide_map(scenario: Scenario, guide: Guide, others: Sequence[Candidate] = ()) -> Figure:
-    """The guide over the map of a lone member's rates; `others` are drawn thin and dashed."""
-    from ..guide import path_of
+    """The guide over the map of a lone member's rates.
 
+    Parameters
+    ----------
+    scenario : Scenario
+    guide : Guide
+    others : sequence of Candidate
+        Drawn thin and dashed.
+    """
     paths = [path_of(guide.positions[0], c.velocities, guide.dt) for c in others]
-    fig, axes = figure(7.2, 5.4)
-    draw_rates(fig, axes, scenario, [guide.positions, scenario.positions, *paths])
+    fig, axes = _map(scenario, [guide.positions, scenario.positions, *paths])
     for number, path in enumerate(paths):
-        axes.plot(
-            *path.T,
-            color=INK,
-            linewidth=0.9,
-            linestyle=(0, (4, 3)),
-            zorder=3,
-            label="other ways tried" if number == 0 else None,
-        )
+        label = "other ways tried" if number == 0 else None
+        axes.plot(*path.T, color=INK, linewidth=0.9, linestyle=(0, (4, 3)), zorder=3, label=label)
     axes.plot(
         *guide.positions.T,
-        color=MEMBERS[0],
+        color=BLUE,
         marker="o",
-        markersize=3.2,
+        markersize=3.4,
         linewidth=1.8,
         zorder=4,
-        path_effects=_HALO,
-        label=f"guide, a dot a step ({guide.arrival} steps)",
+        label=f"guide, {guide.arrival} steps",
     )
     axes.plot(
         *scenario.positions.T,
@@ -60,110 +57,117 @@ def guide_map(scenario: Scenario, guide: Guide, others: Sequence[Candidate] = ()
         zorder=3.5,
         label="members at the start",
     )
-    _legend(axes)
-    axes.set_title(f"{scenario.name}: guide, survival of a lone member {guide.survival:.3g}")
+    _finish(fig, axes, f"{scenario.name}: guide, survival of a lone member {guide.survival:.3g}")
     return fig
 
 
 def swarm_map(
     scenario: Scenario, trace: Trace, guide: Guide | None = None, title: str = ""
 ) -> Figure:
-    """The way of one run's members, with crosses where they were destroyed."""
-    fig, axes = figure(7.2, 5.4)
-    extent = [trace.positions.reshape(-1, 2)]
-    draw_rates(fig, axes, scenario, extent if guide is None else [*extent, guide.positions])
-    if guide is not None:
-        axes.plot(
-            *guide.positions.T, color=INK, linewidth=1.0, linestyle=":", label="guide", zorder=3
-        )
-    many = trace.positions.shape[1] > len(MEMBERS)
-    lost = 0
-    for member in range(trace.positions.shape[1]):
+    """The way of one run's members, with crosses where they were destroyed.
+
+    Members often share a path: the first is drawn widest and lowest, so that all stay visible.
+    """
+    contents = [trace.positions.reshape(-1, 2)]
+    fig, axes = _map(scenario, contents if guide is None else [*contents, guide.positions])
+    members = trace.positions.shape[1]
+    few = members <= len(MEMBERS)
+    fallen = []
+    for member in range(members):
         alive = trace.alive[:, member]
         last = len(alive) if alive.all() else int(np.argmin(alive)) + 1
-        color = MEMBERS[member % len(MEMBERS)]
         path = trace.positions[:last, member]
+        width = 1.4 * (members - member) if few else 0.8
         axes.plot(
             *path.T,
-            color=color,
+            color=MEMBERS[member % len(MEMBERS)],
             marker="o",
-            markersize=1.8 if many else 2.6,
-            linewidth=0.8 if many else 1.3,
+            markersize=width + 1.2,
+            linewidth=width,
+            solid_capstyle="round",
             zorder=4,
-            path_effects=None if many else _HALO,
-            label=None if many else f"member {member + 1}",
+            label=f"member {member + 1}" if few else None,
         )
         if not alive.all():
-            lost += 1
-            axes.plot(
-                *path[-1],
-                marker="X",
-                markersize=9,
-                color=VERMILION,
-                markeredgecolor="white",
-                linestyle="",
-                zorder=6,
-                label="destroyed" if lost == 1 else None,
-            )
-    _legend(axes)
-    survivors = int(trace.alive[-1].sum())
-    head = title or scenario.name
-    axes.set_title(
-        f"{head}: {survivors} of {trace.alive.shape[1]} alive after {len(trace.alive) - 1} steps"
+            fallen.append(path[-1])
+    if guide is not None:
+        axes.plot(*guide.positions.T, color=INK, linewidth=0.9, ls=":", zorder=5, label="guide")
+    if fallen:
+        axes.plot(
+            *np.array(fallen).T,
+            marker="X",
+            markersize=11,
+            color="white",
+            markeredgecolor=INK,
+            linestyle="",
+            zorder=6,
+            label="destroyed",
+        )
+    steps, survivors = len(trace.alive) - 1, int(trace.alive[-1].sum())
+    _finish(
+        fig,
+        axes,
+        f"{title or scenario.name}: {survivors} of {members} alive after {steps} steps",
     )
     return fig
 
 
-def draw_rates(fig: Figure, axes: Axes, scenario: Scenario, contents: Sequence[Floats]) -> None:
-    """Rates of a lone member as colours, radars, target; the extent holds all `contents`."""
+def _map(scenario: Scenario, contents: Sequence[Floats]) -> tuple[Figure, Axes]:
+    """Rates of a lone member as shades, radars and target; the extent holds all `contents`."""
     hazard, target = scenario.hazard, scenario.target
-    points = np.vstack([*contents, hazard.radar_positions, np.asarray(target.center)[None]])
+    radars = hazard.radar_positions
+    points = np.vstack([*contents, radars, np.asarray(target.center)[None]])
     low, high = points.min(axis=0), points.max(axis=0)
-    pad = 0.12 * max(high - low) + target.radius
+    pad = 0.06 * float(np.max(high - low)) + target.radius
     low, high = low - pad, high + pad
-    east, north = (np.linspace(low[axis], high[axis], _PIXELS) for axis in (0, 1))
-    rates = hazard.lone_rates(np.stack(np.meshgrid(east, north), axis=-1))
-    least = max(float(rates.min()), 1e-12)
-    most = max(float(np.quantile(rates, _CAP)), least * 1.01)
-    mesh = axes.pcolormesh(
-        east,
-        north,
-        np.maximum(rates, least),
-        norm=LogNorm(least, most),
-        cmap="cividis",
-        shading="gouraud",
-        rasterized=True,
-        alpha=0.85,
-    )
-    fig.colorbar(mesh, ax=axes, label="rate of a lone member, per unit time", extend="max")
-    axes.add_patch(
-        Circle(target.center, target.radius, fill=False, edgecolor="white", linewidth=3.0, zorder=3)
-    )
+    size = high - low
+    scale = _WIDTH / max(size[0], 0.9 * size[1])
+    fig, axes = figure(max(4.0, scale * size[0]) + 1.2, scale * size[1] + 1.6)
+    _shades(fig, axes, scenario, low, high)
     axes.add_patch(
         Circle(
             target.center,
             target.radius,
-            facecolor="none",
+            facecolor="white",
             edgecolor=INK,
-            linewidth=1.4,
+            linewidth=1.3,
             hatch="////",
-            zorder=3,
+            zorder=2,
             label="target",
         )
     )
-    if len(hazard.radar_positions):
+    if len(radars):
         axes.plot(
-            *hazard.radar_positions.T,
-            linestyle="",
-            marker="^",
-            markersize=9,
+            *radars.T,
             color=VERMILION,
+            marker="^",
+            markersize=10,
+            linestyle="",
             markeredgecolor="white",
             zorder=5,
             label="radar",
         )
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x", ylabel="y")
+    return fig, axes
 
 
-def _legend(axes: Axes) -> None:
-    axes.legend(loc="upper left", fontsize=8, framealpha=0.92, edgecolor="none")
+def _shades(fig: Figure, axes: Axes, scenario: Scenario, low: Floats, high: Floats) -> None:
+    east, north = (np.linspace(low[axis], high[axis], _PIXELS) for axis in (0, 1))
+    rates = scenario.hazard.lone_rates(np.stack(np.meshgrid(east, north), axis=-1))
+    least = max(float(rates.min()), 1e-12)
+    most = max(float(np.quantile(rates, _CAP)), least * 1.01)
+    image = axes.imshow(
+        np.maximum(rates, least),
+        norm=LogNorm(least, most),
+        cmap=_GREYS,
+        extent=(low[0], high[0], low[1], high[1]),
+        origin="lower",
+        interpolation="bilinear",
+    )
+    fig.colorbar(image, ax=axes, label="rate of a lone member, per unit time", extend="max")
+
+
+def _finish(fig: Figure, axes: Axes, title: str) -> None:
+    axes.set_title(title, fontsize=11)
+    handles, labels = axes.get_legend_handles_labels()
+    fig.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=9, frameon=False)

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Booleans, Expression, Floats
 from ..errors import HazardError
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
-Expression = Any  # a CasADi SX, MX or DM: CasADi has no type stubs
 
 
 class Hazard(ABC):

@@ -13,8 +13,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ..arrays import Booleans, Expression, Floats
 from ..errors import HazardError
-from .base import Booleans, Expression, Floats, Hazard
+from .base import Hazard
 
 _CHUNK = 256  # states a call of the mapped function takes
 
@@ -84,8 +85,8 @@ class CustomHazard(Hazard):
         size = min(batch, _CHUNK)
         mapped = rate_function(self, n).map(size)
         out = np.empty((batch, n))
-        for start in range(0, batch, size):
-            start = min(start, batch - size)  # the last call overlaps, so that all have one size
+        for first in range(0, batch, size):
+            start = min(first, batch - size)  # the last call overlaps, so that all have one size
             chunk = slice(start, start + size)
             x = positions[chunk].reshape(-1, 2).T
             living = alive[chunk].reshape(1, -1).astype(float)

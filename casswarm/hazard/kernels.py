@@ -21,9 +21,10 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from ..arrays import Booleans, Expression, Floats
 from ..constants import CORE_RADIUS
 from ..errors import HazardError
-from .base import Booleans, Expression, Floats, Hazard
+from .base import Hazard
 
 _CHUNK_PAIRS = 1 << 19  # pairs evaluated at once: a few arrays of 4 MiB, whatever the batch
 
@@ -65,9 +66,10 @@ class KernelHazard(Hazard):
         object.__setattr__(self, "radars", tuple((float(x), float(y)) for x, y in self.radars))
         if self.strengths is not None:
             object.__setattr__(self, "strengths", tuple(float(s) for s in self.strengths))
-        for name, value in (("radars", self.radars), ("strengths", self.strengths or (1.0,))):
-            if not np.isfinite(value).all() or (name == "strengths" and min(value) <= 0):
-                raise HazardError(f"{name} must be finite, strengths above zero; got {value}")
+        if not np.isfinite(self.radars).all():
+            raise HazardError(f"radars must be finite; got {self.radars}")
+        if not all(0 < strength < np.inf for strength in self.strengths or ()):
+            raise HazardError(f"strengths must be finite and above zero; got {self.strengths}")
 
     @abstractmethod
     def source(self, squared_distance: Expression) -> Expression:

@@ -12,8 +12,8 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
+from ..arrays import Expression, Floats
 from ..errors import HazardError
-from .base import Expression, Floats
 
 _BINARY = {
     ca.OP_ADD: "{0} + {1}",

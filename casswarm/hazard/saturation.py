@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays import Expression
 from ..errors import HazardError
-from .base import Expression
 from .kernels import KernelHazard, regular
 
 

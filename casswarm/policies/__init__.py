@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
@@ -99,7 +100,7 @@ def member_guides(scenario: Scenario, guide: Guide) -> tuple[Guide, ...]:
     return tuple(guides[tuple(start)] for start in scenario.positions)
 
 
-def _require_known(kind: str, name: str, known: dict[str, object] | dict[str, str]) -> None:
+def _require_known(kind: str, name: str, known: Mapping[str, object]) -> None:
     if name not in known:
         close = get_close_matches(name, known, 1)
         hint = f"; did you mean {close[0]!r}?" if close else ""

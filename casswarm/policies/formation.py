@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Booleans, Floats
 from ..guide import Guide
 from ..hazard import Hazard
 from ..problems.formation import Formation, Motion, Step, corridor_formation, leader_formation
 from ..solvers import Solver
-from .base import Booleans, Decision, Floats, Policy
+from .base import Decision, Policy
 from .succession import SUCCESSIONS
 
 
@@ -36,12 +38,13 @@ class FormationPolicy(Policy):
         """Solve the formation problem of every state; see `Policy.decide`."""
         goal = self.guide.reference(step + 1)
         data = Step(self.hazard, self.motion, positions, previous, alive, goal)
-        formation = self._formation(step, data)
+        formation = self._formation(data, self.guide.reference(step))
         velocities, failures = solve_formation(formation, self.solver)
         return Decision(velocities, formation.shortfalls.sum(axis=1), failures)
 
-    def _formation(self, step: int, data: Step) -> Formation:
-        raise NotImplementedError
+    @abstractmethod
+    def _formation(self, data: Step, place: Floats) -> Formation:
+        """The problems of a step; `place` (2,) is the guide's present point X*(t)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +60,8 @@ class LeaderPolicy(FormationPolicy):
     succession: str = "nearest"
     name: str = "leader"
 
-    def _formation(self, step: int, data: Step) -> Formation:
-        rule = SUCCESSIONS[self.succession]
-        return leader_formation(data, rule(data, self.guide.reference(step)))
+    def _formation(self, data: Step, place: Floats) -> Formation:
+        return leader_formation(data, SUCCESSIONS[self.succession](data, place))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,7 @@ class ConstrainedPolicy(FormationPolicy):
     rho: float = 0.05
     name: str = "constrained"
 
-    def _formation(self, step: int, data: Step) -> Formation:
+    def _formation(self, data: Step, place: Floats) -> Formation:  # noqa: ARG002
         return corridor_formation(data, self.rho)
 
 

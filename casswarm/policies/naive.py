@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays import Booleans, Floats
 from ..guide import Guide
 from ..problems.formation import SHORTFALL, Motion
-from .base import Booleans, Decision, Floats, Policy
+from .base import Decision, Policy
 
 
 @dataclass(frozen=True, eq=False)

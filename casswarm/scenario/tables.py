@@ -113,7 +113,7 @@ class GuideOptions(Table):
     arrival: Annotated[Literal["any", "horizon"], Allowed("'any' or 'horizon'")] = Field(
         "any",
         description="Which arrival steps are candidates: 'any' up to the horizon, of which the "
-        "best is chosen, or the 'horizon' alone, as in the paper, where the path uses all the time.",
+        "best is chosen; or the 'horizon' alone, as in the paper, whose path takes all the time.",
     )
     a_max: Positive | None = Field(
         None,

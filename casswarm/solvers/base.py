@@ -8,14 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..arrays import Floats
 from ..nlp import Instances, Nlp
 from ..residuals import judge
 from ..solution import Residuals, Solution, Status
-
-Floats = NDArray[np.float64]
 
 VIOLATION = 1e-6
 """An answer that violates its constraints by more is never a success, whatever its solver says."""

@@ -87,7 +87,7 @@ def _solve(function: Any, instances: Instances, i: int) -> Answer:
 
 @lru_cache(maxsize=64)
 def _compiled(solver: Ipopt, nlp: Nlp) -> Any:
-    options = {
+    options: dict[str, Any] = {
         "expand": nlp.unroll,
         "print_time": False,
         "error_on_fail": False,

@@ -9,14 +9,12 @@ from functools import lru_cache
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Booleans, Floats
 from ..errors import SolverError
 from ..nlp import Instances, Nlp
 from ..solution import Status
 from .base import Answer, Solver
-
-Floats = NDArray[np.float64]
 
 _CHUNK = 256  # instances advanced together
 
@@ -78,7 +76,7 @@ class ProjectedGradient(Solver):
                 least[moving[better]] = objective[better]
                 answer[moving[better]] = x[moving[better]]
             step = x[moving] - self.step * gradient
-            finite = np.isfinite(step).all(axis=1)
+            finite: Booleans = np.asarray(np.isfinite(step).all(axis=1))
             following = _project(part, np.where(finite[:, None], step, x[moving]))
             change = np.abs(following - x[moving]).max(axis=1, initial=0.0)
             x[moving] = np.where(finite[:, None], following, np.nan)
