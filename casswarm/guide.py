@@ -27,7 +27,8 @@ class Candidate:
     velocities : (T, 2)
         Up to the first arrival, at or before the step asked for; all of them if it never arrives.
     risk : float
-        Sum of dt times the rates up to the first arrival; infinite if it never arrives.
+        Sum of dt times the rates up to the first arrival; infinite if it never arrives, or only by
+        violating its limits.
     solution : Solution
     """
 

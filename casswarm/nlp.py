@@ -125,7 +125,12 @@ def _pack(blocks: Mapping[str, Expression], arrays: Mapping[str, ArrayLike]) -> 
     columns = []
     for name, symbol in blocks.items():
         shape = (batch, symbol.shape[1], symbol.shape[0])
-        columns.append(np.broadcast_to(given[name], shape).reshape(batch, -1))
+        try:
+            columns.append(np.broadcast_to(given[name], shape).reshape(batch, symbol.numel()))
+        except ValueError:
+            raise SolverError(
+                f"block {name!r} has shape {given[name].shape}; expected {shape}"
+            ) from None
     return np.concatenate(columns, axis=1) if columns else np.empty((batch, 0))
 
 

@@ -17,6 +17,7 @@ from .problems.guide import GuideTask, guide_instance, guide_nlp
 from .problems.guide_penalised import penalised_guide_instance, penalised_guide_nlp
 from .solution import Solution
 from .solvers import ProjectedGradient, Solver, make_solver
+from .solvers.base import VIOLATION
 from .starts import around, resampled, straight
 
 if TYPE_CHECKING:
@@ -209,13 +210,15 @@ class _Planner:
             tried += self._try(name, polyline, sorted(fresh))
 
     def _most_promising(self, found: dict[str, list[Candidate]]) -> list[str]:
-        """Starts to refine: the best of each way around the radars, at most `WAYS`."""
+        """Starts to refine: the best of each way around the radars, at most `WAYS`.
+
+        The straight line too, so that a global search is never worse than a local one.
+        """
+        best = {name: min(tried, key=_preference) for name, tried in found.items()}
         chosen: dict[str, str] = {}
-        for name in sorted(
-            found, key=lambda start: _preference(min(found[start], key=_preference))
-        ):
-            chosen.setdefault(min(found[name], key=_preference).sides, name)
-        return list(chosen.values())[:WAYS]
+        for name in sorted(best, key=lambda start: _preference(best[start])):
+            chosen.setdefault(best[name].sides, name)
+        return list(dict.fromkeys([*list(chosen.values())[:WAYS], "straight"]))
 
     def _priced(self, name: str, arrival: int, velocities: Floats, solution: Solution) -> Candidate:
         task = self.task
@@ -224,7 +227,7 @@ class _Planner:
         positions = path_of(task.start, velocities, task.dt)
         risk = np.inf
         inside = self.scenario.target.contains(positions[1:])
-        if inside.any():
+        if inside.any() and solution.residuals.violation <= VIOLATION:
             first = int(inside.argmax()) + 1
             velocities, positions = velocities[:first], positions[: first + 1]
             risk = float(task.dt * self.scenario.hazard.lone_rates(positions[1:]).sum())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from scipy import sparse
-from scipy.optimize import lsq_linear
 
 from .arrays import Floats
 from .nlp import Instances, Nlp
@@ -61,8 +60,8 @@ def judge(
     )
     stationarity = float(np.abs(gradient + columns @ lam).max(initial=0.0))
     slack = np.where(lam > 0, upper - values, values - lower)
-    products = np.abs(lam[lam != 0] * slack[lam != 0])
-    complementarity = float(products.max(initial=0.0))
+    products = np.abs(lam) * np.where(np.isfinite(slack), slack, 1.0)  # no bound, no multiplier
+    complementarity = float(np.abs(products).max(initial=0.0))
     return Residuals(violation, stationarity, complementarity, worst)
 
 
@@ -70,6 +69,8 @@ def _estimate(
     columns: sparse.csc_array, gradient: Floats, values: Floats, lower: Floats, upper: Floats
 ) -> Floats:
     """Multipliers of the active rows that make the Lagrangian's gradient smallest."""
+    from scipy.optimize import lsq_linear  # slow to import, and seldom needed
+
     scale = ACTIVE * np.maximum(1.0, np.abs(values))
     at_upper, at_lower = upper - values <= scale, values - lower <= scale
     active = np.flatnonzero(at_upper | at_lower)

@@ -122,7 +122,7 @@ def _map(scenario: Scenario, contents: Sequence[Floats]) -> tuple[Figure, Axes]:
     low, high = low - pad, high + pad
     size = high - low
     scale = _WIDTH / max(size[0], 0.9 * size[1])
-    fig, axes = figure(max(4.0, scale * size[0]) + 1.2, scale * size[1] + 1.6)
+    fig, axes = figure(max(4.0, scale * size[0]) + 1.2, scale * size[1] + 1.2)
     _shades(fig, axes, scenario, low, high)
     axes.add_patch(
         Circle(

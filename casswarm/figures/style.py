@@ -24,7 +24,7 @@ DPI = 200
 
 def figure(width: float = 6.4, height: float = 4.8) -> tuple[Figure, Axes]:
     """A figure of one axes, in inches; drawn without pyplot, so without global state."""
-    fig = Figure(figsize=(width, height), layout="constrained")
+    fig = Figure(figsize=(width, height), layout="compressed")
     FigureCanvasAgg(fig)
     return fig, fig.add_subplot()
 
@@ -38,5 +38,5 @@ def tidy(axes: Axes) -> None:
 
 def save(fig: Figure, path: Path) -> Path:
     """Write a figure; the file's ending names the format."""
-    fig.savefig(path, dpi=DPI)
+    fig.savefig(path, dpi=DPI, bbox_inches="tight")
     return path

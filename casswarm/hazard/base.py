@@ -37,7 +37,7 @@ class Hazard(ABC):
         Returns
         -------
         MX of shape (1, n)
-            lambda_i, for the destroyed as if they alone came back to life.
+            lambda_i; for the destroyed, whom `rates` masks, whatever the formula gives.
         """
 
     @abstractmethod
@@ -69,8 +69,10 @@ class Hazard(ABC):
             that is negative or not finite.
         """
         x = np.asarray(positions, dtype=float)
-        if x.ndim not in (2, 3) or x.shape[-1] != 2:
-            raise HazardError(f"positions have shape {x.shape}; expected (n, 2) or (B, n, 2)")
+        if x.ndim not in (2, 3) or x.shape[-1] != 2 or x.shape[-2] == 0:
+            raise HazardError(
+                f"positions have shape {x.shape}; expected (n, 2) or (B, n, 2), n >= 1"
+            )
         living = np.ones(x.shape[:-1], bool) if alive is None else np.asarray(alive, dtype=bool)
         if living.shape not in (x.shape[:-1], x.shape[-2:-1]):
             raise HazardError(
@@ -88,6 +90,8 @@ class Hazard(ABC):
     def lone_rates(self, points: ArrayLike) -> Floats:
         """Rate lambda-bar of a lone member at each point: (..., 2) to (...)."""
         x = np.asarray(points, dtype=float)
+        if x.shape[-1:] != (2,):
+            raise HazardError(f"points have shape {x.shape}; expected (..., 2)")
         return self.rates(x.reshape(-1, 1, 2)).reshape(x.shape[:-1])
 
     def _check(self, rates: Floats, positions: Floats) -> None:
@@ -99,3 +103,22 @@ class Hazard(ABC):
                 f"{self!r} gives the rate {rates[state, member]} for member {member} at "
                 f"({x:g}, {y:g}); rates must be finite and not negative"
             )
+
+
+def checked_radars(radars: ArrayLike) -> tuple[tuple[float, float], ...]:
+    """Radars as pairs of floats, hashable whatever sequence was given.
+
+    Raises
+    ------
+    HazardError
+        They are no (k, 2) finite numbers.
+    """
+    try:
+        array = np.array(radars, dtype=float)
+    except (TypeError, ValueError):
+        raise HazardError(f"radars are {radars!r}; expected k pairs (x, y) of numbers") from None
+    if array.size and (array.ndim != 2 or array.shape[1] != 2):
+        raise HazardError(f"radars have shape {array.shape}; expected (k, 2)")
+    if not np.isfinite(array).all():
+        raise HazardError(f"radars must be finite; got {radars!r}")
+    return tuple((float(x), float(y)) for x, y in array)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arrays import Booleans, Expression, Floats
 from ..errors import HazardError
-from .base import Hazard
+from .base import Hazard, checked_radars
 
 _CHUNK = 256  # states a call of the mapped function takes
 
@@ -50,8 +50,13 @@ class CustomHazard(Hazard):
     def __post_init__(self) -> None:
         if not callable(self.function):
             raise HazardError(f"{self.function!r} is not a function of (positions, alive)")
-        object.__setattr__(self, "radars", tuple((float(x), float(y)) for x, y in self.radars))
+        object.__setattr__(self, "radars", checked_radars(self.radars))
         object.__setattr__(self, "parameters", _frozen(dict(self.parameters)))
+        for key, value in self.parameters:
+            if not _hashable(value):
+                raise HazardError(
+                    f"parameter {key!r} is {value!r}; allowed: numbers, texts, lists of these"
+                )
         for n in (1, 2):
             rate_function(self, n)
 
@@ -82,7 +87,7 @@ class CustomHazard(Hazard):
 
     def _evaluate(self, positions: Floats, alive: Booleans) -> Floats:
         batch, n, _ = positions.shape
-        size = min(batch, _CHUNK)
+        size = max(1, min(batch, _CHUNK))
         mapped = rate_function(self, n).map(size)
         out = np.empty((batch, n))
         for first in range(0, batch, size):
@@ -111,12 +116,19 @@ def rate_function(hazard: CustomHazard, n: int) -> Expression:
     if hazard.radars:
         keywords["radars"] = hazard.radars
     try:
-        rates = ca.MX(hazard.function(positions.T, alive.T, **keywords))
+        returned = hazard.function(positions.T, alive.T, **keywords)
     except Exception as error:
         raise HazardError(
             f"{hazard!r} failed on {n} members with CasADi arguments: "
             f"{type(error).__name__}: {error}"
         ) from error
+    try:
+        rates = ca.MX(returned)
+    except (NotImplementedError, TypeError):
+        raise HazardError(
+            f"{hazard!r} returned {returned!r}, a {type(returned).__name__}; "
+            "expected a CasADi expression"
+        ) from None
     if rates.shape not in ((n, 1), (1, n)):
         raise HazardError(
             f"{hazard!r} returned shape {rates.shape} for {n} members; expected ({n}, 1)"
@@ -143,6 +155,14 @@ def _import_function(name: str, folder: Path | None) -> Callable[..., Expression
     if not callable(found):
         raise HazardError(f"{name!r} is not a function")
     return found  # type: ignore[no-any-return]
+
+
+def _hashable(value: Any) -> bool:
+    try:
+        hash(value)
+    except (TypeError, NotImplementedError):  # the latter is CasADi's
+        return False
+    return True
 
 
 def _frozen(value: Any) -> Any:

@@ -24,7 +24,7 @@ import numpy as np
 from ..arrays import Booleans, Expression, Floats
 from ..constants import CORE_RADIUS
 from ..errors import HazardError
-from .base import Hazard
+from .base import Hazard, checked_radars
 
 _CHUNK_PAIRS = 1 << 19  # pairs evaluated at once: a few arrays of 4 MiB, whatever the batch
 
@@ -36,8 +36,8 @@ def regular(squared_distance: Expression) -> Expression:
     (e^2 + s^2 / e^2) / 2, which meets it with equal value and slope and never falls under e^2 / 2.
     """
     core = CORE_RADIUS**2
-    inside = ca.fmin(squared_distance, core)
-    return (squared_distance - inside) + (core + inside**2 / core) / 2
+    missing = core - ca.fmin(squared_distance, core)
+    return squared_distance + missing**2 / (2 * core)
 
 
 @dataclass(frozen=True)
@@ -56,18 +56,15 @@ class KernelHazard(Hazard):
     strengths: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        if np.ndim(self.radars) != 2 or np.shape(self.radars)[1] != 2:
-            raise HazardError(f"radars have shape {np.shape(self.radars)}; expected (k, 2), k >= 1")
+        object.__setattr__(self, "radars", checked_radars(self.radars))
+        if not self.radars:
+            raise HazardError("radars are empty; expected (k, 2), k >= 1")
         if self.strengths is not None and len(self.strengths) != len(self.radars):
             raise HazardError(
                 f"{len(self.strengths)} strengths for {len(self.radars)} radars; expected one each"
             )
-        # hashable whatever sequence was given
-        object.__setattr__(self, "radars", tuple((float(x), float(y)) for x, y in self.radars))
         if self.strengths is not None:
             object.__setattr__(self, "strengths", tuple(float(s) for s in self.strengths))
-        if not np.isfinite(self.radars).all():
-            raise HazardError(f"radars must be finite; got {self.radars}")
         if not all(0 < strength < np.inf for strength in self.strengths or ()):
             raise HazardError(f"strengths must be finite and above zero; got {self.strengths}")
 
@@ -104,7 +101,7 @@ class KernelHazard(Hazard):
         pairs = (east - east.T) ** 2 + (north - north.T) ** 2
         living = alive.T
         others = 1 - ca.DM.eye(n)
-        density = ca.mtimes(self.density(pairs), living)
+        density = ca.mtimes(_everywhere(self.density(pairs), pairs), living)
         collision = ca.mtimes(self.collision(pairs) * others, living)
         return self.combine(self._sources(positions), density.T, collision.T)
 
@@ -120,7 +117,7 @@ class KernelHazard(Hazard):
             ** 2
             for axis in (0, 1)
         )
-        return ca.mtimes(ca.DM(self.radar_strengths).T, self.source(pairs))
+        return ca.mtimes(ca.DM(self.radar_strengths).T, _everywhere(self.source(pairs), pairs))
 
     def _evaluate(self, positions: Floats, alive: Booleans) -> Floats:
         batch, n, _ = positions.shape
@@ -133,15 +130,22 @@ class KernelHazard(Hazard):
 
     def _evaluate_chunk(self, positions: Floats, alive: Booleans) -> Floats:
         source, density, collision, combine = lowered_kernels(self)
-        to_radars = _squared_distances(positions, self.radar_positions[None])
-        pairs = _squared_distances(positions, positions)
         living = alive[:, None, :]
         others = living & ~np.eye(positions.shape[1], dtype=bool)
-        return combine(
-            np.sum(source(to_radars) * self.radar_strengths, axis=-1),
-            np.sum(density(pairs) * living, axis=-1),
-            np.sum(collision(pairs) * others, axis=-1),
-        )
+        with np.errstate(all="ignore"):  # what is not finite is refused by `rates`
+            to_radars = _squared_distances(positions, self.radar_positions[None])
+            pairs = _squared_distances(positions, positions)
+            return combine(
+                np.sum(source(to_radars) * self.radar_strengths, axis=-1),
+                np.sum(density(pairs) * living, axis=-1),
+                np.sum(collision(pairs) * others, axis=-1),
+            )
+
+
+def _everywhere(kernel: Expression, pairs: Expression) -> Expression:
+    """Kernel values as a matrix like `pairs`, for a kernel that is a constant too."""
+    constant = getattr(kernel, "shape", ()) in ((), (1, 1))
+    return ca.DM.ones(*pairs.shape) * kernel if constant else kernel
 
 
 def _squared_distances(a: Floats, b: Floats) -> Floats:

@@ -86,9 +86,17 @@ def lower_source(kernel: Callable[..., Expression], inputs: int, name: str) -> s
         elif operation in _BINARY:
             value = _BINARY[operation].format(f"w{read[0]}", f"w{read[1]}")
         else:
-            raise HazardError(f"kernel {name!r}: CasADi operation {operation} cannot be lowered")
+            raise HazardError(
+                f"kernel {name!r} uses CasADi's {_operation_name(operation)}, which cannot be "
+                "evaluated over arrays; write the kernel without it"
+            )
         lines.append(f"    w{written[0]} = {value}")
     return "\n".join(lines) + "\n"
+
+
+def _operation_name(operation: int) -> str:
+    names = (name for name in dir(ca) if name.startswith("OP_"))
+    return next((name for name in names if getattr(ca, name) == operation), str(operation))
 
 
 def lower(kernel: Callable[..., Expression], inputs: int, name: str) -> Callable[..., Floats]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 
@@ -71,6 +72,7 @@ def _require_finite(
 ) -> None:
     for name in positive + not_negative:
         value = getattr(hazard, name)
-        if not np.isfinite(value) or value < 0 or (value == 0 and name in positive):
+        finite = isinstance(value, Real) and np.isfinite(value)
+        if not finite or value < 0 or (value == 0 and name in positive):
             allowed = "a finite number above zero" if name in positive else "zero or above, finite"
-            raise HazardError(f"{name} = {value}; allowed: {allowed}")
+            raise HazardError(f"{name} = {value!r}; allowed: {allowed}")

@@ -23,7 +23,6 @@ from .writing import toml_text
 if TYPE_CHECKING:
     from ..hazard import Hazard
 
-_MARGIN = 0.1  # of the radius
 _LONE_MARGIN = 1e-6  # of the radius: rounding must not leave the last step outside the zone
 _PARAMETERS = "hazard.parameters."
 
@@ -134,7 +133,9 @@ class Scenario(Table):
         """How deep inside the target zone the guide must arrive."""
         if self.guide.margin is not None:
             return self.guide.margin
-        return (_LONE_MARGIN if self.n == 1 else _MARGIN) * self.target.radius
+        if self.n == 1:
+            return _LONE_MARGIN * self.target.radius
+        return min(math.sqrt(self.formation.rho), self.target.radius / 2)
 
     @cached_property
     def hazard(self) -> Hazard:

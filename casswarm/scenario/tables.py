@@ -128,8 +128,8 @@ class GuideOptions(Table):
     margin: NotNegative | None = Field(
         None,
         description="How deep inside the target zone the guide must arrive, in units of length, "
-        "below its radius, so that arrival survives rounding and those around the guide arrive "
-        "with it. By default radius / 10, for a lone member 1e-6 radius.",
+        "below its radius. By default min(sqrt(rho), radius / 2), so that those who follow the "
+        "guide in its corridor arrive too; for a lone member 1e-6 radius.",
     )
     gamma: Positive = Field(
         10.0, description="Weight of the distance to the target in the paper's penalised form."

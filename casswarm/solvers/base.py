@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..arrays import Floats
+from ..errors import SolverError
 from ..nlp import Instances, Nlp
 from ..residuals import judge
 from ..solution import Residuals, Solution, Status
@@ -66,12 +67,14 @@ class Solver(ABC):
         Raises
         ------
         SolverError
-            The backend cannot take this kind of problem at all.
+            The backend cannot take this kind of problem at all, or does not answer every instance.
         """
         started = time.perf_counter()
         self._build(nlp)
         build = time.perf_counter() - started
         answers = self._run(nlp, instances)
+        if len(answers) != len(instances):
+            raise SolverError(f"{self.name} gave {len(answers)} answers for {len(instances)} tasks")
         return [
             self._judged(nlp, instances[i : i + 1], answer, build)
             for i, answer in enumerate(answers)
@@ -91,6 +94,13 @@ class Solver(ABC):
             build_seconds=build,
             solve_seconds=answer.seconds,
         )
+
+
+def require(solver: Solver, option: str, fulfilled: bool, allowed: str) -> None:
+    """Raise SolverError with what is allowed, unless an option's condition is fulfilled."""
+    if not fulfilled:
+        value = getattr(solver, option)
+        raise SolverError(f"{solver.name}: {option} = {value!r}; allowed: {allowed}")
 
 
 def _trusted(status: Status, residuals: Residuals) -> Status:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..nlp import Instances, Nlp
 from ..solution import Status
-from .base import Answer, Solver
+from .base import Answer, Solver, require
 
 STATUS = {
     "Solve_Succeeded": Status.SOLVED,
@@ -25,6 +25,8 @@ STATUS = {
     "Diverging_Iterates": Status.DIVERGED,
 }
 """Ipopt's return_status; every other word is a failure."""
+
+HESSIANS = ("exact", "limited-memory")
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,12 @@ class Ipopt(Solver):
 
     name: ClassVar[str] = "ipopt"
     summary: ClassVar[str] = "interior point, exact derivatives; any problem"
+
+    def __post_init__(self) -> None:
+        require(self, "tolerance", self.tolerance > 0, "above zero")
+        require(self, "max_iterations", self.max_iterations >= 0, "zero or above")
+        require(self, "max_seconds", self.max_seconds > 0, "above zero")
+        require(self, "hessian", self.hessian in HESSIANS, " or ".join(map(repr, HESSIANS)))
 
     def _build(self, nlp: Nlp) -> None:
         _compiled(self, nlp)
@@ -93,6 +101,7 @@ def _compiled(solver: Ipopt, nlp: Nlp) -> Any:
         "error_on_fail": False,
         "show_eval_warnings": False,
         "record_time": True,
+        "calc_lam_p": False,  # nobody asks for it, and it warns where a solve fails
         "ipopt": {
             "tol": solver.tolerance,
             "constr_viol_tol": solver.tolerance,

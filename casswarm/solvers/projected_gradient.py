@@ -14,7 +14,7 @@ from ..arrays import Booleans, Floats
 from ..errors import SolverError
 from ..nlp import Instances, Nlp
 from ..solution import Status
-from .base import Answer, Solver
+from .base import Answer, Solver, require
 
 _CHUNK = 256  # instances advanced together
 
@@ -47,6 +47,12 @@ class ProjectedGradient(Solver):
 
     name: ClassVar[str] = "projected-gradient"
     summary: ClassVar[str] = "the paper's fixed-step method; boxes and discs only"
+
+    def __post_init__(self) -> None:
+        require(self, "step", 0 < self.step < np.inf, "above zero, finite")
+        require(self, "iterations", self.iterations >= 0, "zero or above")
+        require(self, "tolerance", self.tolerance >= 0, "zero or above")
+        require(self, "keep", self.keep in ("last", "best"), "'last' or 'best'")
 
     def _build(self, nlp: Nlp) -> None:
         _ = nlp.gradient
@@ -88,21 +94,24 @@ class ProjectedGradient(Solver):
                 part = instances[moving]
             if not moving.size:
                 break
+        lost = ~np.isfinite(x).all(axis=1)
         if self.keep == "last":
             answer = x
         seconds = (time.perf_counter() - started) / max(1, len(x))
         return [
-            _answer(answer[i], bool(converged[i]), int(spent[i]), seconds) for i in range(len(x))
+            Answer(
+                answer[i], *_outcome(lost[i], converged[i]), int(spent[i]), int(spent[i]), seconds
+            )
+            for i in range(len(x))
         ]
 
 
-def _answer(x: Floats, converged: bool, iterations: int, seconds: float) -> Answer:
-    if not np.isfinite(x).all():
-        return Answer(x, Status.FAILED, "gradient not finite", iterations, iterations, seconds)
+def _outcome(lost: np.bool_, converged: np.bool_) -> tuple[Status, str]:
+    if lost:
+        return Status.FAILED, "gradient not finite"
     if converged:
-        return Answer(x, Status.SOLVED, "step below tolerance", iterations, iterations, seconds)
-    words = "iterations exhausted"
-    return Answer(x, Status.ITERATION_LIMIT, words, iterations, iterations, seconds)
+        return Status.SOLVED, "step below tolerance"
+    return Status.ITERATION_LIMIT, "iterations exhausted"
 
 
 def _project(instances: Instances, x: Floats) -> Floats:

@@ -1,0 +1,138 @@
+"""What the core promises about time, measured: medians, and ratios within one run.
+
+Run with the installed package::
+
+    python benchmarks/core.py            # all, a few minutes on two cores
+    python benchmarks/core.py plan rates # some
+
+Prints a Markdown table. Machines differ and are shared: ratios say more than seconds.
+"""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+REPEATS = 5
+CASSWARM = str(Path(sys.executable).parent / "casswarm")
+
+Row = tuple[str, str, str]
+
+
+def seconds(work: Callable[[], object], repeats: int = REPEATS) -> float:
+    """Median wall time of `work`."""
+    times = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - started)
+    return statistics.median(times)
+
+
+def process(*command: str) -> Callable[[], object]:
+    """A whole process in a folder of its own, as `work`."""
+
+    def run() -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            subprocess.run(command, cwd=folder, check=True, capture_output=True)
+
+    return run
+
+
+def plan() -> list[Row]:
+    """`casswarm plan paper-1` against importing what it needs; pairs in turn."""
+    imports = process(sys.executable, "-c", "import casadi, pandas, matplotlib.pyplot")
+    command = process(CASSWARM, "plan", "paper-1")
+    imports(), command()
+    pairs = [(seconds(command, 1), seconds(imports, 1)) for _ in range(REPEATS)]
+    ratio = statistics.median(a / b for a, b in pairs)
+    took = statistics.median(a for a, _ in pairs)
+    return [("casswarm plan paper-1, as a process", f"{took:.2f} s", f"{ratio:.2f} x its imports")]
+
+
+def simulate() -> list[Row]:
+    """`casswarm simulate paper-1 --runs 1000`, three policies, with one worker and with two."""
+    command = (CASSWARM, "simulate", "paper-1", "--runs", "1000", "--quiet")
+    one = seconds(process(*command), 3)
+    two = seconds(process(*command, "--workers", "2"), 3)
+    return [
+        ("casswarm simulate paper-1 --runs 1000", f"{one:.1f} s", ""),
+        ("the same with --workers 2", f"{two:.1f} s", f"{one / two:.2f} x as fast"),
+    ]
+
+
+def formation() -> list[Row]:
+    """One formation step of 50 members, built and solved by Ipopt."""
+    import numpy as np
+
+    import casswarm as cs
+    from casswarm.policies import initial_velocities
+    from casswarm.problems.formation import formation_nlp
+
+    rows = []
+    scenario = cs.load_scenario("large-swarm")
+    collision = {"hazard.kind": "saturation+collision", "hazard.beta_1": 0.1, "hazard.beta_2": 6.0}
+    guide = cs.plan(scenario, search="local")
+    for kind, variant in (("", scenario), (" + collision", scenario.with_values(collision))):
+        state = (
+            scenario.positions[None],
+            initial_velocities(scenario, guide)[None],
+            np.ones((1, scenario.n), bool),
+        )
+        for name in ("leader", "constrained"):
+
+            def build_and_solve(name: str = name, variant: cs.Scenario = variant) -> None:
+                formation_nlp.cache_clear()  # so that nothing is compiled already
+                decision = cs.make_policy(name, variant, guide).decide(0, *state)
+                assert not decision.failures.any()
+
+            took = seconds(build_and_solve)
+            rows.append((f"formation, n = 50, {name}{kind}: build and solve", f"{took:.2f} s", ""))
+    return rows
+
+
+def rates() -> list[Row]:
+    """Rates and their gradient for 1000 members, as expressions and as numbers."""
+    import casadi as ca
+    import numpy as np
+
+    import casswarm as cs
+
+    hazard = cs.SaturationCollision(radars=((4.4, 4.6), (4.5, 3.0)))
+    n = 1000
+    positions = np.random.default_rng(0).uniform(0, 10, (n, 2))
+    functions = []
+
+    def build() -> None:
+        x, alive = ca.MX.sym("x", 2, n), ca.MX.sym("alive", 1, n)
+        total = ca.sum2(hazard.expression(x, alive))
+        functions.append(ca.Function("f", [x, alive], [total, ca.gradient(total, x)]))
+
+    built = seconds(build)
+    evaluated = seconds(lambda: functions[-1](positions.T, np.ones((1, n))))
+    numeric = seconds(lambda: hazard.rates(positions))
+    return [
+        ("rates and gradient, n = 1000: build", f"{built:.2f} s", ""),
+        ("rates and gradient, n = 1000: evaluate", f"{1e3 * evaluated:.0f} ms", ""),
+        ("rates, n = 1000: evaluate in NumPy", f"{1e3 * numeric:.0f} ms", ""),
+    ]
+
+
+PARTS = {part.__name__: part for part in (plan, simulate, formation, rates)}
+
+
+def main(names: list[str]) -> None:
+    """Measure the parts of these names, or all."""
+    print("| what | median | ratio |\n|---|---|---|")
+    for name in names or PARTS:
+        for row in PARTS[name]():
+            print(f"| {' | '.join(row)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

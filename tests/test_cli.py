@@ -1,0 +1,300 @@
+"""The commands, as a user runs them: real processes, real folders."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+CASSWARM = Path(sys.executable).parent / "casswarm"
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def casswarm(folder, *arguments, code=0):
+    """Run a command in a folder, check its exit code, and return what it printed."""
+    done = subprocess.run(
+        [CASSWARM, *map(str, arguments)],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env=os.environ | {"PYTHONWARNINGS": "error"},
+        check=False,
+    )
+    assert done.returncode == code, f"{done.stdout}\n{done.stderr}"
+    assert "Traceback" not in done.stderr
+    return done
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plan")
+    return folder, casswarm(folder, "plan", "paper-1")
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("simulate")
+    return folder, casswarm(folder, "simulate", "paper-1", "--runs", 40, "--seed", 5)
+
+
+def test_help_shows_where_to_begin(tmp_path):
+    out = casswarm(tmp_path, "--help").stdout
+    assert "casswarm plan paper-1" in out
+    for command in ("plan", "simulate", "scenarios"):
+        assert f"  {command} " in out
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("plan",),
+        ("simulate",),
+        ("scenarios",),
+        ("scenarios", "list"),
+        ("scenarios", "show"),
+        ("scenarios", "new"),
+        ("scenarios", "check"),
+    ],
+)
+def test_every_command_has_help(tmp_path, command):
+    assert "Usage: casswarm" in casswarm(tmp_path, *command, "--help").stdout
+
+
+def test_version_is_the_installed_one(tmp_path):
+    from casswarm import __version__
+
+    assert __version__ in casswarm(tmp_path, "--version").stdout
+
+
+def test_plan_tells_survival_residuals_and_outcomes(planned):
+    out = planned[1].stdout
+    assert "survival 0.03" in out
+    assert "not certified" in out
+    assert "violation" in out
+    assert "solves: 1 solved" in out
+
+
+def test_plan_leaves_tables_figure_and_record(planned):
+    results = planned[0] / "results" / "plan-paper-1"
+    assert {path.name for path in results.iterdir()} == {
+        "guide.csv",
+        "candidates.csv",
+        "guide.png",
+        "run.json",
+    }
+    assert (results / "guide.png").read_bytes().startswith(PNG)
+    guide = pd.read_csv(results / "guide.csv")
+    record = json.loads((results / "run.json").read_text())
+    assert guide["risk"].iloc[-1] == pytest.approx(record["result"]["risk"], rel=1e-12)
+    assert set(record["versions"]) >= {"casswarm", "casadi", "numpy", "python"}
+    assert record["inputs"]["solver"] == "ipopt"
+
+
+def test_record_holds_the_scenario_that_made_it(planned, tmp_path):
+    record = json.loads((planned[0] / "results" / "plan-paper-1" / "run.json").read_text())
+    (tmp_path / "again.toml").write_text(record["scenario"])
+    from casswarm import load_scenario
+
+    assert load_scenario(tmp_path / "again.toml") == load_scenario("paper-1")
+
+
+def test_json_output_is_json_and_nothing_else(tmp_path):
+    done = casswarm(tmp_path, "plan", "single-agent", "--json", "--quiet", "--out", "here")
+    content = json.loads(done.stdout)
+    assert 0.70 < content["result"]["survival"] < 0.73
+    assert (tmp_path / "here" / "guide.csv").exists()
+    assert content["result"]["risk_bound"] is None
+
+
+def test_global_search_beats_local_search(tmp_path):
+    survival = {
+        search: json.loads(
+            casswarm(tmp_path, "plan", "single-agent", "--search", search, "--json").stdout
+        )["result"]["survival"]
+        for search in ("local", "global")
+    }
+    assert survival["global"] > 2 * survival["local"]
+
+
+def test_plan_by_projected_gradient_says_that_it_hit_its_limit(tmp_path):
+    done = casswarm(
+        tmp_path,
+        "plan",
+        "paper-1",
+        "--solver",
+        "projected-gradient",
+        "--set",
+        "guide.iterations=50",
+    )
+    assert "iteration limit by projected-gradient" in done.stdout
+
+
+def test_impossible_plan_fails_with_code_1(tmp_path):
+    settings = ("--set", "swarm.velocity=[-2.0, -2.0]", "--set", "guide.a_max=0.0001")
+    done = casswarm(tmp_path, "plan", "paper-1", *settings, code=1)
+    assert "no guide found" in done.stderr
+    assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("plan", "papr-1"), "did you mean 'paper-1'"),
+        (("plan", "paper-1", "--set", "swarm.vmax=1"), "swarm.v_max"),
+        (("plan", "paper-1", "--set", "formation.rho"), "KEY=VALUE"),
+        (("plan", "paper-1", "--set", "time.dt=-1"), "time.dt"),
+        (("plan", "paper-1", "--solver", "ipop"), "did you mean 'ipopt'"),
+        (("plan", "paper-1", "--search", "everywhere"), "everywhere"),
+        (("plan", "paper-1", "--set", "target.center=[80.0, 65.0]"), "reach"),
+        (("simulate", "paper-1", "--policy", "leeder"), "did you mean 'leader'"),
+        (("simulate", "paper-1", "--policy", "leader", "--policy", "leader"), "repeated"),
+        (("simulate", "paper-1", "--runs", "0"), "0"),
+        (("simulate", "paper-1", "--solver", "newton"), "projected-gradient"),
+        (("scenarios", "show", "nowhere.toml"), "nowhere.toml"),
+        (("plan",), "SCENARIO"),
+        (("fly", "paper-1"), "No such command"),
+    ],
+)
+def test_wrong_input_is_explained_with_code_2(tmp_path, arguments, words):
+    done = casswarm(tmp_path, *arguments, code=2)
+    assert words in done.stderr
+    assert not done.stdout
+    assert not (tmp_path / "results").exists()
+
+
+def test_results_that_cannot_be_written_fail_with_code_1(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    done = casswarm(tmp_path, "plan", "paper-1", "--out", "file/results", code=1)
+    assert "cannot write" in done.stderr
+
+
+def test_simulate_prints_a_row_a_policy_with_its_interval(simulated):
+    out = simulated[1].stdout
+    rows = [line.split() for line in out.splitlines() if line.startswith(("naive", "cons", "lead"))]
+    assert [row[0] for row in rows] == ["naive", "constrained", "leader"]
+    for row in rows:
+        low, success, high = float(row[3]), float(row[2]), float(row[5])
+        assert low < success < high
+
+
+def test_simulate_leaves_tables_figures_and_record(simulated):
+    results = simulated[0] / "results" / "simulate-paper-1"
+    names = {path.name for path in results.iterdir()}
+    assert names == {
+        "summary.csv",
+        "runs.csv",
+        "success.png",
+        "run-naive.png",
+        "run-constrained.png",
+        "run-leader.png",
+        "run.json",
+    }
+    runs = pd.read_csv(results / "runs.csv")
+    summary = pd.read_csv(results / "summary.csv").set_index("policy")
+    assert len(runs) == 3 * 40
+    for policy, own in runs.groupby("policy"):
+        assert own["success"].sum() == summary["successes"][policy]
+    record = json.loads((results / "run.json").read_text())
+    assert record["inputs"] == {
+        "policies": ["naive", "constrained", "leader"],
+        "runs": 40,
+        "seed": 5,
+        "solver": "ipopt",
+    }
+
+
+def test_same_seed_gives_the_same_files_with_two_workers(simulated, tmp_path):
+    casswarm(tmp_path, "simulate", "paper-1", "--runs", 40, "--seed", 5, "--workers", 2)
+    for name in ("runs.csv", "summary.csv"):
+        path = Path("results") / "simulate-paper-1" / name
+        assert (tmp_path / path).read_bytes() == (simulated[0] / path).read_bytes()
+
+
+def test_another_seed_gives_other_runs(simulated, tmp_path):
+    casswarm(tmp_path, "simulate", "paper-1", "--runs", 40, "--seed", 6, "--policy", "naive")
+    path = Path("results") / "simulate-paper-1" / "runs.csv"
+    first = pd.read_csv(simulated[0] / path).query("policy == 'naive'")
+    second = pd.read_csv(tmp_path / path)
+    assert not (first["steps"].to_numpy() == second["steps"].to_numpy()).all()
+
+
+def test_no_success_prints_an_upper_bound_and_not_zero(tmp_path):
+    done = casswarm(
+        tmp_path,
+        "simulate",
+        "paper-1",
+        "--runs",
+        10,
+        "--policy",
+        "naive",
+        "--set",
+        "hazard.alpha_1=400.0",
+    )
+    row = done.stdout.splitlines()[-1].split()
+    assert row[:3] == ["naive", "10", "none"]
+    assert float(row[5]) > 0.2
+
+
+def test_settings_reach_the_simulation(tmp_path):
+    done = casswarm(
+        tmp_path,
+        "simulate",
+        "paper-1",
+        "--runs",
+        10,
+        "--policy",
+        "naive",
+        "--set",
+        "hazard.alpha_1=1e-6",
+        "--json",
+    )
+    assert json.loads(done.stdout)["result"]["summary"][0]["successes"] == 10
+
+
+def test_scenarios_are_listed_with_their_descriptions(tmp_path):
+    out = casswarm(tmp_path, "scenarios", "list").stdout
+    assert "paper-1" in out
+    assert "calibration" in out
+    assert len(out.splitlines()) >= 6
+
+
+def test_shown_scenario_is_a_valid_file(tmp_path):
+    text = casswarm(tmp_path, "scenarios", "show", "wall").stdout
+    (tmp_path / "shown.toml").write_text(text)
+    assert "valid" in casswarm(tmp_path, "scenarios", "check", "shown.toml").stdout
+
+
+def test_new_scenario_is_named_checked_and_never_overwritten(tmp_path):
+    casswarm(tmp_path, "scenarios", "new", "mine.toml", "--from", "ring")
+    assert 'name = "mine"' in (tmp_path / "mine.toml").read_text()
+    assert "mine.toml" in casswarm(tmp_path, "scenarios", "check", "mine.toml").stdout
+    done = casswarm(tmp_path, "scenarios", "new", "mine.toml", code=2)
+    assert "--force" in done.stderr
+    casswarm(tmp_path, "scenarios", "new", "mine.toml", "--force")
+
+
+def test_check_reports_every_scenario_and_fails_if_one_is_wrong(tmp_path):
+    (tmp_path / "wrong.toml").write_text("name = 3\n")
+    done = casswarm(tmp_path, "scenarios", "check", "wrong.toml", "paper-1", code=2)
+    assert "wrong.toml" in done.stderr
+    assert "paper-1" in done.stdout
+
+
+def test_rates_of_a_users_module_beside_the_file_are_used(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "def rate(positions, alive, strength):\n"
+        "    return strength / (1 + (positions[:, 0] - 4) ** 2 + (positions[:, 1] - 4) ** 2)\n"
+    )
+    casswarm(tmp_path, "scenarios", "new", "own.toml", "--from", "single-agent")
+    text = (tmp_path / "own.toml").read_text()
+    head, _, rest = text.partition("[hazard]")
+    _, _, tail = rest.partition("[guide]")
+    (tmp_path / "own.toml").write_text(
+        f'{head}[hazard]\nkind = "mine:rate"\n[hazard.parameters]\nstrength = 2.0\n\n[guide]{tail}'
+    )
+    done = casswarm(tmp_path, "simulate", "own.toml", "--runs", 20, "--workers", 2)
+    assert "leader" in done.stdout
