@@ -69,10 +69,10 @@ def simulate() -> list[Row]:
 def formation() -> list[Row]:
     """One formation step of 50 members, built and solved by Ipopt."""
     import numpy as np
+    from casswarm.problems.formation import formation_nlp
 
     import casswarm as cs
     from casswarm.policies import initial_velocities
-    from casswarm.problems.formation import formation_nlp
 
     rows = []
     scenario = cs.load_scenario("large-swarm")
@@ -86,7 +86,7 @@ def formation() -> list[Row]:
         )
         for name in ("leader", "constrained"):
 
-            def build_and_solve(name: str = name, variant: cs.Scenario = variant) -> None:
+            def build_and_solve(name=name, variant=variant, state=state) -> None:
                 formation_nlp.cache_clear()  # so that nothing is compiled already
                 decision = cs.make_policy(name, variant, guide).decide(0, *state)
                 assert not decision.failures.any()

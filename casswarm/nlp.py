@@ -17,6 +17,24 @@ from .sets import PlanarSets
 
 
 @dataclass(frozen=True, eq=False)
+class CompiledObjective:
+    """An objective and its gradient as source, for solvers that compile their inner loop.
+
+    Parameters
+    ----------
+    source : str
+        Python text of ``evaluate(x, p, shared, gradient)`` and what it calls, each decorated with
+        ``@compiled``: returns f(x; p) and writes the gradient. The same text serves all problems
+        of a kind.
+    shared : (s,)
+        Numbers that all instances share, such as the places of radars.
+    """
+
+    source: str
+    shared: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class Nlp:
     """A parametric nonlinear program in canonical form.
 
@@ -36,6 +54,10 @@ class Nlp:
     unroll : bool
         Whether the expressions are small enough to be expanded to scalar operations, which then
         evaluate several times faster; ruinous for large ones.
+    compiled : CompiledObjective, optional
+        The objective once more, for compiled solvers.
+    multimodal : bool
+        Whether local minima are common, so that several starts are worth their time.
     """
 
     name: str
@@ -44,6 +66,8 @@ class Nlp:
     objective: Expression
     constraints: Mapping[str, Expression]
     unroll: bool = False
+    compiled: CompiledObjective | None = None
+    multimodal: bool = False
 
     @cached_property
     def x(self) -> Expression:

@@ -79,6 +79,7 @@ def _estimate(
         low = np.where(at_lower[active], -np.inf, 0.0)
         high = np.where(at_upper[active], np.inf, 0.0)
         chosen = columns[:, active]
-        dense = chosen.toarray() if chosen.shape[0] * active.size <= _DENSE else chosen
-        lam[active] = lsq_linear(dense, -gradient, (low, high)).x
+        small = chosen.shape[0] * active.size <= _DENSE
+        dense, method = (chosen.toarray(), "bvls") if small else (chosen, "trf")
+        lam[active] = lsq_linear(dense, -gradient, (low, high), method=method).x
     return lam

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import StrEnum
+from typing import Any
 
-from .arrays import Floats
+import numpy as np
+
+from .arrays import Booleans, Counts, Floats
 
 
 class Status(StrEnum):
@@ -97,3 +101,52 @@ class Solution:
             elif field.name != "x":
                 row[field.name] = str(value) if isinstance(value, Status) else value
         return row
+
+
+@dataclass(frozen=True)
+class BatchSolution:
+    """The answers to B instances, as arrays.
+
+    Parameters
+    ----------
+    x : (B, nx)
+    objective : (B,)
+    success : (B,) bool
+        Whether an answer is a solution to the stated tolerance.
+    violation, stationarity : (B,)
+        Residuals, recomputed from the problem.
+    resolved : (B,) bool
+        Whether a first answer was not good enough and another solver was called.
+    seconds : float
+        For the batch.
+    """
+
+    x: Floats
+    objective: Floats
+    success: Booleans
+    violation: Floats
+    stationarity: Floats
+    resolved: Booleans
+    seconds: float
+
+    @classmethod
+    def of(cls, solutions: Sequence[Solution]) -> BatchSolution:
+        """The same answers, one by one, as arrays."""
+        return cls(
+            x=np.stack([s.x for s in solutions]),
+            objective=np.array([s.objective for s in solutions]),
+            success=np.array([s.status.success for s in solutions]),
+            violation=np.array([s.residuals.violation for s in solutions]),
+            stationarity=np.array([s.residuals.stationarity for s in solutions]),
+            resolved=np.zeros(len(solutions), bool),
+            seconds=sum(s.solve_seconds for s in solutions),
+        )
+
+    def with_rows(self, rows: Counts, other: BatchSolution) -> BatchSolution:
+        """These answers, with those of `other` in the given rows."""
+        merged: dict[str, Any] = {"seconds": self.seconds + other.seconds}
+        for part in fields(self):
+            if part.name != "seconds":
+                merged[part.name] = getattr(self, part.name).copy()
+                merged[part.name][rows] = getattr(other, part.name)
+        return BatchSolution(**merged)

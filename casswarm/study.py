@@ -46,10 +46,10 @@ class Study:
     summary : DataFrame
         A row a policy: policy, runs, successes, success with its Wilson 95 % interval
         success_low and success_high, survivors_mean, arrival_step_mean, shortfalls,
-        solver_failures, clipped.
+        solver_failures, resolved, clipped.
     runs : DataFrame
         A row a run: policy, run, success, survivors, arrival_step (missing where no member
-        arrived), steps, shortfalls, solver_failures, clipped.
+        arrived), steps, shortfalls, solver_failures, resolved, clipped.
     effort : DataFrame
         A row a policy: distinct states in which it was asked, seconds. Not reproducible.
     traces : dict of policy name to tuple of Trace
@@ -76,7 +76,7 @@ def simulate(
     workers: int = 1,
     *,
     guide: Guide | None = None,
-    solver: str | Solver = "ipopt",
+    solver: str | Solver = "auto",
     traces: int = 1,
     progress: Progress | None = None,
 ) -> Study:
@@ -249,6 +249,7 @@ def _table(name: str, part: Runs) -> pd.DataFrame:
             "steps": part.steps,
             "shortfalls": part.shortfalls,
             "solver_failures": part.solver_failures,
+            "resolved": part.resolved,
             "clipped": part.clipped,
         }
     )
@@ -274,6 +275,7 @@ def summarise(runs: pd.DataFrame) -> pd.DataFrame:
                 else float("nan"),
                 "shortfalls": int(table["shortfalls"].sum()),
                 "solver_failures": int(table["solver_failures"].sum()),
+                "resolved": int(table["resolved"].sum()),
                 "clipped": int(table["clipped"].sum()),
             }
         )

@@ -5,12 +5,15 @@ Command modules import the library inside their functions, so that ``casswarm --
 
 from __future__ import annotations
 
+import logging
+
 import click
 
 from .. import __version__
 from .plan import plan
 from .scenarios import scenarios
 from .simulate import simulate
+from .solvers import solvers
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -29,7 +32,11 @@ def main() -> None:
     Results go to standard output and into a folder under results/; progress and warnings go to
     standard error. Exit codes: 0 done, 1 ran but failed, 2 wrong input.
     """
+    log = logging.getLogger("casswarm")
+    log.setLevel(logging.INFO)
+    if not log.handlers:
+        log.addHandler(logging.StreamHandler())  # standard error
 
 
-for command in (plan, simulate, scenarios):
+for command in (plan, simulate, scenarios, solvers):
     main.add_command(command)

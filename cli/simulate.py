@@ -41,9 +41,9 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--solver",
-    default="ipopt",
+    default="auto",
     show_default=True,
-    help="Of the formation problems: ipopt or projected-gradient.",
+    help="Of the formation problems: auto, spectral, ipopt or projected-gradient.",
 )
 @click.option(
     "--search",
@@ -157,6 +157,7 @@ def summary_text(summary: pd.DataFrame) -> str:
         "arrival step",
         "shortfalls",
         "solver failures",
+        "resolved",
         "clipped",
     )
     rows = [
@@ -169,6 +170,7 @@ def summary_text(summary: pd.DataFrame) -> str:
             f"{row['arrival_step_mean']:.1f}" if row["successes"] else "-",
             f"{row['shortfalls']}",
             f"{row['solver_failures']}",
+            f"{row['resolved']}",
             f"{row['clipped']}",
         )
         for row in summary.to_dict("records")

@@ -28,9 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Booleans, Floats
-from ..hazard import Hazard
+from ..hazard import Hazard, KernelHazard
 from ..nlp import Instances, Nlp
 from ..sets import PlanarSets
+from .formation_compiled import formation_objective
 
 SHORTFALL = 1e-6
 """Distance up to which the leader counts as in its place."""
@@ -63,6 +64,8 @@ def formation_nlp(hazard: Hazard, n: int, corridor: bool) -> Nlp:
         objective=ca.dot(weights, hazard.expression(following, alive)),
         constraints=constraints,
         unroll=n <= _UNROLL,
+        compiled=formation_objective(hazard) if isinstance(hazard, KernelHazard) else None,
+        multimodal=not isinstance(hazard, KernelHazard) or hazard.collides,
     )
 
 

@@ -49,6 +49,8 @@ class Runs:
         Member-steps in which a wish could not be fulfilled.
     solver_failures : (R,) int
         Steps in which the solver failed.
+    resolved : (R,) int
+        Steps in which a first answer was not good enough and Ipopt was called.
     clipped : (R,) int
         Member-steps in which the policy asked for more than v_max or a_max, and got the nearest
         velocity that they allow.
@@ -64,6 +66,7 @@ class Runs:
     steps: Counts
     shortfalls: Counts
     solver_failures: Counts
+    resolved: Counts
     clipped: Counts
     states: int
     traces: tuple[Trace, ...]
@@ -142,6 +145,7 @@ class _Swarms:
     steps: Counts
     shortfalls: Counts
     failures: Counts
+    resolved: Counts
     clipped: Counts
     states: int
     tracer: _Tracer
@@ -160,6 +164,7 @@ class _Swarms:
             steps=zeros.copy(),
             shortfalls=zeros.copy(),
             failures=zeros.copy(),
+            resolved=zeros.copy(),
             clipped=zeros.copy(),
             states=0,
             tracer=_Tracer([positions[:traces].copy()], [alive[:traces].copy()]),
@@ -187,6 +192,7 @@ class _Swarms:
         self.states += len(rows)
         self.shortfalls[active] += decision.shortfalls[back]
         self.failures[active] += decision.failures[back]
+        self.resolved[active] += decision.resolved[back]
         self.clipped[active] += clipped[back]
         self.positions[active] = np.where(survives[..., None], following[back], 0.0)
         self.previous[active] = np.where(survives[..., None], velocities[back], 0.0)
@@ -205,6 +211,7 @@ class _Swarms:
             steps=self.steps,
             shortfalls=self.shortfalls,
             solver_failures=self.failures,
+            resolved=self.resolved,
             clipped=self.clipped,
             states=self.states,
             traces=self.tracer.traces(self.steps),

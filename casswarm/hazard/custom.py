@@ -52,7 +52,7 @@ class CustomHazard(Hazard):
             raise HazardError(f"{self.function!r} is not a function of (positions, alive)")
         object.__setattr__(self, "radars", checked_radars(self.radars))
         object.__setattr__(self, "parameters", _frozen(dict(self.parameters)))
-        for key, value in self.parameters:
+        for key, value in dict(self.parameters).items():
             if not _hashable(value):
                 raise HazardError(
                     f"parameter {key!r} is {value!r}; allowed: numbers, texts, lists of these"

@@ -15,7 +15,8 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, fields
 from functools import lru_cache
 
 import casadi as ca
@@ -25,6 +26,7 @@ from ..arrays import Booleans, Expression, Floats
 from ..constants import CORE_RADIUS
 from ..errors import HazardError
 from .base import Hazard, checked_radars
+from .lowering import differentiated_source, lower
 
 _CHUNK_PAIRS = 1 << 19  # pairs evaluated at once: a few arrays of 4 MiB, whatever the batch
 
@@ -88,6 +90,12 @@ class KernelHazard(Hazard):
     def radar_positions(self) -> Floats:
         """Positions of the radars, shape (k, 2)."""
         return np.array(self.radars, dtype=float)
+
+    @property
+    def collides(self) -> bool:
+        """Whether members endanger each other, which makes formation problems multimodal."""
+        kernel = ca.SX(self.collision(ca.SX.sym("squared_distance")))
+        return not kernel.is_zero()
 
     @property
     def radar_strengths(self) -> Floats:
@@ -158,11 +166,35 @@ def _squared_distances(a: Floats, b: Floats) -> Floats:
 @lru_cache(maxsize=64)
 def lowered_kernels(hazard: KernelHazard) -> tuple[Callable[..., Floats], ...]:
     """NumPy functions of the four expressions: source, density, collision, combine."""
-    from .lowering import lower
-
     return (
         lower(hazard.source, 1, "source"),
         lower(hazard.density, 1, "density"),
         lower(hazard.collision, 1, "collision"),
         lower(hazard.combine, 3, "combine"),
+    )
+
+
+@lru_cache(maxsize=64)
+def differentiated_kernels(hazard: KernelHazard) -> tuple[str, tuple[float, ...]]:
+    """Python source of the kernels with their derivatives, and the parameters that it reads.
+
+    The hazard's own numbers (its fields of type float) are arguments of the source, so that one
+    text, compiled once, serves all hazards of a class.
+    """
+    names = [f.name for f in fields(hazard) if isinstance(getattr(hazard, f.name), (int, float))]
+    parameters = ca.SX.sym("parameters", max(2, len(names)))  # never a scalar: it is indexed
+    symbolic = copy(hazard)
+    for index, name in enumerate(names):
+        object.__setattr__(symbolic, name, parameters[index])
+    texts = [
+        differentiated_source(kernel, inputs, name, parameters)
+        for kernel, inputs, name in (
+            (symbolic.source, 1, "source"),
+            (symbolic.density, 1, "density"),
+            (symbolic.collision, 1, "collision"),
+            (symbolic.combine, 3, "combine"),
+        )
+    ]
+    return "\n\n".join(f"@compiled\n{text}" for text in texts), tuple(
+        float(getattr(hazard, name)) for name in names
     )

@@ -7,7 +7,7 @@ line each, as Python.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 import numpy as np
@@ -60,27 +60,36 @@ _UNARY = {
 }
 
 
-def lower_source(kernel: Callable[..., Expression], inputs: int, name: str) -> str:
-    """Python source of `kernel`, a function of `inputs` scalar SX to one scalar SX.
+def lower_source(name: str, inputs: dict[str, Expression], outputs: Sequence[Expression]) -> str:
+    """Python source of a function: the expressions' values, a tuple where there are several.
+
+    Parameters
+    ----------
+    name : str
+        Of the function.
+    inputs : dict of name to SX
+        Symbols, its arguments in order; a column is an argument that is indexed.
+    outputs : sequence of scalar SX
 
     Raises
     ------
     HazardError
         An operation that has no counterpart here (the message names it).
     """
-    symbols = [ca.SX.sym(f"x{i}") for i in range(inputs)]
-    function = ca.Function(name, symbols, [ca.SX(kernel(*symbols))])
-    lines = [f"def {name}({', '.join(f'x{i}' for i in range(inputs))}):"]
+    function = ca.Function(name, list(inputs.values()), [ca.SX(y) for y in outputs])
+    scalar = [symbol.is_scalar() for symbol in inputs.values()]
+    names = list(inputs)
+    lines = [f"def {name}({', '.join(names)}):"]
     for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
         read, written = function.instruction_input(k), function.instruction_output(k)
+        target = f"w{written[0]}"
         if operation == ca.OP_CONST:
             value = repr(float(function.instruction_constant(k)))
         elif operation == ca.OP_INPUT:
-            value = f"x{read[0]}"
+            value = names[read[0]] + ("" if scalar[read[0]] else f"[{read[1]}]")
         elif operation == ca.OP_OUTPUT:
-            lines.append(f"    return w{read[0]}")
-            continue
+            target, value = f"y{written[0]}", f"w{read[0]}"
         elif operation in _UNARY:
             value = _UNARY[operation].format(f"w{read[0]}")
         elif operation in _BINARY:
@@ -90,7 +99,9 @@ def lower_source(kernel: Callable[..., Expression], inputs: int, name: str) -> s
                 f"kernel {name!r} uses CasADi's {_operation_name(operation)}, which cannot be "
                 "evaluated over arrays; write the kernel without it"
             )
-        lines.append(f"    w{written[0]} = {value}")
+        lines.append(f"    {target} = {value}")
+    lines += [f"    y{i} = 0.0" for i, y in enumerate(outputs) if ca.SX(y).nnz() == 0]
+    lines.append(f"    return {', '.join(f'y{i}' for i in range(len(outputs)))}")
     return "\n".join(lines) + "\n"
 
 
@@ -100,9 +111,21 @@ def _operation_name(operation: int) -> str:
 
 
 def lower(kernel: Callable[..., Expression], inputs: int, name: str) -> Callable[..., Floats]:
-    """Elementwise NumPy function of the same expression as `kernel`."""
+    """Elementwise NumPy function of the same expression as `kernel`, of `inputs` scalars."""
+    symbols = {f"x{i}": ca.SX.sym(f"x{i}") for i in range(inputs)}
+    source = lower_source(name, symbols, [kernel(*symbols.values())])
     namespace: dict[str, object] = {"np": np, "inf": np.inf, "nan": np.nan}
-    exec(compile(lower_source(kernel, inputs, name), f"<kernel {name}>", "exec"), namespace)
+    exec(compile(source, f"<kernel {name}>", "exec"), namespace)
     lowered = namespace[name]
     assert callable(lowered)
     return lowered
+
+
+def differentiated_source(
+    kernel: Callable[..., Expression], inputs: int, name: str, parameters: Expression
+) -> str:
+    """Python source of ``name(x0, ..., parameters)``: the kernel and its partial derivatives."""
+    symbols = {f"x{i}": ca.SX.sym(f"x{i}") for i in range(inputs)}
+    value = ca.SX(kernel(*symbols.values()))
+    partials = [ca.gradient(value, symbol) for symbol in symbols.values()]
+    return lower_source(name, symbols | {"parameters": parameters}, [value, *partials])

@@ -36,7 +36,7 @@ class Saturation(KernelHazard):
         return self.alpha_1 / regular(squared_distance)
 
     def density(self, squared_distance: Expression) -> Expression:
-        """H = 1 / (1 + alpha_3 r^2), equation (9)."""
+        """h = 1 / (1 + alpha_3 r^2), equation (9)."""
         return 1.0 / (1.0 + self.alpha_3 * squared_distance)
 
     def collision(self, squared_distance: Expression) -> Expression:
@@ -72,7 +72,7 @@ def _require_finite(
 ) -> None:
     for name in positive + not_negative:
         value = getattr(hazard, name)
-        finite = isinstance(value, Real) and np.isfinite(value)
+        finite = isinstance(value, Real) and np.isfinite(float(value))
         if not finite or value < 0 or (value == 0 and name in positive):
             allowed = "a finite number above zero" if name in positive else "zero or above, finite"
             raise HazardError(f"{name} = {value!r}; allowed: {allowed}")

@@ -33,7 +33,7 @@ def make_policy(
     name: str,
     scenario: Scenario,
     guide: Guide | None = None,
-    solver: str | Solver = "ipopt",
+    solver: str | Solver = "auto",
     succession: str = "nearest",
 ) -> Policy:
     """Policy of a name.
@@ -45,7 +45,7 @@ def make_policy(
     guide : Guide, optional
         Planned from the scenario by default.
     solver : str or Solver
-        Of the formation problems: ``"ipopt"``, ``"projected-gradient"``.
+        Of the formation problems: a name of `casswarm.solvers.SOLVERS`, by default ``"auto"``.
     succession : {"nearest", "first", "safest"}
         Who leads, for ``"leader"``.
 
@@ -63,14 +63,8 @@ def make_policy(
     if name == "naive":
         return NaivePolicy(motion, member_guides(scenario, guide))
     options = scenario.formation
-    backend = make_solver(
-        solver,
-        **(
-            {"step": options.learning_rate, "iterations": options.iterations}
-            if solver == ProjectedGradient.name
-            else {}
-        ),
-    )
+    paper = {"step": options.learning_rate, "iterations": options.iterations, "start": "zero"}
+    backend = make_solver(solver, **(paper if solver == ProjectedGradient.name else {}))
     if name == "leader":
         return LeaderPolicy(scenario.hazard, motion, guide, backend, succession)
     return ConstrainedPolicy(scenario.hazard, motion, guide, backend, options.rho)

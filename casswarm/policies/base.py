@@ -25,17 +25,20 @@ class Decision:
         How many members could not fulfil their wish (the leader's place, the corridor).
     failures : (B,) int
         1 where the solver failed and a fallback was taken, else 0.
+    resolved : (B,) int
+        1 where a first answer was not good enough and Ipopt was called, else 0.
     """
 
     velocities: Floats
     shortfalls: Counts
     failures: Counts
+    resolved: Counts
 
     @classmethod
     def plain(cls, velocities: Floats) -> Decision:
         """A decision with nothing to report."""
         none = np.zeros(len(velocities), np.int64)
-        return cls(velocities, none, none)
+        return cls(velocities, none, none, none)
 
 
 class Policy(ABC):

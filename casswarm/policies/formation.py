@@ -6,7 +6,6 @@ from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import Booleans, Floats
 from ..guide import Guide
@@ -39,8 +38,7 @@ class FormationPolicy(Policy):
         goal = self.guide.reference(step + 1)
         data = Step(self.hazard, self.motion, positions, previous, alive, goal)
         formation = self._formation(data, self.guide.reference(step))
-        velocities, failures = solve_formation(formation, self.solver)
-        return Decision(velocities, formation.shortfalls.sum(axis=1), failures)
+        return solved(formation, self.solver)
 
     @abstractmethod
     def _formation(self, data: Step, place: Floats) -> Formation:
@@ -81,22 +79,21 @@ class ConstrainedPolicy(FormationPolicy):
         return corridor_formation(data, self.rho)
 
 
-def solve_formation(formation: Formation, solver: Solver) -> tuple[Floats, NDArray[np.int64]]:
-    """Velocities (B, n, 2) of a batch of formation problems, and which solves failed (B,).
+def solved(formation: Formation, solver: Solver) -> Decision:
+    """The decision in a batch of formation problems.
 
     Answers are projected onto the sets, so the physical limits hold exactly. A failed solve keeps
     its answer, made feasible, or the start where it is not finite; it is counted, never hidden.
     """
     velocities = formation.instances.lower.reshape(*formation.free.shape, 2).copy()
-    failures = np.zeros(len(velocities), np.int64)
+    failures, resolved = np.zeros((2, len(velocities)), np.int64)
     open_ = np.flatnonzero(formation.free.any(axis=1))
     if open_.size:
         instances = formation.instances[open_]
         assert instances.sets is not None
-        solutions = solver.solve(formation.nlp, instances)
-        found = np.stack([solution.x for solution in solutions])
-        usable = np.isfinite(found).all(axis=1, keepdims=True)
-        points = np.where(usable, found, instances.start).reshape(open_.size, -1, 2)
+        found = solver.solve_batch(formation.nlp, instances)
+        usable = np.isfinite(found.x).all(axis=1, keepdims=True)
+        points = np.where(usable, found.x, instances.start).reshape(open_.size, -1, 2)
         velocities[open_] = instances.sets.project(points)
-        failures[open_] = [not solution.status.success for solution in solutions]
-    return velocities, failures
+        failures[open_], resolved[open_] = ~found.success, found.resolved
+    return Decision(velocities, formation.shortfalls.sum(axis=1), failures, resolved)

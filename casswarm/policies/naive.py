@@ -34,5 +34,6 @@ class NaivePolicy(Policy):
         velocities = self.motion.toward(positions, previous, goals)
         missed = positions + self.motion.dt * velocities - goals
         short = alive & (np.hypot(missed[..., 0], missed[..., 1]) > SHORTFALL)
-        failures = np.zeros(len(velocities), np.int64)
-        return Decision(np.where(alive[..., None], velocities, 0.0), short.sum(axis=1), failures)
+        none = np.zeros(len(velocities), np.int64)
+        moving = np.where(alive[..., None], velocities, 0.0)
+        return Decision(moving, short.sum(axis=1), none, none)

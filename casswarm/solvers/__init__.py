@@ -7,11 +7,15 @@ from difflib import get_close_matches
 from typing import Any
 
 from ..errors import SolverError
+from .auto import Auto
 from .base import Answer, Solver
 from .ipopt import Ipopt
 from .projected_gradient import ProjectedGradient
+from .spectral import SpectralProjectedGradient
 
-SOLVERS: dict[str, type[Solver]] = {solver.name: solver for solver in (Ipopt, ProjectedGradient)}
+SOLVERS: dict[str, type[Solver]] = {
+    solver.name: solver for solver in (Auto, SpectralProjectedGradient, Ipopt, ProjectedGradient)
+}
 """Every solver by the name that `make_solver` and the command line take."""
 
 
@@ -42,4 +46,13 @@ def _nearest(word: str, known: list[str]) -> str:
     return f"{hint} (known: {', '.join(known)})"
 
 
-__all__ = ["SOLVERS", "Answer", "Ipopt", "ProjectedGradient", "Solver", "make_solver"]
+__all__ = [
+    "SOLVERS",
+    "Answer",
+    "Auto",
+    "Ipopt",
+    "ProjectedGradient",
+    "Solver",
+    "SpectralProjectedGradient",
+    "make_solver",
+]

@@ -12,7 +12,7 @@ from ..arrays import Floats
 from ..errors import SolverError
 from ..nlp import Instances, Nlp
 from ..residuals import judge
-from ..solution import Residuals, Solution, Status
+from ..solution import BatchSolution, Residuals, Solution, Status
 
 VIOLATION = 1e-6
 """An answer that violates its constraints by more is never a success, whatever its solver says."""
@@ -72,13 +72,21 @@ class Solver(ABC):
         started = time.perf_counter()
         self._build(nlp)
         build = time.perf_counter() - started
+        return [
+            self._judged(nlp, instances[i : i + 1], answer, build)
+            for i, answer in enumerate(self._answers(nlp, instances))
+        ]
+
+    def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
+        """Like `solve`, for thousands of instances: arrays instead of objects."""
+        return BatchSolution.of(self.solve(nlp, instances))
+
+    def _answers(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        self._build(nlp)
         answers = self._run(nlp, instances)
         if len(answers) != len(instances):
             raise SolverError(f"{self.name} gave {len(answers)} answers for {len(instances)} tasks")
-        return [
-            self._judged(nlp, instances[i : i + 1], answer, build)
-            for i, answer in enumerate(answers)
-        ]
+        return answers
 
     def _judged(self, nlp: Nlp, instance: Instances, answer: Answer, build: float) -> Solution:
         residuals = judge(nlp, instance, answer.x, answer.multipliers)

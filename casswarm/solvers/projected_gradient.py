@@ -38,12 +38,16 @@ class ProjectedGradient(Solver):
     keep : {"last", "best"}
         Which iterate is the answer: the last, or the one with the least objective (with a fixed
         step the iterates may circle around a kink).
+    start : {"given", "zero"}
+        Where to start: from the instance's own guess, or from the projection of zero, as the
+        paper does for the formation.
     """
 
     step: float = 0.05
     iterations: int = 2000
     tolerance: float = 1e-6
     keep: Literal["last", "best"] = "last"
+    start: Literal["given", "zero"] = "given"
 
     name: ClassVar[str] = "projected-gradient"
     summary: ClassVar[str] = "the paper's fixed-step method; boxes and discs only"
@@ -53,6 +57,7 @@ class ProjectedGradient(Solver):
         require(self, "iterations", self.iterations >= 0, "zero or above")
         require(self, "tolerance", self.tolerance >= 0, "zero or above")
         require(self, "keep", self.keep in ("last", "best"), "'last' or 'best'")
+        require(self, "start", self.start in ("given", "zero"), "'given' or 'zero'")
 
     def _build(self, nlp: Nlp) -> None:
         _ = nlp.gradient
@@ -70,7 +75,8 @@ class ProjectedGradient(Solver):
 
     def _run_chunk(self, nlp: Nlp, instances: Instances) -> list[Answer]:
         started = time.perf_counter()
-        x = _project(instances, instances.start)
+        origin = np.zeros_like(instances.start) if self.start == "zero" else instances.start
+        x = _project(instances, origin)
         answer, least = x.copy(), np.full(len(x), np.inf)
         spent = np.full(len(x), self.iterations)
         converged = np.zeros(len(x), bool)
@@ -86,7 +92,7 @@ class ProjectedGradient(Solver):
             following = _project(part, np.where(finite[:, None], step, x[moving]))
             change = np.abs(following - x[moving]).max(axis=1, initial=0.0)
             x[moving] = np.where(finite[:, None], following, np.nan)
-            still = ~finite | (change <= self.tolerance * self.step)
+            still: Booleans = np.asarray(~finite | (change <= self.tolerance * self.step))
             if still.any():
                 spent[moving[still]] = iteration + 1
                 converged[moving[still]] = finite[still]
@@ -94,7 +100,7 @@ class ProjectedGradient(Solver):
                 part = instances[moving]
             if not moving.size:
                 break
-        lost = ~np.isfinite(x).all(axis=1)
+        lost: Booleans = np.asarray(~np.isfinite(x).all(axis=1))
         if self.keep == "last":
             answer = x
         seconds = (time.perf_counter() - started) / max(1, len(x))
