@@ -111,13 +111,13 @@ class Guide:
         """Where the guide is at `step`, (2,): X(step), and the target's centre after arrival."""
         return self.positions[step] if step <= self.arrival else self.center
 
-    def other_ways(self) -> tuple[Candidate, ...]:
-        """The best arriving candidate of every other way around the radars."""
+    def ways(self) -> list[Candidate]:
+        """The best arriving candidate of every way around the radars, best first."""
         best: dict[str, Candidate] = {}
         for candidate in sorted(self.candidates, key=lambda c: c.risk):
             if np.isfinite(candidate.risk):
                 best.setdefault(candidate.sides, candidate)
-        return tuple(c for c in best.values() if c.solution is not self.solution)
+        return list(best.values())
 
     def __str__(self) -> str:
         certified = (

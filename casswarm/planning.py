@@ -91,11 +91,14 @@ def plan_from(
     search: str | None = None,
     before: ArrayLike = (0.0, 0.0),
     a_max_first: float = np.inf,
+    near: Guide | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Guide:
     """Like `plan`, for an agent at `start` (2,) with velocity `before` (2,), never raising.
 
-    `a_max_first` bounds the squared change from `before` to the first velocity.
+    `a_max_first` bounds the squared change from `before` to the first velocity. With `near`, the
+    guide of an agent close by, the search starts from its ways around the radars, the best few,
+    at their arrival steps and those next to them: a tenth of the work.
     """
     task = GuideTask(
         start=np.asarray(start, float),
@@ -111,6 +114,8 @@ def plan_from(
     planner = _Planner(scenario, task, backend, progress or (lambda _: None))
     if isinstance(backend, ProjectedGradient):
         candidates = [planner.penalised()]
+    elif near is not None and near.ways():
+        candidates = planner.candidates_near(near)
     else:
         candidates = planner.candidates(search or scenario.guide.search)
     best = min(candidates, key=_preference)
@@ -176,6 +181,17 @@ class _Planner:
             self.progress(f"{name}, arrival step")
             self._refine(name, ways[name], found[name])
         return [candidate for tried in found.values() for candidate in tried]
+
+    def candidates_near(self, guide: Guide) -> list[Candidate]:
+        """Outcomes of starts that follow another agent's guide and its other ways."""
+        possible = self._possible()
+        tried: list[Candidate] = []
+        for known in guide.ways()[:WAYS]:
+            path = path_of(guide.positions[0], known.velocities, self.task.dt)
+            around_known = {known.arrival + shift for shift in (-1, 0, 1)}
+            steps = sorted(around_known.intersection(possible)) or possible[-1:]
+            tried += self._try(known.start, np.vstack([self.task.start, path[1:]]), steps)
+        return tried
 
     def penalised(self) -> Candidate:
         """Outcome of the paper's penalised form, from the straight line over all steps."""
@@ -243,11 +259,16 @@ class _Planner:
 
     def _steps(self) -> list[int]:
         """Arrival steps to try first: from the fewest possible to all, evenly."""
+        possible = self._possible()
+        places = np.linspace(0, len(possible) - 1, min(COARSE, len(possible))).round()
+        return [possible[int(place)] for place in places]
+
+    def _possible(self) -> list[int]:
+        """Arrival steps that v_max allows and the scenario asks for, or else the horizon."""
         horizon = self.scenario.n_steps
         reach = np.arange(1, horizon + 1)[:, None] * self.task.dt * self.task.v_max
         outside = np.maximum(np.abs(self.task.center - self.task.start) - reach, 0.0)
         possible = 1 + np.flatnonzero(np.hypot(*outside.T) <= self.task.radius)
         if not possible.size or self.scenario.guide.arrival == "horizon":
             return [horizon]
-        count = min(COARSE, len(possible))
-        return sorted({int(step) for step in np.linspace(possible[0], horizon, count).round()})
+        return [int(step) for step in possible]

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from multiprocessing import get_context
+from numbers import Integral
 from pickle import PicklingError
 from typing import TYPE_CHECKING, Any
 
@@ -121,7 +122,7 @@ def simulate(
         Fewer than one run or worker, or a negative seed.
     """
     for name, value, least in (("runs", runs, 1), ("workers", workers, 1), ("seed", seed, 0)):
-        if int(value) != value or value < least:
+        if not isinstance(value, Integral) or value < least:
             raise ValueError(f"{name} = {value}; allowed: whole numbers from {least}")
     guide = plan(scenario) if guide is None else guide
     made = _named(scenario, policies, guide, solver)

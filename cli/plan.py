@@ -83,7 +83,7 @@ def _write(
 
     folder.table("guide", guide_table(guide))
     folder.table("candidates", candidate_table(guide))
-    folder.figure("guide", guide_map(scenario, guide, guide.other_ways()))
+    folder.figure("guide", guide_map(scenario, guide, guide.ways()))
     result = {
         "risk": guide.risk,
         "survival": guide.survival,

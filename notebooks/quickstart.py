@@ -37,7 +37,7 @@ print(guide, around, sep="\n")
 print(around.solution)
 
 # %%
-guide_map(scenario, around, around.other_ways())
+guide_map(scenario, around, around.ways())
 
 # %% [markdown]
 # ## Policies

@@ -44,7 +44,7 @@ def simulated(tmp_path_factory):
 def test_help_shows_where_to_begin(tmp_path):
     out = casswarm(tmp_path, "--help").stdout
     assert "casswarm plan paper-1" in out
-    for command in ("plan", "simulate", "scenarios"):
+    for command in ("plan", "simulate", "scenarios", "solvers"):
         assert f"  {command} " in out
 
 
@@ -58,6 +58,7 @@ def test_help_shows_where_to_begin(tmp_path):
         ("scenarios", "show"),
         ("scenarios", "new"),
         ("scenarios", "check"),
+        ("solvers",),
     ],
 )
 def test_every_command_has_help(tmp_path, command):
@@ -203,7 +204,7 @@ def test_simulate_leaves_tables_figures_and_record(simulated):
         "policies": ["naive", "constrained", "leader"],
         "runs": 40,
         "seed": 5,
-        "solver": "ipopt",
+        "solver": "auto",
     }
 
 
@@ -253,6 +254,19 @@ def test_settings_reach_the_simulation(tmp_path):
         "--json",
     )
     assert json.loads(done.stdout)["result"]["summary"][0]["successes"] == 10
+
+
+def test_solvers_are_listed_with_what_they_can_do(tmp_path):
+    out = casswarm(tmp_path, "solvers").stdout
+    for name in ("auto", "spectral", "ipopt", "projected-gradient"):
+        assert f"{name} " in out
+
+
+def test_another_solver_can_be_named(tmp_path):
+    done = casswarm(
+        tmp_path, "simulate", "paper-1", "--runs", 3, "--policy", "leader", "--solver", "spectral"
+    )
+    assert "leader" in done.stdout
 
 
 def test_scenarios_are_listed_with_their_descriptions(tmp_path):

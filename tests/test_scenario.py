@@ -115,11 +115,29 @@ def test_guide_a_max_falls_back_to_the_members_and_to_infinity(paper: Scenario) 
     assert paper.with_values({"guide.flyable": False}).guide_a_max == math.inf
 
 
-def test_arrival_margin_lets_followers_arrive_too(paper: Scenario) -> None:
-    assert paper.arrival_margin == math.sqrt(0.05)
-    assert paper.with_values({"formation.rho": 1.0}).arrival_margin == 0.25
-    assert paper.with_values({"guide.margin": 0}).arrival_margin == 0
+def test_arrival_margin_is_the_corridor_but_at_most_half_the_target(paper: Scenario) -> None:
+    free = paper.with_values({"guide.margin": None})
+    assert free.arrival_margin == math.sqrt(0.05)
+    assert free.with_values({"formation.rho": 1.0}).arrival_margin == 0.25
+    assert free.with_values({"target.radius": 0.2}).arrival_margin == 0.1
+
+
+def test_arrival_margin_of_a_lone_member_is_next_to_nothing(paper: Scenario) -> None:
     assert load_scenario("single-agent").arrival_margin == pytest.approx(5e-7)
+    alone = paper.with_values({"guide.margin": None, "swarm.positions": [[0, 0]]})
+    assert alone.arrival_margin == pytest.approx(1e-6 * paper.target.radius)
+
+
+def test_an_arrival_margin_that_is_given_is_kept(paper: Scenario) -> None:
+    assert paper.arrival_margin == paper.guide.margin == 0.05
+    assert paper.with_values({"guide.margin": 0}).arrival_margin == 0
+    assert load_scenario("single-agent").with_values({"guide.margin": 0.1}).arrival_margin == 0.1
+
+
+def test_arrival_at_any_step_is_the_default_and_the_papers_is_the_horizon(paper: Scenario) -> None:
+    assert paper.guide.arrival == load_scenario("paper-2").guide.arrival == "horizon"
+    assert paper.with_values({"guide.arrival": None}).guide.arrival == "any"
+    assert load_scenario("wall").guide.arrival == "any"
 
 
 def test_arrays_are_read_only(paper: Scenario) -> None:

@@ -58,6 +58,7 @@ def scenarios(draw: st.DrawFn) -> Scenario:
     for key, values in {"a_max": positive, "margin": floats(0, 0.005)}.items():
         value = draw(st.none() | values)
         guide |= {} if value is None else {key: value}
+    guide["arrival"] = draw(st.sampled_from(["any", "horizon"]))
     data: dict[str, Any] = {
         "name": draw(names),
         "description": draw(st.text()),

@@ -51,6 +51,7 @@ WRONG_VALUES = [
     ("guide.flyable", 1, "guide.flyable is 1; it must be true or false"),
     ("guide.iterations", 0, "guide.iterations is 0; it must be a whole number from 1"),
     ("guide.iterations", 10.0, "guide.iterations is 10.0; it must be a whole number from 1"),
+    ("guide.arrival", "soon", "guide.arrival is 'soon'; it must be 'any' or 'horizon'"),
     ("guide.margin", -0.1, "guide.margin is -0.1; it must be a number, 0 or above"),
     ("name", "", "name is ''; it must be a text of 1 to 100 characters, without slashes"),
     ("name", "../up", "name is '../up'; it must be a text of 1 to 100 characters"),

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Booleans, Counts, Floats
-from ..errors import PolicyError
-from ..policies.base import Policy
+from ..policies.base import Policy, checked_velocities
 from ..problems.formation import Motion
 from .random import uniforms
 
@@ -180,9 +179,8 @@ class _Swarms:
         rows = active[first]
         alive = self.alive[rows]
         decision = policy.decide(step, self.positions[rows], self.previous[rows], alive)
-        velocities, clipped = _physical(
-            scenario, policy, decision.velocities, self.previous[rows], alive
-        )
+        wanted = checked_velocities(policy.name, step, decision.velocities, alive)
+        velocities, clipped = _physical(scenario, wanted, self.previous[rows], alive)
         following = self.positions[rows] + scenario.time.dt * velocities
         survival = np.exp(-scenario.time.dt * scenario.hazard.rates(following, alive))
         inside = scenario.target.contains(following)
@@ -262,18 +260,13 @@ def distinct_states(*arrays: NDArray[np.generic]) -> tuple[Counts, Counts]:
 
 
 def _physical(
-    scenario: Scenario, policy: Policy, velocities: Floats, previous: Floats, alive: Booleans
+    scenario: Scenario, wanted: Floats, previous: Floats, alive: Booleans
 ) -> tuple[Floats, Counts]:
-    """Velocities within v_max and a_max, zero for the destroyed, and how many had to be changed."""
-    wanted = np.where(alive[..., None], velocities, 0.0)
-    if wanted.shape != previous.shape or not np.isfinite(wanted).all():
-        raise PolicyError(
-            f"policy {policy.name!r} gave velocities of shape {np.shape(velocities)}, or not "
-            f"finite; expected finite velocities of shape {previous.shape}"
-        )
+    """Velocities (B, n, 2) within v_max and a_max, and how many had to be changed, (B,)."""
     motion = Motion(scenario.swarm.v_max, scenario.swarm.a_max, scenario.time.dt)
     sets = motion.sets(previous)
     beyond = alive & (sets.violation(wanted) > PHYSICAL)
+    velocities = wanted.copy()
     if beyond.any():
-        wanted[beyond] = sets[beyond].project(wanted[beyond])
-    return wanted, beyond.sum(axis=1)
+        velocities[beyond] = sets[beyond].project(wanted[beyond])
+    return velocities, beyond.sum(axis=1)

@@ -31,8 +31,9 @@ def guide_map(scenario: Scenario, guide: Guide, others: Sequence[Candidate] = ()
     scenario : Scenario
     guide : Guide
     others : sequence of Candidate
-        Drawn thin and dashed.
+        Drawn thin and dashed, without the guide itself.
     """
+    others = [candidate for candidate in others if candidate.solution is not guide.solution]
     paths = [path_of(guide.positions[0], c.velocities, guide.dt) for c in others]
     fig, axes = _map(scenario, [guide.positions, scenario.positions, *paths])
     for number, path in enumerate(paths):

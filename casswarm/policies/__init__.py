@@ -89,7 +89,11 @@ def member_guides(scenario: Scenario, guide: Guide) -> tuple[Guide, ...]:
     for start, velocity in zip(scenario.positions, before, strict=True):
         if tuple(start) not in guides:
             guides[tuple(start)] = plan_from(
-                scenario, start, before=velocity, a_max_first=scenario.swarm.a_max
+                scenario,
+                start,
+                before=velocity,
+                a_max_first=scenario.swarm.a_max,
+                near=guide if scenario.guide.search == "global" else None,
             )
     return tuple(guides[tuple(start)] for start in scenario.positions)
 

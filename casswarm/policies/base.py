@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..arrays import Booleans, Counts, Floats
 from ..errors import PolicyError
@@ -77,27 +78,33 @@ class UserPolicy(Policy):
     name: str
 
     def decide(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Decision:
-        """The function's velocities, checked.
+        """The function's velocities; see `checked_velocities` for what they must be."""
+        found = self.function(step, positions, previous, alive)
+        return Decision.plain(checked_velocities(self.name, step, found, alive))
 
-        Raises
-        ------
-        PolicyError
-            Velocities of the wrong shape, or not finite for a living member.
-        """
-        found = np.asarray(self.function(step, positions, previous, alive), dtype=float)
-        if found.shape != positions.shape:
-            raise PolicyError(
-                f"policy {self.name!r} returned velocities of shape {found.shape} at step {step}; "
-                f"expected {positions.shape}: (states, members, 2)"
-            )
-        found = np.where(alive[..., None], found, 0.0)
-        if not np.isfinite(found).all():
-            state, member = np.argwhere(~np.isfinite(found))[0][:2]
-            raise PolicyError(
-                f"policy {self.name!r} returned the velocity {found[state, member]} for member "
-                f"{member} at step {step}; velocities must be finite"
-            )
-        return Decision.plain(found)
+
+def checked_velocities(name: str, step: int, velocities: ArrayLike, alive: Booleans) -> Floats:
+    """What the policy `name` gave at a step, (B, n, 2): a copy, zero for the destroyed.
+
+    Raises
+    ------
+    PolicyError
+        Velocities of the wrong shape, or not finite for a living member.
+    """
+    found = np.asarray(velocities, dtype=float)
+    if found.shape != (*alive.shape, 2):
+        raise PolicyError(
+            f"policy {name!r} returned velocities of shape {found.shape} at step {step}; "
+            f"expected {(*alive.shape, 2)}: (states, members, 2)"
+        )
+    found = np.where(alive[..., None], found, 0.0)
+    if not np.isfinite(found).all():
+        state, member = np.argwhere(~np.isfinite(found))[0][:2]
+        raise PolicyError(
+            f"policy {name!r} returned the velocity {found[state, member]} for member {member} "
+            f"at step {step}; velocities must be finite"
+        )
+    return found
 
 
 def as_policy(policy: Any, name: str | None = None) -> Policy:

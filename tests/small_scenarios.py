@@ -1,0 +1,104 @@
+"""Scenarios small enough for brute force, and the paper's rates written out once more."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
+
+from casswarm import Scenario
+
+Array = NDArray[np.float64]
+Point = tuple[float, float]
+
+DT, V_MAX, ALPHA = 0.33, 2.0, (4.0, 3.0, 4.0)  # Table I
+
+
+def small(
+    positions: Sequence[Point],
+    target: Point,
+    radars: Sequence[Point],
+    steps: int,
+    **values: object,
+) -> Scenario:
+    """A scenario with Table I's numbers; `values` by dotted key, the dot written as two
+    underscores.
+    """
+    data = {
+        "name": "small",
+        "swarm": {"positions": positions, "v_max": V_MAX, "a_max": 0.5},
+        "target": {"center": target, "radius": 0.5},
+        "time": {"dt": DT, "t_f": steps * DT},
+        "hazard": {
+            "kind": "saturation",
+            "radars": radars,
+            "alpha_1": ALPHA[0],
+            "alpha_2": ALPHA[1],
+            "alpha_3": ALPHA[2],
+        },
+    }
+    scenario = Scenario.from_data(data)
+    return scenario.with_values({key.replace("__", "."): v for key, v in values.items()})
+
+
+def rate_by_hand(
+    member: int, positions: Array, alive: Sequence[bool], radars: Sequence[Point]
+) -> float:
+    """Equation (8), loop by loop, for a living member away from the radars' cores."""
+    x, y = positions[member]
+    density = sum(
+        1 / (1 + ALPHA[2] * ((x - u) ** 2 + (y - v) ** 2))
+        for (u, v), living in zip(positions, alive, strict=True)
+        if living
+    )
+    strength = sum(ALPHA[0] / ((x - u) ** 2 + (y - v) ** 2) for u, v in radars)
+    return strength / (1 + ALPHA[1] * density)
+
+
+def lone_rate_by_hand(x: float, y: float, radars: Sequence[Point]) -> float:
+    """Rate of a lone member: equation (8) with the density of the member itself, h = 1."""
+    return sum(ALPHA[0] / (1 + ALPHA[1]) / math.dist((x, y), radar) ** 2 for radar in radars)
+
+
+def patrolled(
+    positions: ca.MX,
+    alive: ca.MX,  # noqa: ARG001
+    radars: Sequence[Point] = (),
+    background: float = 0.1,
+) -> ca.MX:
+    """A rate everywhere, which makes time cost something, and a hump at every radar."""
+    humps = sum(
+        1 / (0.1 + (positions[:, 0] - x) ** 2 + (positions[:, 1] - y) ** 2) for x, y in radars
+    )
+    return background + humps + 0 * positions[:, 0]
+
+
+def grid_bounds(
+    radar: tuple[float, float], target: tuple[float, float], steps: int, cells: int
+) -> tuple[float, float]:
+    """Bounds of the least risk around one radar, by dynamic programming over time on a grid.
+
+    W_t = min over the cells within reach of (dt rate + W_{t+1}), 0 in the target, with `cells`
+    cells to the way of a step. The upper bound is the risk of a path along cell centres; for the
+    lower one every cell has its least rate, one cell more is within reach, and any touch arrives.
+    """
+    h = DT * V_MAX / cells
+    axis = h * np.arange(-steps * cells - 1, steps * cells + 2)
+    east, north = np.meshgrid(axis - radar[0], axis - radar[1], indexing="ij")
+    to_east, to_north = np.meshgrid(axis - target[0], axis - target[1], indexing="ij")
+    bounds = []
+    for half, radius, reach in ((h / 2, 0.5, cells + 1), (0.0, 0.5 * (1 - 1e-6), cells)):
+        far = (np.abs(east) + half) ** 2 + (np.abs(north) + half) ** 2
+        cost = DT * ALPHA[0] / (1 + ALPHA[1]) / np.maximum(far, 1e-12)
+        nearest = [np.maximum(np.abs(offset) - half, 0.0) for offset in (to_east, to_north)]
+        arrived = np.hypot(*nearest) <= radius
+        to_go = np.where(arrived, 0.0, np.inf)
+        for _ in range(steps):
+            best = minimum_filter(cost + to_go, 2 * reach + 1, mode="constant", cval=np.inf)
+            to_go = np.where(arrived, 0.0, best)
+        bounds.append(float(to_go[steps * cells + 1, steps * cells + 1]))
+    return bounds[0], bounds[1]

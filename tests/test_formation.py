@@ -1,0 +1,298 @@
+"""The formation problems: closed forms, brute force, laws, and wishes that cannot be fulfilled."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from casswarm.problems.formation import (
+    Formation,
+    Motion,
+    Step,
+    corridor_formation,
+    formation_nlp,
+    leader_formation,
+)
+from numpy.typing import NDArray
+from small_scenarios import Array, rate_by_hand
+
+from casswarm import Saturation, SaturationCollision, Status, load_scenario, make_solver
+
+RADARS = ((3.0, 2.0), (1.0, 3.0))
+HAZARD, COLLIDING = Saturation(RADARS), SaturationCollision(RADARS)
+DT, RHO = 0.33, 0.05
+MOTION = Motion(v_max=2.0, a_max=0.5, dt=DT)
+GOAL = np.array([1.0, 1.0])
+EXACT = ["ipopt", "auto"]
+
+
+def swarm(batch: int, n: int, seed: int, spread: float = 0.35, deaths: float = 0.3) -> Step:
+    """States of members on their way to the goal, some of them destroyed."""
+    rng = np.random.default_rng(seed)
+    alive = rng.random((batch, n)) >= deaths
+    alive[:, 0] |= ~alive.any(axis=1)
+    previous = rng.uniform(-1.9, 1.9, (batch, n, 2))
+    positions = GOAL - DT * previous + rng.normal(0, spread, (batch, n, 2))
+    living = alive[..., None]
+    return Step(HAZARD, MOTION, positions * living, previous * living, alive, GOAL)
+
+
+def leaders_of(step: Step) -> NDArray[np.intp]:
+    return np.asarray(step.alive.argmax(axis=1))
+
+
+def velocities(formation: Formation, solver: str = "ipopt") -> Array:
+    """Velocities (B, n, 2) of problems that must all be solved."""
+    found = formation.instances.lower.reshape(*formation.free.shape, 2).copy()
+    rows = np.flatnonzero(formation.free.any(axis=1))
+    solutions = make_solver(solver).solve(formation.nlp, formation.instances[rows])
+    assert {solution.status for solution in solutions} <= {Status.SOLVED}
+    found[rows] = [solution.x.reshape(-1, 2) for solution in solutions]
+    return found
+
+
+def both(step: Step, leaders: NDArray[np.intp], rho: float = RHO) -> list[Formation]:
+    return [leader_formation(step, leaders), corridor_formation(step, rho)]
+
+
+def nearest_allowed(wish: Array, previous: Array) -> Array:
+    """Projection on the box and the disc of a_max, by Dykstra's alternating algorithm."""
+    x, corrections = wish.copy(), np.zeros((2, 2))
+    for _ in range(1000):
+        for k in range(2):
+            y = x + corrections[k]
+            offset = y - previous
+            shrink = min(1.0, math.sqrt(0.5) / max(math.hypot(*offset), 1e-300))
+            x = np.clip(y, -2, 2) if k == 0 else previous + shrink * offset
+            corrections[k] = y - x
+    return x
+
+
+def allowed(previous: Array, position: Array | None = None, cells: int = 60) -> Array:
+    """Many velocities (m, 2) within the limits and, given a position, in the corridor."""
+    radius = math.sqrt(0.5) * np.linspace(0, 1, cells)
+    angle = np.linspace(0, 2 * math.pi, 3 * cells)
+    disc = previous + np.multiply.outer(radius, np.stack([np.cos(angle), np.sin(angle)], 1))
+    points = np.clip(disc.reshape(-1, 2), -2, 2)
+    points = points[((points - previous) ** 2).sum(axis=1) <= 0.5]
+    if position is None:
+        return points
+    return points[((position + DT * points - GOAL) ** 2).sum(axis=1) <= RHO]
+
+
+# --- the program
+
+
+def test_program_is_the_paper_s_with_every_formula_written_out() -> None:
+    step = swarm(1, 4, seed=0)
+    nlp = formation_nlp(HAZARD, 4, corridor=True)
+    weights, v = np.array([1.0, 0.0, 0.5, 1.0]), np.random.default_rng(1).normal(size=(4, 2))
+    X, previous = step.positions[0], step.previous[0]
+    p = nlp.pack_parameters(
+        positions=X,
+        previous=previous,
+        alive=step.alive[0, :, None],
+        weights=weights[:, None],
+        goal=GOAL[None],
+        dt=[[DT]],
+    )
+    objective, g = (np.asarray(part).ravel() for part in nlp.evaluate(v.ravel(), p[0]))
+    following = X + DT * v
+    rates = [rate_by_hand(i, following, step.alive[0], RADARS) for i in range(4)]
+    # of the destroyed the formula is that of the living: the weights decide
+    assert objective[0] == pytest.approx(sum(weights * rates), rel=1e-12)
+    turns = ((v - previous) ** 2).sum(axis=1)
+    corridor = ((following - GOAL) ** 2).sum(axis=1)
+    np.testing.assert_allclose(g, [*turns, *corridor], rtol=1e-12)
+
+
+def test_leader_problem_weighs_the_leader_alone_and_corridor_problem_all_the_living() -> None:
+    step = swarm(6, 5, seed=2)
+    leaders = leaders_of(step)
+    v = np.random.default_rng(3).normal(size=(6, 5, 2))
+    for formation, everybody in zip(both(step, leaders), (False, True), strict=True):
+        for b in range(6):
+            value = formation.nlp.evaluate(v[b].ravel(), formation.instances.parameters[b])[0]
+            following = step.positions[b] + DT * v[b]
+            counted = np.flatnonzero(step.alive[b]) if everybody else [leaders[b]]
+            rates = [rate_by_hand(i, following, step.alive[b], RADARS) for i in counted]
+            assert float(value) == pytest.approx(sum(rates), rel=1e-12)
+
+
+# --- known answers
+
+
+def test_toward_is_the_nearest_velocity_that_the_limits_allow() -> None:
+    step = swarm(10, 3, seed=4)
+    found = MOTION.toward(step.positions, step.previous, GOAL)
+    for index in np.ndindex(10, 3):
+        wish = (GOAL - step.positions[index]) / DT
+        expected = nearest_allowed(wish, step.previous[index])
+        np.testing.assert_allclose(found[index], expected, atol=1e-7)
+
+
+@pytest.mark.parametrize("solver", EXACT)
+def test_followers_come_as_near_to_the_leader_s_next_place_as_their_limits_allow(
+    solver: str,
+) -> None:
+    """In scenario I nearness is all that protects, whatever the radars."""
+    step = swarm(12, 4, seed=5)
+    leaders = leaders_of(step)
+    found = velocities(leader_formation(step, leaders), solver)
+    for b, leader in enumerate(leaders):
+        wish = (GOAL - step.positions[b, leader]) / DT
+        lead = nearest_allowed(wish, step.previous[b, leader])
+        np.testing.assert_allclose(found[b, leader], lead, atol=1e-7)
+        place = step.positions[b, leader] + DT * lead
+        for i in np.flatnonzero(step.alive[b]):
+            wish = (place - step.positions[b, i]) / DT
+            expected = nearest_allowed(wish, step.previous[b, i])
+            np.testing.assert_allclose(found[b, i], expected, atol=2e-4)
+
+
+@pytest.mark.parametrize("solver", EXACT)
+@pytest.mark.parametrize("n", [1, 2])
+def test_no_other_velocities_in_the_corridor_have_a_lower_total_rate(n: int, solver: str) -> None:
+    step = swarm(6, n, seed=6, spread=0.08, deaths=0)
+    formation = corridor_formation(step, RHO)
+    assert not formation.shortfalls.any()
+    found = velocities(formation, solver)
+    for b in range(6):
+        X, previous = step.positions[b], step.previous[b]
+        sets = [allowed(previous[i], X[i], cells=200 if n == 1 else 18) for i in range(n)]
+        assert min(map(len, sets)) > 20
+        pairs = np.stack(np.meshgrid(*[np.arange(len(s)) for s in sets], indexing="ij"), -1)
+        many = np.stack([s[pairs[..., i].ravel()] for i, s in enumerate(sets)], axis=1)
+        brute = HAZARD.rates(X + DT * many).sum(axis=1).min()
+        least = HAZARD.rates(X + DT * found[b]).sum()
+        assert least <= brute + 1e-7
+        assert least == pytest.approx(brute, rel=2e-2)  # feasible, so not far below either
+
+
+def test_projected_gradient_comes_to_ipopt_s_answer_where_it_converges() -> None:
+    step = swarm(8, 3, seed=7, spread=0.2)
+    for formation in both(step, leaders_of(step)):
+        rows = np.flatnonzero(formation.free.any(axis=1))
+        instances = formation.instances[rows]
+        exact = make_solver("ipopt").solve(formation.nlp, instances)
+        projected = make_solver("projected-gradient", step=0.5)  # the paper's 0.05 is slow here
+        paper = projected.solve(formation.nlp, instances)
+        pairs = [(e, p) for e, p in zip(exact, paper, strict=True) if p.status is Status.SOLVED]
+        assert len(pairs) >= 4
+        for e, p in pairs:
+            assert p.objective == pytest.approx(e.objective, rel=1e-6)
+            np.testing.assert_allclose(p.x, e.x, atol=2e-3)
+
+
+@pytest.mark.parametrize("hazard", ["saturation", "collision"])
+def test_fifty_members_are_solved(hazard: str) -> None:
+    scenario = load_scenario("large-swarm")
+    rates = scenario.hazard
+    if hazard == "collision":
+        rates = SaturationCollision(scenario.hazard_table.radars)
+    X = scenario.positions[None]
+    step = Step(rates, MOTION, X, np.full_like(X, 0.7), np.ones((1, 50), bool), np.full(2, 0.25))
+    before = rates.rates(X + DT * step.previous)[0]
+    led, kept = both(step, np.array([24]), rho=2.0)
+    assert rates.rates(X + DT * velocities(led))[0, 24] < before[24]
+    assert rates.rates(X + DT * velocities(kept))[0].sum() < before.sum()
+
+
+# --- laws
+
+
+@pytest.mark.parametrize("hazard", [HAZARD, COLLIDING], ids=["saturation", "collision"])
+def test_destroyed_stay_and_never_move_the_result(hazard: Saturation) -> None:
+    step = replace(swarm(8, 4, seed=9), hazard=hazard)
+    rng = np.random.default_rng(10)
+    dead = ~step.alive[..., None]
+    elsewhere = replace(
+        step,
+        positions=np.where(dead, GOAL + rng.normal(0, 0.1, dead.shape), step.positions),
+        previous=np.where(dead, rng.normal(0, 0.1, dead.shape), step.previous),
+    )
+    leaders = leaders_of(step)
+    for here, there in zip(both(step, leaders), both(elsewhere, leaders), strict=True):
+        found = velocities(here)
+        assert (found[~step.alive] == 0).all()
+        np.testing.assert_allclose(velocities(there), found, atol=1e-9)
+        assert (here.shortfalls == there.shortfalls).all()
+        assert not here.shortfalls[~step.alive].any()
+
+
+def test_permutation_of_members_permutes_the_answer() -> None:
+    step = swarm(6, 5, seed=11)
+    order = np.array([3, 0, 4, 1, 2])
+    permuted = replace(
+        step,
+        positions=step.positions[:, order],
+        previous=step.previous[:, order],
+        alive=step.alive[:, order],
+    )
+    leaders = leaders_of(step)
+    moved = np.asarray(order.argsort()[leaders])
+    for here, there in zip(both(step, leaders), both(permuted, moved), strict=True):
+        np.testing.assert_allclose(velocities(there), velocities(here)[:, order], atol=1e-5)
+        assert (there.shortfalls == here.shortfalls[:, order]).all()
+
+
+def test_translation_of_everything_changes_no_velocity() -> None:
+    step, shift = swarm(6, 3, seed=12), np.array([-7.0, 3.0])
+    shifted = replace(
+        step,
+        hazard=Saturation(tuple((x - 7.0, y + 3.0) for x, y in RADARS)),
+        positions=step.positions + shift,
+        goal=GOAL + shift,
+    )
+    leaders = leaders_of(step)
+    for here, there in zip(both(step, leaders), both(shifted, leaders), strict=True):
+        np.testing.assert_allclose(velocities(there), velocities(here), atol=1e-5)
+
+
+# --- wishes that cannot be fulfilled
+
+
+def test_member_that_cannot_reach_the_corridor_goes_as_near_as_it_can_and_is_counted() -> None:
+    step = swarm(10, 3, seed=13, spread=0.3)
+    formation = corridor_formation(step, RHO)
+    found = velocities(formation)
+    for index in np.ndindex(10, 3):
+        if not step.alive[index]:
+            continue
+        X, previous, v = step.positions[index], step.previous[index], found[index]
+        reachable = allowed(previous, cells=150)
+        least = math.sqrt(((X + DT * reachable - GOAL) ** 2).sum(axis=1).min())
+        distance = math.dist(X + DT * v, GOAL)
+        assert np.abs(v).max() <= 2.0
+        assert math.dist(v, previous) <= math.sqrt(0.5) + 1e-7
+        if formation.shortfalls[index]:
+            assert least > math.sqrt(RHO) - 1e-9
+            assert distance <= least + 1e-9
+            assert math.dist(v, previous) <= math.sqrt(0.5) + 1e-9
+        else:
+            assert least <= math.sqrt(RHO) + 0.002  # as fine as the samples are
+            assert distance <= math.sqrt(RHO) + 1e-7
+    assert 5 <= formation.shortfalls[step.alive].sum() <= step.alive.sum() - 5
+
+
+def test_members_who_fall_short_have_no_choice_left_and_the_others_have() -> None:
+    step = swarm(10, 3, seed=13, spread=0.3)
+    formation = corridor_formation(step, RHO)
+    assert (formation.free == (step.alive & ~formation.shortfalls)).all()
+
+
+def test_leader_that_cannot_reach_its_place_is_the_one_shortfall() -> None:
+    step = swarm(20, 4, seed=14)
+    leaders = leaders_of(step)
+    formation = leader_formation(step, leaders)
+    rows = np.arange(20)
+    lead = formation.instances.lower.reshape(20, 4, 2)[rows, leaders]
+    missed = np.hypot(*(step.positions[rows, leaders] + DT * lead - GOAL).T)
+    short = formation.shortfalls[rows, leaders]
+    assert (short == (missed > 1e-6)).all()
+    assert short.any()
+    assert not short.all()
+    assert formation.shortfalls.sum() == short.sum()
+    assert not formation.free[rows, leaders].any()

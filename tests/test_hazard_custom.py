@@ -1,0 +1,303 @@
+"""Rates of a user's own: the same numbers as the built-in ones, and readable errors."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from hazard_cases import symbolic
+
+from casswarm.errors import HazardError
+from casswarm.hazard import CustomHazard, Saturation, SaturationCollision
+
+RADARS = ((4.4, 4.6), (4.5, 3.0))
+CONSTANTS: dict[str, Any] = {
+    "alpha_1": 3.0,
+    "alpha_2": 2.0,
+    "alpha_3": 5.0,
+    "beta_1": 0.3,
+    "beta_2": 4,
+}
+
+
+def paper_rates(
+    positions: Any,
+    alive: Any,
+    radars: Any,
+    alpha_1: float,
+    alpha_2: float,
+    alpha_3: float,
+    beta_1: float,
+    beta_2: float,
+) -> Any:
+    """Scenario II of the paper, as somebody might write it down: loops, no regularisation."""
+    n = positions.shape[0]
+
+    def squared(i: int, j: int) -> Any:
+        return ca.sumsqr(positions[i, :] - positions[j, :])
+
+    rates = []
+    for i in range(n):
+        density = sum(alive[j] / (1 + alpha_3 * squared(i, j)) for j in range(n))
+        collision = sum(
+            alive[j] * (beta_1**2 / squared(i, j)) ** (beta_2 / 2) for j in range(n) if j != i
+        )
+        source = sum(alpha_1 / ca.sumsqr(positions[i, :].T - ca.DM(radar)) for radar in radars)
+        rates.append(source / (1 + alpha_2 * density) + collision)
+    return ca.vertcat(*rates)
+
+
+def height(positions: Any, alive: Any, scale: float = 1.0) -> Any:  # noqa: ARG001
+    return scale * positions[:, 1]
+
+
+def root(positions: Any, alive: Any) -> Any:
+    return ca.sqrt(height(positions, alive))
+
+
+def tabulated(positions: Any, alive: Any, radars: Any, table: Any, label: str) -> Any:  # noqa: ARG001
+    assert label == "any text"
+    assert radars == RADARS
+    assert table == ((1.0, 2.0), (3.0, 4.0))
+    return table[1][0] + 0 * positions[:, 0]
+
+
+not_a_function = 3
+
+
+def message(action: Callable[..., object], *arguments: Any, **keywords: Any) -> str:
+    with pytest.raises(HazardError) as caught:
+        action(*arguments, **keywords)
+    return str(caught.value)
+
+
+@pytest.fixture(scope="module")
+def own() -> CustomHazard:
+    return CustomHazard(paper_rates, RADARS, CONSTANTS)
+
+
+@pytest.fixture(scope="module")
+def builtin() -> SaturationCollision:
+    return SaturationCollision(RADARS, **CONSTANTS)
+
+
+# --- the same formula gives the same numbers
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_the_papers_formula_written_by_a_user_gives_the_builtin_rates(
+    own: CustomHazard, builtin: SaturationCollision, n: int
+) -> None:
+    rng = np.random.default_rng(n)
+    positions, alive = rng.uniform(0, 6, (300, n, 2)), rng.random((300, n)) < 0.6
+    rates = own.rates(positions, alive)
+    np.testing.assert_allclose(rates, builtin.rates(positions, alive), rtol=1e-11)
+    assert (rates[~alive] == 0).all()
+    for mine, theirs in zip(
+        symbolic(own, n)(positions[0].T, alive[0]),
+        symbolic(builtin, n)(positions[0].T, alive[0]),
+        strict=True,
+    ):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-12)
+
+
+def test_the_lone_rate_of_a_users_formula_is_the_builtin_one(
+    own: CustomHazard, builtin: SaturationCollision
+) -> None:
+    points = np.random.default_rng(1).uniform(0, 6, (7, 2))
+    np.testing.assert_allclose(own.lone_rates(points), builtin.lone_rates(points), rtol=1e-12)
+    x = ca.MX.sym("x", 2, 7)
+    values = []
+    for hazard in (own, builtin):
+        lone = hazard.lone_expression(x)
+        slope = ca.gradient(ca.sum2(lone), x)
+        values.append(ca.Function("lone", [x], [ca.vertcat(lone, slope)])(points.T))
+    np.testing.assert_allclose(*values, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("chunk", [1, 3, 256])
+def test_batches_of_any_size_equal_single_states_to_the_bit(
+    own: CustomHazard, chunk: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(0)
+    states, alive = rng.normal(size=(7, 3, 2)), rng.random((7, 3)) < 0.7
+    singles = np.array([own.rates(x, a) for x, a in zip(states, alive, strict=True)])
+    monkeypatch.setattr("casswarm.hazard.custom._CHUNK", chunk)
+    for size in (1, 2, 7):
+        np.testing.assert_array_equal(own.rates(states[:size], alive[:size]), singles[:size])
+    assert own.rates(states[:0], alive[:0]).shape == (0, 3)
+
+
+def test_rates_may_be_a_row_or_a_column_or_numbers() -> None:
+    row = CustomHazard(lambda positions, alive: (positions[:, 1] + alive).T)
+    assert row.rates([[0, 1], [0, 2]]).tolist() == [2, 3]
+    assert CustomHazard(height).rates([[0, 1], [0, 2]]).tolist() == [1, 2]
+    calm = CustomHazard(lambda positions, alive: np.zeros(positions.shape[0]))  # noqa: ARG005
+    assert calm.rates([[0, 1], [0, 2]]).tolist() == [0, 0]
+
+
+def test_the_function_sees_the_living_as_one_and_the_destroyed_as_zero() -> None:
+    counted = CustomHazard(lambda positions, alive: 0 * positions[:, 0] + ca.sum1(alive))
+    assert counted.rates(np.zeros((3, 2)), [True, False, True]).tolist() == [2, 0, 2]
+
+
+# --- parameters
+
+
+def test_parameters_and_radars_reach_the_function_as_tuples() -> None:
+    parameters = {"table": [[1.0, 2.0], np.array([3.0, 4.0])], "label": "any text"}
+    hazard = CustomHazard(tabulated, [list(r) for r in RADARS], parameters)  # type: ignore[arg-type]
+    assert hazard.rates([[0, 0]]).tolist() == [3]
+    assert hazard.radar_positions.tolist() == [list(radar) for radar in RADARS]
+
+
+def test_radars_are_not_handed_over_unless_given() -> None:
+    assert CustomHazard(height).radar_positions.shape == (0, 2)
+    assert "unexpected keyword argument 'radars'" in message(CustomHazard, height, RADARS)
+
+
+def test_hazards_of_equal_functions_and_parameters_are_equal() -> None:
+    one, other = (CustomHazard(height, (), {"scale": scale}) for scale in (2, 2.0))
+    assert one == other
+    assert hash(one) == hash(other)
+    assert one != CustomHazard(height, (), {"scale": 3})
+    assert one != CustomHazard(height)
+    assert one != Saturation(RADARS)
+
+
+def test_custom_hazards_pickle(own: CustomHazard) -> None:
+    other = pickle.loads(pickle.dumps(own))
+    assert other == own
+    assert hash(other) == hash(own)
+    np.testing.assert_array_equal(other.rates([[1, 2], [2, 2]]), own.rates([[1, 2], [2, 2]]))
+
+
+# --- errors
+
+
+def test_a_function_that_raises_is_named_with_its_words() -> None:
+    def broken(positions: Any, alive: Any) -> Any:  # noqa: ARG001
+        raise LookupError("no such radar")
+
+    text = message(CustomHazard, broken)
+    assert "broken' failed on 1 members with CasADi arguments: LookupError: no such radar" in text
+
+
+def test_what_cannot_be_called_is_no_hazard() -> None:
+    assert message(CustomHazard, 3) == "3 is not a function of (positions, alive)"
+
+
+def test_a_function_that_works_for_some_sizes_only_is_found_out_at_once() -> None:
+    def pair(positions: Any, alive: Any) -> Any:
+        return alive * (positions[1, 0] if positions.shape[0] == 1 else 1.0)
+
+    assert "failed on 1 members" in message(CustomHazard, pair)
+
+
+@pytest.mark.parametrize(
+    ("returned", "words"),
+    [
+        (lambda x: x, "returned shape (1, 2) for 1 members; expected (1, 1)"),
+        (lambda x: ca.sum1(x[:, 0]), "returned shape (1, 1) for 2 members; expected (2, 1)"),
+        (lambda x: 0.5, "returned shape (1, 1) for 2 members; expected (2, 1)"),  # noqa: ARG005
+        (lambda x: None, "returned None, a NoneType; expected a CasADi expression"),  # noqa: ARG005
+        (lambda x: "much", "returned 'much', a str; expected a CasADi expression"),  # noqa: ARG005
+    ],
+)
+def test_a_wrong_return_value_is_shown_with_what_is_expected(
+    returned: Callable[[Any], Any], words: str
+) -> None:
+    def mine(positions: Any, alive: Any) -> Any:  # noqa: ARG001
+        return returned(positions)
+
+    text = message(CustomHazard, mine)
+    assert text.startswith("hazard ")
+    assert "mine' " in text
+    assert words in text
+    assert "\n" not in text
+
+
+@pytest.mark.parametrize(("function", "value"), [(height, "-2"), (root, "nan")])
+def test_rates_that_are_negative_or_not_finite_name_the_member(
+    function: Callable[..., Any], value: str
+) -> None:
+    hazard = CustomHazard(function)
+    text = message(hazard.rates, [[[0, 1], [3, 1]], [[0, 1], [3.5, -2]]])
+    assert f"gives the rate {value}" in text
+    assert "for member 1 at (3.5, -2); rates must be finite and not negative" in text
+    alive = [[True, True], [True, False]]  # of the destroyed, nobody asks
+    assert hazard.rates([[[0, 1], [3, 1]], [[0, 1], [3.5, -2]]], alive)[1].tolist() == [1, 0]
+
+
+@pytest.mark.parametrize(
+    ("radars", "words"),
+    [
+        ((1.0, 2.0), "radars have shape (2,); expected (k, 2)"),
+        (((1.0, np.inf),), "radars must be finite"),
+        ("here", "radars are 'here'; expected k pairs (x, y) of numbers"),
+    ],
+)
+def test_wrong_radars_are_shown(radars: Any, words: str) -> None:
+    assert words in message(CustomHazard, height, radars)
+
+
+@pytest.mark.parametrize("value", [{1, 2}, ca.DM([1, 2]), [bytearray()]])
+def test_a_parameter_that_cannot_be_hashed_is_named(value: object) -> None:
+    text = message(CustomHazard, height, (), {"scale": value})
+    assert text.startswith("parameter 'scale' is ")
+    assert text.endswith("; allowed: numbers, texts, lists of these")
+
+
+# --- by name
+
+
+def test_a_function_is_found_by_name() -> None:
+    hazard = CustomHazard.from_name(f"{__name__}:height", parameters={"scale": 2})
+    assert hazard == CustomHazard(height, (), {"scale": 2})
+
+
+def test_a_function_is_looked_for_in_the_folder_given_and_in_classes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (tmp_path / "found_in_folder.py").write_text(
+        "class Rates:\n    @staticmethod\n    def unit(positions, alive):\n        return alive\n"
+    )
+    hazard = CustomHazard.from_name("found_in_folder:Rates.unit", tmp_path)
+    assert hazard.rates([[0, 0], [1, 1]]).tolist() == [1, 1]
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("height", "'height' is not of the form 'module:function'"),
+        (":height", "':height' is not of the form 'module:function'"),
+        ("module:", "'module:' is not of the form 'module:function'"),
+        (
+            "no_such_module:rate",
+            "cannot import the module 'no_such_module' of 'no_such_module:rate': "
+            "ModuleNotFoundError: No module named 'no_such_module'",
+        ),
+        (f"{__name__}:none", f"the module '{__name__}' has no function 'none'"),
+        (f"{__name__}:height.none", f"the module '{__name__}' has no function 'height.none'"),
+        (f"{__name__}:not_a_function", f"'{__name__}:not_a_function' is not a function"),
+    ],
+)
+def test_a_name_that_leads_nowhere_says_where_it_ends(name: str, words: str) -> None:
+    assert message(CustomHazard.from_name, name) == words
+
+
+def test_a_module_that_fails_to_import_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (tmp_path / "broken_module.py").write_text("1 / 0\n")
+    text = message(CustomHazard.from_name, "broken_module:rate", tmp_path)
+    assert "cannot import the module 'broken_module' of 'broken_module:rate'" in text
+    assert text.endswith("ZeroDivisionError: division by zero")

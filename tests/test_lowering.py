@@ -1,0 +1,174 @@
+"""Kernels as NumPy source: every operation against CasADi's own evaluation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from casswarm.errors import HazardError
+from casswarm.hazard import lowering
+from casswarm.hazard.lowering import lower, lower_source
+
+FROM_TABLES = {**lowering._UNARY, **lowering._BINARY}
+
+# what leads to each operation, and the inputs that it is defined for
+UNARY: dict[int, tuple[Callable[[Any], Any], tuple[float, float]]] = {
+    ca.OP_NEG: (lambda x: -x, (-9, 9)),
+    ca.OP_SQ: (lambda x: x**2, (-9, 9)),
+    ca.OP_TWICE: (lambda x: x + x, (-9, 9)),
+    ca.OP_INV: (lambda x: 1 / x, (0.01, 9)),
+    ca.OP_NOT: (ca.logic_not, (-1, 1)),
+    ca.OP_SQRT: (ca.sqrt, (0, 9)),
+    ca.OP_EXP: (ca.exp, (-9, 9)),
+    ca.OP_LOG: (ca.log, (0.01, 9)),
+    ca.OP_EXPM1: (ca.expm1, (-9, 9)),
+    ca.OP_LOG1P: (ca.log1p, (-0.99, 9)),
+    ca.OP_FABS: (ca.fabs, (-9, 9)),
+    ca.OP_SIGN: (ca.sign, (-9, 9)),
+    ca.OP_FLOOR: (ca.floor, (-9, 9)),
+    ca.OP_CEIL: (ca.ceil, (-9, 9)),
+    ca.OP_SIN: (ca.sin, (-9, 9)),
+    ca.OP_COS: (ca.cos, (-9, 9)),
+    ca.OP_TAN: (ca.tan, (-1.5, 1.5)),
+    ca.OP_ATAN: (ca.atan, (-9, 9)),
+    ca.OP_SINH: (ca.sinh, (-9, 9)),
+    ca.OP_COSH: (ca.cosh, (-9, 9)),
+    ca.OP_TANH: (ca.tanh, (-9, 9)),
+    ca.OP_CONSTPOW: (lambda x: x**2.7, (0, 9)),
+}
+BINARY: dict[int, tuple[Callable[[Any, Any], Any], tuple[float, float]]] = {
+    ca.OP_ADD: (lambda x, y: x + y, (-9, 9)),
+    ca.OP_SUB: (lambda x, y: x - y, (-9, 9)),
+    ca.OP_MUL: (lambda x, y: x * y, (-9, 9)),
+    ca.OP_DIV: (lambda x, y: x / y, (0.01, 9)),
+    ca.OP_POW: (lambda x, y: x**y, (0.01, 9)),
+    ca.OP_LT: (lambda x, y: x < y, (-2, 2)),
+    ca.OP_LE: (lambda x, y: x <= y, (-2, 2)),
+    ca.OP_EQ: (lambda x, y: x == y, (-2, 2)),
+    ca.OP_NE: (lambda x, y: x != y, (-2, 2)),
+    ca.OP_AND: (ca.logic_and, (-1, 1)),
+    ca.OP_OR: (ca.logic_or, (-1, 1)),
+    ca.OP_FMIN: (ca.fmin, (-9, 9)),
+    ca.OP_FMAX: (ca.fmax, (-9, 9)),
+    ca.OP_ATAN2: (ca.atan2, (-9, 9)),
+    ca.OP_HYPOT: (ca.hypot, (-9, 9)),
+    ca.OP_IF_ELSE_ZERO: (lambda x, y: ca.if_else(x, y, 0), (-1, 1)),
+}
+
+
+def operations(kernel: Callable[..., Any], inputs: int) -> set[int]:
+    symbols = [ca.SX.sym(f"x{i}") for i in range(inputs)]
+    function = ca.Function("kernel", symbols, [kernel(*symbols)])
+    return {function.instruction_id(k) for k in range(function.n_instructions())}
+
+
+def compare(kernel: Callable[..., Any], *arguments: list[float]) -> None:
+    """Values over arrays equal CasADi's, one point at a time."""
+    symbols = [ca.SX.sym(f"x{i}") for i in range(len(arguments))]
+    function = ca.Function("kernel", symbols, [kernel(*symbols)])
+    expected = [float(function(*point)) for point in zip(*arguments, strict=True)]
+    values = lower(kernel, len(arguments), "kernel")(*map(np.array, arguments))
+    np.testing.assert_allclose(values, expected, rtol=1e-14, atol=1e-300)
+
+
+def numbers(limits: tuple[float, float]) -> st.SearchStrategy[list[float]]:
+    """Lists of seven numbers, whole ones, so equal ones and zeros, among them."""
+    low, high = limits
+    whole = st.integers(int(np.ceil(low)), int(high)).map(float)
+    return st.lists(st.one_of(whole, st.floats(low, high)), min_size=7, max_size=7)
+
+
+def test_every_operation_of_the_tables_is_compared() -> None:
+    # an assignment is nothing that an expression could ask for
+    assert {*UNARY, *BINARY, ca.OP_ASSIGN} == set(FROM_TABLES)
+
+
+@pytest.mark.parametrize("operation", UNARY, ids=lowering._operation_name)
+def test_operations_of_one_input_equal_casadis(operation: int) -> None:
+    kernel, limits = UNARY[operation]
+    assert operation in operations(kernel, 1)
+
+    @settings(max_examples=15, deadline=None, derandomize=True)
+    @given(x=numbers(limits))
+    def check(x: list[float]) -> None:
+        compare(kernel, x)
+
+    check()
+
+
+@pytest.mark.parametrize("operation", BINARY, ids=lowering._operation_name)
+def test_operations_of_two_inputs_equal_casadis(operation: int) -> None:
+    kernel, limits = BINARY[operation]
+    assert operation in operations(kernel, 2)
+
+    @settings(max_examples=15, deadline=None, derandomize=True)
+    @given(x=numbers(limits), y=numbers(limits))
+    def check(x: list[float], y: list[float]) -> None:
+        compare(kernel, x, y)
+
+    check()
+
+
+def test_intermediate_results_do_not_overwrite_one_another() -> None:
+    def kernel(x: Any, y: Any, z: Any) -> Any:
+        a, b = ca.exp(-x / 2), ca.sin(y) * z
+        c = a * b + x
+        return ca.if_else(c > 1, a / (1 + c**2), ca.fmax(b, z)) + ca.sqrt(1 + a * c * b)
+
+    rng = np.random.default_rng(0)
+    compare(kernel, *rng.uniform(0, 1, (3, 200)).tolist())
+
+
+@pytest.mark.parametrize("value", [2.5, np.inf, -np.inf, 0.1 + 0.2])
+def test_a_constant_keeps_every_digit(value: float) -> None:
+    assert lower(lambda x: ca.SX(value), 1, "constant")(np.zeros(3)) == value  # noqa: ARG005
+    values = lower(lambda x: x + value, 1, "shifted")(np.zeros(3))
+    assert values.tolist() == [value] * 3
+
+
+def test_a_branch_not_taken_gives_no_nan() -> None:
+    kernel = lower(lambda x: ca.if_else(x > 0, ca.log(x), -1), 1, "kernel")
+    with np.errstate(all="ignore"):
+        assert kernel(np.array([-1.0, 0.0, 1.0])).tolist() == [-1, -1, 0]
+
+
+def test_arrays_of_any_shape_keep_it() -> None:
+    kernel = lower(lambda x, y: x * y + 1, 2, "kernel")
+    values = kernel(np.ones((2, 1, 3)), np.arange(4.0)[:, None])
+    assert values.shape == (2, 4, 3)
+    assert values[1, :, 2].tolist() == [1, 2, 3, 4]
+
+
+def test_the_source_is_a_function_a_line_an_operation() -> None:
+    x = ca.SX.sym("x")
+    source = lower_source("density", {"x": x}, [1 / (1 + 3 * x)])
+    assert source.startswith("def density(x):\n    w0 = ")
+    assert source.rstrip().splitlines()[-1] == "    return y0"
+    # a line each: x, 3, their product, 1, the sum, its inverse
+    assert sum(line.startswith("    w") for line in source.splitlines()) == 6
+
+
+def test_the_source_of_a_column_indexes_it_and_several_outputs_are_a_tuple() -> None:
+    x, c = ca.SX.sym("x"), ca.SX.sym("c", 2)
+    source = lower_source("f", {"x": x, "c": c}, [c[1] * x, ca.SX(0), x - c[0]])
+    namespace: dict[str, Any] = {}
+    exec(source, namespace)
+    assert namespace["f"](3.0, [5.0, 7.0]) == (21.0, 0.0, -2.0)
+
+
+@pytest.mark.parametrize(
+    ("kernel", "name"), [(ca.erf, "OP_ERF"), (ca.asin, "OP_ASIN"), (ca.acosh, "OP_ACOSH")]
+)
+def test_an_operation_that_is_in_no_table_is_named(kernel: Callable[..., Any], name: str) -> None:
+    with pytest.raises(HazardError) as caught:
+        lower(kernel, 1, "source")
+    assert str(caught.value) == (
+        f"kernel 'source' uses CasADi's {name}, which cannot be evaluated over arrays; "
+        "write the kernel without it"
+    )
