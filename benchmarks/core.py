@@ -69,10 +69,10 @@ def simulate() -> list[Row]:
 def formation() -> list[Row]:
     """One formation step of 50 members, built and solved by Ipopt."""
     import numpy as np
-    from casswarm.problems.formation import formation_nlp
 
     import casswarm as cs
     from casswarm.policies import initial_velocities
+    from casswarm.problems.formation import formation_nlp
 
     rows = []
     scenario = cs.load_scenario("large-swarm")

@@ -49,7 +49,36 @@ _HOME = {
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 
-__all__ = sorted(_MODULE)  # noqa: PLE0605
+__all__ = [
+    "Candidate",
+    "CasswarmError",
+    "CustomHazard",
+    "Decision",
+    "Guide",
+    "Hazard",
+    "HazardError",
+    "KernelHazard",
+    "PlanningError",
+    "Policy",
+    "PolicyError",
+    "Residuals",
+    "Saturation",
+    "SaturationCollision",
+    "Scenario",
+    "ScenarioError",
+    "Solution",
+    "Solver",
+    "SolverError",
+    "Status",
+    "Study",
+    "builtin_scenarios",
+    "load_scenario",
+    "make_policy",
+    "make_solver",
+    "plan",
+    "save_scenario",
+    "simulate",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -11,7 +11,7 @@ from .hazard import Hazard
 from .solution import Solution
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Candidate:
     """The outcome of one start of the guide problem.
 
@@ -52,7 +52,7 @@ class Candidate:
         } | solution
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Guide:
     """A path of a lone agent to the target, and what it costs.
 

@@ -158,7 +158,7 @@ def _pack(blocks: Mapping[str, Expression], arrays: Mapping[str, ArrayLike]) -> 
     return np.concatenate(columns, axis=1) if columns else np.empty((batch, 0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Instances:
     """B instances of an `Nlp`: its parameters, its bounds and where to start.
 

@@ -51,7 +51,7 @@ class Residuals:
     worst: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Solution:
     """One solve: the answer, how it ended, and how good it is.
 
@@ -103,7 +103,7 @@ class Solution:
         return row
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BatchSolution:
     """The answers to B instances, as arrays.
 
@@ -133,9 +133,9 @@ class BatchSolution:
     def of(cls, solutions: Sequence[Solution]) -> BatchSolution:
         """The same answers, one by one, as arrays."""
         return cls(
-            x=np.stack([s.x for s in solutions]),
+            x=np.array([s.x for s in solutions]),
             objective=np.array([s.objective for s in solutions]),
-            success=np.array([s.status.success for s in solutions]),
+            success=np.array([s.status.success for s in solutions], dtype=bool),
             violation=np.array([s.residuals.violation for s in solutions]),
             stationarity=np.array([s.residuals.stationarity for s in solutions]),
             resolved=np.zeros(len(solutions), bool),

@@ -103,7 +103,7 @@ class Motion:
         return self.sets(previous).project((goals - positions) / self.dt)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Step:
     """The data of a step t -> t + 1, for a batch of B states.
 
@@ -126,7 +126,7 @@ class Step:
     goal: Floats
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Formation:
     """A batch of B formation problems, ready to be solved.
 

@@ -61,7 +61,7 @@ def guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GuideTask:
     """One lone agent's task, in the units of the scenario.
 

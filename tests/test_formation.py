@@ -7,6 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from small_scenarios import Array, rate_by_hand
+
+from casswarm import Saturation, SaturationCollision, Status, load_scenario, make_solver
 from casswarm.problems.formation import (
     Formation,
     Motion,
@@ -15,10 +19,6 @@ from casswarm.problems.formation import (
     formation_nlp,
     leader_formation,
 )
-from numpy.typing import NDArray
-from small_scenarios import Array, rate_by_hand
-
-from casswarm import Saturation, SaturationCollision, Status, load_scenario, make_solver
 
 RADARS = ((3.0, 2.0), (1.0, 3.0))
 HAZARD, COLLIDING = Saturation(RADARS), SaturationCollision(RADARS)

@@ -7,8 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from casswarm.problems.guide import GuideTask, guide_instance, guide_nlp
-from casswarm.problems.guide_penalised import penalised_guide_instance, penalised_guide_nlp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_scenarios import Array, lone_rate_by_hand
@@ -16,6 +14,8 @@ from small_scenarios import Array, lone_rate_by_hand
 from casswarm import Candidate, Guide, Residuals, Saturation, Solution, Status
 from casswarm.guide import guide_from, path_of, sides_of
 from casswarm.nlp import Instances, Nlp
+from casswarm.problems.guide import GuideTask, guide_instance, guide_nlp
+from casswarm.problems.guide_penalised import penalised_guide_instance, penalised_guide_nlp
 
 RADARS = ((1.5, 0.8), (3.0, -1.0))
 HAZARD = Saturation(RADARS)

@@ -17,13 +17,7 @@ from casswarm.errors import HazardError
 from casswarm.hazard import CustomHazard, Saturation, SaturationCollision
 
 RADARS = ((4.4, 4.6), (4.5, 3.0))
-CONSTANTS: dict[str, Any] = {
-    "alpha_1": 3.0,
-    "alpha_2": 2.0,
-    "alpha_3": 5.0,
-    "beta_1": 0.3,
-    "beta_2": 4,
-}
+CONSTANTS: Any = {"alpha_1": 3.0, "alpha_2": 2.0, "alpha_3": 5.0, "beta_1": 0.3, "beta_2": 4}
 
 
 def paper_rates(
@@ -301,3 +295,18 @@ def test_a_module_that_fails_to_import_says_why(
     text = message(CustomHazard.from_name, "broken_module:rate", tmp_path)
     assert "cannot import the module 'broken_module' of 'broken_module:rate'" in text
     assert text.endswith("ZeroDivisionError: division by zero")
+
+
+def test_a_module_hidden_by_another_of_its_name_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = "def rate(positions, alive):\n    return {} + 0 * alive\n"
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    for folder, value in (("one", 1.0), ("two", 2.0)):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "twin_rates.py").write_text(text.format(value))
+    first = CustomHazard.from_name("twin_rates:rate", tmp_path / "one")
+    assert first.rates([[0.0, 0.0]]).tolist() == [1.0]
+    with pytest.raises(HazardError, match="another of the same name"):
+        CustomHazard.from_name("twin_rates:rate", tmp_path / "two")
+    sys.modules.pop("twin_rates")

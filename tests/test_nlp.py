@@ -9,11 +9,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from casswarm.problems.formation import formation_nlp
 
 from casswarm.errors import SolverError
 from casswarm.hazard import Saturation, SaturationCollision
 from casswarm.nlp import Instances, Nlp
+from casswarm.problems.formation import formation_nlp
 from casswarm.sets import PlanarSets
 
 RADARS = ((4.4, 4.6), (4.5, 3.0))

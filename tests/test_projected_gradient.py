@@ -8,6 +8,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from known_problems import hs_35, nearest_in_box, planar
+
+from casswarm import load_scenario
+from casswarm.errors import SolverError
+from casswarm.nlp import Nlp
 from casswarm.problems.formation import (
     Formation,
     Motion,
@@ -15,11 +20,6 @@ from casswarm.problems.formation import (
     corridor_formation,
     leader_formation,
 )
-from known_problems import hs_35, nearest_in_box, planar
-
-from casswarm import load_scenario
-from casswarm.errors import SolverError
-from casswarm.nlp import Nlp
 from casswarm.solution import Status
 from casswarm.solvers import Ipopt, ProjectedGradient
 

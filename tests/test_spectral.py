@@ -5,6 +5,10 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 import pytest
+
+import casswarm as cs
+from casswarm.errors import SolverError
+from casswarm.hazard import KernelHazard, regular
 from casswarm.problems.formation import (
     Motion,
     Step,
@@ -12,10 +16,6 @@ from casswarm.problems.formation import (
     formation_nlp,
     leader_formation,
 )
-
-import casswarm as cs
-from casswarm.errors import SolverError
-from casswarm.hazard import KernelHazard, regular
 from casswarm.sets import PlanarSets
 from casswarm.solvers import Auto, Ipopt, SpectralProjectedGradient, spectral_core
 from casswarm.solvers.spectral import _module
@@ -239,3 +239,10 @@ def test_a_thousand_members_are_solved(collision):
     formation = leader_formation(data, np.zeros(1, np.intp))
     found = SpectralProjectedGradient(starts=1).solve_batch(formation.nlp, formation.instances)
     assert found.success.all()
+
+
+@pytest.mark.parametrize("solver", [Auto(), Ipopt(), SpectralProjectedGradient()])
+def test_an_empty_batch_has_no_answers(solver):
+    formation = leader(HAZARDS[0], states=2)
+    found = solver.solve_batch(formation.nlp, formation.instances[slice(0, 0)])
+    assert len(found.success) == len(found.x) == 0

@@ -30,7 +30,7 @@ PHYSICAL = 1e-9
 """Excess over v_max or a_max (in units of velocity) up to which a velocity is left as it is."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Runs:
     """Outcomes of R runs, an entry each.
 
@@ -71,7 +71,7 @@ class Runs:
     traces: tuple[Trace, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trace:
     """The way of one run: positions (T+1, n, 2), where the destroyed stay, and alive (T+1, n)."""
 
@@ -79,7 +79,7 @@ class Trace:
     alive: Booleans
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Chain:
     """What the chain needs besides a policy, as plain data that can be sent to a worker.
 

@@ -148,6 +148,7 @@ def _import_function(name: str, folder: Path | None) -> Callable[..., Expression
         raise HazardError(
             f"cannot import the module {module_name!r} of {name!r}: {type(error).__name__}: {error}"
         ) from error
+    _require_from(found, module_name, folder)
     for part in attribute.split("."):
         if not hasattr(found, part):
             raise HazardError(f"the module {module_name!r} has no function {attribute!r}")
@@ -155,6 +156,17 @@ def _import_function(name: str, folder: Path | None) -> Callable[..., Expression
     if not callable(found):
         raise HazardError(f"{name!r} is not a function")
     return found  # type: ignore[no-any-return]
+
+
+def _require_from(module: Any, name: str, folder: Path | None) -> None:
+    """Raise HazardError if another module of this name hides the one in `folder`."""
+    wanted = None if folder is None else folder / f"{name.replace('.', '/')}.py"
+    origin = getattr(module, "__file__", None)
+    if wanted is not None and wanted.exists() and Path(origin or "").resolve() != wanted.resolve():
+        raise HazardError(
+            f"the module {name!r} beside the scenario is hidden by another of the same name, "
+            f"imported from {origin}; give it another name"
+        )
 
 
 def _hashable(value: Any) -> bool:

@@ -46,6 +46,9 @@ def regular(squared_distance: Expression) -> Expression:
 class KernelHazard(Hazard):
     """Base of the hazards that are composed of kernels.
 
+    Kernels must be finite at zero distance, where `regular` helps: every member is paired with
+    itself, and the pair then left out where it does not count.
+
     Parameters
     ----------
     radars : k pairs (x, y)

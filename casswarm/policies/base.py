@@ -14,7 +14,7 @@ from ..arrays import Booleans, Counts, Floats
 from ..errors import PolicyError
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Decision:
     """What a policy does in a batch of B states.
 

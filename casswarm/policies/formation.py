@@ -93,7 +93,7 @@ def solved(formation: Formation, solver: Solver) -> Decision:
         assert instances.sets is not None
         found = solver.solve_batch(formation.nlp, instances)
         usable = np.isfinite(found.x).all(axis=1, keepdims=True)
-        points = np.where(usable, found.x, instances.start).reshape(open_.size, -1, 2)
+        points = np.where(usable, found.x, instances.start).reshape(*instances.sets.shape, 2)
         velocities[open_] = instances.sets.project(points)
         failures[open_], resolved[open_] = ~found.success, found.resolved
     return Decision(velocities, formation.shortfalls.sum(axis=1), failures, resolved)

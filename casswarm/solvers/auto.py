@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..arrays import Floats
 from ..nlp import Instances, Nlp
 from ..solution import BatchSolution
 from .base import VIOLATION, Answer, Solver
@@ -19,8 +20,9 @@ from .spectral import SpectralProjectedGradient
 class Auto(Solver):
     """`SpectralProjectedGradient` where it applies, and `Ipopt` for everything else.
 
-    An answer whose recomputed residuals are above tolerance is solved again by Ipopt from there,
-    and counted as resolved. Problems that the batch solver cannot take go to Ipopt whole.
+    What counts is an answer's recomputed residuals, not what the batch solver says of it: one that
+    is above tolerance is solved again by Ipopt from there, and counted as resolved. Problems that
+    the batch solver cannot take go to Ipopt whole.
 
     Parameters
     ----------
@@ -47,7 +49,7 @@ class Auto(Solver):
         return [
             answer
             if answer.status.success
-            else self.judge._answers(nlp, instances[i : i + 1].restarted(answer.x[None]))[0]
+            else self.judge._answers(nlp, _restarted(instances[i : i + 1], answer.x[None]))[0]
             for i, answer in enumerate(answers)
         ]
 
@@ -63,7 +65,11 @@ class Auto(Solver):
         found = replace(found, success=accepted)
         if not left.size:
             return found
-        usable = np.isfinite(found.x[left]).all(axis=1, keepdims=True)
-        start = np.where(usable, found.x[left], instances.start[left])
-        again = self.judge.solve_batch(nlp, instances[left].restarted(start))
+        again = self.judge.solve_batch(nlp, _restarted(instances[left], found.x[left]))
         return found.with_rows(left, replace(again, resolved=np.ones(left.size, bool)))
+
+
+def _restarted(instances: Instances, x: Floats) -> Instances:
+    """The instances from x, or from their own start where x is not finite."""
+    usable = np.isfinite(x).all(axis=1, keepdims=True)
+    return instances.restarted(np.where(usable, x, instances.start))

@@ -18,7 +18,7 @@ VIOLATION = 1e-6
 """An answer that violates its constraints by more is never a success, whatever its solver says."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Answer:
     """What a backend says of one instance, before it is judged.
 

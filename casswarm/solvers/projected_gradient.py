@@ -123,7 +123,7 @@ def _outcome(lost: np.bool_, converged: np.bool_) -> tuple[Status, str]:
 def _project(instances: Instances, x: Floats) -> Floats:
     if instances.sets is None:
         return np.clip(x, instances.lower, instances.upper)
-    points = x.reshape(len(x), -1, 2)
+    points = x.reshape(*instances.sets.shape, 2)
     return instances.sets.project(points).reshape(x.shape)
 
 

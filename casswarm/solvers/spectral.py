@@ -96,7 +96,7 @@ class SpectralProjectedGradient(Solver):
         run.solve()
         objective, stationarity = run.judged()
         assert instances.sets is not None
-        points = run.x.reshape(len(instances), -1, 2)
+        points = run.x.reshape(*instances.sets.shape, 2)
         violation = instances.sets.violation(points).max(axis=1, initial=0.0)
         finite = np.isfinite(run.x).all(axis=1) & np.isfinite(objective)
         violation[~finite] = np.inf

@@ -1,0 +1,267 @@
+"""The chain: against enumeration by hand, against the plan's own number, and its laws."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import binomtest
+from small_scenarios import DT, Array, rate_by_hand, small
+
+from casswarm import Guide, Scenario, Study, plan, simulate
+from casswarm.chain.random import uniforms
+from casswarm.chain.simulate import Trace
+from casswarm.guide import guide_from
+
+Flags = NDArray[np.bool_]
+Outcome = tuple[int, int]  # arrival step (-1: none), survivors
+
+RADARS = [(0.9, 0.8), (1.5, -1.0)]
+TARGET, RADIUS, STEPS = (2.15, 0.0), 0.5, 4
+
+
+@cache
+def pair() -> Scenario:
+    """Two members, one behind the other, four steps."""
+    return small([(0.0, 0.0), (-0.5, 0.1)], TARGET, RADARS, STEPS, swarm__velocity=[1.5, 0.0])
+
+
+def hurry_alone(step: int, positions: Array, previous: Array, alive: Flags) -> Array:  # noqa: ARG001
+    """In line and unhurried together, fast and to the south alone."""
+    alone = alive.sum(axis=1) == 1
+    together = np.array([[1.4, 0.0], [1.5, 0.1]])
+    return np.where(alone[:, None, None], [1.9, -0.2], together)
+
+
+def idle_guide(scenario: Scenario) -> Guide:
+    """For policies that follow none: planning costs nothing."""
+    known = plan(small([(0.0, 0.0)], (1.0, 0.0), [(9.0, 9.0)], 3, guide__search="local"))
+    return guide_from(
+        scenario.hazard, np.zeros(2), known.velocities, DT, np.zeros(2), True, known.solution, ()
+    )
+
+
+def study(
+    scenario: Scenario, *policies: object, runs: int = 500, traces: int = 0, seed: int = 7
+) -> Study:
+    guide = idle_guide(scenario)
+    return simulate(scenario, policies, runs=runs, traces=traces, seed=seed, guide=guide)
+
+
+def law_by_hand(positions: Array, alive: tuple[bool, ...], step: int) -> dict[Outcome, float]:
+    """Probabilities of all outcomes from a state, over the 2^n sets of survivors of each step."""
+    velocity = [(1.9, -0.2)] * 2 if sum(alive) == 1 else [(1.4, 0.0), (1.5, 0.1)]
+    moved = positions + DT * np.array(velocity)
+    survival = [
+        math.exp(-DT * rate_by_hand(i, moved, alive, RADARS)) if alive[i] else 0.0 for i in (0, 1)
+    ]
+    law: dict[Outcome, float] = defaultdict(float)
+    for survivors in product((True, False), repeat=2):
+        fates = [s if living else 1 - s for s, living in zip(survival, survivors, strict=True)]
+        chance = math.prod(fates)
+        if chance == 0:
+            continue
+        arrived = any(
+            living and math.dist(x, TARGET) <= RADIUS
+            for x, living in zip(moved, survivors, strict=True)
+        )
+        if arrived or not any(survivors) or step + 1 == STEPS:
+            law[(step + 1 if arrived else -1, sum(survivors))] += chance
+        else:
+            for outcome, probability in law_by_hand(moved, survivors, step + 1).items():
+                law[outcome] += chance * probability
+    return law
+
+
+def outcomes(runs: pd.DataFrame) -> list[Outcome]:
+    arrival = runs["arrival_step"].fillna(-1).astype(int)
+    return list(zip(arrival, runs["survivors"], strict=True))
+
+
+def assert_likely(successes: int, runs: int, probability: float) -> None:
+    interval = binomtest(successes, runs).proportion_ci(0.999, method="exact")
+    assert interval.low <= probability <= interval.high
+
+
+# --- against what is known
+
+
+def test_two_member_chain_has_the_law_of_enumeration_by_hand() -> None:
+    law = law_by_hand(pair().positions, (True, True), 0)
+    assert sum(law.values()) == pytest.approx(1, abs=1e-12)
+    assert {arrival for arrival, _ in law} == {-1, 3, 4}
+    sampled = outcomes(study(pair(), hurry_alone, runs=20_000).runs)
+    assert set(sampled) <= set(law)
+    for outcome, probability in law.items():
+        assert_likely(sampled.count(outcome), 20_000, probability)
+    success = sum(probability for (arrival, _), probability in law.items() if arrival > 0)
+    assert 0.2 < success < 0.8
+    assert_likely(sum(arrival > 0 for arrival, _ in sampled), 20_000, success)
+    for survivors in range(3):
+        exact = sum(probability for (_, k), probability in law.items() if k == survivors)
+        assert_likely(sum(k == survivors for _, k in sampled), 20_000, exact)
+
+
+def test_member_survives_a_step_if_its_number_is_below_exp_of_minus_dt_rate() -> None:
+    """The rate at X(t+1), with those alive at t."""
+    draws = uniforms(7, 0, 200, STEPS, 2)
+    deaths = 0
+    for run, trace in enumerate(study(pair(), hurry_alone, traces=200).traces["hurry_alone"]):
+        for t in range(len(trace.alive) - 1):
+            before, after = trace.alive[t], trace.alive[t + 1]
+            for i in np.flatnonzero(before):
+                rate = rate_by_hand(i, trace.positions[t + 1], before, RADARS)
+                assert after[i] == (draws[run, t, i] < math.exp(-DT * rate))
+                deaths += not after[i]
+    assert deaths > 100
+
+
+@pytest.mark.parametrize("steps", [12, 20])
+def test_survival_that_plan_prints_is_that_of_one_member_along_the_guide(steps: int) -> None:
+    scenario = small([(0.0, 0.0)], (4.0, 0.5), [(2.0, 0.3)], steps)
+    guide = plan(scenario)
+    found = simulate(scenario, ["leader"], runs=4000, seed=1, guide=guide, traces=100)
+    whole = next(t for t in found.traces["leader"] if t.alive.all())
+    np.testing.assert_allclose(whole.positions[:, 0], guide.positions, rtol=0, atol=1e-12)
+    rates = scenario.hazard.rates(whole.positions[1:])[:, 0]
+    survival = math.prod(math.exp(-DT * rate) for rate in rates)
+    assert survival == pytest.approx(guide.survival, rel=1e-12)
+    arrivals = found.runs["arrival_step"].dropna()
+    assert (arrivals == guide.arrival).all()
+    assert_likely(len(arrivals), 4000, guide.survival)
+
+
+def test_runs_in_equal_states_share_a_decision() -> None:
+    alone = small([(0.0, 0.0)], TARGET, RADARS, STEPS, swarm__velocity=[1.5, 0.0])
+    asked: list[int] = []
+
+    def along(*state: Array) -> Array:
+        asked.append(len(state[1]))
+        return np.full_like(state[1], [1.5, 0.0])
+
+    found = study(alone, along)
+    assert asked == [1] * int(found.runs["steps"].max())
+    assert found.effort["states"].tolist() == [len(asked)]
+    found = study(pair(), hurry_alone)
+    assert found.effort["states"][0] <= 1 + 3 + 3 * 3 + 3 * 3 * 3
+
+
+# --- the destroyed
+
+
+@cache
+def traces() -> tuple[Trace, ...]:
+    scenario = small(
+        [(0.0, 0.0), (-0.5, 0.1), (-0.2, -0.4)], TARGET, RADARS, 6, swarm__velocity=[0.8, 0.0]
+    )
+    return study(scenario, wander, traces=500).traces["wander"]
+
+
+def wander(step: int, positions: Array, previous: Array, alive: Flags) -> Array:
+    assert (positions[~alive] == 0).all()
+    assert (previous[~alive] == 0).all()
+    return np.full_like(positions, [0.8, 0.1 * step - 0.2])
+
+
+def test_destroyed_never_return_and_never_move() -> None:
+    destroyed = 0
+    for trace in traces():
+        assert (trace.alive[1:] <= trace.alive[:-1]).all()
+        fallen = ~trace.alive[:-1]
+        assert (trace.positions[1:][fallen] == trace.positions[:-1][fallen]).all()
+        # in the step of its destruction a member still moves
+        falls = trace.alive[:-1] & ~trace.alive[1:]
+        assert (trace.positions[1:][falls] != trace.positions[:-1][falls]).any(axis=1).all()
+        destroyed += int(falls.sum())
+    assert destroyed > 200
+
+
+def test_destroyed_never_influence_the_living() -> None:
+    """The survivors of a pair have the rates of lone members from the next step on."""
+    draws = uniforms(7, 0, 500, STEPS, 2)
+    alone = 0
+    for run, trace in enumerate(study(pair(), hurry_alone, traces=500).traces["hurry_alone"]):
+        for t in np.flatnonzero(trace.alive[:-1].sum(axis=1) == 1):
+            (i,) = np.flatnonzero(trace.alive[t])
+            rate = float(pair().hazard.lone_rates(trace.positions[t + 1, i]))
+            assert trace.alive[t + 1, i] == (draws[run, t, i] < math.exp(-DT * rate))
+            alone += 1
+    assert alone > 50
+
+
+# --- how runs end
+
+
+def test_run_ends_at_first_arrival_or_last_destruction_or_the_horizon() -> None:
+    found = study(pair(), hurry_alone, traces=500)
+    ends = defaultdict(int)
+    for row, trace in zip(found.runs.itertuples(), found.traces["hurry_alone"], strict=True):
+        assert len(trace.positions) == len(trace.alive) == row.steps + 1
+        assert trace.alive[-1].sum() == row.survivors
+        inside = np.linalg.norm(trace.positions - TARGET, axis=-1) <= RADIUS
+        arrived = (inside & trace.alive).any(axis=1)
+        assert not arrived[:-1].any()
+        assert trace.alive[:-1].any(axis=1).all()
+        assert row.success == arrived[-1]
+        if row.success:
+            assert row.arrival_step == row.steps
+            ends["arrival"] += 1
+        elif row.survivors == 0:
+            ends["destruction"] += 1
+        else:
+            assert row.steps == STEPS
+            ends["horizon"] += 1
+    assert ends["arrival"] > 100
+    assert ends["destruction"] > 100
+    crawl = study(pair(), lambda *state: 0.9 * state[2], runs=100).runs
+    assert set(crawl.loc[crawl["survivors"] > 0, "steps"]) == {STEPS}
+
+
+# --- limits
+
+
+def overdrive(step: int, positions: Array, previous: Array, alive: Flags) -> Array:  # noqa: ARG001
+    return np.full_like(positions, [100.0, -100.0])
+
+
+def test_velocities_beyond_the_limits_are_clipped_and_counted() -> None:
+    found = study(pair(), overdrive, traces=300, runs=300)
+    clipped = 0
+    for trace in found.traces["overdrive"]:
+        velocities = np.diff(trace.positions, axis=0) / DT
+        before = np.concatenate([[[[1.5, 0.0]] * 2], velocities[:-1]])
+        living = trace.alive[:-1]
+        assert np.abs(velocities[living]).max() <= 2.0 + 1e-12
+        changes = np.linalg.norm(velocities - before, axis=-1)[living]
+        np.testing.assert_allclose(changes[:1], math.sqrt(0.5), rtol=1e-9)
+        assert changes.max() <= math.sqrt(0.5) + 1e-9
+        clipped += int(living.sum())
+    assert found.runs["clipped"].sum() == clipped
+    # the nearest to the far south-east: half of a_max to each side
+    first = found.traces["overdrive"][0].positions[1] - found.traces["overdrive"][0].positions[0]
+    np.testing.assert_allclose(first / DT, [[2.0, -0.5]] * 2, atol=5e-3)
+
+
+def test_velocities_within_the_limits_are_left_alone() -> None:
+    found = study(pair(), hurry_alone, traces=20)
+    assert found.runs["clipped"].sum() == 0
+    for trace in found.traces["hurry_alone"]:
+        step = trace.positions[1] - trace.positions[0]
+        np.testing.assert_allclose(step, [[DT * 1.4, 0.0], [DT * 1.5, DT * 0.1]], atol=1e-15)
+
+
+# --- common random numbers
+
+
+def test_identical_policies_of_different_names_give_identical_runs() -> None:
+    def copied(step: int, positions: Array, previous: Array, alive: Flags) -> Array:
+        return hurry_alone(step, positions, previous, alive)
+
+    runs = study(pair(), hurry_alone, copied).runs.drop(columns="policy")
+    pd.testing.assert_frame_equal(runs[:500], runs[500:].reset_index(drop=True))

@@ -1,0 +1,67 @@
+"""The chain's parts: random numbers that belong to their run, and the grouping of equal states."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import kstest
+
+from casswarm.chain.random import uniforms
+from casswarm.chain.simulate import distinct_states
+
+sizes = st.integers(1, 7)
+
+
+@given(st.integers(0, 2**70), st.integers(0, 10**9), sizes, sizes, st.lists(sizes, min_size=1))
+@settings(max_examples=60, deadline=None)
+def test_a_run_s_numbers_do_not_depend_on_the_batch_it_is_drawn_in(
+    seed: int, first: int, steps: int, members: int, batches: list[int]
+) -> None:
+    whole = uniforms(seed, first, sum(batches), steps, members)
+    assert whole.shape == (sum(batches), steps, members)
+    starts = first + np.cumsum([0, *batches[:-1]])
+    parts = [
+        uniforms(seed, int(start), size, steps, members)
+        for start, size in zip(starts, batches, strict=True)
+    ]
+    np.testing.assert_array_equal(np.concatenate(parts), whole)
+
+
+def test_numbers_of_runs_and_seeds_differ() -> None:
+    several = np.stack([uniforms(seed, 0, 50, 3, 5) for seed in (0, 1, 2, 2**64, 2**64 + 1)])
+    assert len(np.unique(several)) == several.size
+
+
+def test_numbers_are_uniform_over_runs_over_steps_and_over_members() -> None:
+    numbers = uniforms(3, 1000, 4000, 5, 3)
+    assert numbers.min() >= 0
+    assert numbers.max() < 1
+    assert kstest(numbers.ravel(), "uniform").pvalue > 0.001
+    for t, i in np.ndindex(5, 3):
+        assert kstest(numbers[:, t, i], "uniform").pvalue > 0.001
+    correlation = np.corrcoef(numbers.reshape(4000, 15).T) - np.eye(15)
+    assert np.abs(correlation).max() < 5 / np.sqrt(4000)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.integers(1, 3))
+@settings(max_examples=100, deadline=None)
+def test_distinct_states_group_exactly_the_equal_rows(seed: int, rows: int, n: int) -> None:
+    rng = np.random.default_rng(seed)
+    positions = rng.integers(0, 2, (rows, n, 2)) * np.pi
+    alive = rng.random((rows, n)) < 0.5
+    first, back = distinct_states(positions, alive)
+    np.testing.assert_array_equal(positions[first][back], positions)
+    np.testing.assert_array_equal(alive[first][back], alive)
+    plain = [(tuple(x.ravel()), tuple(d)) for x, d in zip(positions, alive, strict=True)]
+    assert len(first) == len(set(plain))
+
+
+@pytest.mark.parametrize("apart", [2.0**-52, 1e-300])
+def test_states_that_differ_in_the_last_bit_are_distinct(apart: float) -> None:
+    base = 1.0 if apart > 1e-20 else 0.0
+    positions = np.array([[[base, 0.0]], [[base + apart, 0.0]], [[base, 0.0]]])
+    first, back = distinct_states(positions)
+    assert len(first) == 2
+    assert back[0] == back[2] != back[1]

@@ -1,0 +1,165 @@
+"""Policies that users write: three forms, ten lines each, and clear errors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+from small_scenarios import DT, Array, small
+
+from casswarm import Decision, Guide, Policy, PolicyError, Scenario, plan, simulate
+from casswarm.policies import UserPolicy, as_policy
+
+Flags = NDArray[np.bool_]
+CENTER = np.array([3.0, 0.0])
+
+
+@cache
+def scenario() -> Scenario:
+    return small([(0.0, 0.0), (0.3, 0.2)], (3.0, 0.0), [(1.5, 1.0)], 12, guide__search="local")
+
+
+@cache
+def guide() -> Guide:
+    return plan(scenario())
+
+
+def study_of(*policies: Any) -> pd.DataFrame:
+    return simulate(scenario(), policies, runs=200, seed=3, guide=guide()).runs
+
+
+# --- a user's policy, written three times
+
+
+def straight_on(step: int, positions: Array, previous: Array, alive: Flags) -> Array:  # noqa: ARG001
+    """As a function: everybody to the target, as fast as the limits allow."""
+    return np.clip((CENTER - positions) / DT, -2.0, 2.0)
+
+
+class StraightOn:
+    """As an object with a method, which is all that is asked of it."""
+
+    def velocities(self, step: int, positions: Array, previous: Array, alive: Flags) -> Array:
+        return straight_on(step, positions, previous, alive)
+
+
+class StraightOnPolicy(Policy):
+    """As a policy, which also accounts for what it could not do."""
+
+    name = "subclass"
+
+    def decide(self, step: int, positions: Array, previous: Array, alive: Flags) -> Decision:
+        velocities = straight_on(step, positions, previous, alive)
+        none = Decision.plain(velocities)
+        return Decision(velocities, none.shortfalls + 2, none.failures + 1, none.resolved)
+
+
+def test_three_forms_of_one_policy_simulate_alike() -> None:
+    runs = study_of(straight_on, StraightOn(), StraightOnPolicy())
+    names = ["straight_on", "StraightOn", "subclass"]
+    assert runs["policy"].drop_duplicates().tolist() == names
+    tables = [
+        runs[runs["policy"] == name]
+        .drop(columns=["policy", "shortfalls", "solver_failures"])
+        .reset_index(drop=True)
+        for name in names
+    ]
+    assert 0 < tables[0]["success"].sum() < 200
+    for table in tables[1:]:
+        pd.testing.assert_frame_equal(table, tables[0])
+
+
+def test_account_of_a_policy_reaches_the_tables() -> None:
+    runs = study_of(StraightOnPolicy(), straight_on)
+    own = runs[runs["policy"] == "subclass"]
+    assert (own["shortfalls"] == 2 * own["steps"]).all()
+    assert (own["solver_failures"] == own["steps"]).all()
+    plain = runs[runs["policy"] == "straight_on"]
+    assert plain["shortfalls"].sum() == plain["solver_failures"].sum() == 0
+
+
+def test_user_s_policy_stands_beside_those_given_by_name() -> None:
+    runs = study_of("leader", straight_on)
+    assert set(runs["policy"]) == {"leader", "straight_on"}
+
+
+def test_name_is_the_given_one_or_that_of_the_function_or_class() -> None:
+    named = SimpleNamespace(name="mine", velocities=straight_on)
+    assert as_policy(straight_on).name == "straight_on"
+    assert as_policy(StraightOn()).name == "StraightOn"
+    assert as_policy(named).name == "mine"
+    assert as_policy(straight_on, "other").name == "other"
+
+
+def test_policy_is_taken_as_it_is() -> None:
+    policy = StraightOnPolicy()
+    assert as_policy(policy) is policy
+
+
+# --- what must not be returned
+
+Spoil = Callable[[Array], Any]
+
+
+def nan_of_member_1(velocities: Array) -> Array:
+    velocities[:, 1, 0] = np.nan
+    return velocities
+
+
+WRONG: dict[str, tuple[Spoil, str]] = {
+    "a state's worth": (lambda v: v[0], r"shape \(2, 2\) at step 3; expected \(\d+, 2, 2\)"),
+    "one velocity": (lambda v: v[0, 0], r"shape \(2,\) at step 3"),
+    "a member more": (lambda v: np.repeat(v, 2, axis=1), r"shape \(\d+, 4, 2\) at step 3"),
+    "NaN": (nan_of_member_1, r"velocity \[nan .* for member 1 at step 3"),
+    "infinity": (lambda v: v + np.inf, r"velocity \[inf inf\] for member \d at step 3"),
+}
+
+
+@pytest.mark.parametrize("form", ["function", "subclass"])
+@pytest.mark.parametrize(("spoil", "message"), WRONG.values(), ids=WRONG.keys())
+def test_wrong_velocities_are_an_error_that_names_policy_and_step(
+    form: str, spoil: Spoil, message: str
+) -> None:
+    def spoiled(step: int, positions: Array, previous: Array, alive: Flags) -> Array:
+        velocities = straight_on(step, positions, previous, alive)
+        return spoil(velocities) if step == 3 else velocities
+
+    class Spoiled(Policy):
+        name = "spoiled"
+
+        def decide(self, step: int, positions: Array, previous: Array, alive: Flags) -> Decision:
+            return Decision.plain(spoiled(step, positions, previous, alive))
+
+    with pytest.raises(PolicyError, match="policy 'spoiled' .*" + message):
+        study_of(spoiled if form == "function" else Spoiled())
+
+
+def test_velocities_of_the_destroyed_may_be_anything() -> None:
+    def careless(step: int, positions: Array, previous: Array, alive: Flags) -> Array:
+        velocities = straight_on(step, positions, previous, alive)
+        velocities[~alive] = np.nan
+        return velocities
+
+    runs = study_of(careless, straight_on).drop(columns="policy")
+    assert (runs["survivors"] == 1).any()  # somebody was destroyed on the way
+    first, second = runs[:200], runs[200:].reset_index(drop=True)
+    pd.testing.assert_frame_equal(first, second)
+
+
+@pytest.mark.parametrize("nonsense", [3, None, {"velocities": 1}, SimpleNamespace(velocities=1)])
+def test_what_is_no_policy_is_an_error_that_says_what_is_one(nonsense: object) -> None:
+    with pytest.raises(PolicyError, match="expected a name, a function of"):
+        as_policy(nonsense)
+
+
+def test_function_s_velocities_are_checked_without_a_simulation_too() -> None:
+    policy = UserPolicy(lambda *_: np.zeros((1, 2)), "short")
+    state = (np.zeros((4, 2, 2)), np.zeros((4, 2, 2)), np.ones((4, 2), bool))
+    with pytest.raises(PolicyError, match=r"'short' .* \(1, 2\) at step 7; expected \(4, 2, 2\)"):
+        policy.decide(7, *state)
