@@ -56,7 +56,7 @@ def plan() -> list[Row]:
 
 
 def simulate() -> list[Row]:
-    """`casswarm simulate paper-1 --runs 1000`, three policies; by the default solver and by Ipopt."""
+    """`casswarm simulate paper-1 --runs 1000` by the default solver and by Ipopt."""
     command = (CASSWARM, "simulate", "paper-1", "--quiet", "--runs")
     thousand = seconds(process(*command, "1000"), 3)
     ipopt = seconds(process(*command, "1000", "--solver", "ipopt"), 1)

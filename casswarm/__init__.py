@@ -10,6 +10,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .chain.evaluate import Law
     from .errors import (
         CasswarmError,
         HazardError,
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
         ScenarioError,
         SolverError,
     )
+    from .evaluation import evaluate
     from .guide import Candidate, Guide
     from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
     from .planning import plan
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 __version__ = version("casswarm")
 
 _HOME = {
+    "chain.evaluate": ("Law",),
+    "evaluation": ("evaluate",),
     "errors": (
         "CasswarmError",
         "HazardError",
@@ -58,6 +62,7 @@ __all__ = [
     "Hazard",
     "HazardError",
     "KernelHazard",
+    "Law",
     "PlanningError",
     "Policy",
     "PolicyError",
@@ -72,6 +77,7 @@ __all__ = [
     "Status",
     "Study",
     "builtin_scenarios",
+    "evaluate",
     "load_scenario",
     "make_policy",
     "make_solver",

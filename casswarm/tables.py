@@ -1,10 +1,13 @@
-"""A guide as tables; studies make their own."""
+"""Guides and laws as tables; studies make their own."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 
+from .chain.evaluate import Law
 from .guide import Guide
 
 
@@ -35,3 +38,33 @@ def guide_table(guide: Guide) -> pd.DataFrame:
 def candidate_table(guide: Guide) -> pd.DataFrame:
     """A row a start and arrival step: sides of the radars, risk, and how the solve ended."""
     return pd.DataFrame([candidate.as_row() for candidate in guide.candidates])
+
+
+def law_table(laws: Sequence[Law]) -> pd.DataFrame:
+    """A row a law: policy, brackets of success and of the mean number of survivors, counts."""
+    return pd.DataFrame(
+        {
+            "policy": law.policy,
+            "success_low": law.success[0],
+            "success_high": law.success[1],
+            "survivors_mean_low": law.survivors_mean[0],
+            "survivors_mean_high": law.survivors_mean[1],
+            "unresolved": law.unresolved,
+            "states": law.states,
+            "shortfalls_mean": law.shortfalls,
+            "solver_failures_mean": law.failures,
+        }
+        for law in laws
+    )
+
+
+def arrival_table(laws: Sequence[Law]) -> pd.DataFrame:
+    """A row a step: the probability of the first arrival at it, a column a policy (low ends)."""
+    steps = np.arange(len(laws[0].arrival))
+    return pd.DataFrame({"step": steps} | {law.policy: law.arrival for law in laws})
+
+
+def survivor_table(laws: Sequence[Law]) -> pd.DataFrame:
+    """A row a number of survivors at the end: its probability, a column a policy (low ends)."""
+    numbers = np.arange(len(laws[0].survivors))
+    return pd.DataFrame({"survivors": numbers} | {law.policy: law.survivors for law in laws})

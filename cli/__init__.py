@@ -10,6 +10,7 @@ import logging
 import click
 
 from .. import __version__
+from .evaluate import evaluate
 from .plan import plan
 from .scenarios import scenarios
 from .simulate import simulate
@@ -26,6 +27,7 @@ def main() -> None:
       casswarm scenarios list            what is built in
       casswarm plan paper-1              the least risky way of a lone agent
       casswarm simulate paper-1          how often the swarm arrives, policy by policy
+      casswarm evaluate paper-1          the same without sampling, exactly
 
     SCENARIO is always the name of a built-in scenario or the path of a TOML file.
 
@@ -38,5 +40,5 @@ def main() -> None:
         log.addHandler(logging.StreamHandler())  # standard error
 
 
-for command in (plan, simulate, scenarios, solvers):
+for command in (plan, simulate, evaluate, scenarios, solvers):
     main.add_command(command)

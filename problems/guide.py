@@ -11,7 +11,7 @@ The paper's section III as a nonlinear program, by direct multiple shooting:
 
 The paper writes *min* exp(-sum) + gamma d, a slip of sign: survival is to be maximised, and the
 risk, minus its logarithm, is the better scaled objective. V(-1) is a parameter, with a limit of its
-own; infinite where the guide may start with any velocity.
+own; infinite where the guide may start with any velocity. `ROOM` is taken off the squared limits.
 
 One program with `horizon` steps serves every arrival step T <= horizon: the risk of the steps after
 T has weight zero, and their velocities are fixed at zero.
@@ -28,6 +28,10 @@ import numpy as np
 from ..arrays import Floats
 from ..hazard import Hazard
 from ..nlp import Instances, Nlp
+
+ROOM = 1e-7
+"""How much of a squared limit a solve leaves: its answers are as exact as its tolerance, and the
+limits of those who follow them, and the target's edge, are exact."""
 
 _UNROLL = 3000  # steps times radars up to which scalar expressions are faster
 
@@ -129,7 +133,12 @@ def guide_instance(nlp: Nlp, task: GuideTask, arrival: int, velocities: Floats) 
         ),
         upper_g=nlp.pack_constraints(
             dynamics=np.zeros((horizon, 2)),
-            acceleration=a_max[:, None],
-            arrival=[[task.radius**2]],
+            acceleration=_within(a_max)[:, None],
+            arrival=_within(np.array([[task.radius**2]])),
         ),
     )
+
+
+def _within(limit: Floats) -> Floats:
+    """Squared limits, less `ROOM`, or less a hundredth where they are small; infinite ones stay."""
+    return np.asarray(limit * (1 - np.minimum(0.01, ROOM * np.maximum(1.0, 1.0 / limit))))

@@ -122,9 +122,12 @@ def test_member_survives_a_step_if_its_number_is_below_exp_of_minus_dt_rate() ->
     assert deaths > 100
 
 
-@pytest.mark.parametrize("steps", [12, 20])
-def test_survival_that_plan_prints_is_that_of_one_member_along_the_guide(steps: int) -> None:
-    scenario = small([(0.0, 0.0)], (4.0, 0.5), [(2.0, 0.3)], steps)
+@pytest.mark.parametrize(("steps", "a_max"), [(12, 0.5), (20, 0.05), (12, 0.02), (20, 0.01)])
+def test_survival_that_plan_prints_is_that_of_one_member_along_the_guide(
+    steps: int, a_max: float
+) -> None:
+    """Also where its limits leave the member no room to correct what rounding does."""
+    scenario = small([(0.0, 0.0)], (4.0, 0.5), [(2.0, 0.3)], steps, swarm__a_max=a_max)
     guide = plan(scenario)
     found = simulate(scenario, ["leader"], runs=4000, seed=1, guide=guide, traces=100)
     whole = next(t for t in found.traces["leader"] if t.alive.all())
@@ -135,6 +138,7 @@ def test_survival_that_plan_prints_is_that_of_one_member_along_the_guide(steps: 
     arrivals = found.runs["arrival_step"].dropna()
     assert (arrivals == guide.arrival).all()
     assert_likely(len(arrivals), 4000, guide.survival)
+    assert found.summary["shortfalls"][0] == found.summary["clipped"][0] == 0
 
 
 def test_runs_in_equal_states_share_a_decision() -> None:

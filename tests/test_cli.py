@@ -44,7 +44,7 @@ def simulated(tmp_path_factory):
 def test_help_shows_where_to_begin(tmp_path):
     out = casswarm(tmp_path, "--help").stdout
     assert "casswarm plan paper-1" in out
-    for command in ("plan", "simulate", "scenarios", "solvers"):
+    for command in ("plan", "simulate", "evaluate", "scenarios", "solvers"):
         assert f"  {command} " in out
 
 
@@ -59,6 +59,7 @@ def test_help_shows_where_to_begin(tmp_path):
         ("scenarios", "new"),
         ("scenarios", "check"),
         ("solvers",),
+        ("evaluate",),
     ],
 )
 def test_every_command_has_help(tmp_path, command):
@@ -254,6 +255,35 @@ def test_settings_reach_the_simulation(tmp_path):
         "--json",
     )
     assert json.loads(done.stdout)["result"]["summary"][0]["successes"] == 10
+
+
+def test_evaluate_brackets_every_policy_and_leaves_tables(tmp_path):
+    done = casswarm(
+        tmp_path, "evaluate", "paper-1", "--policy", "naive", "--policy", "leader", "--quiet"
+    )
+    results = tmp_path / "results" / "evaluate-paper-1"
+    laws = pd.read_csv(results / "laws.csv")
+    assert list(laws["policy"]) == ["naive", "leader"]
+    assert ((laws["success_high"] - laws["success_low"]).between(0, 1e-3)).all()
+    # the paper's 50 runs, Wilson 95 %: 0.32 and 0.68
+    assert 0.208 < laws["success_low"][0] < laws["success_high"][0] < 0.458
+    assert 0.542 < laws["success_low"][1] < laws["success_high"][1] < 0.792
+    assert f"{laws['success_low'][0]:.6f} to" in done.stdout
+    assert (results / "arrival.png").read_bytes().startswith(PNG)
+    arrival = pd.read_csv(results / "arrival.csv")
+    assert arrival["leader"].sum() == pytest.approx(laws["success_low"][1], rel=1e-9)
+
+
+def test_evaluate_says_when_states_were_too_few(tmp_path):
+    done = casswarm(
+        tmp_path, "evaluate", "paper-1", "--policy", "leader", "--most-states", "10", "--quiet"
+    )
+    assert "--most-states was too few" in done.stdout
+
+
+def test_evaluate_refuses_a_large_swarm(tmp_path):
+    done = casswarm(tmp_path, "evaluate", "large-swarm", code=2)
+    assert "use simulate" in done.stderr
 
 
 def test_solvers_are_listed_with_what_they_can_do(tmp_path):

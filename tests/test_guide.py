@@ -176,16 +176,17 @@ def test_program_is_the_paper_s_with_every_formula_written_out() -> None:
 
 def test_bounds_are_the_limits_until_arrival_and_rest_after_it() -> None:
     nlp, instance = task_instance(horizon=6, arrival=4, seed=7)
-    limits = [[2.0, 2.0]] * 4 + [[0.0, 0.0]] * 2
-    assert nlp.variable("velocities", instance.upper[0]).tolist() == limits
-    assert nlp.variable("velocities", -instance.lower[0]).tolist() == limits
+    box = [[2.0, 2.0]] * 4 + [[0.0, 0.0]] * 2
+    assert nlp.variable("velocities", instance.upper[0]).tolist() == box
+    assert nlp.variable("velocities", -instance.lower[0]).tolist() == box
     assert np.isinf(nlp.variable("positions", instance.upper[0])).all()
     names = np.array([name.partition("[")[0] for name in nlp.row_names])
     assert (instance.lower_g[0, names == "dynamics"] == 0).all()
     assert (instance.upper_g[0, names == "dynamics"] == 0).all()
-    inf = math.inf
-    assert instance.upper_g[0, names == "acceleration"].tolist() == [0.7, 0.4, 0.4, 0.4, inf, inf]
-    assert instance.upper_g[0, names == "arrival"].tolist() == [0.25]
+    limits = instance.upper_g[0, (names == "acceleration") | (names == "arrival")]
+    exact = np.array([0.7, 0.4, 0.4, 0.4, math.inf, math.inf, 0.25])
+    np.testing.assert_allclose(limits, exact, rtol=1e-6)
+    assert (limits[np.isfinite(exact)] <= exact[np.isfinite(exact)] - 0.9e-7).all()  # see ROOM
 
 
 def test_start_of_a_solve_is_a_path_that_obeys_the_dynamics_and_the_box() -> None:

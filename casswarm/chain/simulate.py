@@ -15,19 +15,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import Booleans, Counts, Floats
-from ..policies.base import Policy, checked_velocities
-from ..problems.formation import Motion
+from ..policies.base import Policy
 from .random import uniforms
+from .transition import distinct_states, transition
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
-
-
-PHYSICAL = 1e-9
-"""Excess over v_max or a_max (in units of velocity) up to which a velocity is left as it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,27 +173,21 @@ class _Swarms:
         )
         rows = active[first]
         alive = self.alive[rows]
-        decision = policy.decide(step, self.positions[rows], self.previous[rows], alive)
-        wanted = checked_velocities(policy.name, step, decision.velocities, alive)
-        velocities, clipped = _physical(scenario, wanted, self.previous[rows], alive)
-        following = self.positions[rows] + scenario.time.dt * velocities
-        survival = np.exp(-scenario.time.dt * scenario.hazard.rates(following, alive))
-        inside = scenario.target.contains(following)
-
-        survives = alive[back] & (draws < survival[back])
-        arrived = (survives & inside[back]).any(axis=1)
+        move = transition(scenario, policy, step, self.positions[rows], self.previous[rows], alive)
+        survives = alive[back] & (draws < move.survival[back])
+        arrived = (survives & move.inside[back]).any(axis=1)
         self.states += len(rows)
-        self.shortfalls[active] += decision.shortfalls[back]
-        self.failures[active] += decision.failures[back]
-        self.resolved[active] += decision.resolved[back]
-        self.clipped[active] += clipped[back]
-        self.positions[active] = np.where(survives[..., None], following[back], 0.0)
-        self.previous[active] = np.where(survives[..., None], velocities[back], 0.0)
+        self.shortfalls[active] += move.shortfalls[back]
+        self.failures[active] += move.failures[back]
+        self.resolved[active] += move.resolved[back]
+        self.clipped[active] += move.clipped[back]
+        self.positions[active] = np.where(survives[..., None], move.positions[back], 0.0)
+        self.previous[active] = np.where(survives[..., None], move.velocities[back], 0.0)
         self.alive[active] = survives
         self.steps[active] = step + 1
         self.arrival[active[arrived]] = step + 1
         self.running[active] = survives.any(axis=1) & ~arrived
-        self.tracer.record(active, following[back], self.alive)
+        self.tracer.record(active, move.positions[back], self.alive)
 
     def outcome(self, first: int) -> Runs:
         """The runs' outcomes, once they have all ended or the horizon is reached."""
@@ -238,35 +227,3 @@ class _Tracer:
             Trace(positions[run, : steps[run] + 1], alive[run, : steps[run] + 1])
             for run in range(len(positions))
         )
-
-
-def distinct_states(*arrays: NDArray[np.generic]) -> tuple[Counts, Counts]:
-    """Rows that differ, of arrays with a common first axis, compared bit by bit.
-
-    Returns
-    -------
-    first : (D,) int
-        A row of every distinct state.
-    back : (B,) int
-        Which of the D every row is.
-    """
-    rows = len(arrays[0])
-    joined = np.concatenate(
-        [np.ascontiguousarray(a).reshape(rows, -1).view(np.uint8) for a in arrays], axis=1
-    )
-    keys = np.ascontiguousarray(joined).view(np.dtype((np.void, joined.shape[1]))).ravel()
-    _, first, back = np.unique(keys, return_index=True, return_inverse=True)
-    return first.astype(np.int64), back.reshape(-1).astype(np.int64)
-
-
-def _physical(
-    scenario: Scenario, wanted: Floats, previous: Floats, alive: Booleans
-) -> tuple[Floats, Counts]:
-    """Velocities (B, n, 2) within v_max and a_max, and how many had to be changed, (B,)."""
-    motion = Motion(scenario.swarm.v_max, scenario.swarm.a_max, scenario.time.dt)
-    sets = motion.sets(previous)
-    beyond = alive & (sets.violation(wanted) > PHYSICAL)
-    velocities = wanted.copy()
-    if beyond.any():
-        velocities[beyond] = sets[beyond].project(wanted[beyond])
-    return velocities, beyond.sum(axis=1)

@@ -1,7 +1,8 @@
 """Figures: arrays and tables in, a matplotlib Figure out; nothing is shown or written."""
 
 from .bars import success_chart
+from .laws import arrival_chart
 from .maps import guide_map, swarm_map
 from .style import save
 
-__all__ = ["guide_map", "save", "success_chart", "swarm_map"]
+__all__ = ["arrival_chart", "guide_map", "save", "success_chart", "swarm_map"]

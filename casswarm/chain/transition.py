@@ -1,0 +1,113 @@
+"""One step of the chain, the part that is not random: the same for sampling and for exact laws.
+
+The paper's section II.C: observe positions and who is alive, decide, move; then member i survives
+with probability exp(-dt lambda_i(X(t+1), alive(t))).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Booleans, Counts, Floats
+from ..policies.base import Policy, checked_velocities
+from ..problems.formation import Motion
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+PHYSICAL = 1e-9
+"""Excess over v_max or a_max (in units of velocity) up to which a velocity is left as it is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Transition:
+    """What a policy makes of B states in a step.
+
+    Parameters
+    ----------
+    velocities, positions : (B, n, 2)
+        V(t), within v_max and a_max, and X(t+1).
+    survival : (B, n)
+        Probability that a living member survives the step; 1 for the destroyed, without meaning.
+    inside : (B, n) bool
+        Who is in the target zone at X(t+1).
+    shortfalls, failures, resolved : (B,) int
+        As in `Decision`.
+    clipped : (B,) int
+        Members whose velocity had to be changed to respect v_max and a_max.
+    """
+
+    velocities: Floats
+    positions: Floats
+    survival: Floats
+    inside: Booleans
+    shortfalls: Counts
+    failures: Counts
+    resolved: Counts
+    clipped: Counts
+
+
+def transition(
+    scenario: Scenario,
+    policy: Policy,
+    step: int,
+    positions: Floats,
+    previous: Floats,
+    alive: Booleans,
+) -> Transition:
+    """Take B states, positions and previous velocities (B, n, 2), from `step` to step + 1.
+
+    Raises
+    ------
+    PolicyError, HazardError
+        Velocities or rates of the wrong shape, or not finite.
+    """
+    decision = policy.decide(step, positions, previous, alive)
+    wanted = checked_velocities(policy.name, step, decision.velocities, alive)
+    velocities, clipped = physical(scenario, wanted, previous, alive)
+    following = positions + scenario.time.dt * velocities
+    return Transition(
+        velocities=velocities,
+        positions=following,
+        survival=np.exp(-scenario.time.dt * scenario.hazard.rates(following, alive)),
+        inside=scenario.target.contains(following),
+        shortfalls=decision.shortfalls,
+        failures=decision.failures,
+        resolved=decision.resolved,
+        clipped=clipped,
+    )
+
+
+def physical(
+    scenario: Scenario, wanted: Floats, previous: Floats, alive: Booleans
+) -> tuple[Floats, Counts]:
+    """Velocities (B, n, 2) within v_max and a_max, and how many had to be changed, (B,)."""
+    motion = Motion(scenario.swarm.v_max, scenario.swarm.a_max, scenario.time.dt)
+    sets = motion.sets(previous)
+    beyond = alive & (sets.violation(wanted) > PHYSICAL)
+    velocities = wanted.copy()
+    if beyond.any():
+        velocities[beyond] = sets[beyond].project(wanted[beyond])
+    return velocities, beyond.sum(axis=1)
+
+
+def distinct_states(*arrays: NDArray[np.generic]) -> tuple[Counts, Counts]:
+    """Rows that differ, of arrays with a common first axis, compared bit by bit.
+
+    Returns
+    -------
+    first : (D,) int
+        A row of every distinct state.
+    back : (B,) int
+        Which of the D every row is.
+    """
+    rows = [np.ascontiguousarray(a).reshape(len(a), math.prod(a.shape[1:])) for a in arrays]
+    joined = np.concatenate([part.view(np.uint8) for part in rows], axis=1)
+    keys = np.ascontiguousarray(joined).view(np.dtype((np.void, joined.shape[1]))).ravel()
+    _, first, back = np.unique(keys, return_index=True, return_inverse=True)
+    return first.astype(np.int64), back.reshape(-1).astype(np.int64)

@@ -1,0 +1,287 @@
+"""Studies: reproducible tables, whatever the workers, the batches and the order."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from small_scenarios import DT, Array, small
+
+import casswarm.study
+from casswarm import Guide, PolicyError, Scenario, Study, plan, simulate
+from casswarm.statistics import wilson
+from casswarm.study import summarise
+
+Flags = NDArray[np.bool_]
+SUMMARY = {"policy", "runs", "successes", "success", "success_low", "success_high"} | {
+    "survivors_mean",
+    "arrival_step_mean",
+    "shortfalls",
+    "solver_failures",
+}
+RUNS = {"policy", "run", "success", "survivors", "arrival_step"}
+
+
+@cache
+def scenario() -> Scenario:
+    places = [(0.0, 0.0), (0.3, 0.2), (-0.2, 0.3)]
+    return small(places, (3.0, 0.0), [(1.5, 0.8)], 12, guide__search="local", guide__a_max=0.3)
+
+
+@cache
+def guide() -> Guide:
+    return plan(scenario())
+
+
+def straight_on(step: int, positions: Array, previous: Array, alive: Flags) -> Array:  # noqa: ARG001
+    """Everybody to the target, as fast as the limits allow."""
+    return np.clip((np.array([3.0, 0.0]) - positions) / DT, -2.0, 2.0)
+
+
+def stay(step: int, positions: Array, previous: Array, alive: Flags) -> Array:  # noqa: ARG001
+    """Nobody ever arrives."""
+    return 0.9 * previous
+
+
+POLICIES = ("leader", straight_on)
+
+
+def study(policies: Any = POLICIES, runs: int = 300, **options: Any) -> Study:
+    return simulate(scenario(), policies, runs=runs, **({"seed": 4, "guide": guide()} | options))
+
+
+@cache
+def reference() -> Study:
+    return study()
+
+
+def assert_same_tables(found: Study, expected: Study) -> None:
+    pd.testing.assert_frame_equal(found.runs, expected.runs, check_exact=True)
+    pd.testing.assert_frame_equal(found.summary, expected.summary, check_exact=True)
+
+
+def of(table: pd.DataFrame, policy: str) -> pd.DataFrame:
+    return table[table["policy"] == policy].reset_index(drop=True)
+
+
+# --- same seed, same numbers
+
+
+def test_same_seed_gives_the_same_tables_and_another_seed_others() -> None:
+    assert_same_tables(study(), reference())
+    assert not study(seed=5).runs.equals(reference().runs)
+
+
+def test_tables_do_not_depend_on_the_number_of_workers() -> None:
+    found = study(workers=2, traces=160)  # more than the first worker's share
+    assert_same_tables(found, reference())
+    alone = study(traces=160)
+    for policy in ("leader", "straight_on"):
+        assert len(found.traces[policy]) == 160
+        for one, other in zip(found.traces[policy], alone.traces[policy], strict=True):
+            np.testing.assert_array_equal(one.positions, other.positions)
+            np.testing.assert_array_equal(one.alive, other.alive)
+
+
+@pytest.mark.parametrize("batch", [1, 7, 299])
+def test_tables_do_not_depend_on_the_batches(batch: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = 20 if batch == 1 else 300
+    expected = study(runs=runs)
+    monkeypatch.setattr(casswarm.study, "BATCH", batch)
+    assert_same_tables(study(runs=runs), expected)
+
+
+def test_rows_of_a_policy_do_not_depend_on_the_others_or_their_order() -> None:
+    for policies in (POLICIES[::-1], (straight_on,), ("leader",), ("constrained", *POLICIES)):
+        found = study(policies)
+        for name in {"leader", "straight_on"} & set(found.runs["policy"]):
+            expected = of(reference().runs, name)
+            pd.testing.assert_frame_equal(of(found.runs, name), expected, check_exact=True)
+            expected = of(reference().summary, name)
+            pd.testing.assert_frame_equal(of(found.summary, name), expected, check_exact=True)
+
+
+def test_more_runs_extend_a_study() -> None:
+    fewer, more = study(runs=50), study(runs=100)
+    for policy in ("leader", "straight_on"):
+        extended = of(more.runs, policy)
+        pd.testing.assert_frame_equal(extended[:50], of(fewer.runs, policy), check_exact=True)
+
+
+def test_policies_are_compared_on_common_random_numbers() -> None:
+    """A run that succeeds in more danger succeeds in less."""
+    harder = scenario().with_values({"hazard.alpha_1": 5.0})
+    easy = of(reference().runs, "straight_on")
+    hard = simulate(harder, [straight_on], runs=300, seed=4, guide=guide()).runs
+    assert easy["success"].sum() > hard["success"].sum() > 0
+    # not pairwise implied, for the dead protect nobody; but nearly
+    assert (hard["success"] & ~easy["success"]).mean() < 0.02
+
+
+# --- tables
+
+
+def test_tables_have_the_promised_columns_and_rows() -> None:
+    found = reference()
+    assert set(found.summary.columns) >= SUMMARY
+    assert set(found.runs.columns) >= RUNS
+    assert found.summary["policy"].tolist() == ["leader", "straight_on"]
+    assert found.runs["policy"].tolist() == ["leader"] * 300 + ["straight_on"] * 300
+    assert found.runs["run"].tolist() == [*range(300)] * 2
+    assert found.runs["success"].dtype == bool
+    assert found.effort["policy"].tolist() == ["leader", "straight_on"]
+
+
+def test_summary_sums_the_runs_up() -> None:
+    for _, row in reference().summary.iterrows():
+        runs = of(reference().runs, row["policy"])
+        arrivals = [int(step) for step in runs["arrival_step"] if step is not pd.NA]
+        assert len(arrivals) == row["successes"] == runs["success"].sum()
+        assert 0 < len(arrivals) < row["runs"] == 300
+        assert row["success"] == len(arrivals) / 300
+        assert (row["success_low"], row["success_high"]) == wilson(len(arrivals), 300)
+        assert row["survivors_mean"] == pytest.approx(sum(runs["survivors"]) / 300)
+        assert row["arrival_step_mean"] == pytest.approx(sum(arrivals) / len(arrivals))
+        for count in ("shortfalls", "solver_failures", "clipped"):
+            assert row[count] == sum(runs[count])
+    assert reference().summary["clipped"].tolist() == [0, reference().runs["clipped"].sum()]
+
+
+def test_arrival_step_is_missing_exactly_where_nobody_arrived() -> None:
+    runs = reference().runs
+    assert (runs["arrival_step"].isna() == ~runs["success"]).all()
+    assert (runs.loc[runs["success"], "survivors"] > 0).all()
+
+
+def test_no_success_at_all_leaves_an_interval_above_zero_and_no_mean_arrival() -> None:
+    found = study([stay], runs=40).summary.iloc[0]
+    assert (found["successes"], found["success"], found["success_low"]) == (0, 0.0, 0.0)
+    assert 0.05 < found["success_high"] < 0.15
+    assert math.isnan(found["arrival_step_mean"])
+
+
+def test_summary_of_a_table_that_was_read_back_is_the_same(tmp_path: Any) -> None:
+    reference().runs.to_csv(tmp_path / "runs.csv", index=False)
+    again = summarise(pd.read_csv(tmp_path / "runs.csv"))
+    pd.testing.assert_frame_equal(again, reference().summary)
+
+
+def test_study_prints_the_guide_and_a_row_a_policy() -> None:
+    lines = str(reference()).splitlines()
+    assert lines[0] == str(guide())
+    assert [line.split()[0] for line in lines[1:]] == ["policy", "leader", "straight_on"]
+
+
+def test_study_pickles() -> None:
+    assert_same_tables(pickle.loads(pickle.dumps(reference())), reference())
+
+
+def test_traces_are_kept_of_the_first_runs() -> None:
+    assert {name: len(kept) for name, kept in study(traces=3).traces.items()} == {
+        "leader": 3,
+        "straight_on": 3,
+    }
+    assert {len(kept) for kept in study(runs=2, traces=5).traces.values()} == {2}
+    assert {len(kept) for kept in study(traces=0).traces.values()} == {0}
+
+
+# --- intervals
+
+
+@given(st.integers(1, 10**6), st.floats(0, 1), st.sampled_from([0.9, 0.95, 0.999]))
+def test_wilson_interval_is_where_the_score_test_turns(
+    runs: int, share: float, level: float
+) -> None:
+    """Both ends solve (p - k/n)^2 = z^2 p (1 - p) / n."""
+    successes = round(share * runs)
+    z = {0.9: 1.6448536269514722, 0.95: 1.959963984540054, 0.999: 3.2905267314918945}[level]
+    p, share_of_z = successes / runs, z * z / runs
+    center = (p + share_of_z / 2) / (1 + share_of_z)
+    half = math.sqrt(p * (1 - p) * share_of_z + share_of_z**2 / 4) / (1 + share_of_z)
+    low, high = wilson(successes, runs, level)
+    assert low == pytest.approx(max(0.0, center - half), abs=1e-12)
+    assert high == pytest.approx(min(1.0, center + half), abs=1e-12)
+    assert 0 <= low <= p <= high <= 1
+
+
+@pytest.mark.parametrize(
+    ("successes", "runs", "low", "high"),
+    [
+        (0, 10, 0.0, 0.2775),
+        (10, 10, 0.7225, 1.0),
+        (1, 20, 0.0089, 0.2361),
+        (81, 263, 0.2553, 0.3662),
+    ],
+)
+def test_wilson_interval_has_known_values(
+    successes: int, runs: int, low: float, high: float
+) -> None:
+    """81 of 263 is the example of Newcombe, Statistics in Medicine 17 (1998), table I."""
+    assert wilson(successes, runs) == pytest.approx((low, high), abs=5e-5)
+
+
+# --- progress and errors
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_progress_is_told_for_every_policy_and_ends_at_the_total(workers: int) -> None:
+    told: list[tuple[str, int, int]] = []
+    study(runs=30, workers=workers, progress=lambda *news: told.append(news))
+    assert {total for _, _, total in told} == {30}
+    for policy in ("leader", "straight_on"):
+        ended = [done for name, done, _ in told if name == policy]
+        assert ended == sorted(ended)
+        assert ended[-1] == 30
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"runs": 0}, "runs = 0; allowed: whole numbers from 1"),
+        ({"runs": 2.5}, "runs = 2.5; allowed: whole numbers from 1"),
+        ({"runs": 1e3}, "runs = 1000.0; allowed: whole numbers from 1"),
+        ({"seed": -1}, "seed = -1; allowed: whole numbers from 0"),
+        ({"workers": 0}, "workers = 0; allowed: whole numbers from 1"),
+    ],
+)
+def test_wrong_numbers_are_told_with_what_is_allowed(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        study(**options)
+
+
+@pytest.mark.parametrize(
+    ("policies", "message"),
+    [
+        (["leeder"], "did you mean 'leader'"),
+        (["leader", "leader"], "repeated: leader"),
+        ([stay, straight_on, stay], "repeated: stay"),
+        ([], "no policy given"),
+        ("leader", r"give \['leader'\]"),
+        ([3], "3 is no policy"),
+    ],
+)
+def test_wrong_policies_are_told_before_anything_runs(policies: Any, message: str) -> None:
+    with pytest.raises(PolicyError, match=message):
+        study(policies)
+
+
+def test_policy_that_cannot_be_sent_to_a_worker_is_an_error_that_says_what_to_do() -> None:
+    with pytest.raises(PolicyError, match=r"'<lambda>'.* in a module, or use workers=1"):
+        study([lambda *state: 0 * state[1]], workers=2)
+
+
+def test_error_in_a_worker_is_the_policy_s_own() -> None:
+    with pytest.raises(PolicyError, match="policy 'too_short' returned velocities of shape"):
+        study([too_short], workers=2)
+
+
+def too_short(*state: Any) -> Array:
+    return np.asarray(state[1])[:1, :1]
