@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from importlib import import_module
 from importlib.metadata import version
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -30,6 +31,11 @@ if TYPE_CHECKING:
     from .study import Study, simulate
 
 __version__ = version("casswarm")
+
+_FOLDER = Path(__file__).parent
+if not (_FOLDER / "problems").exists() and (_FOLDER.parent / "problems").exists():
+    # imported from a checkout: there two subpackages stand beside this folder, not in it
+    __path__.append(str(_FOLDER.parent))
 
 _HOME = {
     "chain.evaluate": ("Law",),

@@ -75,6 +75,8 @@ class Guide:
         Every start's outcome, failures included, in the order in which they were tried.
     risk_bound : float or None
         Proven lower bound on the risk of any guide of the scenario; None where not certified.
+    search : {"local", "global"}
+        How it was found; the members' own guides of the naive policy are found likewise.
     """
 
     positions: Floats
@@ -86,6 +88,7 @@ class Guide:
     solution: Solution
     candidates: tuple[Candidate, ...] = field(default=(), repr=False)
     risk_bound: float | None = None
+    search: str = "local"
 
     @property
     def arrival(self) -> int:
@@ -108,8 +111,11 @@ class Guide:
         return None if self.risk_bound is None else (self.risk - self.risk_bound) / self.risk
 
     def reference(self, step: int) -> Floats:
-        """Where the guide is at `step`, (2,): X(step), and the target's centre after arrival."""
-        return self.positions[step] if step <= self.arrival else self.center
+        """Where the guide is at `step`, (2,): X(step), and the target's centre after arrival.
+
+        What was planned beyond the first arrival is left out: it may lead out of the target again.
+        """
+        return np.asarray(self.positions[step] if step <= self.arrival else self.center)
 
     def ways(self) -> list[Candidate]:
         """The best arriving candidate of every way around the radars, best first."""
@@ -141,17 +147,25 @@ def path_of(start: Floats, velocities: Floats, dt: float) -> Floats:
 def guide_from(
     hazard: Hazard,
     start: Floats,
-    velocities: Floats,
+    best: Candidate,
+    candidates: tuple[Candidate, ...],
     dt: float,
     center: Floats,
-    arrives: bool,
-    solution: Solution,
-    candidates: tuple[Candidate, ...],
+    search: str,
 ) -> Guide:
-    """The guide along `velocities`, priced."""
-    positions = path_of(start, velocities, dt)
-    rates = hazard.lone_rates(positions[1:])
-    return Guide(positions, velocities, rates, dt, center, arrives, solution, candidates)
+    """The guide of the best candidate, priced."""
+    positions = path_of(start, best.velocities, dt)
+    return Guide(
+        positions=positions,
+        velocities=best.velocities,
+        rates=hazard.lone_rates(positions[1:]),
+        dt=dt,
+        center=center,
+        arrives=bool(np.isfinite(best.risk)),
+        solution=best.solution,
+        candidates=candidates,
+        search=search,
+    )
 
 
 def sides_of(positions: Floats, radars: Floats) -> str:

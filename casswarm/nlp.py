@@ -172,6 +172,8 @@ class Instances:
     sets : PlanarSets, shape (B, nx / 2), optional
         Where lbx, ubx and g describe a product of simple sets in the plane: that product, which
         projection methods work on.
+    units : (B, 2), optional
+        A typical length of x and a typical value of f: what tolerances are relative to.
     """
 
     start: Floats
@@ -181,6 +183,7 @@ class Instances:
     lower_g: Floats
     upper_g: Floats
     sets: PlanarSets | None = None
+    units: Floats | None = None
 
     def __post_init__(self) -> None:
         batch = self.start.shape[0]
@@ -202,6 +205,7 @@ class Instances:
             self.lower_g[rows],
             self.upper_g[rows],
             None if self.sets is None else self.sets[rows],
+            None if self.units is None else self.units[rows],
         )
 
     def restarted(self, start: Floats) -> Instances:

@@ -57,8 +57,10 @@ def plan(
     Returns
     -------
     Guide
-        The best outcome; `Guide.candidates` holds them all. Its risk is a local minimum of the
-        program in `casswarm.problems.guide`, for every arrival step up to the horizon.
+        The outcome of least risk among the starts and arrival steps tried (a few spread up to the
+        horizon, then those around the best); `Guide.candidates` holds them all. Each is a local
+        minimum of the program in `casswarm.problems.guide`, priced up to its first arrival: a path
+        that crosses the target's rim before its planned last step has arrived there.
 
     Raises
     ------
@@ -67,17 +69,13 @@ def plan(
     SolverError
         A solver that is unknown, or cannot take the guide problem.
     """
-    first = np.zeros(2)
-    a_max_first = np.inf
-    if scenario.swarm.velocity != "guide":
-        first, a_max_first = np.asarray(scenario.swarm.velocity, float), scenario.guide_a_max
+    given = scenario.swarm.velocity
     guide = plan_from(
         scenario,
         scenario.guide_start,
         solver,
         search=search,
-        before=first,
-        a_max_first=a_max_first,
+        before=None if given == "guide" else given,
         progress=progress,
     )
     return _checked(guide) if check else guide
@@ -89,45 +87,47 @@ def plan_from(
     solver: str | Solver = "ipopt",
     *,
     search: str | None = None,
-    before: ArrayLike = (0.0, 0.0),
-    a_max_first: float = np.inf,
+    before: ArrayLike | None = None,
     near: Guide | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Guide:
-    """Like `plan`, for an agent at `start` (2,) with velocity `before` (2,), never raising.
+    """Like `plan`, for an agent at `start` (2,), whether it arrives or not.
 
-    `a_max_first` bounds the squared change from `before` to the first velocity. With `near`, the
-    guide of an agent close by, the search starts from its ways around the radars, the best few,
-    at their arrival steps and those next to them: a tenth of the work.
+    `before` (2,) is its velocity V(-1), from which the members' a_max bounds the first change; by
+    default it may start with any velocity. With `near`, the guide of an agent close by, the search
+    starts from its ways around the radars, the best few, at their arrival steps and those next to
+    them: a tenth of the work.
     """
     task = GuideTask(
         start=np.asarray(start, float),
         center=np.asarray(scenario.target.center, float),
         radius=scenario.target.radius - scenario.arrival_margin,
-        before=np.asarray(before, float),
+        before=np.zeros(2) if before is None else np.asarray(before, float),
         a_max=scenario.guide_a_max,
-        a_max_first=a_max_first,
+        a_max_first=(
+            np.inf if before is None or not scenario.guide.flyable else scenario.swarm.a_max
+        ),
         v_max=scenario.swarm.v_max,
         dt=scenario.time.dt,
     )
     backend = make_solver(solver, **_paper_options(scenario, solver))
+    search = _checked_search(search or scenario.guide.search)
     planner = _Planner(scenario, task, backend, progress or (lambda _: None))
     if isinstance(backend, ProjectedGradient):
         candidates = [planner.penalised()]
     elif near is not None and near.ways():
         candidates = planner.candidates_near(near)
     else:
-        candidates = planner.candidates(search or scenario.guide.search)
+        candidates = planner.candidates(search)
     best = min(candidates, key=_preference)
     return guide_from(
         scenario.hazard,
         task.start,
-        best.velocities,
+        best,
+        tuple(candidates),
         task.dt,
         task.center,
-        bool(np.isfinite(best.risk)),
-        best.solution,
-        tuple(candidates),
+        search,
     )
 
 
@@ -136,6 +136,12 @@ def _paper_options(scenario: Scenario, solver: str | Solver) -> dict[str, object
         return {}
     options = scenario.guide
     return {"step": options.learning_rate, "iterations": options.iterations, "keep": "best"}
+
+
+def _checked_search(search: str) -> str:
+    if search not in ("local", "global"):
+        raise SolverError(f"search {search!r} is unknown; allowed: 'local', 'global'")
+    return search
 
 
 def _preference(candidate: Candidate) -> tuple[bool, bool, float]:
@@ -151,7 +157,7 @@ def _checked(guide: Guide) -> Guide:
     told = ", ".join(f"{count} {status}" for status, count in outcomes.items())
     raise PlanningError(
         f"no guide found: of {len(guide.candidates)} solves ({told}) none arrives in the target. "
-        "A larger a_max or t_f, or flyable = false, gives the guide more room; "
+        "A larger a_max or t_f, a smaller guide.margin, or flyable = false gives it more room; "
         "check=False returns the best failure"
     )
 
@@ -165,8 +171,6 @@ class _Planner:
 
     def candidates(self, search: str) -> list[Candidate]:
         """Outcomes of every start of a local or global search."""
-        if search not in ("local", "global"):
-            raise SolverError(f"search {search!r} is unknown; allowed: 'local', 'global'")
         goal = self._goal()
         ways = {"straight": straight(self.task.start, goal)}
         radars = self.scenario.hazard.radar_positions
@@ -206,11 +210,12 @@ class _Planner:
 
     def _try(self, name: str, polyline: Floats, steps: Iterable[int]) -> Iterator[Candidate]:
         nlp = guide_nlp(self.scenario.hazard, self.scenario.n_steps)
+        task, unit = self.task.dimensionless(), self.task.v_max
         for arrival in steps:
-            guess = resampled(polyline, arrival, self.task.dt)
-            instance = guide_instance(nlp, self.task, arrival, guess)
+            guess = resampled(polyline, arrival, self.task.dt) / unit
+            instance = guide_instance(nlp, task, arrival, guess)
             solution = self.solver.solve(nlp, instance)[0]
-            velocities = nlp.variable("velocities", solution.x)[:arrival]
+            velocities = unit * nlp.variable("velocities", solution.x)[:arrival]
             yield self._priced(name, arrival, velocities, solution)
 
     def _refine(self, name: str, polyline: Floats, tried: list[Candidate]) -> None:
@@ -239,7 +244,9 @@ class _Planner:
     def _priced(self, name: str, arrival: int, velocities: Floats, solution: Solution) -> Candidate:
         task = self.task
         finite = np.isfinite(velocities).all()
-        velocities = np.clip(velocities, -task.v_max, task.v_max) if finite else 0.0 * velocities
+        velocities = (
+            np.clip(velocities, -task.v_max, task.v_max) if finite else np.zeros_like(velocities)
+        )
         positions = path_of(task.start, velocities, task.dt)
         risk = np.inf
         inside = self.scenario.target.contains(positions[1:])

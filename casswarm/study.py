@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from multiprocessing import get_context
 from numbers import Integral
@@ -35,7 +37,7 @@ BATCH = 20_000
 Progress = Callable[[str, int, int], None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Study:
     """What simulating policies on a scenario gave.
 
@@ -98,7 +100,8 @@ def simulate(
     seed : int
         At least 0.
     workers : int
-        Processes that share the runs; 1 stays in this process.
+        Processes that share the runs; 1 stays in this process. In a script, more than one needs
+        the guard ``if __name__ == "__main__":``, since workers import the script again.
     guide : Guide, optional
         Planned from the scenario by default.
     solver : str or Solver
@@ -127,7 +130,7 @@ def simulate(
     guide = plan(scenario) if guide is None else guide
     made = _named(scenario, policies, guide, solver)
     chain = Chain(scenario, initial_velocities(scenario, guide), seed)
-    size = min(BATCH, -(-runs // workers))
+    size = min(BATCH, runs if workers == 1 else -(-runs // (2 * workers)))
     jobs = [
         _Job(chain, policy, first, min(size, runs - first), max(0, min(size, traces - first)))
         for policy in made
@@ -193,8 +196,21 @@ def _finished(
             yield job, part, seconds
         return
     # spawned, not forked: CasADi and Ipopt's linear solver do not survive a fork of their threads
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+    pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_leave_interrupts)
+    try:
         yield from _gathered(pool, jobs, done, tell)
+    except BaseException:  # nobody waits for work that nobody will read
+        processes = list((pool._processes or {}).values())
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in processes:
+            process.terminate()
+        raise
+    pool.shutdown()
+
+
+def _leave_interrupts() -> None:
+    """Ctrl-C is for the parent, which ends its workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _gathered(
@@ -211,6 +227,11 @@ def _gathered(
             raise PolicyError(
                 f"policy {job.policy.name!r}, or the scenario's hazard, cannot be sent to a worker "
                 f"({error}): define its function in a module, or use workers=1"
+            ) from error
+        except BrokenProcessPool as error:
+            raise PolicyError(
+                "a worker process died: in a script, call simulate with workers > 1 only under "
+                "`if __name__ == '__main__':`, and never from standard input; or use workers=1"
             ) from error
         done[job.policy.name] += job.runs
         tell(job, 0)

@@ -14,12 +14,12 @@ from .guide import Guide
 def guide_table(guide: Guide) -> pd.DataFrame:
     """A row a step t = 0..T: step, x, y, vx, vy, speed, rate, risk and survival so far.
 
-    V(T) is missing: the guide ends on arrival. The rate is that at X(t), zero at the start, whose
-    rate costs nothing: risk is sum over t = 1..T of dt rate.
+    V(T) is missing: the guide ends on arrival. So is the rate at the start, which costs nothing:
+    risk is the sum over t = 1..T of dt times the rate at X(t).
     """
     velocities = np.vstack([guide.velocities, np.full((1, 2), np.nan)])
-    rates = np.concatenate([[0.0], guide.rates])
-    risk = guide.dt * np.cumsum(rates)
+    rates = np.concatenate([[np.nan], guide.rates])
+    risk = guide.dt * np.cumsum(np.concatenate([[0.0], guide.rates]))
     return pd.DataFrame(
         {
             "step": np.arange(guide.arrival + 1),

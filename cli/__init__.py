@@ -20,7 +20,7 @@ from .solvers import solvers
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="casswarm")
 def main() -> None:
-    r"""Guide a swarm of agents through a field of hazards to a target.
+    """Guide a swarm of agents through a field of hazards to a target.
 
     \b
     Begin with:

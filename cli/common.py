@@ -59,6 +59,14 @@ def scenario_options(command: F) -> F:
                 type=click.Path(file_okay=False, path_type=Path),
                 help="Folder for the results. [default: results/COMMAND-NAME]",
             ),
+            click.option(
+                "--format",
+                "figures",
+                type=click.Choice(["png", "pdf", "svg"]),
+                default="png",
+                show_default=True,
+                help="Of the figures.",
+            ),
             click.option("--json", "as_json", is_flag=True, help="Print the result as JSON."),
             click.option("--quiet", is_flag=True, help="No progress."),
         )

@@ -45,6 +45,7 @@ def evaluate(
     scenario: str,
     settings: tuple[str, ...],
     out: Path | None,
+    figures: str,
     as_json: bool,
     quiet: bool,
     policies: tuple[str, ...],
@@ -52,7 +53,7 @@ def evaluate(
     most_states: int,
     solver: str,
 ) -> None:
-    r"""Compute how often the swarm reaches the target, exactly: brackets, no sampling.
+    """Compute how often the swarm reaches the target, exactly: brackets, no sampling.
 
     For at most 12 members. Prints a table and writes laws.csv, arrival.csv (probability of the
     first arrival at every step), survivors.csv, arrival.png and run.json.
@@ -68,7 +69,7 @@ def evaluate(
         from ..planning import plan
         from ..study import PAPER_POLICIES
 
-        folder = Folder("evaluate", chosen, out)
+        folder = Folder("evaluate", chosen, out, figures)
         guide = plan(chosen)
         laws = []
         for policy in policies or PAPER_POLICIES:
@@ -81,7 +82,7 @@ def evaluate(
     inputs = {"tolerance": tolerance, "most_states": most_states, "solver": solver}
     content = _write(folder, chosen, laws, inputs)
     click.echo(json_text(content) if as_json else _words(chosen, laws, tolerance))
-    say(folder.closing())
+    say(folder.closing(), quiet)
 
 
 def _write(

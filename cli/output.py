@@ -31,28 +31,42 @@ _LIBRARIES = ("casadi", "numpy", "scipy", "pandas", "matplotlib")
 class Folder:
     """A results folder; every file is written beside its place and then moved into it."""
 
-    def __init__(self, command: str, scenario: Scenario, out: Path | None) -> None:
+    def __init__(
+        self, command: str, scenario: Scenario, out: Path | None, figures: str = "png"
+    ) -> None:
         self.path = out or Path("results") / f"{command}-{scenario.name}"
-        self.command, self.scenario = command, scenario
+        self.command, self.scenario, self.ending = command, scenario, figures
         self.files: list[str] = []
         self._started = time.perf_counter()
+        self._require_writable()
+
+    def _require_writable(self) -> None:
+        """Fail before the work rather than after it."""
+        there = next(p for p in (self.path, *self.path.absolute().parents) if p.exists())
+        if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
+            raise Failure(f"cannot write {self.path}: {there} is no folder that can be written to")
 
     def table(self, name: str, table: pd.DataFrame) -> None:
         """Write a table as NAME.csv."""
         self._write(f"{name}.csv", lambda path: table.to_csv(path, index=False))
 
     def figure(self, name: str, figure: Figure) -> None:
-        """Write a figure as NAME.png."""
+        """Write a figure as NAME.png, or of another format."""
         from ..figures import save
 
-        self._write(f"{name}.png", lambda path: save(figure, path))
+        self._write(f"{name}.{self.ending}", lambda path: save(figure, path))
 
     def text(self, name: str, text: str) -> None:
         """Write a text file."""
         self._write(name, lambda path: path.write_text(text, encoding="utf-8"))
 
     def record(self, result: dict[str, Any], inputs: dict[str, Any]) -> dict[str, Any]:
-        """Write run.json: the result, and all that made it; return its content."""
+        """Write run.json: the result, and all that made it; return its content.
+
+        Files of an earlier run of the command that this one did not write are removed.
+        """
+        for name in self._earlier() - set(self.files):
+            (self.path / name).unlink(missing_ok=True)
         content = {
             "command": self.command,
             "inputs": inputs,
@@ -65,11 +79,20 @@ class Folder:
             },
             "platform": platform.platform(),
             "arguments": sys.argv[1:],
+            "files": sorted({*self.files, "run.json"}),
             "finished": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
             "seconds": time.perf_counter() - self._started,
         }
         self.text("run.json", json_text(content) + "\n")
         return content
+
+    def _earlier(self) -> set[str]:
+        """Names of the files that an earlier run left here, by its own record."""
+        try:
+            names = json.loads((self.path / "run.json").read_text(encoding="utf-8"))["files"]
+        except (OSError, ValueError, KeyError):
+            return set()
+        return {name for name in names if Path(name).name == name}
 
     def _write(self, name: str, write: Callable[[Path], object]) -> None:
         part = self.path / f".{os.getpid()}-{name}"  # the ending stays: it names the format

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import load, reported_errors, scenario_options
+from .common import WrongInput, load, reported_errors, scenario_options
 from .output import Folder, json_text, say
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ def plan(
     scenario: str,
     settings: tuple[str, ...],
     out: Path | None,
+    figures: str,
     as_json: bool,
     quiet: bool,
     solver: str,
@@ -46,7 +47,7 @@ def plan(
     arrival: str | None,
     flyable: bool | None,
 ) -> None:
-    r"""Find the least risky path of a lone agent: the guide that the swarm follows.
+    """Find the least risky path of a lone agent: the guide that the swarm follows.
 
     Writes guide.csv (a row a step), candidates.csv (every start's outcome), guide.png and run.json.
 
@@ -56,6 +57,11 @@ def plan(
       casswarm plan paper-1 --search global --arrival any
       casswarm plan my-scenario.toml --set guide.a_max=0.3 --json
     """
+    if solver == "projected-gradient" and (search, arrival, flyable) != (None, None, None):
+        raise WrongInput(
+            "the paper's projected gradient starts from the straight line, takes all the time and "
+            "knows no a_max: --search, --arrival and --flyable do not apply to it"
+        )
     with reported_errors():
         chosen = load(
             scenario,
@@ -66,13 +72,13 @@ def plan(
         )
         from ..planning import plan as find_guide
 
-        folder = Folder("plan", chosen, out)
+        folder = Folder("plan", chosen, out, figures)
         guide = find_guide(
             chosen, solver, progress=lambda start: say(f"planning: from {start}", quiet)
         )
     content = _write(folder, chosen, guide, {"solver": solver})
     click.echo(json_text(content) if as_json else _words(chosen, guide))
-    say(folder.closing())
+    say(folder.closing(), quiet)
 
 
 def _write(
@@ -104,12 +110,15 @@ def _words(scenario: Scenario, guide: Guide) -> str:
     outcomes = Counter(str(candidate.solution.status) for candidate in guide.candidates)
     told = ", ".join(f"{count} {status}" for status, count in outcomes.items())
     radars = len(scenario.hazard.radar_positions)
-    return "\n".join(
-        [
-            f"{scenario.name}: {scenario.n} members, {radars} radars, "
-            f"{scenario.n_steps} steps of {scenario.time.dt:g}",
-            f"{guide}, risk {guide.risk:.4f}",
-            f"{guide.solution}",
-            f"solves: {told}",
-        ]
-    )
+    lines = [
+        f"{scenario.name}: {scenario.n} members, {radars} radars, "
+        f"{scenario.n_steps} steps of {scenario.time.dt:g}",
+        f"{guide}, risk {guide.risk:.4f}",
+        f"{guide.solution}",
+        f"solves: {told}",
+    ]
+    if not guide.solution.status.success:
+        lines.append("the solver did not converge: this is its best path, not a minimum")
+    elif guide.search == "local" or scenario.guide.arrival == "horizon":
+        lines.append("a local search: --search global --arrival any may find a better way")
+    return "\n".join(lines)

@@ -41,7 +41,7 @@ def show(scenario: str) -> None:
 )
 @click.option("--force", is_flag=True, help="Replace a file that exists.")
 def new(path: Path, source: str, force: bool) -> None:
-    r"""Write a scenario file at PATH, to be edited.
+    """Write a scenario file at PATH, to be edited.
 
     \b
     Example:

@@ -59,6 +59,7 @@ def simulate(
     scenario: str,
     settings: tuple[str, ...],
     out: Path | None,
+    figures: str,
     as_json: bool,
     quiet: bool,
     policies: tuple[str, ...],
@@ -69,7 +70,7 @@ def simulate(
     search: str | None,
     arrival: str | None,
 ) -> None:
-    r"""Estimate how often the swarm reaches the target, policy by policy.
+    """Estimate how often the swarm reaches the target, policy by policy.
 
     Every run index sees the same random numbers under every policy. Prints a table and writes
     summary.csv, runs.csv (a row a run), success.png, a map of the first run of every policy, and
@@ -86,7 +87,7 @@ def simulate(
         from ..study import PAPER_POLICIES
         from ..study import simulate as sample
 
-        folder = Folder("simulate", chosen, out)
+        folder = Folder("simulate", chosen, out, figures)
         progress = None if quiet else _bars(stack)
         study = sample(
             chosen,
@@ -101,11 +102,12 @@ def simulate(
         "policies": list(study.summary["policy"]),
         "runs": runs,
         "seed": seed,
+        "workers": workers,
         "solver": solver,
     }
     content = _write(folder, study, inputs)
     click.echo(json_text(content) if as_json else _words(study))
-    say(folder.closing())
+    say(folder.closing(), quiet)
 
 
 def _bars(stack: ExitStack) -> Progress:

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -33,8 +34,11 @@ from ..nlp import Instances, Nlp
 from ..sets import PlanarSets
 from .formation_compiled import formation_objective
 
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
 SHORTFALL = 1e-6
-"""Distance up to which the leader counts as in its place."""
+"""Distance, in steps of v_max dt, up to which a member counts as in its place."""
 
 _UNROLL = 8  # members up to which scalar expressions are faster
 
@@ -64,7 +68,7 @@ def formation_nlp(hazard: Hazard, n: int, corridor: bool) -> Nlp:
         objective=ca.dot(weights, hazard.expression(following, alive)),
         constraints=constraints,
         unroll=n <= _UNROLL,
-        compiled=formation_objective(hazard) if isinstance(hazard, KernelHazard) else None,
+        compiled=formation_objective(hazard),
         multimodal=not isinstance(hazard, KernelHazard) or hazard.collides,
     )
 
@@ -101,6 +105,17 @@ class Motion:
         Equation (6)'s v_i = X* - X_i where the limits allow it, and its projection where not.
         """
         return self.sets(previous).project((goals - positions) / self.dt)
+
+    def misses(self, positions: Floats, velocities: Floats, goals: Floats) -> Booleans:
+        """Whether the step (..., 2) ends elsewhere than at the goals, shape (...)."""
+        missed = positions + self.dt * velocities - goals
+        distance = np.hypot(missed[..., 0], missed[..., 1])
+        return np.asarray(distance > SHORTFALL * self.v_max * self.dt)
+
+
+def motion_of(scenario: Scenario) -> Motion:
+    """The members' physical limits."""
+    return Motion(scenario.swarm.v_max, scenario.swarm.a_max, scenario.time.dt)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,11 +168,11 @@ def leader_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
     sets = step.motion.sets(step.previous)
     positions = step.positions[leads]
     velocity = step.motion.toward(positions, step.previous[leads], step.goal)
-    missed = positions + step.motion.dt * velocity - step.goal
     given = np.zeros_like(step.positions)
     given[leads] = velocity
     shortfalls = np.zeros_like(step.alive)
-    shortfalls[leads] = np.hypot(missed[:, 0], missed[:, 1]) > SHORTFALL
+    shortfalls[leads] = step.motion.misses(positions, velocity, step.goal)
+    shortfalls &= step.alive  # where nobody is alive, nobody falls short
     return _formation(step, sets, leads, step.alive & ~leads, given, shortfalls)
 
 
@@ -210,5 +225,12 @@ def _formation(
             **{name: squared[..., k, None] for k, name in enumerate(nlp.constraints)}
         ),
         sets=sets,
+        units=_units(step, weights),
     )
     return Formation(nlp, instances, free, shortfalls)
+
+
+def _units(step: Step, weights: Booleans) -> Floats:
+    """v_max, and what the members with a weight would risk alone where they are, (B, 2)."""
+    alone = (weights * step.hazard.lone_rates(step.positions)).sum(axis=1)
+    return np.stack([np.full(len(alone), step.motion.v_max), np.where(alone > 0, alone, 1.0)], 1)

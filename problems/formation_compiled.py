@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..hazard import KernelHazard
+from ..errors import HazardError
+from ..hazard import Hazard, KernelHazard
 from ..hazard.kernels import differentiated_kernels
 from ..nlp import CompiledObjective
 
@@ -68,9 +69,17 @@ def evaluate(x, p, shared, gradient):
 '''
 
 
-def formation_objective(hazard: KernelHazard) -> CompiledObjective:
-    """The objective's source, and the hazard's numbers that it reads: radars and parameters."""
-    source, parameters = differentiated_kernels(hazard)
+def formation_objective(hazard: Hazard) -> CompiledObjective | None:
+    """The objective's source, and the hazard's numbers that it reads: radars and parameters.
+
+    None for rates that are no composition of kernels, or whose kernels have no such source.
+    """
+    if not isinstance(hazard, KernelHazard):
+        return None
+    try:
+        source, parameters = differentiated_kernels(hazard)
+    except HazardError:
+        return None
     radars = np.column_stack([hazard.radar_positions, hazard.radar_strengths])
     shared = np.concatenate([[len(radars)], radars.ravel(), parameters])
     return CompiledObjective(f"{source}\n{_EVALUATE}", shared)

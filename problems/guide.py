@@ -19,7 +19,7 @@ T has weight zero, and their velocities are fixed at zero.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import casadi as ca
@@ -33,7 +33,8 @@ ROOM = 1e-7
 """How much of a squared limit a solve leaves: its answers are as exact as its tolerance, and the
 limits of those who follow them, and the target's edge, are exact."""
 
-_UNROLL = 3000  # steps times radars up to which scalar expressions are faster
+UNROLL = 3000
+"""Steps times radars up to which scalar expressions are faster."""
 
 
 @lru_cache(maxsize=16)
@@ -42,7 +43,9 @@ def guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
     X = ca.MX.sym("positions", 2, horizon)
     V = ca.MX.sym("velocities", 2, horizon)
     start, before, center = (ca.MX.sym(name, 2) for name in ("start", "before", "center"))
-    weights, dt = ca.MX.sym("weights", 1, horizon), ca.MX.sym("dt")
+    weights, origin = ca.MX.sym("weights", 1, horizon), ca.MX.sym("origin", 2)
+    dt, length, clock = (ca.MX.sym(name) for name in ("dt", "length", "clock"))
+    places = ca.repmat(origin, 1, horizon) + length * X
     earlier = ca.horzcat(start, X[:, :-1])
     change = V - ca.horzcat(before, V[:, :-1])
     return Nlp(
@@ -54,20 +57,23 @@ def guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
             "center": center,
             "weights": weights,
             "dt": dt,
+            "origin": origin,
+            "length": length,
+            "clock": clock,
         },
-        objective=ca.dot(weights, dt * hazard.lone_expression(X)),
+        objective=ca.dot(weights, clock * hazard.lone_expression(places)),
         constraints={
             "dynamics": X - earlier - dt * V,
             "acceleration": ca.sum1(change**2),
             "arrival": ca.sumsqr(X[:, -1] - center),
         },
-        unroll=horizon * max(1, len(hazard.radar_positions)) <= _UNROLL,
+        unroll=horizon * max(1, len(hazard.radar_positions)) <= UNROLL,
     )
 
 
 @dataclass(frozen=True, eq=False)
 class GuideTask:
-    """One lone agent's task, in the units of the scenario.
+    """One lone agent's task, in units of its own: see `dimensionless`.
 
     Parameters
     ----------
@@ -80,6 +86,9 @@ class GuideTask:
     a_max, a_max_first : float
         Bounds on ||V(t) - V(t-1)||^2 for t >= 1, and for t = 0; may be infinite.
     v_max, dt : float
+    origin, length, clock : (2,), float, float
+        What the hazard calls a point x is ``origin + length x``, and a step's duration `clock`
+        (`dt` by default).
     """
 
     start: Floats
@@ -90,6 +99,29 @@ class GuideTask:
     a_max_first: float
     v_max: float
     dt: float
+    origin: Floats = field(default_factory=lambda: np.zeros(2))
+    length: float = 1.0
+    clock: float | None = None
+
+    def dimensionless(self) -> GuideTask:
+        """The same task from the origin, in steps and in lengths of a step at v_max.
+
+        Solvers' tolerances are absolute: a solve must not depend on the scenario's units.
+        """
+        length = self.dt * self.v_max
+        return GuideTask(
+            start=np.zeros(2),
+            center=(self.center - self.start) / length,
+            radius=self.radius / length,
+            before=self.before / self.v_max,
+            a_max=self.a_max / self.v_max**2,
+            a_max_first=self.a_max_first / self.v_max**2,
+            v_max=1.0,
+            dt=1.0,
+            origin=self.start,
+            length=length,
+            clock=self.dt,
+        )
 
 
 def guide_instance(nlp: Nlp, task: GuideTask, arrival: int, velocities: Floats) -> Instances:
@@ -123,6 +155,9 @@ def guide_instance(nlp: Nlp, task: GuideTask, arrival: int, velocities: Floats) 
             center=task.center[None],
             weights=moving[:, None].astype(float),
             dt=[[task.dt]],
+            origin=task.origin[None],
+            length=[[task.length]],
+            clock=[[task.dt if task.clock is None else task.clock]],
         ),
         lower=nlp.pack_variables(positions=-free, velocities=-limit),
         upper=nlp.pack_variables(positions=free, velocities=limit),

@@ -19,7 +19,7 @@ import numpy as np
 from ..arrays import Floats
 from ..hazard import Hazard
 from ..nlp import Instances, Nlp
-from .guide import GuideTask
+from .guide import UNROLL, GuideTask
 
 
 @lru_cache(maxsize=16)
@@ -46,7 +46,7 @@ def penalised_guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
         },
         objective=-ca.exp(-risk) + gamma * distance,
         constraints={},
-        unroll=horizon * max(1, len(hazard.radar_positions)) <= 3000,
+        unroll=horizon * max(1, len(hazard.radar_positions)) <= UNROLL,
     )
 
 

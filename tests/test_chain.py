@@ -17,7 +17,6 @@ from small_scenarios import DT, Array, rate_by_hand, small
 from casswarm import Guide, Scenario, Study, plan, simulate
 from casswarm.chain.random import uniforms
 from casswarm.chain.simulate import Trace
-from casswarm.guide import guide_from
 
 Flags = NDArray[np.bool_]
 Outcome = tuple[int, int]  # arrival step (-1: none), survivors
@@ -39,19 +38,16 @@ def hurry_alone(step: int, positions: Array, previous: Array, alive: Flags) -> A
     return np.where(alone[:, None, None], [1.9, -0.2], together)
 
 
-def idle_guide(scenario: Scenario) -> Guide:
-    """For policies that follow none: planning costs nothing."""
-    known = plan(small([(0.0, 0.0)], (1.0, 0.0), [(9.0, 9.0)], 3, guide__search="local"))
-    return guide_from(
-        scenario.hazard, np.zeros(2), known.velocities, DT, np.zeros(2), True, known.solution, ()
-    )
+@cache
+def idle_guide() -> Guide:
+    """For policies that follow none."""
+    return plan(small([(0.0, 0.0)], (1.0, 0.0), [(9.0, 9.0)], 3, guide__search="local"))
 
 
 def study(
     scenario: Scenario, *policies: object, runs: int = 500, traces: int = 0, seed: int = 7
 ) -> Study:
-    guide = idle_guide(scenario)
-    return simulate(scenario, policies, runs=runs, traces=traces, seed=seed, guide=guide)
+    return simulate(scenario, policies, runs=runs, traces=traces, seed=seed, guide=idle_guide())
 
 
 def law_by_hand(positions: Array, alive: tuple[bool, ...], step: int) -> dict[Outcome, float]:
@@ -110,7 +106,7 @@ def test_two_member_chain_has_the_law_of_enumeration_by_hand() -> None:
 
 def test_member_survives_a_step_if_its_number_is_below_exp_of_minus_dt_rate() -> None:
     """The rate at X(t+1), with those alive at t."""
-    draws = uniforms(7, 0, 200, STEPS, 2)
+    draws = np.stack([uniforms(7, t, 0, 200, 2) for t in range(STEPS)], axis=1)
     deaths = 0
     for run, trace in enumerate(study(pair(), hurry_alone, traces=200).traces["hurry_alone"]):
         for t in range(len(trace.alive) - 1):
@@ -188,7 +184,7 @@ def test_destroyed_never_return_and_never_move() -> None:
 
 def test_destroyed_never_influence_the_living() -> None:
     """The survivors of a pair have the rates of lone members from the next step on."""
-    draws = uniforms(7, 0, 500, STEPS, 2)
+    draws = np.stack([uniforms(7, t, 0, 500, 2) for t in range(STEPS)], axis=1)
     alone = 0
     for run, trace in enumerate(study(pair(), hurry_alone, traces=500).traces["hurry_alone"]):
         for t in np.flatnonzero(trace.alive[:-1].sum(axis=1) == 1):

@@ -17,25 +17,26 @@ sizes = st.integers(1, 7)
 @given(st.integers(0, 2**70), st.integers(0, 10**9), sizes, sizes, st.lists(sizes, min_size=1))
 @settings(max_examples=60, deadline=None)
 def test_a_run_s_numbers_do_not_depend_on_the_batch_it_is_drawn_in(
-    seed: int, first: int, steps: int, members: int, batches: list[int]
+    seed: int, first: int, step: int, members: int, batches: list[int]
 ) -> None:
-    whole = uniforms(seed, first, sum(batches), steps, members)
-    assert whole.shape == (sum(batches), steps, members)
+    whole = uniforms(seed, step, first, sum(batches), members)
+    assert whole.shape == (sum(batches), members)
     starts = first + np.cumsum([0, *batches[:-1]])
     parts = [
-        uniforms(seed, int(start), size, steps, members)
+        uniforms(seed, step, int(start), size, members)
         for start, size in zip(starts, batches, strict=True)
     ]
     np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 
-def test_numbers_of_runs_and_seeds_differ() -> None:
-    several = np.stack([uniforms(seed, 0, 50, 3, 5) for seed in (0, 1, 2, 2**64, 2**64 + 1)])
+def test_numbers_of_runs_steps_and_seeds_differ() -> None:
+    seeds = (0, 1, 2, 2**64, 2**64 + 1)
+    several = np.stack([uniforms(seed, step, 0, 50, 5) for seed in seeds for step in range(3)])
     assert len(np.unique(several)) == several.size
 
 
 def test_numbers_are_uniform_over_runs_over_steps_and_over_members() -> None:
-    numbers = uniforms(3, 1000, 4000, 5, 3)
+    numbers = np.stack([uniforms(3, step, 1000, 4000, 3) for step in range(5)], axis=1)
     assert numbers.min() >= 0
     assert numbers.max() < 1
     assert kstest(numbers.ravel(), "uniform").pvalue > 0.001

@@ -44,8 +44,8 @@ NOTHING = Solution(
 
 
 def guide_along(velocities: Array, candidates: tuple[Candidate, ...] = ()) -> Guide:
-    start, center = np.zeros(2), np.array([9.0, 9.0])
-    return guide_from(HAZARD, start, velocities, 0.33, center, True, NOTHING, candidates)
+    best = Candidate("straight", len(velocities), "", velocities, 1.0, NOTHING)
+    return guide_from(HAZARD, np.zeros(2), best, candidates, 0.33, np.full(2, 9.0), "local")
 
 
 def walk(steps: int, seed: int) -> Array:
@@ -79,11 +79,15 @@ def test_guide_pays_the_lone_rate_at_every_point_but_the_first() -> None:
 
 def test_guide_refers_to_the_centre_after_its_arrival() -> None:
     guide = guide_along(walk(3, 2))
-    assert [guide.reference(step).tolist() for step in range(6)] == [
-        *guide.positions.tolist(),
-        [9.0, 9.0],
-        [9.0, 9.0],
-    ]
+    points = [guide.reference(step).tolist() for step in range(6)]
+    assert points == [*guide.positions.tolist(), [9.0, 9.0], [9.0, 9.0]]
+
+
+def test_guide_arrives_if_the_risk_of_its_candidate_is_finite() -> None:
+    best = Candidate("straight", 2, "", walk(2, 3), math.inf, NOTHING)
+    lost = guide_from(HAZARD, np.zeros(2), best, (best,), 0.33, np.full(2, 9.0), "global")
+    assert (lost.arrives, lost.search) == (False, "global")
+    assert guide_along(walk(2, 3)).arrives
 
 
 def test_gap_is_known_only_where_the_risk_is_certified() -> None:

@@ -35,7 +35,6 @@ WORDS = {
     "Infeasible_Problem_Detected": Status.INFEASIBLE,
     "Search_Direction_Becomes_Too_Small": Status.FAILED,
     "Diverging_Iterates": Status.DIVERGED,
-    "User_Requested_Stop": Status.FAILED,
     "Feasible_Point_Found": Status.FAILED,
     "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
     "Restoration_Failed": Status.FAILED,

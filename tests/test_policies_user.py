@@ -158,6 +158,20 @@ def test_what_is_no_policy_is_an_error_that_says_what_is_one(nonsense: object) -
         as_policy(nonsense)
 
 
+def test_class_instead_of_its_instance_is_an_error_that_says_so() -> None:
+    for policy in (StraightOn, StraightOnPolicy):
+        with pytest.raises(PolicyError, match=rf"give an instance: {policy.__name__}\(\)"):
+            as_policy(policy)
+
+
+def test_policy_without_a_name_is_an_error_that_says_so() -> None:
+    class Nameless(Policy):
+        decide = StraightOnPolicy.decide
+
+    with pytest.raises(PolicyError, match="give its class one: name = 'mine'"):
+        study_of(Nameless())
+
+
 def test_function_s_velocities_are_checked_without_a_simulation_too() -> None:
     policy = UserPolicy(lambda *_: np.zeros((1, 2)), "short")
     state = (np.zeros((4, 2, 2)), np.zeros((4, 2, 2)), np.ones((4, 2), bool))

@@ -145,8 +145,9 @@ def test_residuals_are_those_of_casadis_gradient():
     sets = formation.instances.sets
     for i, x in enumerate(found.x):
         gradient = np.asarray(formation.nlp.gradient(x, formation.instances.parameters[i])[1])
-        moved = (x - gradient.ravel()).reshape(-1, 2)
-        change = np.abs(sets[i].project(moved).ravel() - x).max()
+        length, value = formation.instances.units[i]
+        moved = (x - length**2 / value * gradient.ravel()).reshape(-1, 2)
+        change = np.abs(sets[i].project(moved).ravel() - x).max() / length
         assert found.stationarity[i] == pytest.approx(change, rel=1e-9, abs=1e-12)
 
 
@@ -246,3 +247,37 @@ def test_an_empty_batch_has_no_answers(solver):
     formation = leader(HAZARDS[0], states=2)
     found = solver.solve_batch(formation.nlp, formation.instances[slice(0, 0)])
     assert len(found.success) == len(found.x) == 0
+
+
+@pytest.mark.parametrize("length", [1e-2, 1e4])
+@pytest.mark.parametrize("risk", [1e-6, 1e3])
+@pytest.mark.parametrize("problem", [leader, corridor])
+def test_answers_do_not_depend_on_the_units(problem, length, risk):
+    """Lengths in other units, and rates in other units of time, give the same velocities."""
+    one = problem(HAZARDS[0])
+    hazard = cs.Saturation(
+        tuple((length * x, length * y) for x, y in RADARS),
+        alpha_1=4.0 * risk * length**2,
+        alpha_2=3.0,
+        alpha_3=4.0 / length**2,
+    )
+    data = step(HAZARDS[0])
+    scaled = Step(
+        hazard,
+        Motion(2.0 * length, 0.5 * length**2, MOTION.dt),
+        length * data.positions,
+        length * data.previous,
+        data.alive,
+        length * GOAL,
+    )
+    other = (
+        leader_formation(scaled, np.zeros(len(data.alive), np.intp))
+        if problem is leader
+        else corridor_formation(scaled, 0.05 * length**2)
+    )
+    np.testing.assert_array_equal(other.shortfalls, one.shortfalls)
+    answers = [Auto().solve_batch(f.nlp, f.instances) for f in (one, other)]
+    assert answers[1].success.all()
+    np.testing.assert_allclose(
+        answers[1].objective, risk * answers[0].objective, rtol=1e-6, atol=0.0
+    )

@@ -115,13 +115,13 @@ class Chain:
             Velocities or rates that are not finite or of the wrong shape.
         """
         scenario = self.scenario
-        draws = uniforms(self.seed, first, runs, scenario.n_steps, scenario.n)
         swarm = _Swarms.start(scenario, self.before, runs, traces)
         for step in range(scenario.n_steps):
             active = np.flatnonzero(swarm.running)
             if not active.size:
                 break
-            swarm.advance(scenario, policy, step, active, draws[active, step])
+            draws = uniforms(self.seed, step, first, runs, scenario.n)[active]
+            swarm.advance(scenario, policy, step, active, draws)
             if progress is not None:
                 progress(runs - int(swarm.running.sum()))
         return swarm.outcome(first)

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Booleans, Counts, Floats
 from ..policies.base import Policy, checked_velocities
-from ..problems.formation import Motion
+from ..problems.formation import motion_of
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -67,7 +67,7 @@ def transition(
     PolicyError, HazardError
         Velocities or rates of the wrong shape, or not finite.
     """
-    decision = policy.decide(step, positions, previous, alive)
+    decision = policy.decide(step, *map(_read_only, (positions, previous, alive)))
     wanted = checked_velocities(policy.name, step, decision.velocities, alive)
     velocities, clipped = physical(scenario, wanted, previous, alive)
     following = positions + scenario.time.dt * velocities
@@ -83,12 +83,18 @@ def transition(
     )
 
 
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """A view that a policy cannot write into: the dead stay dead."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
 def physical(
     scenario: Scenario, wanted: Floats, previous: Floats, alive: Booleans
 ) -> tuple[Floats, Counts]:
     """Velocities (B, n, 2) within v_max and a_max, and how many had to be changed, (B,)."""
-    motion = Motion(scenario.swarm.v_max, scenario.swarm.a_max, scenario.time.dt)
-    sets = motion.sets(previous)
+    sets = motion_of(scenario).sets(previous)
     beyond = alive & (sets.violation(wanted) > PHYSICAL)
     velocities = wanted.copy()
     if beyond.any():

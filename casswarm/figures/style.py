@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -37,6 +38,7 @@ def tidy(axes: Axes) -> None:
 
 
 def save(fig: Figure, path: Path) -> Path:
-    """Write a figure; the file's ending names the format."""
-    fig.savefig(path, dpi=DPI, bbox_inches="tight")
+    """Write a figure; the file's ending names the format (png, pdf, svg, ...)."""
+    with rc_context({"pdf.fonttype": 42}):  # text as text, which journals ask for
+        fig.savefig(path, dpi=DPI, bbox_inches="tight")
     return path

@@ -87,8 +87,8 @@ class CustomHazard(Hazard):
 
     def _evaluate(self, positions: Floats, alive: Booleans) -> Floats:
         batch, n, _ = positions.shape
-        size = max(1, min(batch, _CHUNK))
-        mapped = rate_function(self, n).map(size)
+        size = min(1 << max(0, batch.bit_length() - 1), _CHUNK)  # few sizes, each built once
+        mapped = _mapped_rates(self, n, size)
         out = np.empty((batch, n))
         for first in range(0, batch, size):
             start = min(first, batch - size)  # the last call overlaps, so that all have one size
@@ -134,6 +134,11 @@ def rate_function(hazard: CustomHazard, n: int) -> Expression:
             f"{hazard!r} returned shape {rates.shape} for {n} members; expected ({n}, 1)"
         )
     return ca.Function("rates", [positions, alive], [ca.reshape(rates, 1, n)])
+
+
+@lru_cache(maxsize=64)
+def _mapped_rates(hazard: CustomHazard, n: int, size: int) -> Expression:
+    return rate_function(hazard, n).map(size)
 
 
 def _import_function(name: str, folder: Path | None) -> Callable[..., Expression]:

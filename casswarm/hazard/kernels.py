@@ -189,15 +189,21 @@ def differentiated_kernels(hazard: KernelHazard) -> tuple[str, tuple[float, ...]
     symbolic = copy(hazard)
     for index, name in enumerate(names):
         object.__setattr__(symbolic, name, parameters[index])
-    texts = [
-        differentiated_source(kernel, inputs, name, parameters)
-        for kernel, inputs, name in (
-            (symbolic.source, 1, "source"),
-            (symbolic.density, 1, "density"),
-            (symbolic.collision, 1, "collision"),
-            (symbolic.combine, 3, "combine"),
-        )
-    ]
-    return "\n\n".join(f"@compiled\n{text}" for text in texts), tuple(
-        float(getattr(hazard, name)) for name in names
+    try:
+        source = _kernel_sources(symbolic, parameters)
+    except HazardError:
+        raise
+    except Exception:  # a kernel that wants its numbers as numbers, to branch on them
+        return _kernel_sources(hazard, parameters), ()
+    return source, tuple(float(getattr(hazard, name)) for name in names)
+
+
+def _kernel_sources(hazard: KernelHazard, parameters: Expression) -> str:
+    kernels = (
+        (hazard.source, 1, "source"),
+        (hazard.density, 1, "density"),
+        (hazard.collision, 1, "collision"),
+        (hazard.combine, 3, "combine"),
     )
+    texts = (differentiated_source(k, inputs, name, parameters) for k, inputs, name in kernels)
+    return "\n\n".join(f"@compiled\n{text}" for text in texts)

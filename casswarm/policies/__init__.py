@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import PolicyError
 from ..guide import Guide
 from ..planning import plan, plan_from
-from ..problems.formation import Motion
+from ..problems.formation import motion_of
 from ..solvers import ProjectedGradient, Solver, make_solver
 from .base import Decision, Policy, UserPolicy, as_policy
 from .formation import ConstrainedPolicy, LeaderPolicy
@@ -52,13 +52,13 @@ def make_policy(
     Raises
     ------
     PolicyError
-        An unknown name or rule of succession.
+        An unknown name or rule of succession, or a guide of another scenario.
     PlanningError
         No guide was found.
     """
     _require_known("policy", name, POLICIES)
     _require_known("succession", succession, SUCCESSIONS)
-    guide = plan(scenario) if guide is None else guide
+    guide = plan(scenario) if guide is None else _checked_guide(scenario, guide)
     motion = motion_of(scenario)
     if name == "naive":
         return NaivePolicy(motion, member_guides(scenario, guide))
@@ -70,9 +70,14 @@ def make_policy(
     return ConstrainedPolicy(scenario.hazard, motion, guide, backend, options.rho)
 
 
-def motion_of(scenario: Scenario) -> Motion:
-    """The members' physical limits."""
-    return Motion(scenario.swarm.v_max, scenario.swarm.a_max, scenario.time.dt)
+def _checked_guide(scenario: Scenario, guide: Guide) -> Guide:
+    if guide.dt != scenario.time.dt or tuple(guide.center) != scenario.target.center:
+        raise PolicyError(
+            f"this guide leads to {tuple(guide.center)} in steps of {guide.dt}, but the scenario "
+            f"{scenario.name!r} has its target at {scenario.target.center} and dt "
+            f"{scenario.time.dt}: plan a guide for this scenario"
+        )
+    return guide
 
 
 def initial_velocities(scenario: Scenario, guide: Guide) -> np.ndarray:
@@ -83,7 +88,10 @@ def initial_velocities(scenario: Scenario, guide: Guide) -> np.ndarray:
 
 
 def member_guides(scenario: Scenario, guide: Guide) -> tuple[Guide, ...]:
-    """Every member's own guide, from where it starts with the swarm's initial velocity."""
+    """Every member's own guide, from where it starts with the swarm's initial velocity.
+
+    Searched for as the swarm's guide was; one that does not arrive is kept, `Guide.arrives` tells.
+    """
     before = initial_velocities(scenario, guide)
     guides: dict[tuple[float, ...], Guide] = {}
     for start, velocity in zip(scenario.positions, before, strict=True):
@@ -91,9 +99,9 @@ def member_guides(scenario: Scenario, guide: Guide) -> tuple[Guide, ...]:
             guides[tuple(start)] = plan_from(
                 scenario,
                 start,
+                search=guide.search,
                 before=velocity,
-                a_max_first=scenario.swarm.a_max,
-                near=guide if scenario.guide.search == "global" else None,
+                near=guide if guide.search == "global" else None,
             )
     return tuple(guides[tuple(start)] for start in scenario.positions)
 

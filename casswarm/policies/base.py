@@ -67,6 +67,11 @@ class Policy(ABC):
 
     def velocities(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Floats:
         """Velocities (B, n, 2) alone; see `decide`."""
+        if np.ndim(positions) != 3:
+            raise PolicyError(
+                f"positions have shape {np.shape(positions)}; expected a batch, (B, n, 2): "
+                "for a single state give positions[None], previous[None], alive[None]"
+            )
         return self.decide(step, positions, previous, alive).velocities
 
 
@@ -113,9 +118,13 @@ def as_policy(policy: Any, name: str | None = None) -> Policy:
     Raises
     ------
     PolicyError
-        None of these.
+        None of these, or a `Policy` without a name.
     """
+    if isinstance(policy, type):
+        raise PolicyError(f"{policy.__name__} is a class; give an instance: {policy.__name__}()")
     if isinstance(policy, Policy):
+        if not hasattr(policy, "name"):
+            raise PolicyError(f"{policy!r} has no name; give its class one: name = 'mine'")
         return policy
     function = getattr(policy, "velocities", policy)
     if not callable(function):

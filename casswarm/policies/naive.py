@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arrays import Booleans, Floats
 from ..guide import Guide
-from ..problems.formation import SHORTFALL, Motion
+from ..problems.formation import Motion
 from .base import Decision, Policy
 
 
@@ -29,11 +29,17 @@ class NaivePolicy(Policy):
     name: str = "naive"
 
     def decide(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Decision:
-        """Every member toward its own guide's next point, as near as the limits allow."""
-        goals = np.stack([guide.reference(step + 1) for guide in self.guides])
+        """Every member toward its own guide's next point, as near as the limits allow.
+
+        A member whose planning failed steers straight at the target, and counts as a failure.
+        """
+        goals = np.stack([g.reference(step + 1) if g.arrives else g.center for g in self.guides])
+        lost = np.array([not guide.arrives for guide in self.guides])
         velocities = self.motion.toward(positions, previous, goals)
-        missed = positions + self.motion.dt * velocities - goals
-        short = alive & (np.hypot(missed[..., 0], missed[..., 1]) > SHORTFALL)
-        none = np.zeros(len(velocities), np.int64)
-        moving = np.where(alive[..., None], velocities, 0.0)
-        return Decision(moving, short.sum(axis=1), none, none)
+        short = alive & ~lost & self.motion.misses(positions, velocities, goals)
+        return Decision(
+            np.where(alive[..., None], velocities, 0.0),
+            short.sum(axis=1),
+            (alive & lost).any(axis=1).astype(np.int64),
+            np.zeros(len(velocities), np.int64),
+        )

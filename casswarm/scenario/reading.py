@@ -12,7 +12,7 @@ from ..errors import ScenarioError
 from .messages import nearest, report
 from .model import Scenario
 
-_TEMPLATE = "start from a built-in one: save_scenario(load_scenario('paper-1'), 'my.toml')"
+_TEMPLATE = "start from a built-in one: casswarm scenarios new my.toml --from paper-1"
 
 
 def load_scenario(source: str | os.PathLike[str]) -> Scenario:

@@ -127,9 +127,10 @@ class GuideOptions(Table):
     )
     margin: NotNegative | None = Field(
         None,
-        description="How deep inside the target zone the guide must arrive, in units of length, "
-        "below its radius. By default min(sqrt(rho), radius / 2), so that those who follow the "
-        "guide in its corridor arrive too; for a lone member 1e-6 radius.",
+        description="How deep inside the target zone the guide's last planned step must be, in "
+        "units of length, below its radius (the guide ends where it first crosses the rim; from "
+        "then on the swarm aims at the centre). By default min(sqrt(rho), radius / 2), so that "
+        "those who follow the guide in its corridor arrive too; for a lone member 1e-6 radius.",
     )
     gamma: Positive = Field(
         10.0, description="Weight of the distance to the target in the paper's penalised form."

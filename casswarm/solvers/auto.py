@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..arrays import Floats
+from ..arrays import Booleans, Floats
 from ..nlp import Instances, Nlp
 from ..solution import BatchSolution
 from .base import VIOLATION, Answer, Solver
@@ -46,11 +46,12 @@ class Auto(Solver):
         if not self.batch.can_take(nlp, instances):
             return self.judge._answers(nlp, instances)
         answers = self.batch._answers(nlp, instances)
+        accepted = self._accepts(nlp, instances, np.stack([answer.x for answer in answers]))
         return [
             answer
-            if answer.status.success
+            if fine
             else self.judge._answers(nlp, _restarted(instances[i : i + 1], answer.x[None]))[0]
-            for i, answer in enumerate(answers)
+            for i, (answer, fine) in enumerate(zip(answers, accepted, strict=True))
         ]
 
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
@@ -58,15 +59,18 @@ class Auto(Solver):
         if not self.batch.can_take(nlp, instances):
             return self.judge.solve_batch(nlp, instances)
         found = self.batch.solve_batch(nlp, instances)
-        accepted = found.success | (
-            (found.stationarity <= self.stationarity) & (found.violation <= VIOLATION)
-        )
-        left = np.flatnonzero(~accepted)
+        accepted = self._accepts(nlp, instances, found.x)
         found = replace(found, success=accepted)
+        left = np.flatnonzero(~accepted)
         if not left.size:
             return found
         again = self.judge.solve_batch(nlp, _restarted(instances[left], found.x[left]))
         return found.with_rows(left, replace(again, resolved=np.ones(left.size, bool)))
+
+    def _accepts(self, nlp: Nlp, instances: Instances, x: Floats) -> Booleans:
+        """Which answers are good enough, by residuals recomputed here."""
+        _, violation, stationarity = self.batch.residuals(nlp, instances, x)
+        return np.asarray((violation <= VIOLATION) & (stationarity <= self.stationarity))
 
 
 def _restarted(instances: Instances, x: Floats) -> Instances:

@@ -77,11 +77,15 @@ def _solve(function: Any, instances: Instances, i: int) -> Answer:
             ubg=instances.upper_g[i],
         )
     except RuntimeError as error:  # CasADi's, for example on NaN bounds
+        if "KeyboardInterrupt" in str(error):
+            raise KeyboardInterrupt from error
         seconds = time.perf_counter() - started
         return Answer(instances.start[i], Status.FAILED, str(error), 0, 0, seconds)
     seconds = time.perf_counter() - started
     stats = function.stats()
     words = str(stats["return_status"])
+    if words == "User_Requested_Stop":  # nobody but the user's Ctrl-C, which CasADi catches
+        raise KeyboardInterrupt
     return Answer(
         x=np.asarray(out["x"]).ravel(),
         status=STATUS.get(words, Status.FAILED),

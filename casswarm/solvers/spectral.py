@@ -17,6 +17,7 @@ from ..arrays import Counts, Floats
 from ..compiling import compiled_module
 from ..errors import SolverError
 from ..nlp import Instances, Nlp
+from ..sets import PlanarSets
 from ..solution import BatchSolution, Status
 from . import spectral_core
 from .base import VIOLATION, Answer, Solver, require
@@ -41,7 +42,8 @@ class SpectralProjectedGradient(Solver):
     Parameters
     ----------
     tolerance : float
-        A point x has converged when no component of x - P(x - grad f(x)) is larger.
+        A point x has converged when no component of x - P(x - grad f(x)) is larger, all in
+        `Instances.units`: an answer does not depend on the scenario's units.
     iterations : int
         Limit for every start.
     starts : int
@@ -89,17 +91,13 @@ class SpectralProjectedGradient(Solver):
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
         """Solve every instance; residuals are recomputed for the whole batch at once.
 
-        Stationarity is the largest component of x - P(x - grad f(x)), which needs no multipliers.
+        Stationarity is the largest component of x - P(x - grad f(x)), in `Instances.units`; it
+        needs no multipliers.
         """
         self._build(nlp)
         run = _Run.of(self, nlp, instances)
         run.solve()
-        objective, stationarity = run.judged()
-        assert instances.sets is not None
-        points = run.x.reshape(*instances.sets.shape, 2)
-        violation = instances.sets.violation(points).max(axis=1, initial=0.0)
-        finite = np.isfinite(run.x).all(axis=1) & np.isfinite(objective)
-        violation[~finite] = np.inf
+        objective, violation, stationarity = self.residuals(nlp, instances, run.x)
         success = (violation <= VIOLATION) & (run.outcome == spectral_core.CONVERGED)
         return BatchSolution(
             x=run.x,
@@ -111,6 +109,29 @@ class SpectralProjectedGradient(Solver):
             seconds=run.seconds,
         )
 
+    @staticmethod
+    def residuals(nlp: Nlp, instances: Instances, x: Floats) -> tuple[Floats, Floats, Floats]:
+        """Objective, violation and stationarity (B,) of points x (B, nx), from the problem alone.
+
+        Stationarity is NaN, and violation infinite, where the functions are not finite.
+        """
+        assert nlp.compiled is not None
+        assert instances.sets is not None
+        objective, stationarity = np.empty(len(x)), np.empty(len(x))
+        _module(nlp).residual_batch(
+            np.ascontiguousarray(x),
+            np.ascontiguousarray(instances.parameters),
+            nlp.compiled.shared,
+            _units(instances),
+            *_contiguous(instances.sets),
+            objective,
+            stationarity,
+        )
+        points = x.reshape(*instances.sets.shape, 2)
+        violation = instances.sets.violation(points).max(axis=1, initial=0.0)
+        violation[~np.isfinite(x).all(axis=1) | ~np.isfinite(objective)] = np.inf
+        return objective, violation, stationarity
+
 
 @dataclass
 class _Run:
@@ -119,6 +140,7 @@ class _Run:
     solver: SpectralProjectedGradient
     module: ModuleType
     shared: Floats
+    units: Floats
     starts: Floats
     parameters: Floats
     sets: tuple[Floats, Floats, Floats, Floats]
@@ -141,14 +163,10 @@ class _Run:
             solver=solver,
             module=_module(nlp),
             shared=nlp.compiled.shared,
+            units=_units(instances),
             starts=_starts(instances, solver.starts if nlp.multimodal else 1),
             parameters=np.ascontiguousarray(instances.parameters),
-            sets=(
-                np.ascontiguousarray(sets.lower),
-                np.ascontiguousarray(sets.upper),
-                np.ascontiguousarray(sets.centers),
-                np.ascontiguousarray(sets.radii),
-            ),
+            sets=_contiguous(sets),
             x=np.empty_like(instances.start),
             objective=np.empty(batch),
             residual=np.empty(batch),
@@ -167,6 +185,7 @@ class _Run:
                 self.starts,
                 self.parameters,
                 self.shared,
+                self.units,
                 *self.sets,
                 self.solver.tolerance,
                 self.solver.iterations,
@@ -180,13 +199,21 @@ class _Run:
         _shared_out(share, len(self.x))
         self.seconds = time.perf_counter() - started
 
-    def judged(self) -> tuple[Floats, Floats]:
-        """Objective and stationarity of x, anew."""
-        objective, residual = np.empty(len(self.x)), np.empty(len(self.x))
-        self.module.residual_batch(
-            self.x, self.parameters, self.shared, *self.sets, objective, residual
-        )
-        return objective, residual
+
+def _units(instances: Instances) -> Floats:
+    """Units of x and f, (B, 2); ones where none are given."""
+    units = np.ones((len(instances), 2)) if instances.units is None else instances.units
+    return np.ascontiguousarray(units)
+
+
+def _contiguous(sets: PlanarSets) -> tuple[Floats, Floats, Floats, Floats]:
+    """The arrays of sets as compiled code wants them."""
+    return (
+        np.ascontiguousarray(sets.lower),
+        np.ascontiguousarray(sets.upper),
+        np.ascontiguousarray(sets.centers),
+        np.ascontiguousarray(sets.radii),
+    )
 
 
 def _shared_out(work: Callable[[int, int], None], size: int) -> None:

@@ -64,10 +64,11 @@ def project_point(px, py, lower, upper, centers, radii, best):
         if distance > radii[k]:
             shrink = radii[k] / distance
             x, y = centers[k, 0] + shrink * dx, centers[k, 1] + shrink * dy
-            if lower[0] <= x <= upper[0] and lower[1] <= y <= upper[1]:
-                if in_discs(x, y, centers, radii):
-                    best[0], best[1] = x, y
-                    return
+            inx, iny = clip(x, lower[0], upper[0]), clip(y, lower[1], upper[1])
+            slack = ROUNDING * (max(abs(x), abs(y)) + radii[k])
+            if max(abs(inx - x), abs(iny - y)) <= slack and in_discs(inx, iny, centers, radii):
+                best[0], best[1] = inx, iny
+                return
     best[0], best[1], best[2] = px, py, 0.0
     for k in range(radii.shape[0]):
         r = radii[k]
@@ -116,26 +117,30 @@ def project(x, lower, upper, centers, radii, best, out):
             out[2 * i], out[2 * i + 1] = lower[i, 0], lower[i, 1]
         else:
             project_point(x[2 * i], x[2 * i + 1], lower[i], upper[i], centers[i], radii[i], best)
+            if best[2] == 0.0:  # a sliver as thin as rounding: keep to the box, and be judged
+                best[0] = clip(x[2 * i], lower[i, 0], upper[i, 0])
+                best[1] = clip(x[2 * i + 1], lower[i, 1], upper[i, 1])
             out[2 * i], out[2 * i + 1] = best[0], best[1]
 
 
 @compiled
-def stationarity(x, gradient, lower, upper, centers, radii, best, work):
-    """Largest component of x - P(x - gradient), zero exactly at stationary points."""
+def stationarity(x, gradient, units, lower, upper, centers, radii, best, work):
+    """Largest component of x - P(x - gradient) in units of x and f, zero at stationary points."""
+    metric = units[0] * units[0] / units[1]
     for i in range(x.size):
         if not math.isfinite(gradient[i]):
             return math.nan  # which a projection onto a box would hide
-        work[i] = x[i] - gradient[i]
+        work[i] = x[i] - metric * gradient[i]
     project(work, lower, upper, centers, radii, best, work)
     largest = 0.0
     for i in range(x.size):
         change = abs(work[i] - x[i])
         largest = max(largest, change)
-    return largest
+    return largest / units[0]
 
 
 @compiled
-def minimise(x, p, shared, lower, upper, centers, radii, tolerance, iterations, counts):
+def minimise(x, p, shared, units, lower, upper, centers, radii, tolerance, iterations, counts):
     """Improve the feasible point `x` in place; (f, stationarity, outcome); counts: steps, f's.
 
     SPG2 of Birgin, Martinez and Raydan (SIAM J. Optim. 10(4), 2000).
@@ -146,14 +151,15 @@ def minimise(x, p, shared, lower, upper, centers, radii, tolerance, iterations, 
     f = evaluate(x, p, shared, gradient)
     counts[1] += 1
     history = np.full(MEMORY, f)
-    residual = stationarity(x, gradient, lower, upper, centers, radii, best, direction)
-    step = 1.0 / residual if residual > 0.0 else 1.0
+    residual = stationarity(x, gradient, units, lower, upper, centers, radii, best, direction)
+    metric = units[0] * units[0] / units[1]
+    step = metric / residual if residual > 0.0 else metric
     for iteration in range(iterations):
         if not (math.isfinite(f) and math.isfinite(residual)):
             return f, residual, NOT_FINITE
         if residual <= tolerance:
             return f, residual, CONVERGED
-        step = clip(step, SHORTEST, LONGEST)
+        step = clip(step, SHORTEST * metric, LONGEST * metric)
         for i in range(n):
             direction[i] = x[i] - step * gradient[i]
         project(direction, lower, upper, centers, radii, best, direction)
@@ -187,8 +193,8 @@ def minimise(x, p, shared, lower, upper, centers, radii, tolerance, iterations, 
             x[i], gradient[i] = following[i], gradient_then[i]
         f = f_then
         history[iteration % MEMORY] = f
-        step = moved / curved if curved > 0.0 else LONGEST
-        residual = stationarity(x, gradient, lower, upper, centers, radii, best, direction)
+        step = moved / curved if curved > 0.0 else LONGEST * metric
+        residual = stationarity(x, gradient, units, lower, upper, centers, radii, best, direction)
     return f, residual, CONVERGED if residual <= tolerance else EXHAUSTED
 
 
@@ -199,6 +205,7 @@ def minimise_batch(
     starts,
     parameters,
     shared,
+    units,
     lower,
     upper,
     centers,
@@ -223,6 +230,7 @@ def minimise_batch(
                 trial,
                 parameters[state],
                 shared,
+                units[state],
                 box[0],
                 box[1],
                 discs[0],
@@ -243,11 +251,19 @@ def minimise_batch(
 
 
 @compiled
-def residual_batch(x, parameters, shared, lower, upper, centers, radii, objective, residual):
+def residual_batch(x, parameters, shared, units, lower, upper, centers, radii, objective, residual):
     """f and stationarity of given points, anew: nothing of a solve enters."""
     gradient, work, best = np.empty(x.shape[1]), np.empty(x.shape[1]), np.empty(3)
     for state in range(x.shape[0]):
         objective[state] = evaluate(x[state], parameters[state], shared, gradient)
         residual[state] = stationarity(
-            x[state], gradient, lower[state], upper[state], centers[state], radii[state], best, work
+            x[state],
+            gradient,
+            units[state],
+            lower[state],
+            upper[state],
+            centers[state],
+            radii[state],
+            best,
+            work,
         )
