@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .guide import Candidate, Guide
     from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
     from .planning import plan
-    from .policies import Decision, Policy, make_policy
+    from .policies import Decision, Policy, as_policy, make_policy
     from .scenario import Scenario, builtin_scenarios, load_scenario, save_scenario
     from .solution import Residuals, Solution, Status
     from .solvers import Solver, make_solver
@@ -51,7 +51,7 @@ _HOME = {
     "guide": ("Candidate", "Guide"),
     "hazard": ("CustomHazard", "Hazard", "KernelHazard", "Saturation", "SaturationCollision"),
     "planning": ("plan",),
-    "policies": ("Decision", "Policy", "make_policy"),
+    "policies": ("Decision", "Policy", "as_policy", "make_policy"),
     "scenario": ("Scenario", "builtin_scenarios", "load_scenario", "save_scenario"),
     "solution": ("Residuals", "Solution", "Status"),
     "solvers": ("Solver", "make_solver"),
@@ -82,6 +82,7 @@ __all__ = [
     "SolverError",
     "Status",
     "Study",
+    "as_policy",
     "builtin_scenarios",
     "evaluate",
     "load_scenario",

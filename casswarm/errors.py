@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 
 class CasswarmError(Exception):
     """Base of every error that casswarm raises on purpose."""
@@ -25,3 +28,11 @@ class SolverError(CasswarmError, ValueError):
 
 class PlanningError(CasswarmError, RuntimeError):
     """No guide was found; the message tells the outcome of every start."""
+
+
+def among(word: str, known: Iterable[str]) -> str:
+    """The end of a message about an unknown word: the known word nearest to it, and all of them."""
+    words = list(known)
+    close = get_close_matches(word, words, 1)
+    hint = f"; did you mean {close[0]!r}?" if close else ""
+    return f"{hint} (known: {', '.join(words)})"

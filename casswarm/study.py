@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -10,7 +11,6 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from multiprocessing import get_context
 from numbers import Integral
-from pickle import PicklingError
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -171,7 +171,8 @@ def _named(
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated or not names:
         raise PolicyError(
-            f"policies need names that differ; repeated: {', '.join(repeated)}"
+            f"policies need names that differ; repeated: {', '.join(repeated)}; "
+            "as_policy(function, name) gives one a name"
             if repeated
             else "no policy given"
         )
@@ -195,6 +196,7 @@ def _finished(
             tell(job, 0)
             yield job, part, seconds
         return
+    _require_sendable(jobs)
     # spawned, not forked: CasADi and Ipopt's linear solver do not survive a fork of their threads
     pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_leave_interrupts)
     try:
@@ -213,6 +215,18 @@ def _leave_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
+def _require_sendable(jobs: list[_Job]) -> None:
+    """Raise PolicyError for what does not pickle; a pool whose tasks do not ends untidily."""
+    for policy, job in {job.policy.name: job for job in jobs}.items():
+        try:
+            pickle.dumps(job)
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise PolicyError(
+                f"policy {policy!r}, or the scenario's hazard, cannot be sent to a worker "
+                f"({error}): define its function in a module, or use workers=1"
+            ) from error
+
+
 def _gathered(
     pool: Executor, jobs: list[_Job], done: dict[str, int], tell: Callable[[_Job, int], None]
 ) -> Iterator[tuple[_Job, Runs, float]]:
@@ -221,13 +235,6 @@ def _gathered(
         job = futures[future]
         try:
             part, seconds = future.result()
-        except (PicklingError, AttributeError, TypeError) as error:
-            if "pickle" not in str(error).lower():
-                raise
-            raise PolicyError(
-                f"policy {job.policy.name!r}, or the scenario's hazard, cannot be sent to a worker "
-                f"({error}): define its function in a module, or use workers=1"
-            ) from error
         except BrokenProcessPool as error:
             raise PolicyError(
                 "a worker process died: in a script, call simulate with workers > 1 only under "

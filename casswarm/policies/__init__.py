@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import PolicyError
+from ..errors import PolicyError, among
 from ..guide import Guide
 from ..planning import plan, plan_from
 from ..problems.formation import motion_of
@@ -108,9 +107,7 @@ def member_guides(scenario: Scenario, guide: Guide) -> tuple[Guide, ...]:
 
 def _require_known(kind: str, name: str, known: Mapping[str, object]) -> None:
     if name not in known:
-        close = get_close_matches(name, known, 1)
-        hint = f"; did you mean {close[0]!r}?" if close else ""
-        raise PolicyError(f"{kind} {name!r} is unknown{hint} (known: {', '.join(known)})")
+        raise PolicyError(f"{kind} {name!r} is unknown{among(name, known)}")
 
 
 __all__ = [

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from difflib import get_close_matches
 from typing import Any
 
-from ..errors import SolverError
+from ..errors import SolverError, among
 from .auto import Auto
 from .base import Answer, Solver
 from .ipopt import Ipopt
@@ -30,20 +29,12 @@ def make_solver(solver: str | Solver, **options: Any) -> Solver:
     if isinstance(solver, Solver):
         return solver
     if solver not in SOLVERS:
-        raise SolverError(f"solver {solver!r} is unknown{_nearest(solver, list(SOLVERS))}")
+        raise SolverError(f"solver {solver!r} is unknown{among(solver, SOLVERS)}")
     known = [field.name for field in fields(SOLVERS[solver])]  # type: ignore[arg-type]
     for option in options:
         if option not in known:
-            raise SolverError(
-                f"solver {solver!r} has no option {option!r}{_nearest(option, known)}"
-            )
+            raise SolverError(f"solver {solver!r} has no option {option!r}{among(option, known)}")
     return SOLVERS[solver](**options)
-
-
-def _nearest(word: str, known: list[str]) -> str:
-    close = get_close_matches(word, known, 1)
-    hint = f"; did you mean {close[0]!r}?" if close else ""
-    return f"{hint} (known: {', '.join(known)})"
 
 
 __all__ = [
