@@ -94,8 +94,9 @@ def swarm_map(
     if guide is not None:
         axes.plot(*guide.positions.T, color=INK, linewidth=0.9, ls=":", zorder=5, label="guide")
     if fallen:
+        places, counts = np.unique(np.round(fallen, 6), axis=0, return_counts=True)
         axes.plot(
-            *np.array(fallen).T,
+            *places.T,
             marker="X",
             markersize=11,
             color="white",
@@ -104,6 +105,8 @@ def swarm_map(
             zorder=6,
             label="destroyed",
         )
+        for place, count in zip(places[counts > 1], counts[counts > 1], strict=True):
+            axes.annotate(f"{count}", place, (7, 5), textcoords="offset points", zorder=7)
     steps, survivors = len(trace.alive) - 1, int(trace.alive[-1].sum())
     _finish(
         fig,
