@@ -111,7 +111,7 @@ def plan_from(
         dt=scenario.time.dt,
     )
     backend = make_solver(solver, **_paper_options(scenario, solver))
-    search = _checked_search(search or scenario.guide.search)
+    search = _checked_search(search, scenario, backend)
     planner = _Planner(scenario, task, backend, progress or (lambda _: None))
     if isinstance(backend, ProjectedGradient):
         candidates = [planner.penalised()]
@@ -138,10 +138,14 @@ def _paper_options(scenario: Scenario, solver: str | Solver) -> dict[str, object
     return {"step": options.learning_rate, "iterations": options.iterations, "keep": "best"}
 
 
-def _checked_search(search: str) -> str:
-    if search not in ("local", "global"):
+def _checked_search(search: str | None, scenario: Scenario, solver: Solver) -> str:
+    if search not in ("local", "global", None):
         raise SolverError(f"search {search!r} is unknown; allowed: 'local', 'global'")
-    return search
+    if isinstance(solver, ProjectedGradient):
+        if search == "global":
+            raise SolverError("projected-gradient starts from the straight line: search is 'local'")
+        return "local"
+    return search or scenario.guide.search
 
 
 def _preference(candidate: Candidate) -> tuple[bool, bool, float]:

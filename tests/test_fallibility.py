@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import casswarm as cs
-from casswarm.errors import PlanningError, PolicyError
+from casswarm.errors import PlanningError, PolicyError, SolverError
 from casswarm.hazard import KernelHazard
 from casswarm.planning import plan_from
 from casswarm.problems.formation import formation_nlp
@@ -101,6 +101,13 @@ def test_members_guides_are_searched_for_as_the_swarms_guide_was():
     own = cs.make_policy("naive", scenario, guide).guides
     assert {g.search for g in own} == {"global"}
     assert min(g.survival for g in own) > 0.8 * guide.survival
+
+
+def test_global_search_by_projected_gradient_is_refused():
+    with pytest.raises(SolverError, match="straight line"):
+        cs.plan(PAPER, "projected-gradient", search="global")
+    quick = PAPER.with_values({"guide.search": "global", "guide.iterations": 5})
+    assert cs.plan(quick, "projected-gradient", check=False).search == "local"
 
 
 @dataclass(frozen=True)

@@ -203,6 +203,25 @@ def test_start_of_a_solve_is_a_path_that_obeys_the_dynamics_and_the_box() -> Non
     np.testing.assert_allclose(X, path_of(TASK.start, V, 0.33)[1:], rtol=1e-14)
 
 
+def test_dimensionless_task_is_the_same_program_in_lengths_of_a_step() -> None:
+    nlp, unit = guide_nlp(HAZARD, 4), 0.33 * 2.0
+    X, V = walk(4, 12) + np.array([3.0, 1.0]), walk(4, 13)
+    found = []
+    for task, x in (
+        (TASK, nlp.pack_variables(positions=X, velocities=V)),
+        (
+            TASK.dimensionless(),
+            nlp.pack_variables(positions=(X - TASK.start) / unit, velocities=V / 2.0),
+        ),
+    ):
+        instance = guide_instance(nlp, task, 4, V)
+        values = [np.asarray(part) for part in nlp.evaluate(x[0], instance.parameters[0])]
+        found.append([np.concatenate(values).ravel(), instance.upper_g[0]])
+    scale = np.array([1.0, *[unit] * 8, *[4.0] * 4, unit**2])
+    np.testing.assert_allclose(scale * found[1][0], found[0][0], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(scale[1:] * found[1][1], found[0][1], rtol=1e-6)
+
+
 # --- the paper's penalised program
 
 
