@@ -51,6 +51,19 @@ def test_run_command_prints_the_readmes_table(tmp_path):
         assert int(printed[policy][9]) == int(row[9]) == 0  # solver failures
 
 
+def test_exact_brackets_of_the_readme_are_those_of_evaluate():
+    from casswarm import evaluate, load_scenario, plan
+
+    after = README.split("brackets of")[1]
+    told = [float(number) for number in re.findall(r"\b0\.\d{4}\b", after)]
+    scenario = load_scenario("paper-1")
+    guide = plan(scenario)
+    policies = ("naive", "constrained", "leader")
+    for policy, low, high in zip(policies, told[0:6:2], told[1:6:2], strict=True):
+        exact = evaluate(scenario, policy, 1e-3, guide=guide).success
+        assert low - 2e-4 <= exact[0] <= exact[1] <= high + 2e-4
+
+
 def test_example_runs_as_it_stands(tmp_path):
     assert len([line for line in block("example").splitlines() if line.strip()]) <= 10
     (tmp_path / "example.py").write_text(block("example"))
