@@ -13,7 +13,6 @@ from multiprocessing import get_context
 from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pandas as pd
 
 from .chain.simulate import Chain, Runs, Trace
@@ -23,7 +22,7 @@ from .planning import plan
 from .policies import as_policy, initial_velocities, make_policy
 from .policies.base import Policy
 from .solvers import Solver
-from .statistics import wilson
+from .tables import run_table, summarise
 
 if TYPE_CHECKING:
     from .scenario import Scenario
@@ -251,7 +250,7 @@ def _study(
     tables, effort, traces = [], [], {}
     for name, done in parts.items():
         done.sort(key=lambda item: item[0].first)
-        tables.append(pd.concat([_table(name, part) for part, _ in done], ignore_index=True))
+        tables.append(pd.concat([run_table(name, part) for part, _ in done], ignore_index=True))
         traces[name] = tuple(trace for part, _ in done for trace in part.traces)
         effort.append(
             {
@@ -262,50 +261,3 @@ def _study(
         )
     runs = pd.concat(tables, ignore_index=True)
     return Study(scenario, guide, seed, summarise(runs), runs, pd.DataFrame(effort), traces)
-
-
-def _table(name: str, part: Runs) -> pd.DataFrame:
-    arrived = part.arrival >= 0
-    arrival = pd.array(np.where(arrived, part.arrival, 0), dtype="Int64")
-    arrival[~arrived] = pd.NA
-    return pd.DataFrame(
-        {
-            "policy": name,
-            "run": part.first + np.arange(len(arrived)),
-            "success": arrived,
-            "survivors": part.survivors,
-            "arrival_step": arrival,
-            "steps": part.steps,
-            "shortfalls": part.shortfalls,
-            "solver_failures": part.solver_failures,
-            "resolved": part.resolved,
-            "clipped": part.clipped,
-        }
-    )
-
-
-def summarise(runs: pd.DataFrame) -> pd.DataFrame:
-    """A row a policy of a table with a row a run; see `Study`."""
-    rows = []
-    for name, table in runs.groupby("policy", sort=False):
-        successes = int(table["success"].sum())
-        low, high = wilson(successes, len(table))
-        rows.append(
-            {
-                "policy": name,
-                "runs": len(table),
-                "successes": successes,
-                "success": successes / len(table),
-                "success_low": low,
-                "success_high": high,
-                "survivors_mean": float(table["survivors"].mean()),
-                "arrival_step_mean": float(table["arrival_step"].astype("Float64").mean())
-                if successes
-                else float("nan"),
-                "shortfalls": int(table["shortfalls"].sum()),
-                "solver_failures": int(table["solver_failures"].sum()),
-                "resolved": int(table["resolved"].sum()),
-                "clipped": int(table["clipped"].sum()),
-            }
-        )
-    return pd.DataFrame(rows)

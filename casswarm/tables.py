@@ -1,4 +1,4 @@
-"""Guides and laws as tables; studies make their own."""
+"""Guides, laws and runs as tables."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ import numpy as np
 import pandas as pd
 
 from .chain.evaluate import Law
+from .chain.simulate import Runs
 from .guide import Guide
+from .statistics import wilson
 
 
 def guide_table(guide: Guide) -> pd.DataFrame:
@@ -68,3 +70,51 @@ def survivor_table(laws: Sequence[Law]) -> pd.DataFrame:
     """A row a number of survivors at the end: its probability, a column a policy (low ends)."""
     numbers = np.arange(len(laws[0].survivors))
     return pd.DataFrame({"survivors": numbers} | {law.policy: law.survivors for law in laws})
+
+
+def run_table(name: str, part: Runs) -> pd.DataFrame:
+    """A row a run of a policy; see `Study`."""
+    arrived = part.arrival >= 0
+    arrival = pd.array(np.where(arrived, part.arrival, 0), dtype="Int64")
+    arrival[~arrived] = pd.NA
+    return pd.DataFrame(
+        {
+            "policy": name,
+            "run": part.first + np.arange(len(arrived)),
+            "success": arrived,
+            "survivors": part.survivors,
+            "arrival_step": arrival,
+            "steps": part.steps,
+            "shortfalls": part.shortfalls,
+            "solver_failures": part.solver_failures,
+            "resolved": part.resolved,
+            "clipped": part.clipped,
+        }
+    )
+
+
+def summarise(runs: pd.DataFrame) -> pd.DataFrame:
+    """A row a policy of a table with a row a run; see `Study`."""
+    rows = []
+    for name, table in runs.groupby("policy", sort=False):
+        successes = int(table["success"].sum())
+        low, high = wilson(successes, len(table))
+        rows.append(
+            {
+                "policy": name,
+                "runs": len(table),
+                "successes": successes,
+                "success": successes / len(table),
+                "success_low": low,
+                "success_high": high,
+                "survivors_mean": float(table["survivors"].mean()),
+                "arrival_step_mean": float(table["arrival_step"].astype("Float64").mean())
+                if successes
+                else float("nan"),
+                "shortfalls": int(table["shortfalls"].sum()),
+                "solver_failures": int(table["solver_failures"].sum()),
+                "resolved": int(table["resolved"].sum()),
+                "clipped": int(table["clipped"].sum()),
+            }
+        )
+    return pd.DataFrame(rows)

@@ -41,6 +41,16 @@ def reported_errors() -> Iterator[None]:
         raise WrongInput(str(error)) from error
 
 
+policy_option = click.option(
+    "--policy",
+    "policies",
+    multiple=True,
+    metavar="NAME",
+    help="naive, constrained or leader; repeatable. [default: all three]",
+)
+"""Which of the built-in policies a command works on."""
+
+
 def scenario_options(command: F) -> F:
     """SCENARIO, and the options that every command on a scenario takes."""
     for decorate in reversed(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import load, reported_errors, scenario_options
+from .common import load, policy_option, reported_errors, scenario_options
 from .output import Folder, aligned, json_text, say
 
 if TYPE_CHECKING:
@@ -17,13 +17,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @scenario_options
-@click.option(
-    "--policy",
-    "policies",
-    multiple=True,
-    metavar="NAME",
-    help="naive, constrained or leader; repeatable. [default: all three]",
-)
+@policy_option
 @click.option(
     "--tolerance",
     type=click.FloatRange(0, 1, max_open=True),

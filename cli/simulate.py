@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import load, reported_errors, scenario_options
+from .common import load, policy_option, reported_errors, scenario_options
 from .output import Folder, aligned, json_text, say
 
 if TYPE_CHECKING:
@@ -19,13 +19,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @scenario_options
-@click.option(
-    "--policy",
-    "policies",
-    multiple=True,
-    metavar="NAME",
-    help="naive, constrained or leader; repeatable. [default: all three]",
-)
+@policy_option
 @click.option(
     "--runs", type=click.IntRange(1), default=1000, show_default=True, help="Runs of every policy."
 )
