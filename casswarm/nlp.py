@@ -56,8 +56,9 @@ class Nlp:
         evaluate several times faster; ruinous for large ones.
     compiled : CompiledObjective, optional
         The objective once more, for compiled solvers.
-    multimodal : bool
-        Whether local minima are common, so that several starts are worth their time.
+    starts : int
+        How many starts are worth their time, where they cost little: more than one where local
+        minima are common.
     """
 
     name: str
@@ -67,7 +68,7 @@ class Nlp:
     constraints: Mapping[str, Expression]
     unroll: bool = False
     compiled: CompiledObjective | None = None
-    multimodal: bool = False
+    starts: int = 1
 
     @cached_property
     def x(self) -> Expression:

@@ -28,19 +28,20 @@ sqrt(e). Magnitudes should lie between 1e-140 and 1e140 (or be zero).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import inspect
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, cached_property
+from types import ModuleType
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from . import planar_core
 from .arrays import Booleans, Floats
+from .compiling import compiled_module
 
 Index: TypeAlias = int | np.integer[Any] | slice | NDArray[np.bool_] | NDArray[np.integer[Any]]
-
-ROUNDING = 2.0**-46  # 64 units of rounding, 1.4e-14
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +85,16 @@ class PlanarSets:
         shape = np.broadcast_shapes(*(arrays[name].shape[: -len(ends[name])] for name in ends))
         for name, array in arrays.items():
             object.__setattr__(self, name, np.broadcast_to(array, shape + ends[name]))
+
+    @cached_property
+    def packed(self) -> Floats:
+        """The sets as rows of ten numbers, (..., 10), as `planar_core` wants them."""
+        rows = np.zeros((*self.shape, 10))
+        rows[..., 0:2], rows[..., 2:4], rows[..., (6, 9)] = self.lower, self.upper, np.inf
+        for k in range(self.radii.shape[-1]):
+            rows[..., 4 + 3 * k : 6 + 3 * k] = self.centers[..., k, :]
+            rows[..., 6 + 3 * k] = self.radii[..., k]
+        return rows
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -131,9 +142,8 @@ class PlanarSets:
     def violation(self, points: ArrayLike) -> Floats:
         """Largest distance (...) to the box or a disc; 0 inside, NaN for a point not finite."""
         flat, sets, shape = self._paired(points)
-        largest = np.asarray(np.hypot(*(flat - np.clip(flat, sets.lower, sets.upper)).T))
-        for k in range(sets.radii.shape[-1]):
-            np.maximum(largest, _excess(flat, sets, k), out=largest)
+        largest = np.empty(len(flat))
+        _compiled().excess_batch(flat, sets.packed, largest)
         return largest.reshape(shape)
 
     def contains(self, points: ArrayLike, tolerance: float) -> Booleans:
@@ -198,25 +208,6 @@ class PlanarSets:
         return flat, PlanarSets(*arrays), shape
 
 
-def _excess(points: Floats, sets: PlanarSets, k: int) -> Floats:
-    """Signed distance (M,) of points to circle k, positive outside; -inf for an absent disc."""
-    return np.asarray(np.hypot(*(points - sets.centers[:, k]).T) - sets.radii[:, k])
-
-
-def _slack(points: Floats, sets: PlanarSets, k: int) -> Floats:
-    """Distance (M,) that rounding may put between points and disc k."""
-    size = np.maximum(*np.abs(points).T) + np.maximum(*np.abs(sets.centers[:, k]).T)
-    return np.asarray(ROUNDING * (size + sets.radii[:, k]))
-
-
-def _in_discs(points: Floats, sets: PlanarSets) -> Booleans:
-    """Whether points (M, 2) lie in all discs of their sets, up to rounding; False for NaN."""
-    inside = ~np.isnan(points[:, 0])
-    for k in range(sets.radii.shape[-1]):
-        inside &= _excess(points, sets, k) <= _slack(points, sets, k)
-    return inside
-
-
 def _anchors(sets: PlanarSets) -> Floats:
     """Choose a point (M, 2) to search each set from: the centre of its smallest disc."""
     if sets.radii.shape[-1] == 0:
@@ -227,73 +218,11 @@ def _anchors(sets: PlanarSets) -> Floats:
 
 def _search(points: Floats, sets: PlanarSets) -> tuple[Floats, Booleans]:
     """Nearest points (M, 2), and whether there is one (M,); NaN stays NaN and counts as found."""
-    nearest = np.clip(points, sets.lower, sets.upper)  # case 1
-    found = _in_discs(nearest, sets) | np.isnan(points[:, 0])
-    for k in range(sets.radii.shape[-1] + 1):
-        left = np.flatnonzero(~found)
-        if left.size:
-            case = partial(_on_disc, k=k) if k < sets.radii.shape[-1] else _on_two
-            nearest[left], found[left] = case(points[left], sets[left])
+    nearest, found = np.empty(points.shape), np.empty(len(points), dtype=bool)
+    _compiled().nearest_batch(points, sets.packed, nearest, found)
     return nearest, found
 
 
-def _on_disc(points: Floats, sets: PlanarSets, k: int) -> tuple[Floats, Booleans]:
-    """Case 2: projections (M, 2) on disc k, and whether they lie in the sets."""
-    offset, radius = points - sets.centers[:, k], sets.radii[:, k]
-    distance = np.hypot(*offset.T)
-    outside = distance > radius  # implies distance > 0
-    shrink = np.divide(radius, distance, out=np.ones_like(distance), where=outside)
-    on_disc = sets.centers[:, k] + shrink[:, None] * offset
-    clipped = np.clip(on_disc, sets.lower, sets.upper)
-    in_box = np.hypot(*(clipped - on_disc).T) <= _slack(on_disc, sets, k)
-    return clipped, outside & in_box & _in_discs(clipped, sets)
-
-
-def _on_two(points: Floats, sets: PlanarSets) -> tuple[Floats, Booleans]:
-    """Case 3: the nearest crossings (M, 2) that lie in the sets, and whether there is any."""
-    nearest, found = points.copy(), np.zeros(len(points), dtype=bool)
-    for crossing in _crossings(sets):
-        candidate = np.clip(crossing, sets.lower, sets.upper)
-        # |p - q|^2 - |p - x|^2 without the cancellation that spoils it far from the set.
-        gain = (candidate - nearest) * ((points - candidate) + (points - nearest))
-        better = _in_discs(candidate, sets) & (~found | (gain[:, 0] + gain[:, 1] > 0))
-        nearest[better] = candidate[better]
-        found |= better
-    return nearest, found
-
-
-def _crossings(sets: PlanarSets) -> Iterator[Floats]:
-    """Points (M, 2) where circles cross lines of the box or each other; anything where not."""
-    radii = np.where(np.isfinite(sets.radii), sets.radii, 0.0)
-    for k in range(sets.radii.shape[-1]):
-        center, radius = sets.centers[:, k], radii[:, k, None]
-        for bound in (sets.lower, sets.upper):
-            lines = np.where(np.isfinite(bound), bound, center)
-            away = np.abs(lines - center)
-            half = np.sqrt(np.maximum(radius - away, 0.0)) * np.sqrt(radius + away)
-            for ends in (center[:, ::-1] - half, center[:, ::-1] + half):
-                yield np.column_stack([lines[:, 0], ends[:, 0]])
-                yield np.column_stack([ends[:, 1], lines[:, 1]])
-    if radii.shape[-1] == 2:
-        yield from _circle_crossings(sets.centers, radii)
-
-
-def _circle_crossings(centers: Floats, radii: Floats) -> Iterator[Floats]:
-    """Points (M, 2) where the circles of centers (M, 2, 2) and radii (M, 2) cross, or touch.
-
-    Measured from the smaller one, for then an error of `along`, however large, keeps the points on
-    it (`across` follows) and takes them off the larger one by the order of rounding only.
-    """
-    rows, small = np.arange(len(radii)), radii.argmin(axis=-1)
-    center, r, large = centers[rows, small], radii[rows, small], radii[rows, 1 - small]
-    offset = centers[rows, 1 - small] - center
-    distance = np.hypot(*offset.T)
-    divisor = np.where(distance > 0, distance, 1.0)
-    with np.errstate(over="ignore", invalid="ignore"):  # distance next to nothing: NaN is no point
-        along = 0.5 * distance + (r - large) * ((r + large) / (2 * divisor))
-        along = np.clip(along, -r, r)[:, None]
-    across = np.sqrt(r[:, None] - along) * np.sqrt(r[:, None] + along)
-    unit = offset / divisor[:, None]
-    normal = unit[:, ::-1] * (-1.0, 1.0)
-    yield center + along * unit - across * normal
-    yield center + along * unit + across * normal
+@cache
+def _compiled() -> ModuleType:
+    return compiled_module(inspect.getsource(planar_core))

@@ -69,8 +69,15 @@ def formation_nlp(hazard: Hazard, n: int, corridor: bool) -> Nlp:
         constraints=constraints,
         unroll=n <= _UNROLL,
         compiled=formation_objective(hazard),
-        multimodal=not isinstance(hazard, KernelHazard) or hazard.collides,
+        starts=_starts(hazard, corridor),
     )
+
+
+def _starts(hazard: Hazard, corridor: bool) -> int:
+    """How many starts find the best of the local minima that collisions make, almost always."""
+    if isinstance(hazard, KernelHazard) and not hazard.collides:
+        return 1
+    return 4 if corridor else 2
 
 
 @dataclass(frozen=True)
@@ -154,12 +161,15 @@ class Formation:
         Whose velocity is to be found.
     shortfalls : (B, n) bool
         Who cannot fulfil its wish (the leader's place, the corridor) within the physical limits.
+    fallback : (B, n, 2)
+        Allowed velocities nearest to the previous ones, for when a solver fails.
     """
 
     nlp: Nlp
     instances: Instances
     free: Booleans
     shortfalls: Booleans
+    fallback: Floats
 
 
 def leader_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
@@ -173,7 +183,12 @@ def leader_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
     shortfalls = np.zeros_like(step.alive)
     shortfalls[leads] = step.motion.misses(positions, velocity, step.goal)
     shortfalls &= step.alive  # where nobody is alive, nobody falls short
-    return _formation(step, sets, leads, step.alive & ~leads, given, shortfalls)
+    guess = None
+    if isinstance(step.hazard, KernelHazard) and step.hazard.gathers:
+        # solved in closed form: the nearer to the leader the better, every follower on its own
+        following = positions + step.motion.dt * velocity
+        guess = (following[:, None] - step.positions) / step.motion.dt
+    return _formation(step, sets, leads, step.alive & ~leads, given, shortfalls, guess)
 
 
 def corridor_formation(step: Step, rho: float) -> Formation:
@@ -187,7 +202,8 @@ def corridor_formation(step: Step, rho: float) -> Formation:
         np.sqrt([step.motion.a_max, rho]) / [1.0, step.motion.dt],
     )
     sets, unmet = wishes.fulfil()
-    return _formation(step, sets, step.alive, step.alive & ~unmet, sets.lower, step.alive & unmet)
+    free = step.alive & ~unmet
+    return _formation(step, sets, step.alive, free, sets.lower, step.alive & unmet)
 
 
 def _formation(
@@ -197,19 +213,25 @@ def _formation(
     free: Booleans,
     given: Floats,
     shortfalls: Booleans,
+    guess: Floats | None = None,
 ) -> Formation:
-    """Formation in which the living who are not free have the velocities `given` (B, n, 2)."""
+    """Formation in which the living who are not free have the velocities `given` (B, n, 2).
+
+    The solve starts from the point of the sets nearest to `guess` (B, n, 2), by default to the
+    previous velocities.
+    """
     nlp = formation_nlp(step.hazard, step.alive.shape[1], sets.radii.shape[-1] == 2)
     fixed = np.where(step.alive[..., None], given, 0.0)
     lower = np.where(free[..., None], sets.lower, fixed)
     upper = np.where(free[..., None], sets.upper, fixed)
     radii = np.where(free[..., None], sets.radii, np.inf)
     sets = PlanarSets(lower, upper, sets.centers, radii)
+    fallback = sets.project(step.previous)
     squared = (
         radii * [1.0, step.motion.dt][: radii.shape[-1]]
     ) ** 2  # as the constraints state them
     instances = Instances(
-        start=nlp.pack_variables(velocities=sets.project(step.previous)),
+        start=nlp.pack_variables(velocities=fallback if guess is None else sets.project(guess)),
         parameters=nlp.pack_parameters(
             positions=step.positions,
             previous=step.previous,
@@ -227,7 +249,7 @@ def _formation(
         sets=sets,
         units=_units(step, weights),
     )
-    return Formation(nlp, instances, free, shortfalls)
+    return Formation(nlp, instances, free, shortfalls, fallback)
 
 
 def _units(step: Step, weights: Booleans) -> Floats:

@@ -16,55 +16,77 @@ from ..nlp import CompiledObjective
 
 _EVALUATE = '''
 @compiled
-def evaluate(x, p, shared, gradient):
-    """Objective of `x` (2n,) and its gradient, for positions, alive and weights in `p`."""
+def evaluate(x, p, shared, gradient, scratch):
+    """Objective of `x` (2n,) and its gradient, for positions, alive and weights in `p`.
+
+    `scratch` (n (n + 8),) is overwritten. Every pair of members is evaluated once.
+    """
     n = x.size // 2
     radars = int(shared[0])
     parameters = shared[1 + 3 * radars :]
-    alive, weights, dt = p[4 * n : 5 * n], p[5 * n : 6 * n], p[6 * n + 2]
-    place = np.empty(2 * n)
+    dt = p[6 * n + 2]
+    crowd, crash, pairs = 2 * n, 3 * n, 4 * n  # where these begin in `scratch`
     for c in range(2 * n):
-        place[c] = p[c] + dt * x[c]
+        scratch[c] = p[c] + dt * x[c]
+        scratch[crowd + c] = 0.0
         gradient[c] = 0.0
-    pull = np.empty(n)  # by which member j draws on member i: d rate_i / d (squared distance)
-    nudge = np.empty(n)
-    total = 0.0
+    k = pairs
     for i in range(n):
-        if weights[i] == 0.0:
+        if p[5 * n + i] == 0.0:
             continue
-        east, north = place[2 * i], place[2 * i + 1]
+        east, north = scratch[2 * i], scratch[2 * i + 1]
+        for j in range(n):
+            weighted = p[5 * n + j] != 0.0
+            if p[4 * n + j] == 0.0 or j == i or (weighted and j < i):
+                continue
+            de, dn = east - scratch[2 * j], north - scratch[2 * j + 1]
+            squared = de * de + dn * dn
+            near, scratch[k] = density(squared, parameters)
+            hit, scratch[k + 1] = collision(squared, parameters)
+            scratch[crowd + i] += near
+            scratch[crash + i] += hit
+            if weighted:
+                scratch[crowd + j] += near
+                scratch[crash + j] += hit
+            k += 2
+    total = 0.0
+    alone = density(0.0, parameters)[0]  # a member counts in its own crowd
+    for i in range(n):
+        weight = p[5 * n + i]
+        if weight == 0.0:
+            continue
+        east, north = scratch[2 * i], scratch[2 * i + 1]
         risk, risk_east, risk_north = 0.0, 0.0, 0.0
-        for r in range(radars):
-            de, dn = east - shared[1 + 3 * r], north - shared[2 + 3 * r]
+        for r in range(1, 1 + 3 * radars, 3):
+            de, dn, strength = east - shared[r], north - shared[r + 1], shared[r + 2]
             value, slope = source(de * de + dn * dn, parameters)
-            strength = shared[3 + 3 * r]
             risk += strength * value
-            risk_east += 2.0 * strength * slope * de
-            risk_north += 2.0 * strength * slope * dn
-        crowd, crash = 0.0, 0.0
+            risk_east += strength * slope * de
+            risk_north += strength * slope * dn
+        rate, by_risk, by_crowd, by_crash = combine(
+            risk, scratch[crowd + i] + alone, scratch[crash + i], parameters
+        )
+        total += weight * rate
+        gradient[2 * i] += 2.0 * dt * weight * by_risk * risk_east
+        gradient[2 * i + 1] += 2.0 * dt * weight * by_risk * risk_north
+        scratch[crowd + i] = 2.0 * dt * weight * by_crowd
+        scratch[crash + i] = 2.0 * dt * weight * by_crash
+    k = pairs
+    for i in range(n):
+        if p[5 * n + i] == 0.0:
+            continue
+        east, north = scratch[2 * i], scratch[2 * i + 1]
         for j in range(n):
-            pull[j], nudge[j] = 0.0, 0.0
-            if alive[j] != 0.0:
-                de, dn = east - place[2 * j], north - place[2 * j + 1]
-                value, pull[j] = density(de * de + dn * dn, parameters)
-                crowd += alive[j] * value
-                if j != i:
-                    value, nudge[j] = collision(de * de + dn * dn, parameters)
-                    crash += alive[j] * value
-        rate, by_risk, by_crowd, by_crash = combine(risk, crowd, crash, parameters)
-        total += weights[i] * rate
-        gradient[2 * i] += weights[i] * by_risk * risk_east
-        gradient[2 * i + 1] += weights[i] * by_risk * risk_north
-        for j in range(n):
-            if j != i and alive[j] != 0.0:
-                slope = 2.0 * weights[i] * alive[j] * (by_crowd * pull[j] + by_crash * nudge[j])
-                de, dn = east - place[2 * j], north - place[2 * j + 1]
-                gradient[2 * i] += slope * de
-                gradient[2 * i + 1] += slope * dn
-                gradient[2 * j] -= slope * de
-                gradient[2 * j + 1] -= slope * dn
-    for c in range(2 * n):
-        gradient[c] *= dt
+            if p[4 * n + j] == 0.0 or j == i or (p[5 * n + j] != 0.0 and j < i):
+                continue
+            slope = (scratch[crowd + i] + scratch[crowd + j]) * scratch[k]
+            slope += (scratch[crash + i] + scratch[crash + j]) * scratch[k + 1]
+            de, dn = slope * (east - scratch[2 * j]), slope * (north - scratch[2 * j + 1])
+            gradient[2 * i] += de
+            gradient[2 * i + 1] += dn
+            gradient[2 * j] -= de
+            gradient[2 * j + 1] -= dn
+            k += 2
     return total
 '''
 

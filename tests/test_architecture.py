@@ -20,7 +20,7 @@ FOLDERS = {"casswarm": ROOT / "casswarm", "casswarm.problems": ROOT / "problems"
 FOLDERS["casswarm.cli"] = ROOT / "cli"
 
 LAYERS = (
-    ("errors", "constants", "arrays", "compiling"),
+    ("errors", "constants", "arrays", "compiling", "planar_core"),
     ("sets", "hazard"),
     ("scenario",),
     ("nlp", "solution", "residuals"),

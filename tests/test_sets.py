@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from planar_cases import INF, Array, random_cases, scale
 
-from casswarm.sets import ROUNDING, PlanarSets
+from casswarm import planar_core
+from casswarm.planar_core import ROUNDING
+from casswarm.sets import PlanarSets
 
 
 def nested_search(sets: PlanarSets, points: Array) -> tuple[Array, Array, Array]:
@@ -237,3 +239,16 @@ def test_order_of_discs_does_not_matter(scene: tuple[PlanarSets, Array]) -> None
     sets, point = scene
     swapped = replace(sets, centers=sets.centers[::-1], radii=sets.radii[::-1])
     assert_moves_along(sets, point, swapped, point)
+
+
+@pytest.mark.parametrize("discs", [0, 1, 2])
+def test_compiled_projection_is_what_its_text_says(discs: int) -> None:
+    rng = np.random.default_rng(discs)
+    half = rng.uniform(0.05, 2, (300, 2))
+    radii = rng.uniform(0, 2, (300, discs))
+    sets = PlanarSets(-half, half, rng.normal(size=(300, discs, 2)), radii)
+    sets = sets[~sets.is_empty]
+    points = rng.normal(scale=2, size=(*sets.shape, 2))
+    plain = [planar_core.nearest(*point, sets.packed, i) for i, point in enumerate(points)]
+    np.testing.assert_allclose(sets.project(points), [p[:2] for p in plain], atol=1e-12)
+    assert all(found for _, _, found in plain)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from planar_cases import INF, PLANE, Array, random_cases, scale, single
 
-from casswarm.sets import ROUNDING, PlanarSets
+from casswarm.planar_core import ROUNDING
+from casswarm.sets import PlanarSets
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,7 @@ from casswarm.problems.formation import (
     formation_nlp,
     leader_formation,
 )
-from casswarm.sets import PlanarSets
-from casswarm.solvers import Auto, Ipopt, SpectralProjectedGradient, spectral_core
+from casswarm.solvers import Auto, Ipopt, SpectralProjectedGradient
 from casswarm.solvers.spectral import _module
 
 MOTION = Motion(v_max=2.0, a_max=0.5, dt=0.33)
@@ -80,7 +79,7 @@ def test_compiled_objective_and_gradient_are_casadis(hazard):
     gradient = np.empty(10)
     for p in formation.instances.parameters[:20]:
         x = np.random.default_rng(1).uniform(-2, 2, 10)
-        f = _module(nlp).evaluate(x, p, nlp.compiled.shared, gradient)
+        f = _module(nlp).evaluate(x, p, nlp.compiled.shared, gradient, np.empty(65))
         expected, slope = nlp.gradient(x, p)
         assert f == pytest.approx(float(expected), rel=1e-12)
         np.testing.assert_allclose(gradient, np.asarray(slope).ravel(), rtol=1e-10, atol=1e-12)
@@ -89,30 +88,6 @@ def test_compiled_objective_and_gradient_are_casadis(hazard):
 def test_hazards_of_a_class_share_one_compiled_module():
     other = cs.Saturation(((0.0, 1.0),), alpha_1=9.0, alpha_2=1.0, alpha_3=2.0)
     assert _module(formation_nlp(HAZARDS[0], 5, False)) is _module(formation_nlp(other, 3, True))
-
-
-@pytest.mark.parametrize("discs", [0, 1, 2])
-@pytest.mark.parametrize("place", ["plain", "compiled"])
-def test_projection_of_a_point_is_that_of_the_sets(discs, place):
-    core = spectral_core if place == "plain" else _module(formation_nlp(HAZARDS[0], 5, False))
-    rng = np.random.default_rng(discs)
-    size = 2000
-    half = rng.uniform(0.05, 2, (size, 2))
-    sets = PlanarSets(
-        -half,
-        half,
-        rng.normal(size=(size, discs, 2)),
-        np.where(rng.random((size, discs)) < 0.1, np.inf, rng.uniform(0, 2, (size, discs))),
-    )
-    sets = sets[~sets.is_empty]
-    points = rng.normal(scale=2, size=(*sets.shape, 2))
-    expected, best = sets.project(points), np.empty(3)
-    for i, point in enumerate(points):
-        core.project_point(
-            *point, sets.lower[i], sets.upper[i], sets.centers[i], sets.radii[i], best
-        )
-        assert best[2] == 1.0
-        np.testing.assert_allclose(best[:2], expected[i], atol=1e-7)
 
 
 @pytest.mark.parametrize("problem", [leader, corridor])

@@ -101,6 +101,11 @@ class KernelHazard(Hazard):
         return not kernel.is_zero()
 
     @property
+    def gathers(self) -> bool:
+        """Whether a member is the safer the nearer the others are, whatever the distance."""
+        return False
+
+    @property
     def radar_strengths(self) -> Floats:
         """Strengths of the radars, shape (k,)."""
         return np.ones(len(self.radars)) if self.strengths is None else np.array(self.strengths)

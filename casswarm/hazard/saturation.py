@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from numbers import Real
 
+import casadi as ca
 import numpy as np
 
 from ..arrays import Expression
@@ -43,6 +44,11 @@ class Saturation(KernelHazard):
         """None: members may meet."""
         return 0.0 * squared_distance
 
+    @property
+    def gathers(self) -> bool:
+        """The density h falls with distance, and with it falls what it protects."""
+        return True
+
     def combine(self, source: Expression, density: Expression, collision: Expression) -> Expression:
         """S / (1 + alpha_2 D) + C, equation (8)."""
         return source / (1.0 + self.alpha_2 * density) + collision
@@ -62,9 +68,14 @@ class SaturationCollision(Saturation):
         super().__post_init__()
         _require_finite(self, positive=("beta_1", "beta_2"))
 
+    @property
+    def gathers(self) -> bool:
+        """Not too near: members collide."""
+        return False
+
     def collision(self, squared_distance: Expression) -> Expression:
-        """(beta_1 / r)^beta_2, written with squared distances only."""
-        return (self.beta_1**2 / regular(squared_distance)) ** (self.beta_2 / 2)
+        """(beta_1 / r)^beta_2, of squared distances; as an exponential, whose slope is cheap."""
+        return ca.exp(0.5 * self.beta_2 * ca.log(self.beta_1**2 / regular(squared_distance)))
 
 
 def _require_finite(

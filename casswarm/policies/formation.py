@@ -83,7 +83,8 @@ def solved(formation: Formation, solver: Solver) -> Decision:
     """The decision in a batch of formation problems.
 
     Answers are projected onto the sets, so the physical limits hold exactly. A failed solve keeps
-    its answer, made feasible, or the start where it is not finite; it is counted, never hidden.
+    its answer, made feasible, or where it is not finite the velocities that change least; it is
+    counted, never hidden.
     """
     velocities = formation.instances.lower.reshape(*formation.free.shape, 2).copy()
     failures, resolved = np.zeros((2, len(velocities)), np.int64)
@@ -93,7 +94,9 @@ def solved(formation: Formation, solver: Solver) -> Decision:
         assert instances.sets is not None
         found = solver.solve_batch(formation.nlp, instances)
         usable = np.isfinite(found.x).all(axis=1, keepdims=True)
-        points = np.where(usable, found.x, instances.start).reshape(*instances.sets.shape, 2)
-        velocities[open_] = instances.sets.project(points)
+        points = np.where(usable, found.x, 0.0).reshape(*instances.sets.shape, 2)
+        velocities[open_] = np.where(
+            usable[..., None], instances.sets.project(points), formation.fallback[open_]
+        )
         failures[open_], resolved[open_] = ~found.success, found.resolved
     return Decision(velocities, formation.shortfalls.sum(axis=1), failures, resolved)

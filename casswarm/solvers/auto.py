@@ -8,12 +8,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..arrays import Booleans, Floats
+from ..arrays import Floats
 from ..nlp import Instances, Nlp
 from ..solution import BatchSolution
-from .base import VIOLATION, Answer, Solver
+from .base import Answer, Solver
 from .ipopt import Ipopt
-from .spectral import SpectralProjectedGradient
+from .spectral import Run, SpectralProjectedGradient
 
 
 @dataclass(frozen=True)
@@ -45,32 +45,29 @@ class Auto(Solver):
     def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         if not self.batch.can_take(nlp, instances):
             return self.judge._answers(nlp, instances)
-        answers = self.batch._answers(nlp, instances)
-        accepted = self._accepts(nlp, instances, np.stack([answer.x for answer in answers]))
+        run = self.batch.run(nlp, instances)
+        found = self._accepted(run)
         return [
             answer
-            if fine
+            if found.success[i]
             else self.judge._answers(nlp, _restarted(instances[i : i + 1], answer.x[None]))[0]
-            for i, (answer, fine) in enumerate(zip(answers, accepted, strict=True))
+            for i, answer in enumerate(run.answers())
         ]
 
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
         """Solve every instance; `BatchSolution.resolved` tells which needed Ipopt."""
         if not self.batch.can_take(nlp, instances):
             return self.judge.solve_batch(nlp, instances)
-        found = self.batch.solve_batch(nlp, instances)
-        accepted = self._accepts(nlp, instances, found.x)
-        found = replace(found, success=accepted)
-        left = np.flatnonzero(~accepted)
+        found = self._accepted(self.batch.run(nlp, instances))
+        left = np.flatnonzero(~found.success)
         if not left.size:
             return found
         again = self.judge.solve_batch(nlp, _restarted(instances[left], found.x[left]))
         return found.with_rows(left, replace(again, resolved=np.ones(left.size, bool)))
 
-    def _accepts(self, nlp: Nlp, instances: Instances, x: Floats) -> Booleans:
-        """Which answers are good enough, by residuals recomputed here."""
-        _, violation, stationarity = self.batch.residuals(nlp, instances, x)
-        return np.asarray((violation <= VIOLATION) & (stationarity <= self.stationarity))
+    def _accepted(self, run: Run) -> BatchSolution:
+        """The batch's answers, a success where the residuals are small, whatever it says."""
+        return run.solution(run.judged[:, 2] <= self.stationarity)
 
 
 def _restarted(instances: Instances, x: Floats) -> Instances:

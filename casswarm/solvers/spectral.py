@@ -8,18 +8,19 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 from types import ModuleType
 from typing import ClassVar
 
 import numpy as np
 
-from ..arrays import Counts, Floats
+from .. import planar_core
+from ..arrays import Booleans, Counts, Floats
 from ..compiling import compiled_module
 from ..errors import SolverError
 from ..nlp import Instances, Nlp
-from ..sets import PlanarSets
 from ..solution import BatchSolution, Status
-from . import spectral_core
+from . import newton_core, spectral_core
 from .base import VIOLATION, Answer, Solver, require
 
 _WORDS = {
@@ -29,7 +30,7 @@ _WORDS = {
     spectral_core.NOT_FINITE: (Status.FAILED, "objective or gradient not finite"),
 }
 _SHARE = 256  # instances that are worth a thread
-_SPREAD = 0.5  # of further starts, in radii of the smallest disc
+_SPREAD = 2.0  # of further starts, in radii of the smallest disc
 
 
 @dataclass(frozen=True)
@@ -46,14 +47,15 @@ class SpectralProjectedGradient(Solver):
         `Instances.units`: an answer does not depend on the scenario's units.
     iterations : int
         Limit for every start.
-    starts : int
-        Starts of every instance of a problem that is multimodal (`Nlp.multimodal`): the given one
-        and others around it, the same for every state. The least objective is kept.
+    starts : int, optional
+        Starts of every instance: the given one and others around it, in the same pattern for every
+        state. All are solved coarsely, and the least objective to tolerance. By default as many as
+        the problem says are worth it (`Nlp.starts`).
     """
 
     tolerance: float = 1e-7
     iterations: int = 300
-    starts: int = 4
+    starts: int | None = None
 
     name: ClassVar[str] = "spectral"
     summary: ClassVar[str] = (
@@ -63,7 +65,7 @@ class SpectralProjectedGradient(Solver):
     def __post_init__(self) -> None:
         require(self, "tolerance", 0 < self.tolerance < np.inf, "a finite number above zero")
         require(self, "iterations", self.iterations >= 1, "whole numbers from 1")
-        require(self, "starts", self.starts >= 1, "whole numbers from 1")
+        require(self, "starts", self.starts is None or self.starts >= 1, "whole numbers from 1")
 
     @staticmethod
     def can_take(nlp: Nlp, instances: Instances) -> bool:
@@ -75,66 +77,26 @@ class SpectralProjectedGradient(Solver):
             _module(nlp)
 
     def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        run = _Run.of(self, nlp, instances)
+        return self.run(nlp, instances).answers()
+
+    def run(self, nlp: Nlp, instances: Instances) -> Run:
+        """Solve and judge every instance; what it took stays in the `Run`."""
+        run = Run.of(self, nlp, instances)
         run.solve()
-        return [
-            Answer(
-                run.x[i],
-                *_WORDS[int(run.outcome[i])],
-                iterations=int(run.counts[i, 0]),
-                evaluations=int(run.counts[i, 1]),
-                seconds=run.seconds / len(instances),
-            )
-            for i in range(len(instances))
-        ]
+        return run
 
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
-        """Solve every instance; residuals are recomputed for the whole batch at once.
+        """Solve every instance; every answer is judged, by the problem alone, as it is found.
 
         Stationarity is the largest component of x - P(x - grad f(x)), in `Instances.units`; it
         needs no multipliers.
         """
-        self._build(nlp)
-        run = _Run.of(self, nlp, instances)
-        run.solve()
-        objective, violation, stationarity = self.residuals(nlp, instances, run.x)
-        success = (violation <= VIOLATION) & (run.outcome == spectral_core.CONVERGED)
-        return BatchSolution(
-            x=run.x,
-            objective=objective,
-            success=success,
-            violation=violation,
-            stationarity=stationarity,
-            resolved=np.zeros(len(instances), bool),
-            seconds=run.seconds,
-        )
-
-    @staticmethod
-    def residuals(nlp: Nlp, instances: Instances, x: Floats) -> tuple[Floats, Floats, Floats]:
-        """Objective, violation and stationarity (B,) of points x (B, nx), from the problem alone.
-
-        Stationarity is NaN, and violation infinite, where the functions are not finite.
-        """
-        assert nlp.compiled is not None
-        assert instances.sets is not None
-        objective, stationarity = np.empty(len(x)), np.empty(len(x))
-        _module(nlp).residual_batch(
-            np.ascontiguousarray(x),
-            np.ascontiguousarray(instances.parameters),
-            nlp.compiled.shared,
-            _units(instances),
-            *_contiguous(instances.sets),
-            objective,
-            stationarity,
-        )
-        points = x.reshape(*instances.sets.shape, 2)
-        violation = instances.sets.violation(points).max(axis=1, initial=0.0)
-        violation[~np.isfinite(x).all(axis=1) | ~np.isfinite(objective)] = np.inf
-        return objective, violation, stationarity
+        run = self.run(nlp, instances)
+        return run.solution(run.outcome == spectral_core.CONVERGED)
 
 
 @dataclass
-class _Run:
+class Run:
     """The arrays of one batch, contiguous as compiled code wants them."""
 
     solver: SpectralProjectedGradient
@@ -143,39 +105,38 @@ class _Run:
     units: Floats
     starts: Floats
     parameters: Floats
-    sets: tuple[Floats, Floats, Floats, Floats]
+    sets: Floats
     x: Floats
-    objective: Floats
-    residual: Floats
+    judged: Floats
     outcome: Counts
     counts: Counts
     seconds: float = 0.0
 
     @classmethod
-    def of(cls, solver: SpectralProjectedGradient, nlp: Nlp, instances: Instances) -> _Run:
+    def of(cls, solver: SpectralProjectedGradient, nlp: Nlp, instances: Instances) -> Run:
+        """Lay out the arrays; SolverError for problems of another kind."""
         if nlp.compiled is None or instances.sets is None:
             raise SolverError(
                 f"spectral cannot take {nlp.name}: it needs a compiled objective (rates made of "
                 "kernels) and constraints that are products of boxes and discs"
             )
-        sets, batch = instances.sets, len(instances)
+        batch = len(instances)
         return cls(
             solver=solver,
             module=_module(nlp),
             shared=nlp.compiled.shared,
             units=_units(instances),
-            starts=_starts(instances, solver.starts if nlp.multimodal else 1),
+            starts=_starts(instances, solver.starts or nlp.starts),
             parameters=np.ascontiguousarray(instances.parameters),
-            sets=_contiguous(sets),
-            x=np.empty_like(instances.start),
-            objective=np.empty(batch),
-            residual=np.empty(batch),
+            sets=instances.sets.packed,
+            x=np.empty(instances.start.shape),
+            judged=np.empty((batch, 3)),
             outcome=np.empty(batch, np.int64),
             counts=np.zeros((batch, 2), np.int64),
         )
 
     def solve(self) -> None:
-        """Fill x, objective, residual, outcome and counts; each state alone, on any thread."""
+        """Fill x, judged, outcome and counts; each state alone, on any thread."""
         started = time.perf_counter()
 
         def share(first: int, last: int) -> None:
@@ -186,18 +147,43 @@ class _Run:
                 self.parameters,
                 self.shared,
                 self.units,
-                *self.sets,
+                self.sets,
                 self.solver.tolerance,
                 self.solver.iterations,
                 self.x,
-                self.objective,
-                self.residual,
+                self.judged,
                 self.outcome,
                 self.counts,
             )
 
         _shared_out(share, len(self.x))
         self.seconds = time.perf_counter() - started
+
+    def solution(self, success: Booleans) -> BatchSolution:
+        """The answers as arrays; none is a success that violates its constraints."""
+        objective, violation, stationarity = self.judged.T
+        return BatchSolution(
+            x=self.x,
+            objective=objective,
+            success=success & (violation <= VIOLATION),
+            violation=violation,
+            stationarity=stationarity,
+            resolved=np.zeros(len(self.x), bool),
+            seconds=self.seconds,
+        )
+
+    def answers(self) -> list[Answer]:
+        """The answers one by one."""
+        return [
+            Answer(
+                self.x[i],
+                *_WORDS[int(self.outcome[i])],
+                iterations=int(self.counts[i, 0]),
+                evaluations=int(self.counts[i, 1]),
+                seconds=self.seconds / len(self.x),
+            )
+            for i in range(len(self.x))
+        ]
 
 
 def _units(instances: Instances) -> Floats:
@@ -206,14 +192,9 @@ def _units(instances: Instances) -> Floats:
     return np.ascontiguousarray(units)
 
 
-def _contiguous(sets: PlanarSets) -> tuple[Floats, Floats, Floats, Floats]:
-    """The arrays of sets as compiled code wants them."""
-    return (
-        np.ascontiguousarray(sets.lower),
-        np.ascontiguousarray(sets.upper),
-        np.ascontiguousarray(sets.centers),
-        np.ascontiguousarray(sets.radii),
-    )
+@lru_cache(maxsize=1)
+def _pool(process: int) -> ThreadPoolExecutor:  # noqa: ARG001  (threads do not survive a fork)
+    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="casswarm")
 
 
 def _shared_out(work: Callable[[int, int], None], size: int) -> None:
@@ -222,12 +203,13 @@ def _shared_out(work: Callable[[int, int], None], size: int) -> None:
         work(0, size)
         return
     ends = np.linspace(0, size, 4 * threads + 1).astype(int).tolist()
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(work, ends[:-1], ends[1:]))
+    list(_pool(os.getpid()).map(work, ends[:-1], ends[1:]))
 
 
 def _starts(instances: Instances, number: int) -> Floats:
     """Starts (S, B, nx): the given one, and others around it that depend on the state alone."""
+    if number == 1:
+        return np.ascontiguousarray(instances.start)[None]
     starts = np.repeat(instances.start[None], number, axis=0)
     if number > 1:
         assert instances.sets is not None
@@ -235,11 +217,16 @@ def _starts(instances: Instances, number: int) -> Floats:
         spread = _SPREAD * np.where(np.isfinite(radius), radius, 0.0)
         points = starts.reshape(number, *radius.shape, 2)  # a view
         # one pattern for all states, so that a state's answer does not depend on its batch
-        pattern = np.random.default_rng(0).normal(size=(number - 1, 1, radius.shape[1], 2))
+        pattern = np.random.default_rng(1).normal(size=(number - 1, 1, radius.shape[1], 2))
         points[1:] += spread[..., None] * pattern
     return starts
 
 
 def _module(nlp: Nlp) -> ModuleType:
     assert nlp.compiled is not None
-    return compiled_module(nlp.compiled.source, inspect.getsource(spectral_core))
+    return compiled_module(nlp.compiled.source, *_core())
+
+
+@lru_cache(maxsize=1)
+def _core() -> list[str]:
+    return [inspect.getsource(core) for core in (planar_core, newton_core, spectral_core)]

@@ -1,8 +1,9 @@
 """The spectral projected gradient, state by state: plain Python that Numba compiles.
 
-`casswarm.compiling` joins this text and that of an objective into one module, in which `compiled`
-is Numba's decorator and ``evaluate(x, p, shared, gradient)`` returns f(x; p) and writes its
-gradient. Imported as it stands, nothing is compiled, and the functions run on any such `evaluate`.
+`casswarm.compiling` joins this text with `casswarm.planar_core`, `newton_core` and that of an
+objective into one module, in which `compiled` is Numba's decorator and ``evaluate(x, p, shared,
+gradient, scratch)`` returns f(x; p) and writes its gradient. Imported as it stands, nothing is
+compiled, and the functions run on any such `evaluate`.
 """
 
 # mypy: ignore-errors
@@ -10,192 +11,161 @@ import math
 
 import numpy as np
 
-ROUNDING = 2.0**-46  # as in casswarm.sets
+if "compiled" not in globals():
+    from casswarm.planar_core import clip, compiled, excess, nearest
+    from casswarm.solvers.newton_core import newton_step
+
 MEMORY = 10  # objective values that the nonmonotone search looks back on
 SUFFICIENT = 1e-4  # decrease, as a part of what the gradient promises
 SHORTEST, LONGEST = 1e-10, 1e10  # spectral steps
+PATIENCE = 4  # spectral steps before the first Newton step; doubled when one is refused
+COARSE = 1e-3  # tolerance to which starts are compared
 CONVERGED, EXHAUSTED, STALLED, NOT_FINITE = 0, 1, 2, 3
 
-if "compiled" not in globals():
 
-    def compiled(function):
-        return function
+@compiled
+def project(x, sets, out):
+    """Nearest point of the product of sets (n, 10), into `out`."""
+    for i in range(sets.shape[0]):
+        px, py, found = nearest(x[2 * i], x[2 * i + 1], sets, i)
+        if not found:  # a sliver as thin as rounding: keep to the box, and be judged
+            px = clip(x[2 * i], sets[i, 0], sets[i, 2])
+            py = clip(x[2 * i + 1], sets[i, 1], sets[i, 3])
+        out[2 * i], out[2 * i + 1] = px, py
 
 
 @compiled
-def in_discs(x, y, centers, radii):
-    """Whether a point lies in all discs, up to rounding."""
-    for k in range(radii.shape[0]):
-        if radii[k] < math.inf:
-            dx, dy = x - centers[k, 0], y - centers[k, 1]
-            size = max(abs(x) + abs(centers[k, 0]), abs(y) + abs(centers[k, 1]))
-            if math.sqrt(dx * dx + dy * dy) > radii[k] + ROUNDING * (size + radii[k]):
-                return False
-    return True
+def projected_step(x, gradient, step, sets, direction):
+    """Write P(x - step gradient) - x into `direction`; its slope and its longest member's length.
+
+    The length of a member's part grows with `step`, and falls when divided by it, so that it bounds
+    that of any other step.
+    """
+    slope, longest = 0.0, 0.0
+    for c in range(x.size):
+        direction[c] = x[c] - step * gradient[c]
+    project(direction, sets, direction)
+    for i in range(sets.shape[0]):
+        direction[2 * i] -= x[2 * i]
+        direction[2 * i + 1] -= x[2 * i + 1]
+        dx, dy = direction[2 * i], direction[2 * i + 1]
+        slope += dx * gradient[2 * i] + dy * gradient[2 * i + 1]
+        longest = max(longest, dx * dx + dy * dy)
+    return slope, math.sqrt(longest)
 
 
 @compiled
-def clip(value, low, high):
-    return min(max(value, low), high)
+def minimise(x, p, shared, units, sets, tolerance, iterations, work, face, scratch, counts):
+    """Improve the feasible point `x` in place: (f, outcome); counts: steps, evaluations.
 
-
-@compiled
-def try_crossing(x, y, px, py, lower, upper, centers, radii, best):
-    """Keep (x, y) in `best` (x, y, found) if it lies in the set and is nearer to (px, py)."""
-    x, y = clip(x, lower[0], upper[0]), clip(y, lower[1], upper[1])
-    if in_discs(x, y, centers, radii):
-        gain = (x - best[0]) * ((px - x) + (px - best[0])) + (y - best[1]) * (
-            (py - y) + (py - best[1])
-        )
-        if best[2] == 0.0 or gain > 0.0:
-            best[0], best[1], best[2] = x, y, 1.0
-
-
-@compiled
-def project_point(px, py, lower, upper, centers, radii, best):
-    """Nearest point of a box and discs, into `best`: the cases of `casswarm.sets`, in its order."""
-    x, y = clip(px, lower[0], upper[0]), clip(py, lower[1], upper[1])
-    best[0], best[1], best[2] = x, y, 1.0
-    if in_discs(x, y, centers, radii):
-        return
-    for k in range(radii.shape[0]):
-        dx, dy = px - centers[k, 0], py - centers[k, 1]
-        distance = math.sqrt(dx * dx + dy * dy)
-        if distance > radii[k]:
-            shrink = radii[k] / distance
-            x, y = centers[k, 0] + shrink * dx, centers[k, 1] + shrink * dy
-            inx, iny = clip(x, lower[0], upper[0]), clip(y, lower[1], upper[1])
-            slack = ROUNDING * (max(abs(x), abs(y)) + radii[k])
-            if max(abs(inx - x), abs(iny - y)) <= slack and in_discs(inx, iny, centers, radii):
-                best[0], best[1] = inx, iny
-                return
-    best[0], best[1], best[2] = px, py, 0.0
-    for k in range(radii.shape[0]):
-        r = radii[k]
-        if r == math.inf:
-            continue
-        cx, cy = centers[k, 0], centers[k, 1]
-        for side in range(2):
-            line = lower[0] if side == 0 else upper[0]
-            away = abs(line - cx)
-            if away <= r:
-                half = math.sqrt(r - away) * math.sqrt(r + away)
-                try_crossing(line, cy - half, px, py, lower, upper, centers, radii, best)
-                try_crossing(line, cy + half, px, py, lower, upper, centers, radii, best)
-            line = lower[1] if side == 0 else upper[1]
-            away = abs(line - cy)
-            if away <= r:
-                half = math.sqrt(r - away) * math.sqrt(r + away)
-                try_crossing(cx - half, line, px, py, lower, upper, centers, radii, best)
-                try_crossing(cx + half, line, px, py, lower, upper, centers, radii, best)
-    if radii.shape[0] == 2 and radii[0] < math.inf and radii[1] < math.inf:
-        cross_circles(px, py, lower, upper, centers, radii, best)
-
-
-@compiled
-def cross_circles(px, py, lower, upper, centers, radii, best):
-    """Try the points where the two circles cross, measured from the smaller one."""
-    small = 0 if radii[0] <= radii[1] else 1
-    r, large = radii[small], radii[1 - small]
-    cx, cy = centers[small, 0], centers[small, 1]
-    dx, dy = centers[1 - small, 0] - cx, centers[1 - small, 1] - cy
-    distance = math.sqrt(dx * dx + dy * dy)
-    if distance > 0.0:
-        along = clip(0.5 * distance + (r - large) * ((r + large) / (2.0 * distance)), -r, r)
-        across = math.sqrt(r - along) * math.sqrt(r + along)
-        ux, uy = dx / distance, dy / distance
-        for sign in (-1.0, 1.0):
-            x, y = cx + along * ux - sign * across * uy, cy + along * uy + sign * across * ux
-            try_crossing(x, y, px, py, lower, upper, centers, radii, best)
-
-
-@compiled
-def project(x, lower, upper, centers, radii, best, out):
-    """Nearest point of the product of sets; members of no width keep their place."""
-    for i in range(lower.shape[0]):
-        if lower[i, 0] == upper[i, 0] and lower[i, 1] == upper[i, 1]:
-            out[2 * i], out[2 * i + 1] = lower[i, 0], lower[i, 1]
-        else:
-            project_point(x[2 * i], x[2 * i + 1], lower[i], upper[i], centers[i], radii[i], best)
-            if best[2] == 0.0:  # a sliver as thin as rounding: keep to the box, and be judged
-                best[0] = clip(x[2 * i], lower[i, 0], upper[i, 0])
-                best[1] = clip(x[2 * i + 1], lower[i, 1], upper[i, 1])
-            out[2 * i], out[2 * i + 1] = best[0], best[1]
-
-
-@compiled
-def stationarity(x, gradient, units, lower, upper, centers, radii, best, work):
-    """Largest component of x - P(x - gradient) in units of x and f, zero at stationary points."""
+    SPG2 of Birgin, Martinez and Raydan (SIAM J. Optim. 10(4), 2000), which finds the face of the
+    set that the minimum lies on, with Newton steps on that face (`newton_core`), in the manner of
+    Birgin and Martinez (Comput. Optim. Appl. 23, 2002). `work` (9, x.size) and `scratch` are
+    overwritten; row 0 of `work` ends as the gradient at x.
+    """
+    gradient, direction, following, gradient_then = work[0], work[1], work[2], work[3]
+    size = x.size
     metric = units[0] * units[0] / units[1]
-    for i in range(x.size):
-        if not math.isfinite(gradient[i]):
+    f = evaluate(x, p, shared, gradient, scratch)
+    counts[1] += 1
+    history = np.full(MEMORY, f)
+    step, patience, waited = metric, PATIENCE, 0
+    for iteration in range(iterations):
+        slope, length = projected_step(x, gradient, step, sets, direction)
+        if not (math.isfinite(f) and math.isfinite(slope)):
+            return f, NOT_FINITE
+        small = tolerance * units[0]
+        if length * max(1.0, metric / step) <= small:
+            return f, CONVERGED
+        if length * metric / step <= small < length:  # perhaps: look closer
+            if projected_step(x, gradient, metric, sets, following)[1] <= small:
+                return f, CONVERGED
+        if iteration == 0:  # no curvature is known yet: a step of about one unit
+            step = metric * units[0] / length
+            slope, length = projected_step(x, gradient, step, sets, direction)
+        counts[0] += 1
+        f_then, accepted = f, False
+        if waited >= patience:
+            f_then, accepted = newton_step(
+                x, f, p, shared, sets, units, work, face, scratch, counts
+            )
+            patience = patience if accepted else 2 * patience
+            waited = waited if accepted else 0
+        if not accepted:
+            waited += 1
+            reference = history.max()
+            length = 1.0
+            for _ in range(60):
+                for c in range(size):
+                    following[c] = x[c] + length * direction[c]
+                f_then = evaluate(following, p, shared, gradient_then, scratch)
+                counts[1] += 1
+                if f_then <= reference + SUFFICIENT * length * slope:
+                    accepted = True
+                    break
+                quadratic = -0.5 * length * length * slope / (f_then - f - length * slope)
+                if not 0.1 * length <= quadratic <= 0.9 * length:
+                    quadratic = 0.5 * length
+                length = quadratic
+        if not accepted:
+            return f, STALLED
+        moved, curved = 0.0, 0.0
+        for c in range(size):
+            s = following[c] - x[c]
+            moved += s * s
+            curved += s * (gradient_then[c] - gradient[c])
+            x[c], gradient[c] = following[c], gradient_then[c]
+        f = f_then
+        history[iteration % MEMORY] = f
+        step = moved / curved if curved > 0.0 else LONGEST * metric
+        step = clip(step, SHORTEST * metric, LONGEST * metric)
+    return f, EXHAUSTED
+
+
+@compiled
+def stationarity(x, gradient, units, sets, work):
+    """Largest component of x - P(x - gradient) in units of x and f; NaN where not finite."""
+    metric = units[0] * units[0] / units[1]
+    for c in range(x.size):
+        if not math.isfinite(gradient[c]):
             return math.nan  # which a projection onto a box would hide
-        work[i] = x[i] - metric * gradient[i]
-    project(work, lower, upper, centers, radii, best, work)
+    projected_step(x, gradient, metric, sets, work)
     largest = 0.0
-    for i in range(x.size):
-        change = abs(work[i] - x[i])
-        largest = max(largest, change)
+    for c in range(x.size):
+        largest = max(largest, abs(work[c]))
     return largest / units[0]
 
 
 @compiled
-def minimise(x, p, shared, units, lower, upper, centers, radii, tolerance, iterations, counts):
-    """Improve the feasible point `x` in place; (f, stationarity, outcome); counts: steps, f's.
+def judge(x, p, shared, units, sets, work, scratch):
+    """f, violation and stationarity of a point, anew: nothing of a solve enters."""
+    f = evaluate(x, p, shared, work[0], scratch)
+    violation = 0.0
+    for i in range(sets.shape[0]):
+        outside = excess(x[2 * i], x[2 * i + 1], sets, i)
+        if not outside <= violation:
+            violation = outside
+    if not (math.isfinite(f) and math.isfinite(violation)):
+        return f, math.inf, math.nan
+    return f, violation, stationarity(x, work[0], units, sets, work[1])
 
-    SPG2 of Birgin, Martinez and Raydan (SIAM J. Optim. 10(4), 2000).
-    """
-    n = x.size
-    gradient, direction, following = np.empty(n), np.empty(n), np.empty(n)
-    gradient_then, best = np.empty(n), np.empty(3)
-    f = evaluate(x, p, shared, gradient)
-    counts[1] += 1
-    history = np.full(MEMORY, f)
-    residual = stationarity(x, gradient, units, lower, upper, centers, radii, best, direction)
-    metric = units[0] * units[0] / units[1]
-    step = metric / residual if residual > 0.0 else metric
-    for iteration in range(iterations):
-        if not (math.isfinite(f) and math.isfinite(residual)):
-            return f, residual, NOT_FINITE
-        if residual <= tolerance:
-            return f, residual, CONVERGED
-        step = clip(step, SHORTEST * metric, LONGEST * metric)
-        for i in range(n):
-            direction[i] = x[i] - step * gradient[i]
-        project(direction, lower, upper, centers, radii, best, direction)
-        slope = 0.0
-        for i in range(n):
-            direction[i] -= x[i]
-            slope += direction[i] * gradient[i]
-        reference = history.max()
-        length, accepted = 1.0, False
-        f_then = f
-        for _ in range(60):
-            for i in range(n):
-                following[i] = x[i] + length * direction[i]
-            f_then = evaluate(following, p, shared, gradient_then)
-            counts[1] += 1
-            if f_then <= reference + SUFFICIENT * length * slope:
-                accepted = True
-                break
-            quadratic = -0.5 * length * length * slope / (f_then - f - length * slope)
-            if not 0.1 * length <= quadratic <= 0.9 * length:
-                quadratic = 0.5 * length
-            length = quadratic
-        if not accepted:
-            return f, residual, STALLED
-        counts[0] += 1
-        moved, curved = 0.0, 0.0
-        for i in range(n):
-            s = following[i] - x[i]
-            moved += s * s
-            curved += s * (gradient_then[i] - gradient[i])
-            x[i], gradient[i] = following[i], gradient_then[i]
-        f = f_then
-        history[iteration % MEMORY] = f
-        step = moved / curved if curved > 0.0 else LONGEST * metric
-        residual = stationarity(x, gradient, units, lower, upper, centers, radii, best, direction)
-    return f, residual, CONVERGED if residual <= tolerance else EXHAUSTED
+
+@compiled
+def best_start(
+    state, starts, parameters, shared, units, sets, iterations, work, face, scratch, counts
+):
+    """Write into row 8 of `work` the best of coarse solutions from every start; whether any."""
+    best, trial = work[8], work[7]
+    least = math.inf
+    for s in range(starts.shape[0]):
+        project(starts[s, state], sets, trial)
+        f, how = minimise(
+            trial, parameters, shared, units, sets, COARSE, iterations, work, face, scratch, counts
+        )
+        if how != NOT_FINITE and f < least:
+            least = f
+            best[:] = trial
+    return least < math.inf
 
 
 @compiled
@@ -206,64 +176,32 @@ def minimise_batch(
     parameters,
     shared,
     units,
-    lower,
-    upper,
-    centers,
-    radii,
+    sets,
     tolerance,
     iterations,
     x,
-    objective,
-    residual,
+    judged,
     outcome,
     counts,
 ):
-    """Solve the states `first` to `last` - 1 from every start (S, B, nx); the least f is kept."""
-    trial, best = np.empty(x.shape[1]), np.empty(3)
+    """Solve the states `first` to `last` - 1 from every start (S, B, nx), and judge the answers.
+
+    Writes x (B, nx), judged (B, 3): f, violation, stationarity; outcome (B,); counts (B, 2).
+    """
+    size = x.shape[1]
+    members = sets.shape[1]
+    work, scratch = np.empty((10, size)), np.empty(members * (members + 8))
+    face = np.empty((members, 4))
     for state in range(first, last):
-        box, discs = (lower[state], upper[state]), (centers[state], radii[state])
-        objective[state], residual[state], outcome[state] = math.inf, math.inf, NOT_FINITE
-        x[state] = starts[0, state]
-        for s in range(starts.shape[0]):
-            project(starts[s, state], box[0], box[1], discs[0], discs[1], best, trial)
-            f, r, how = minimise(
-                trial,
-                parameters[state],
-                shared,
-                units[state],
-                box[0],
-                box[1],
-                discs[0],
-                discs[1],
-                tolerance,
-                iterations,
-                counts[state],
-            )
-            # a converged start before one that is not, then the lower objective
-            better = (
-                how < outcome[state]
-                if (how == 0) != (outcome[state] == 0)
-                else (f < objective[state])
-            )
-            if better:
-                objective[state], residual[state], outcome[state] = f, r, how
-                x[state] = trial
-
-
-@compiled
-def residual_batch(x, parameters, shared, units, lower, upper, centers, radii, objective, residual):
-    """f and stationarity of given points, anew: nothing of a solve enters."""
-    gradient, work, best = np.empty(x.shape[1]), np.empty(x.shape[1]), np.empty(3)
-    for state in range(x.shape[0]):
-        objective[state] = evaluate(x[state], parameters[state], shared, gradient)
-        residual[state] = stationarity(
-            x[state],
-            gradient,
-            units[state],
-            lower[state],
-            upper[state],
-            centers[state],
-            radii[state],
-            best,
-            work,
+        answer, box, p, unit = x[state], sets[state], parameters[state], units[state]
+        project(starts[0, state], box, answer)
+        if starts.shape[0] > 1 and best_start(
+            state, starts, p, shared, unit, box, iterations, work, face, scratch, counts[state]
+        ):
+            answer[:] = work[8]
+        _, outcome[state] = minimise(
+            answer, p, shared, unit, box, tolerance, iterations, work, face, scratch, counts[state]
+        )
+        judged[state, 0], judged[state, 1], judged[state, 2] = judge(
+            answer, p, shared, unit, box, work, scratch
         )
