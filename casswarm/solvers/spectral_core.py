@@ -151,24 +151,6 @@ def judge(x, p, shared, units, sets, work, scratch):
 
 
 @compiled
-def best_start(
-    state, starts, parameters, shared, units, sets, iterations, work, face, scratch, counts
-):
-    """Write into row 8 of `work` the best of coarse solutions from every start; whether any."""
-    best, trial = work[8], work[7]
-    least = math.inf
-    for s in range(starts.shape[0]):
-        project(starts[s, state], sets, trial)
-        f, how = minimise(
-            trial, parameters, shared, units, sets, COARSE, iterations, work, face, scratch, counts
-        )
-        if how != NOT_FINITE and f < least:
-            least = f
-            best[:] = trial
-    return least < math.inf
-
-
-@compiled
 def minimise_batch(
     first,
     last,
@@ -188,20 +170,38 @@ def minimise_batch(
 
     Writes x (B, nx), judged (B, 3): f, violation, stationarity; outcome (B,); counts (B, 2).
     """
-    size = x.shape[1]
-    members = sets.shape[1]
+    size, members = x.shape[1], sets.shape[1]
     work, scratch = np.empty((10, size)), np.empty(members * (members + 8))
     face = np.empty((members, 4))
+    trial, best = work[7], work[8]
+    tries = starts.shape[0] if starts.shape[0] > 1 else 0  # coarse ones, before the last
     for state in range(first, last):
-        answer, box, p, unit = x[state], sets[state], parameters[state], units[state]
-        project(starts[0, state], box, answer)
-        if starts.shape[0] > 1 and best_start(
-            state, starts, p, shared, unit, box, iterations, work, face, scratch, counts[state]
-        ):
-            answer[:] = work[8]
-        _, outcome[state] = minimise(
-            answer, p, shared, unit, box, tolerance, iterations, work, face, scratch, counts[state]
-        )
+        box, p, unit = sets[state], parameters[state], units[state]
+        project(starts[0, state], box, best)
+        least = math.inf
+        for s in range(tries + 1):
+            if s < tries:
+                project(starts[s, state], box, trial)
+            else:
+                trial[:] = best
+            f, how = minimise(
+                trial,
+                p,
+                shared,
+                unit,
+                box,
+                COARSE if s < tries else tolerance,
+                iterations,
+                work,
+                face,
+                scratch,
+                counts[state],
+            )
+            outcome[state] = how
+            if s == tries or (how != NOT_FINITE and f < least):
+                least = f
+                best[:] = trial
+        x[state] = best
         judged[state, 0], judged[state, 1], judged[state, 2] = judge(
-            answer, p, shared, unit, box, work, scratch
+            best, p, shared, unit, box, work, scratch
         )

@@ -1,0 +1,260 @@
+"""The batch solver against Ipopt, Opti, alpaqa and JAX on the states of real runs.
+
+Run with the installed package::
+
+    python benchmarks/batch.py            # all, about five minutes on two cores
+    python benchmarks/batch.py --quick    # fewer states and repeats
+
+Needs ``pip install jax`` and ``pip install --pre alpaqa`` for their rows; without, they say so.
+Every state is n = 5, taken at random from simulated runs of the problem's own policy. Times are
+medians per state; every other program runs in turn with casswarm's, so that ratios are of one run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+import casswarm as cs
+from casswarm.nlp import Instances, Nlp
+from casswarm.policies.base import Decision, Policy
+from casswarm.policies.succession import SUCCESSIONS
+from casswarm.problems.formation import Step, corridor_formation, leader_formation, motion_of
+from casswarm.sets import PlanarSets
+from casswarm.solvers import Auto, Ipopt
+
+PROBLEMS = {
+    "leader": ("paper-1", "leader", 1000),
+    "leader, collisions": ("paper-2", "leader", 500),
+    "constrained": ("paper-1", "constrained", 300),
+    "constrained, collisions": ("paper-2", "constrained", None),
+}
+"""Scenario, policy, and how many times faster than Ipopt casswarm should be."""
+
+
+@dataclass
+class Recorder(Policy):
+    """A policy that notes the states it is asked about."""
+
+    inner: Policy
+    seen: list[tuple[int, np.ndarray, np.ndarray, np.ndarray]]
+    name: str = "recorded"
+
+    def decide(
+        self, step: int, positions: np.ndarray, previous: np.ndarray, alive: np.ndarray
+    ) -> Decision:
+        """Note the states, and decide as the inner policy does."""
+        self.seen.append((step, positions.copy(), previous.copy(), alive.copy()))
+        return self.inner.decide(step, positions, previous, alive)
+
+
+def formations(name: str, policy: str, states: int) -> tuple[cs.Scenario, Nlp, Instances]:
+    """Formation problems of states at random from 300 runs, at least two members alive."""
+    scenario = cs.load_scenario(name)
+    guide = cs.plan(scenario)
+    recorder = Recorder(cs.make_policy(policy, scenario, guide), [])
+    cs.simulate(scenario, [recorder], runs=300, guide=guide)
+    places = [
+        (k, row)
+        for k, (_, _, _, alive) in enumerate(recorder.seen)
+        for row in np.flatnonzero(alive.sum(axis=1) > 1)
+    ]
+    chosen = np.random.default_rng(0).choice(len(places), states, replace=states > len(places))
+    nlp, parts = None, []
+    for k, (step, positions, previous, alive) in enumerate(recorder.seen):
+        rows = np.array([places[c][1] for c in chosen if places[c][0] == k], dtype=int)
+        if rows.size:
+            goal = guide.reference(step + 1)
+            data = Step(
+                scenario.hazard,
+                motion_of(scenario),
+                positions[rows],
+                previous[rows],
+                alive[rows],
+                goal,
+            )
+            formation = (
+                leader_formation(data, SUCCESSIONS["nearest"](data, guide.reference(step)))
+                if policy == "leader"
+                else corridor_formation(data, scenario.formation.rho)
+            )
+            nlp = formation.nlp
+            parts.append(formation.instances)
+    assert nlp is not None
+    return scenario, nlp, joined(parts)
+
+
+def joined(parts: list[Instances]) -> Instances:
+    """All instances as one batch."""
+
+    def arrays(name: str, owner: Callable[[Instances], object]) -> np.ndarray:
+        return np.concatenate([getattr(owner(part), name) for part in parts])
+
+    sets = (arrays(name, lambda p: p.sets) for name in ("lower", "upper", "centers", "radii"))
+    names = ("start", "parameters", "lower", "upper", "lower_g", "upper_g")
+    whole = Instances(*(arrays(name, lambda p: p) for name in names), sets=PlanarSets(*sets))
+    return replace(whole, units=arrays("units", lambda p: p))
+
+
+def timed(work: Callable[[], object]) -> float:
+    started = time.perf_counter()
+    work()
+    return time.perf_counter() - started
+
+
+def in_turn(first: Callable[[], object], second: Callable[[], object], n: int) -> list[float]:
+    """Median times of both, in turn, and the median of their ratios second / first."""
+    first(), second()
+    pairs = [(timed(first), timed(second)) for _ in range(n)]
+    return [statistics.median(column) for column in zip(*pairs, strict=True)] + [
+        statistics.median(b / a for a, b in pairs)
+    ]
+
+
+def ipopt(nlp: Nlp, instances: Instances) -> tuple[float, np.ndarray]:
+    """Seconds a state of a compiled parametric Ipopt, its judging not counted; its objectives."""
+    found = Ipopt().solve_batch(nlp, instances)
+    return found.seconds / len(instances), np.where(found.success, found.objective, np.inf)
+
+
+def opti(nlp: Nlp, instances: Instances) -> float:
+    """Seconds a state of an Opti problem written anew for every state."""
+
+    def one(row: int) -> None:
+        problem = ca.Opti()
+        v = problem.variable(nlp.sizes[0])
+        f, g = nlp.evaluate(v, instances.parameters[row])
+        problem.minimize(f)
+        lower, upper = instances.lower[row], instances.upper[row]
+        problem.subject_to(problem.bounded(lower, v, upper))
+        finite = np.flatnonzero(np.isfinite(instances.upper_g[row]))
+        if finite.size:
+            problem.subject_to(g[finite.tolist()] <= instances.upper_g[row][finite])
+        problem.set_initial(v, instances.start[row])
+        problem.solver("ipopt", {"print_time": False}, {"print_level": 0, "sb": "yes"})
+        problem.solve_limited()
+
+    one(0)
+    return statistics.median(timed(lambda row=row: one(row)) for row in range(len(instances)))
+
+
+def alpaqa(nlp: Nlp, instances: Instances) -> Callable[[], object]:
+    """All states one by one by alpaqa's PANOC in an augmented Lagrangian, generated C."""
+    import alpaqa as pa
+
+    x, p = ca.SX.sym("x", nlp.sizes[0]), ca.SX.sym("p", nlp.sizes[1])
+    f, g = nlp.evaluate.expand()(x, p)
+    wide = np.inf * np.ones(nlp.sizes[2])
+    problem = (
+        pa.minimize(f, x)
+        .subject_to_box(
+            (
+                -wide[: nlp.sizes[0]]
+                if nlp.sizes[0] <= nlp.sizes[2]
+                else -np.inf * np.ones(nlp.sizes[0]),
+                np.inf * np.ones(nlp.sizes[0]),
+            )
+        )
+        .subject_to(g, (-wide, wide))
+        .with_param(p, instances.parameters[0])
+        .compile(sym=ca.SX.sym)
+    )
+    inner = pa.PANOCSolver({"max_iter": 500}, {"memory": 10})
+    solver = pa.ALMSolver({"tolerance": 1e-7, "dual_tolerance": 1e-7, "max_iter": 50}, inner)
+
+    def run() -> None:
+        for row in range(len(instances)):
+            problem.param = instances.parameters[row]
+            problem.variable_bounds.lower = instances.lower[row]
+            problem.variable_bounds.upper = instances.upper[row]
+            problem.general_bounds.upper = instances.upper_g[row]
+            solver(problem, instances.start[row], np.zeros(nlp.sizes[2]))
+
+    return run
+
+
+def jax(scenario: cs.Scenario, nlp: Nlp, instances: Instances) -> Callable[[], np.ndarray]:
+    """All states at once by the same algorithm in JAX, from the same starts."""
+    from jax_program import batch_program
+
+    from casswarm.solvers.spectral import _starts
+
+    hazard, batch, n = scenario.hazard, len(instances), nlp.sizes[0] // 2
+    keys = ("alpha_1", "alpha_2", "alpha_3", "beta_1", "beta_2")
+    numbers = {key: getattr(hazard, key) for key in keys if hasattr(hazard, key)}
+    assert instances.sets is not None
+    discs = instances.sets.radii.shape[-1]
+    program = batch_program(hazard.radar_positions, numbers, discs, 1e-7, 300)
+    p = instances.parameters
+    state = {
+        "positions": p[:, : 2 * n].reshape(batch, n, 2),
+        "alive": p[:, 4 * n : 5 * n],
+        "weights": p[:, 5 * n : 6 * n],
+        "dt": p[:, 6 * n + 2],
+    }
+    starts, sets, units = _starts(instances, nlp.starts), instances.sets.packed, instances.units
+
+    def run() -> np.ndarray:
+        return np.asarray(program(starts, state, sets, units)[1])
+
+    return run
+
+
+def row(name: str, states: int, repeats: int) -> None:
+    """Measure one problem and print its row and its remarks."""
+    scenario_name, policy, goal = PROBLEMS[name]
+    scenario, nlp, instances = formations(scenario_name, policy, states)
+    solver = Auto()
+
+    def ours() -> object:
+        return solver.solve_batch(nlp, instances)
+
+    found = solver.solve_batch(nlp, instances)
+    few = instances[slice(0, 100)]
+    slow, objective = ipopt(nlp, instances)
+    own = statistics.median(timed(ours) for _ in range(repeats)) / states
+    worse = found.objective > objective + 1e-6 * np.abs(objective)
+    better = found.objective < objective - 1e-6 * np.abs(objective)
+    cells = [f"{1e6 * own:.2f} us", f"{1e3 * slow:.2f} ms ({slow / own:.0f} x)"]
+    cells.append(f"{1e3 * opti(nlp, instances[slice(0, 20)]):.1f} ms")
+    for other, program in (
+        ("alpaqa", lambda: (alpaqa(nlp, few), 100)),
+        ("jax", lambda: (jax(scenario, nlp, instances), states)),
+    ):
+        try:
+            work, number = program()
+        except ImportError as error:
+            cells.append(f"{other}: {error}")
+            continue
+        _, took, ratio = in_turn(ours, work, repeats if other == "jax" else 3)
+        ratio *= states / number
+        cells.append(f"{1e6 * took / number:.2f} us ({ratio:.2f} x)")
+    wanted = f" of {goal} x" if goal else ""
+    print(f"| {name}{wanted} | " + " | ".join(cells), end=" | ")
+    print(
+        f"{worse.sum()} worse, {better.sum()} better than Ipopt, {found.resolved.sum()} resolved, "
+        f"{(~found.success).sum()} unsolved of {states}; "
+        f"stationarity <= {found.stationarity.max():.0e} |",
+        flush=True,
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="500 states, 5 repeats")
+    options = parser.parse_args()
+    states, repeats = (500, 5) if options.quick else (2000, 21)
+    print("| problem | casswarm auto | Ipopt, compiled | Opti, rebuilt | alpaqa | JAX | answers |")
+    print("|---|---|---|---|---|---|---|")
+    for name in PROBLEMS:
+        row(name, states, repeats)
+
+
+if __name__ == "__main__":
+    main()
