@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .chain.evaluate import Law
+    from .comparison import Comparison, Problem, Tolerances, compare
     from .errors import (
         CasswarmError,
+        ComparisonError,
         HazardError,
         PlanningError,
         PolicyError,
@@ -40,8 +42,10 @@ if not (_FOLDER / "problems").exists() and (_FOLDER.parent / "problems").exists(
 _HOME = {
     "chain.evaluate": ("Law",),
     "evaluation": ("evaluate",),
+    "comparison": ("Comparison", "Problem", "Tolerances", "compare"),
     "errors": (
         "CasswarmError",
+        "ComparisonError",
         "HazardError",
         "PlanningError",
         "PolicyError",
@@ -62,6 +66,8 @@ _MODULE = {name: module for module, names in _HOME.items() for name in names}
 __all__ = [
     "Candidate",
     "CasswarmError",
+    "Comparison",
+    "ComparisonError",
     "CustomHazard",
     "Decision",
     "Guide",
@@ -72,6 +78,7 @@ __all__ = [
     "PlanningError",
     "Policy",
     "PolicyError",
+    "Problem",
     "Residuals",
     "Saturation",
     "SaturationCollision",
@@ -82,8 +89,10 @@ __all__ = [
     "SolverError",
     "Status",
     "Study",
+    "Tolerances",
     "as_policy",
     "builtin_scenarios",
+    "compare",
     "evaluate",
     "load_scenario",
     "make_policy",

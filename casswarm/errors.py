@@ -30,6 +30,10 @@ class PlanningError(CasswarmError, RuntimeError):
     """No guide was found; the message tells the outcome of every start."""
 
 
+class ComparisonError(CasswarmError, ValueError):
+    """A comparison of solvers that is misconfigured, or a folder that holds another one."""
+
+
 def among(word: str, known: Iterable[str]) -> str:
     """The end of a message about an unknown word: the known word nearest to it, and all of them."""
     words = list(known)

@@ -42,7 +42,8 @@ class Nlp:
 
     The bounds belong to `Instances`, so that one program, built and compiled once, serves every
     state. x, p and g are made of named blocks: MX of shape (r, c), which as arrays are (c, r), so
-    that a block of c points in the plane is an MX (2, c) and an array (c, 2).
+    that a block of c points in the plane is an MX (2, c) and an array (c, 2). A program pickles:
+    its expressions travel as a serialised CasADi Function.
 
     Parameters
     ----------
@@ -105,6 +106,17 @@ class Nlp:
         """CasADi Function (x, p) to the Jacobian of g, sparse."""
         return self._function("jacobian", [ca.jacobian(self.g, self.x)])
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # symbols do not pickle, functions of them do; inlined again, the graph is what it was
+        blocks = [self.objective, *self.constraints.values()]
+        return _restored, (
+            ca.Function("blocks", [self.x, self.p], blocks).serialize(),
+            {name: block.shape for name, block in self.variables.items()},
+            {name: block.shape for name, block in self.parameters.items()},
+            tuple(self.constraints),
+            (self.name, self.unroll, self.compiled, self.starts),
+        )
+
     def _function(self, name: str, outputs: list[Expression]) -> Expression:
         function = ca.Function(name, [self.x, self.p], outputs)
         return function.expand() if self.unroll else function
@@ -140,6 +152,23 @@ class Nlp:
                 return part.reshape(*x.shape[:-1], columns, rows)
             start += symbol.numel()
         raise KeyError(name)
+
+
+def _restored(
+    serialized: str,
+    variables: Mapping[str, tuple[int, int]],
+    parameters: Mapping[str, tuple[int, int]],
+    constraints: tuple[str, ...],
+    rest: tuple[str, bool, CompiledObjective | None, int],
+) -> Nlp:
+    """The program that `Nlp.__reduce__` took apart."""
+    x, p = (
+        {name: ca.MX.sym(name, *shape) for name, shape in blocks.items()}
+        for blocks in (variables, parameters)
+    )
+    function = ca.Function.deserialize(serialized)
+    objective, *g = function.call([ca.veccat(*x.values()), ca.veccat(*p.values())], True, False)
+    return Nlp(rest[0], x, p, objective, dict(zip(constraints, g, strict=True)), *rest[1:])
 
 
 def _pack(blocks: Mapping[str, Expression], arrays: Mapping[str, ArrayLike]) -> Floats:

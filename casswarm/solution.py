@@ -8,6 +8,7 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .arrays import Booleans, Counts, Floats
 
@@ -114,11 +115,13 @@ class BatchSolution:
     success : (B,) bool
         Whether an answer is a solution to the stated tolerance.
     violation, stationarity : (B,)
-        Residuals, recomputed from the problem.
+        Residuals, recomputed from the problem; stationarity in `Instances.units`.
     resolved : (B,) bool
         Whether a first answer was not good enough and another solver was called.
     seconds : float
         For the batch.
+    words : (B,) str, optional
+        How every solve ended: its status, and the backend's own words.
     """
 
     x: Floats
@@ -128,25 +131,37 @@ class BatchSolution:
     stationarity: Floats
     resolved: Booleans
     seconds: float
+    words: NDArray[np.object_] | None = None
 
     @classmethod
-    def of(cls, solutions: Sequence[Solution]) -> BatchSolution:
-        """The same answers, one by one, as arrays."""
+    def of(cls, solutions: Sequence[Solution], units: Floats | None = None) -> BatchSolution:
+        """The same answers, one by one, as arrays; `units` (B, 2) are those of x and f."""
+        scale = 1.0 if units is None else units[:, 0] / units[:, 1]
         return cls(
             x=np.array([s.x for s in solutions]),
             objective=np.array([s.objective for s in solutions]),
             success=np.array([s.status.success for s in solutions], dtype=bool),
             violation=np.array([s.residuals.violation for s in solutions]),
-            stationarity=np.array([s.residuals.stationarity for s in solutions]),
+            stationarity=scale * np.array([s.residuals.stationarity for s in solutions]),
             resolved=np.zeros(len(solutions), bool),
             seconds=sum(s.solve_seconds for s in solutions),
+            words=np.array([f"{s.status}: {s.message}" for s in solutions], dtype=object),
         )
 
     def with_rows(self, rows: Counts, other: BatchSolution) -> BatchSolution:
         """These answers, with those of `other` in the given rows."""
         merged: dict[str, Any] = {"seconds": self.seconds + other.seconds}
         for part in fields(self):
-            if part.name != "seconds":
+            if part.name == "words":
+                merged["words"] = self._words_with(rows, other)
+            elif part.name != "seconds":
                 merged[part.name] = getattr(self, part.name).copy()
                 merged[part.name][rows] = getattr(other, part.name)
         return BatchSolution(**merged)
+
+    def _words_with(self, rows: Counts, other: BatchSolution) -> NDArray[np.object_] | None:
+        if self.words is None and other.words is None:
+            return None
+        words = np.full(len(self.x), "", dtype=object) if self.words is None else self.words.copy()
+        words[rows] = "" if other.words is None else other.words
+        return words

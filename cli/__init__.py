@@ -10,6 +10,7 @@ import logging
 import click
 
 from .. import __version__
+from .compare import compare
 from .evaluate import evaluate
 from .plan import plan
 from .scenarios import scenarios
@@ -28,6 +29,7 @@ def main() -> None:
       casswarm plan paper-1              the least risky way of a lone agent
       casswarm simulate paper-1          how often the swarm arrives, policy by policy
       casswarm evaluate paper-1          the same without sampling, exactly
+      casswarm compare --family quick    which solver solves what, and how fast
 
     SCENARIO is always the name of a built-in scenario or the path of a TOML file.
 
@@ -40,5 +42,5 @@ def main() -> None:
         log.addHandler(logging.StreamHandler())  # standard error
 
 
-for command in (plan, simulate, evaluate, scenarios, solvers):
+for command in (plan, simulate, evaluate, compare, scenarios, solvers):
     main.add_command(command)

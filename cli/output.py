@@ -32,9 +32,10 @@ class Folder:
     """A results folder; every file is written beside its place and then moved into it."""
 
     def __init__(
-        self, command: str, scenario: Scenario, out: Path | None, figures: str = "png"
+        self, command: str, scenario: Scenario | None, out: Path | None, figures: str = "png"
     ) -> None:
-        self.path = out or Path("results") / f"{command}-{scenario.name}"
+        name = command if scenario is None else f"{command}-{scenario.name}"
+        self.path = out or Path("results") / name
         self.command, self.scenario, self.ending = command, scenario, figures
         self.files: list[str] = []
         self._started = time.perf_counter()
@@ -71,7 +72,7 @@ class Folder:
             "command": self.command,
             "inputs": inputs,
             "result": result,
-            "scenario": self.scenario.to_toml(),
+            **({} if self.scenario is None else {"scenario": self.scenario.to_toml()}),
             "versions": {
                 "casswarm": __version__,
                 "python": platform.python_version(),

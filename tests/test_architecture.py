@@ -28,7 +28,7 @@ LAYERS = (
     ("problems",),
     ("guide", "starts", "planning", "policies"),
     ("chain",),
-    ("study", "evaluation", "statistics", "tables", "figures"),
+    ("study", "evaluation", "statistics", "tables", "figures", "comparison"),
     ("cli",),
 )
 """Each imports from its own row and the rows above. A new module finds its row here."""
@@ -39,7 +39,7 @@ NEVER = {
     "residuals": ("scenario", "hazard"),
     "solvers": ("scenario", "hazard", "problems", "policies"),  # know nlp, never a swarm
     "problems": ("solvers",),  # build and solve are two things
-    "figures": ("study", "planning", "solvers"),  # data in, Figure out
+    "figures": ("study", "planning", "solvers", "comparison"),  # data in, Figure out
 }
 """What the rows alone would allow."""
 

@@ -44,7 +44,7 @@ def simulated(tmp_path_factory):
 def test_help_shows_where_to_begin(tmp_path):
     out = casswarm(tmp_path, "--help").stdout
     assert "casswarm plan paper-1" in out
-    for command in ("plan", "simulate", "evaluate", "scenarios", "solvers"):
+    for command in ("plan", "simulate", "evaluate", "compare", "scenarios", "solvers"):
         assert f"  {command} " in out
 
 
@@ -60,6 +60,7 @@ def test_help_shows_where_to_begin(tmp_path):
         ("scenarios", "check"),
         ("solvers",),
         ("evaluate",),
+        ("compare",),
     ],
 )
 def test_every_command_has_help(tmp_path, command):
@@ -67,7 +68,7 @@ def test_every_command_has_help(tmp_path, command):
 
 
 def test_no_help_text_shows_a_control_sequence(tmp_path):
-    for command in ([], ["plan"], ["simulate"], ["evaluate"], ["scenarios", "new"]):
+    for command in ([], ["plan"], ["simulate"], ["evaluate"], ["compare"], ["scenarios", "new"]):
         out = casswarm(tmp_path, *command, "--help").stdout
         assert "\\b" not in out
         assert "  casswarm" in out  # examples, a line each

@@ -27,7 +27,7 @@ from casswarm import (
 from casswarm.nlp import Instances, Nlp
 from casswarm.policies import POLICIES, SUCCESSIONS, initial_velocities, member_guides
 from casswarm.problems.formation import Motion, Step
-from casswarm.solvers import Answer, Solver
+from casswarm.solvers import Answer, Ipopt, Solver
 
 Flags = NDArray[np.bool_]
 PLACES = [(0.0, 0.0), (0.4, -0.3), (-0.3, 0.35), (0.1, 0.6)]
@@ -238,13 +238,13 @@ class Broken(Solver):
     def _build(self, nlp: Nlp) -> None:
         pass
 
-    def _run(self, nlp: Nlp, instances: Instances) -> list[Answer]:  # noqa: ARG002
+    def _run(self, nlp: Nlp, instances: Instances) -> list[Answer]:
         start = instances.start
         return [
             Answer(np.full_like(start[i], self.x), self.status, "broken", 0, 0, 0.0)
             if i % 2
-            else Answer(start[i], Status.SOLVED, "fine", 0, 0, 0.0)
-            for i in range(len(instances))
+            else answer
+            for i, answer in enumerate(Ipopt()._answers(nlp, instances))
         ]
 
 

@@ -30,6 +30,13 @@ def figure(width: float = 6.4, height: float = 4.8) -> tuple[Figure, Axes]:
     return fig, fig.add_subplot()
 
 
+def panels(columns: int, rows: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
+    """A figure of rows times columns axes, each of a width and height in inches; row by row."""
+    fig = Figure(figsize=(columns * width, rows * height), layout="constrained")
+    FigureCanvasAgg(fig)
+    return fig, list(fig.subplots(rows, columns, squeeze=False).ravel())
+
+
 def tidy(axes: Axes) -> None:
     """Plain frame and quiet grid."""
     axes.spines[["top", "right"]].set_visible(False)

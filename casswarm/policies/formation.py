@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from abc import abstractmethod
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -11,9 +13,16 @@ from ..arrays import Booleans, Floats
 from ..guide import Guide
 from ..hazard import Hazard
 from ..problems.formation import Formation, Motion, Step, corridor_formation, leader_formation
+from ..solution import BatchSolution
 from ..solvers import Solver
 from .base import Decision, Policy
 from .succession import SUCCESSIONS
+
+LOG = logging.getLogger(__name__)
+
+HONEST = 1e-3
+"""Stationarity, in `Instances.units`, above which an answer counts as failed whatever its solver
+says of it: loose, for what a solver calls solved is its own tolerance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +92,9 @@ def solved(formation: Formation, solver: Solver) -> Decision:
     """The decision in a batch of formation problems.
 
     Answers are projected onto the sets, so the physical limits hold exactly. A failed solve keeps
-    its answer, made feasible, or where it is not finite the velocities that change least; it is
-    counted, never hidden.
+    its answer, made feasible; where there is none (not finite, an exception, a crash) the members
+    take the velocities that change least. Every failure is counted, and its reason is logged, once
+    for every solver and reason.
     """
     velocities = formation.instances.lower.reshape(*formation.free.shape, 2).copy()
     failures, resolved = np.zeros((2, len(velocities)), np.int64)
@@ -98,5 +108,18 @@ def solved(formation: Formation, solver: Solver) -> Decision:
         velocities[open_] = np.where(
             usable[..., None], instances.sets.project(points), formation.fallback[open_]
         )
-        failures[open_], resolved[open_] = ~found.success, found.resolved
+        good = np.asarray(found.success & (found.stationarity <= HONEST))
+        failures[open_], resolved[open_] = ~good, found.resolved
+        _tell_failures(solver.name, formation.nlp.name, found, good)
     return Decision(velocities, formation.shortfalls.sum(axis=1), failures, resolved)
+
+
+def _tell_failures(solver: str, problem: str, found: BatchSolution, good: Booleans) -> None:
+    for row in np.flatnonzero(~good):
+        words = "not solved" if found.words is None else str(found.words[row])
+        _tell_once(solver, problem, words + (", but not stationary" if found.success[row] else ""))
+
+
+@lru_cache(maxsize=1024)
+def _tell_once(solver: str, problem: str, reason: str) -> None:
+    LOG.warning("%s failed on %s, which is counted: %s", solver, problem, reason)

@@ -9,6 +9,7 @@ from ..errors import SolverError, among
 from .auto import Auto
 from .base import Answer, Solver
 from .ipopt import Ipopt
+from .isolated import Isolated
 from .projected_gradient import ProjectedGradient
 from .spectral import SpectralProjectedGradient
 
@@ -42,6 +43,7 @@ __all__ = [
     "Answer",
     "Auto",
     "Ipopt",
+    "Isolated",
     "ProjectedGradient",
     "Solver",
     "SpectralProjectedGradient",

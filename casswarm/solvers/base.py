@@ -5,11 +5,14 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from ..arrays import Floats
-from ..errors import SolverError
+from ..errors import CasswarmError, SolverError
 from ..nlp import Instances, Nlp
 from ..residuals import judge
 from ..solution import BatchSolution, Residuals, Solution, Status
@@ -46,7 +49,10 @@ class Solver(ABC):
 
     @abstractmethod
     def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        """Solve every instance; failures are answers, not exceptions."""
+        """Solve every instance; failures are answers, not exceptions.
+
+        An exception is a bug of a backend, and costs the instance that raises it alone.
+        """
 
     def solve(self, nlp: Nlp, instances: Instances) -> list[Solution]:
         """Solve every instance, and judge every answer by the problem itself.
@@ -62,7 +68,8 @@ class Solver(ABC):
         list of B Solution
             In order. Failure is returned, never raised and never dropped: an answer that is not
             finite, or violates a constraint by more than `VIOLATION`, has the status failed
-            whatever the backend says, whose own words stay in `message`.
+            whatever the backend says, whose own words stay in `message`. So has an instance on
+            which the backend raises an exception, with the exception as the message.
 
         Raises
         ------
@@ -70,7 +77,8 @@ class Solver(ABC):
             The backend cannot take this kind of problem at all, or does not answer every instance.
         """
         started = time.perf_counter()
-        self._build(nlp)
+        with suppress(Exception):  # raised again below, where it is dealt with
+            self._build(nlp)
         build = time.perf_counter() - started
         return [
             self._judged(nlp, instances[i : i + 1], answer, build)
@@ -79,16 +87,38 @@ class Solver(ABC):
 
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
         """Like `solve`, for thousands of instances: arrays instead of objects."""
-        return BatchSolution.of(self.solve(nlp, instances))
+        return BatchSolution.of(self.solve(nlp, instances), instances.units)
 
     def _answers(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        self._build(nlp)
-        answers = self._run(nlp, instances)
+        try:
+            self._build(nlp)
+        except CasswarmError:
+            raise
+        except Exception as error:
+            return failed(instances, f"building raised {told(error)}")
+        return self._tried(nlp, instances)
+
+    def _tried(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        """What `_run` gives; after an exception every instance alone, and then as failed."""
+        try:
+            answers = [_checked(answer) for answer in self._run(nlp, instances)]
+        except CasswarmError:
+            raise
+        except Exception as error:
+            if "KeyboardInterrupt" in str(error):  # which CasADi makes a RuntimeError of
+                raise KeyboardInterrupt from error
+            if len(instances) <= 1:
+                return failed(instances, f"raised {told(error)}")
+            each = (self._tried(nlp, instances[i : i + 1]) for i in range(len(instances)))
+            return [answer for answers in each for answer in answers]
         if len(answers) != len(instances):
             raise SolverError(f"{self.name} gave {len(answers)} answers for {len(instances)} tasks")
         return answers
 
     def _judged(self, nlp: Nlp, instance: Instances, answer: Answer, build: float) -> Solution:
+        shape = np.shape(answer.x)
+        if shape != instance.start.shape[1:]:
+            answer = failed(instance, f"gave x of shape {shape}: {answer.message}")[0]
         residuals = judge(nlp, instance, answer.x, answer.multipliers)
         return Solution(
             x=answer.x,
@@ -102,6 +132,23 @@ class Solver(ABC):
             build_seconds=build,
             solve_seconds=answer.seconds,
         )
+
+
+def _checked(answer: object) -> Answer:
+    if not isinstance(answer, Answer):
+        raise TypeError(f"the backend gave a {type(answer).__name__} instead of an Answer")
+    return answer
+
+
+def failed(instances: Instances, message: str, seconds: float = 0.0) -> list[Answer]:
+    """Failed answers to all of the instances, with no x: not a number."""
+    nothing = np.full(instances.start.shape[1], np.nan)
+    return [Answer(nothing, Status.FAILED, message, 0, 0, seconds) for _ in range(len(instances))]
+
+
+def told(error: BaseException) -> str:
+    """An exception as words."""
+    return f"{type(error).__name__}: {error}".removesuffix(": ")
 
 
 def require(solver: Solver, option: str, fulfilled: bool, allowed: str) -> None:

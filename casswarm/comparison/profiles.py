@@ -1,0 +1,144 @@
+"""Profiles and means of benchmark results: arrays in, arrays out.
+
+All functions take costs as a table with a row a problem and a column a solver, in which a failure
+is infinite. A profile is a table too: a row a point at which some curve rises, a column a solver,
+the share of problems at or below that point.
+
+- E. D. Dolan, J. J. More, Benchmarking optimization software with performance profiles,
+  Math. Program. 91 (2002) 201-213.
+- J. J. More, S. M. Wild, Benchmarking derivative-free optimization algorithms,
+  SIAM J. Optim. 20 (2009) 172-191.
+- N. Gould, J. Scott, A note on performance profiles for benchmarking software,
+  ACM Trans. Math. Software 43 (2016) 15.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from ..arrays import Floats
+
+
+def performance_profile(costs: pd.DataFrame) -> pd.DataFrame:
+    """Dolan and More's profile: how often a solver is within a factor of the best.
+
+    With r(p, s) = cost(p, s) / min over s of cost(p, s), the share of problems with r(p, s) <= tau,
+    for every tau at which it changes. At tau = 1 that is how often a solver is the fastest (ties
+    count for all), and at the end how often it solves the problem at all.
+
+    Parameters
+    ----------
+    costs : DataFrame
+        A row a problem, a column a solver; above zero, infinite for failures. A problem that nobody
+        solves counts as failed by all.
+
+    Returns
+    -------
+    DataFrame
+        Index tau, from 1; a column a solver.
+
+    Raises
+    ------
+    ValueError
+        Costs that are NaN, zero or negative, or no problem.
+    """
+    values = _checked(costs)
+    best = values.min(axis=1, keepdims=True)
+    ratios = np.divide(values, best, out=np.full_like(values, np.inf), where=np.isfinite(values))
+    return _shares(ratios, costs, "tau", 1.0)
+
+
+def data_profile(costs: pd.DataFrame, units: ArrayLike = 1.0) -> pd.DataFrame:
+    """More and Wild's profile: how many problems a solver solves within a budget.
+
+    The share of problems with cost(p, s) / unit(p) <= kappa. Unlike a performance profile it does
+    not depend on the other solvers. More and Wild count function values in units of n + 1, the cost
+    of a simplex gradient; with derivatives the natural units are evaluations, or the time of one.
+
+    Parameters
+    ----------
+    costs : DataFrame
+        As in `performance_profile`.
+    units : scalar or (problems,)
+
+    Returns
+    -------
+    DataFrame
+        Index kappa; a column a solver.
+
+    Raises
+    ------
+    ValueError
+        Costs or units that are NaN, zero or negative, or no problem.
+    """
+    values = _checked(costs)
+    scale = np.broadcast_to(np.asarray(units, dtype=float), len(values))
+    if not (np.isfinite(scale).all() and (scale > 0).all()):
+        raise ValueError("units must be finite and above zero")
+    return _shares(values / scale[:, None], costs, "kappa", None)
+
+
+def pairwise_profiles(costs: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:
+    """The performance profile of every two solvers alone.
+
+    In a profile of more than two, the order of those that are not the best can depend on which
+    others take part (Gould and Scott): only pairs compare two solvers with each other.
+    """
+    return {(a, b): performance_profile(costs[[a, b]]) for a, b in combinations(costs.columns, 2)}
+
+
+def pairwise_wins(costs: pd.DataFrame) -> pd.DataFrame:
+    """Share of problems in which the row's solver is faster than the column's; ties count for none.
+
+    To solve is faster than to fail. The diagonal is NaN.
+    """
+    values = _checked(costs)
+    wins = np.mean(values[:, :, None] < values[:, None, :], axis=0)
+    np.fill_diagonal(wins, np.nan)
+    return pd.DataFrame(wins, index=costs.columns, columns=costs.columns)
+
+
+def shifted_geometric_mean(costs: ArrayLike, shift: float) -> Floats:
+    """(product of (cost + shift))^(1/P) - shift over the first axis, costs (P, ...).
+
+    The shift keeps problems of next to no cost from ruling the mean. Infinite where a cost is: to
+    count failures at a limit, replace them first.
+
+    Raises
+    ------
+    ValueError
+        A negative cost, or a shift that is not above zero.
+    """
+    values = np.asarray(costs, dtype=float)
+    if not shift > 0 or not (values >= 0).all():
+        raise ValueError("costs must not be negative, and the shift must be above zero")
+    return np.asarray(np.exp(np.log(values + shift).mean(axis=0)) - shift)
+
+
+def share_at(profile: pd.DataFrame, point: float) -> pd.Series:
+    """Value of every curve of a profile at a point."""
+    row = int(np.searchsorted(profile.index.to_numpy(), point, side="right")) - 1
+    return profile.iloc[row] if row >= 0 else profile.iloc[0] * 0.0
+
+
+def _shares(values: Floats, costs: pd.DataFrame, name: str, first: float | None) -> pd.DataFrame:
+    points = np.unique(values[np.isfinite(values)])
+    if first is not None:
+        points = np.union1d(points, [first])
+    ordered = np.sort(values, axis=0)
+    shares = [np.searchsorted(column, points, side="right") / len(values) for column in ordered.T]
+    table = np.stack(shares, axis=1) if shares else np.empty((len(points), 0))
+    return pd.DataFrame(table, pd.Index(points, name=name), costs.columns)
+
+
+def _checked(costs: pd.DataFrame) -> Floats:
+    values = costs.to_numpy(dtype=float)
+    if not len(values):
+        raise ValueError("a profile needs at least one problem")
+    if not (values > 0).all():
+        raise ValueError("costs must be above zero, infinite for failures")
+    return values

@@ -1,0 +1,316 @@
+"""What a comparison of solvers showed, for somebody who was not there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from ..figures import pair_chart, profile_chart, win_chart
+from .problems import FAMILIES
+from .profiles import data_profile, pairwise_profiles, pairwise_wins, performance_profile
+from .rendering import Block, Heading, Picture, Table, Text, html, markdown
+from .running import Comparison
+from .verdicts import SHIFT, by_problem, costs, failures, not_taken
+
+REFERENCES = (
+    "E. D. Dolan, J. J. Moré, Benchmarking optimization software with performance profiles, "
+    "Math. Program. 91 (2002) 201-213",
+    "J. J. Moré, S. M. Wild, Benchmarking derivative-free optimization algorithms, "
+    "SIAM J. Optim. 20 (2009) 172-191",
+    "N. Gould, J. Scott, A note on performance profiles for benchmarking software, "
+    "ACM Trans. Math. Software 43 (2016) 15",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """Blocks of text, tables and figures, in order."""
+
+    blocks: tuple[Block, ...]
+    tables: dict[str, pd.DataFrame]
+    """The numbers, not rounded, by name."""
+
+    @property
+    def figures(self) -> dict[str, Figure]:
+        """Figures by name."""
+        return {b.name: b.figure for b in self.blocks if isinstance(b, Picture)}
+
+    def markdown(self, ending: str = "png") -> str:
+        """Markdown text that links the figures as NAME.ENDING."""
+        return markdown(self.blocks, ending)
+
+    def html(self, images: Mapping[str, bytes] | None = None) -> str:
+        """One HTML page with the figures in it; `images` are their PNGs by name, if drawn."""
+        return html(self.blocks, images)
+
+
+def make_report(comparison: Comparison) -> Report:
+    """Report of a comparison: what was solved, by what, where; tables, profiles, failures."""
+    blocks = [*_setting(comparison), *_rules(comparison)]
+    for family, start in _groups(comparison):
+        blocks += _group(comparison, family, start)
+    blocks += [*_failures(comparison), *_problems(comparison)]
+    blocks += [Heading("References"), *(Text(f"{reference}.") for reference in REFERENCES)]
+    tables = {
+        "cells": comparison.cells,
+        "summary": comparison.summary,
+        "problems": by_problem(comparison.cells),
+        "failures": failures(comparison.cells),
+    }
+    return Report(tuple(blocks), tables)
+
+
+def _groups(comparison: Comparison) -> list[tuple[str, str]]:
+    table = comparison.summary[["family", "start"]].drop_duplicates()
+    return [(str(family), str(start)) for family, start in table.itertuples(index=False)]
+
+
+def _setting(comparison: Comparison) -> Iterator[Block]:
+    inputs, problems = comparison.inputs, comparison.problems
+    machine, versions = inputs["machine"], inputs["versions"]
+    yield Heading("A comparison of solvers", 1)
+    yield Text(
+        f"{len(problems)} problems, {len(inputs['solvers'])} solvers, "
+        f"{len(comparison.cells)} cells: every solver on every problem from every start, each "
+        f"solver in a process of its own, at most {inputs['seconds']:g} s a solve. Seed "
+        f"{inputs['seed']}. On {machine['processor']}, {machine['cores']} cores, "
+        f"{machine['system']}, Python {machine['python']}; "
+        + ", ".join(f"{name} {number}" for name, number in versions.items())
+        + "."
+    )
+    yield Heading("What was solved")
+    rows = []
+    for family, part in problems.groupby("family", sort=False):
+        known = FAMILIES.get(str(family))
+        rows.append(
+            {
+                "family": family,
+                "problems": len(part),
+                "variables": _range(part, "variables"),
+                "constraints": _range(part, "constraints"),
+                "what they are": known[2] if known else "given by the user",
+            }
+        )
+    yield Table(pd.DataFrame(rows))
+    yield Text(
+        "The problems are those that planning and simulation pose to their solver on random "
+        "scenarios. Guides start cold from the straight line at constant speed, and warm from a "
+        "local solution with noise added. Formations are states of simulated runs; they start cold "
+        "from zero velocities, and warm from those of the step before, made feasible. Cold and "
+        "warm starts are never mixed in a table."
+    )
+    yield Heading("By what")
+    yield Table(
+        pd.DataFrame({"solver": inputs["solvers"].keys(), "options": inputs["solvers"].values()})
+    )
+    for row in not_taken(comparison.cells).to_dict("records"):
+        yield Text(
+            f"{row['solver']} takes no part in {row['cells']} cells of {row['family']}: "
+            f"{row['reason']}. That is no failure; a solver that can take none of a family is left "
+            "out of its tables and profiles."
+        )
+
+
+def _rules(comparison: Comparison) -> Iterator[Block]:
+    t = comparison.tolerances
+    spread = comparison.cells["spread"].dropna()
+    noise = (
+        f" Repeated solves of a cell differ by a factor of {spread.median():.2f} in the median and "
+        f"of more than {spread.quantile(0.9):.2f} in a tenth of the cells: smaller differences "
+        "between solvers mean nothing."
+        if len(spread)
+        else ""
+    )
+    yield Heading("What counts as solved")
+    yield Text(
+        "A solver has solved a problem if it says so and it is true. It is true if the residuals, "
+        "recomputed from the problem for all solvers alike, are small enough: violation of any "
+        f"constraint at most {t.violation:g}, stationarity at most {t.stationarity:g} and "
+        f"complementarity at most {t.complementarity:g} in the problem's units. It has found the "
+        "best known if, moreover, its objective is within a relative gap of "
+        f"{t.objective:g} of the least objective of any feasible answer, from whatever solver and "
+        "start. Best known is not proven best. Times are medians of up to five solves, without "
+        "building; their means are shifted geometric means with a shift of "
+        f"{1e3 * SHIFT:g} ms, in which a failure counts as the limit of "
+        f"{comparison.inputs['seconds']:g} s.{noise}"
+    )
+
+
+def _group(comparison: Comparison, family: str, start: str) -> Iterator[Block]:
+    summary = comparison.summary
+    part = summary[(summary["family"] == family) & (summary["start"] == start)]
+    order = list(comparison.inputs["solvers"])
+    title, tag = f"{family}, {start} start", f"{family}-{start}".replace(" ", "-")
+    yield Heading(f"{family.capitalize()}, {start} start")
+    yield Text(_headline(part))
+    yield Table(_rounded(part))
+    yield Text(
+        "How often a solver's word was true, in numbers of problems: one that says solved when the "
+        "residuals say otherwise misleads; one that solves and does not say so wastes its work."
+    )
+    yield Table(_truth(part))
+    times = {
+        wanted: costs(comparison.cells, family, start, "solve_seconds", wanted)
+        for wanted in ("solved", "found")
+    }
+    yield Picture(
+        f"profile-{tag}",
+        profile_chart(
+            {
+                "solved": performance_profile(times["solved"]),
+                "solved, and the best known objective": performance_profile(times["found"]),
+            },
+            "factor of the fastest solver's time",
+            f"{title}: performance profiles of solve time",
+            order,
+        ),
+        "Performance profiles (Dolan and Moré): at 1, how often a solver is the fastest; at a "
+        "factor, how often it needs at most that many times the fastest one's time; at the right "
+        "end, how often it solves the problem at all.",
+    )
+    yield _budgets(comparison, family, start, title, tag, order)
+    yield from _pairs(times["solved"], part, title, tag, order)
+
+
+def _budgets(
+    comparison: Comparison, family: str, start: str, title: str, tag: str, order: list[str]
+) -> Picture:
+    cells = comparison.cells
+    group = cells[(cells["family"] == family) & (cells["start"] == start)]
+    seconds = costs(cells, family, start, "solve_seconds")
+    units = group.groupby("problem")["gradient_seconds"].median().reindex(seconds.index)
+    return Picture(
+        f"data-{tag}",
+        profile_chart(
+            {
+                "evaluations of the objective": data_profile(
+                    costs(cells, family, start, "evaluations")
+                ),
+                "time, in evaluations of objective and gradient": data_profile(
+                    seconds, units.to_numpy()
+                ),
+            },
+            "budget",
+            f"{title}: data profiles",
+            order,
+        ),
+        "Data profiles (after Moré and Wild): how many problems are solved within a budget, "
+        "whoever else takes part. Left, evaluations of the objective as the solver counts them; "
+        "right, time in units of what one evaluation of the objective and its gradient takes in "
+        "CasADi, so that compiled solvers can need less than one for each.",
+    )
+
+
+def _pairs(
+    times: pd.DataFrame, part: pd.DataFrame, title: str, tag: str, order: list[str]
+) -> Iterator[Block]:
+    if len(times.columns) < 2:
+        return
+    best = str(part.sort_values("mean_ms")["solver"].iloc[0])
+    pairs = {pair: profile for pair, profile in pairwise_profiles(times).items() if best in pair}
+    yield Picture(
+        f"pairs-{tag}",
+        pair_chart(pairs, f"{title}: {best} and every other solver", order),
+        "Profiles of two solvers alone. In a profile of many, only the best curve can be read "
+        "against the others: the order of the rest can change with who takes part (Gould and "
+        f"Scott). {best} has the least mean time.",
+    )
+    yield Picture(
+        f"wins-{tag}",
+        win_chart(pairwise_wins(times), f"{title}: who is faster than whom"),
+        "Share of problems in which the solver of the row is faster than that of the column; to "
+        "solve is faster than to fail. A row and column pair that adds up to less than 100 % has "
+        "problems that both fail on.",
+    )
+
+
+def _failures(comparison: Comparison) -> Iterator[Block]:
+    table = failures(comparison.cells)
+    yield Heading("Failures")
+    if table.empty:
+        yield Text("None.")
+        return
+    yield Text("Every cell that was taken and not solved, by solver and reason, with an example.")
+    shown = table[["solver", "family", "start", "cells", "example", "reason"]]
+    yield Table(shown.assign(reason=[_short(reason) for reason in shown["reason"]]))
+
+
+def _problems(comparison: Comparison) -> Iterator[Block]:
+    table = by_problem(comparison.cells)
+    yield Heading("Every problem")
+    yield Text(
+        "How many solvers took it, solved it and found the best known objective; the largest "
+        "relative gap of a solved answer, which is another local minimum where it is large; and "
+        "who was the fastest."
+    )
+    yield Table(
+        pd.DataFrame(
+            {
+                "problem": table["problem"],
+                "start": table["start"],
+                "taken": table["taken"],
+                "solved": table["solved"],
+                "found": table["found"],
+                "best known": [f"{value:.6g}" for value in table["best"]],
+                "largest gap": [_number(value, ".1e") for value in table["worst_gap"]],
+                "fastest": table["fastest"],
+                "ms": [_number(value, ".3g") for value in table["fastest_ms"]],
+            }
+        )
+    )
+
+
+def _headline(part: pd.DataFrame) -> str:
+    fastest = part.sort_values("mean_ms").iloc[0]
+    most = part.sort_values(["found", "solved"], ascending=False).iloc[0]
+    return (
+        f"Least mean time: {fastest['solver']}, {fastest['mean_ms']:.3g} ms, with "
+        f"{100 * fastest['solved']:.0f} % solved. Most often at the best known objective: "
+        f"{most['solver']}, {100 * most['found']:.0f} %."
+    )
+
+
+def _rounded(part: pd.DataFrame) -> pd.DataFrame:
+    return pd.DataFrame(
+        {
+            "solver": part["solver"],
+            "solved": [f"{100 * value:.0f} %" for value in part["solved"]],
+            "best known": [f"{100 * value:.0f} %" for value in part["found"]],
+            "mean time, ms": [f"{value:.3g}" for value in part["mean_ms"]],
+            "build, ms": [_number(value, ".3g") for value in part["build_ms"]],
+            "iterations": [_number(value, "g") for value in part["iterations"]],
+            "evaluations": [_number(value, "g") for value in part["evaluations"]],
+        }
+    )
+
+
+def _truth(part: pd.DataFrame) -> pd.DataFrame:
+    return pd.DataFrame(
+        {
+            "solver": part["solver"],
+            "said, true": part["said_and_true"],
+            "said, not true": part["said_not_true"],
+            "not said, true": part["true_not_said"],
+            "neither": part["neither"],
+        }
+    )
+
+
+def _range(part: pd.DataFrame, column: str) -> str:
+    if column not in part or part[column].isna().all():
+        return ""
+    low, high = int(part[column].min()), int(part[column].max())
+    return f"{low}" if low == high else f"{low} to {high}"
+
+
+def _number(value: float, form: str) -> str:
+    return format(value, form) if np.isfinite(value) else ""
+
+
+def _short(text: str, most: int = 160) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= most else f"{line[: most - 3]}..."

@@ -1,0 +1,90 @@
+"""Solvers that go wrong in every way, in a module, so that another process can import them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from casswarm.nlp import Instances, Nlp
+from casswarm.solution import Status
+from casswarm.solvers import Answer, Ipopt, Solver
+
+FAULTS = (
+    "nan",
+    "infeasible lie",
+    "feasible lie",
+    "wrong shape",
+    "nothing",
+    "raise",
+    "build",
+    "hang",
+    "exit",
+    "abort",
+    "kill",
+)
+
+
+@dataclass(frozen=True)
+class Faulty(Solver):
+    """Ipopt, but for the instances whose first parameter is at least `above`.
+
+    `fault` is what happens then: a word of `FAULTS`.
+    """
+
+    fault: str = "nan"
+    above: float = -np.inf
+
+    name: ClassVar[str] = "faulty"
+    summary: ClassVar[str] = "goes wrong"
+
+    def _build(self, nlp: Nlp) -> None:  # noqa: ARG002
+        if self.fault == "build":
+            raise RuntimeError("cannot be built")
+
+    def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        wrong = instances.parameters[:, 0] >= self.above
+        if wrong.any():
+            self._misbehave()
+        answers = Ipopt()._answers(nlp, instances)
+        return [
+            self._changed(answer, instances[i : i + 1]) if wrong[i] else answer
+            for i, answer in enumerate(answers)
+        ]
+
+    def _misbehave(self) -> None:
+        match self.fault:
+            case "raise":
+                raise ZeroDivisionError("not today")
+            case "hang":
+                time.sleep(600)
+            case "exit":
+                os._exit(3)
+            case "abort":
+                print("something terrible", flush=True)
+                os.abort()
+            case "kill":
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    def _changed(self, answer: Answer, instance: Instances) -> Answer:
+        match self.fault:
+            case "nan":
+                return replace(answer, x=np.full_like(answer.x, np.nan), message="fine")
+            case "infeasible lie":
+                return replace(answer, x=answer.x + 10.0, status=Status.SOLVED, message="fine")
+            case "feasible lie":
+                start = instance.start[0]
+                if instance.sets is not None:
+                    points = start.reshape(*instance.sets.shape, 2)
+                    start = instance.sets.project(points).reshape(start.shape)
+                return replace(answer, x=start, status=Status.SOLVED, message="fine")
+            case "wrong shape":
+                return replace(answer, x=answer.x[:-1])
+            case "nothing":
+                return None  # type: ignore[return-value]
+        return answer

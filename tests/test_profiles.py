@@ -1,0 +1,132 @@
+"""Profiles against tables worked out by hand, and what must not change them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from casswarm.comparison.profiles import (
+    data_profile,
+    pairwise_profiles,
+    pairwise_wins,
+    performance_profile,
+    share_at,
+    shifted_geometric_mean,
+)
+
+INF = np.inf
+BY_HAND = pd.DataFrame(
+    {"a": [1.0, 4.0, 2.0, INF], "b": [2.0, 1.0, 2.0, INF], "c": [INF, 3.0, 8.0, INF]},
+    index=["p", "q", "r", "s"],
+)
+"""Ratios: p 1, 2, -; q 4, 1, 3; r 1, 1, 4; nobody solves s."""
+
+tables = arrays(
+    float,
+    st.tuples(st.integers(1, 6), st.integers(1, 4)),
+    elements=st.sampled_from([0.5, 1, 2, 7, INF]),
+).map(lambda values: pd.DataFrame(values, columns=list("abcd")[: values.shape[1]]))
+
+
+def test_performance_profile_is_that_worked_out_by_hand() -> None:
+    profile = performance_profile(BY_HAND)
+    assert profile.index.tolist() == [1, 2, 3, 4]
+    assert profile["a"].tolist() == [0.5, 0.5, 0.5, 0.75]
+    assert profile["b"].tolist() == [0.5, 0.75, 0.75, 0.75]
+    assert profile["c"].tolist() == [0, 0, 0.25, 0.5]
+
+
+def test_data_profile_is_that_worked_out_by_hand() -> None:
+    profile = data_profile(BY_HAND, [1.0, 2.0, 2.0, 1.0])
+    assert profile.index.tolist() == [0.5, 1, 1.5, 2, 4]
+    assert profile["a"].tolist() == [0, 0.5, 0.5, 0.75, 0.75]
+    assert profile["b"].tolist() == [0.25, 0.5, 0.5, 0.75, 0.75]
+    assert profile["c"].tolist() == [0, 0, 0.25, 0.25, 0.5]
+
+
+def test_profiles_are_read_between_their_steps() -> None:
+    profile = performance_profile(BY_HAND)
+    assert share_at(profile, 0.9).tolist() == [0, 0, 0]
+    assert share_at(profile, 2.9).tolist() == [0.5, 0.75, 0]
+    assert share_at(profile, 1e9).tolist() == [0.75, 0.75, 0.5]
+
+
+def test_wins_are_those_counted_by_hand_and_ties_are_nobodys() -> None:
+    wins = pairwise_wins(BY_HAND)
+    assert (wins.loc["a", "b"], wins.loc["b", "a"]) == (0.25, 0.25)
+    assert (wins.loc["a", "c"], wins.loc["c", "a"]) == (0.5, 0.25)
+    assert (wins.loc["b", "c"], wins.loc["c", "b"]) == (0.75, 0)
+    assert np.isnan(np.diag(wins)).all()
+
+
+def test_a_pair_is_judged_without_the_others() -> None:
+    # against all three, c looks slower than a; alone they are equal
+    costs = pd.DataFrame({"a": [2.0, 4.0], "b": [4.0, 1.0], "c": [4.0, 2.0]})
+    alone = pairwise_profiles(costs)["a", "c"]
+    assert alone.loc[1].tolist() == [0.5, 0.5]
+    assert performance_profile(costs).loc[1].tolist() == [0.5, 0.5, 0]
+
+
+def test_where_all_fail_every_curve_is_zero() -> None:
+    costs = pd.DataFrame({"a": [INF, INF], "b": [INF, INF]})
+    profile = performance_profile(costs)
+    assert profile.index.tolist() == [1]
+    assert profile.to_numpy().tolist() == [[0, 0]]
+    assert data_profile(costs).empty
+    assert (pairwise_wins(costs).loc["a", "b"], pairwise_wins(costs).loc["b", "a"]) == (0, 0)
+
+
+@given(tables, st.sampled_from([0.25, 2.0, 1024.0]))
+def test_scaling_all_times_changes_no_performance_profile(table, factor) -> None:
+    pd.testing.assert_frame_equal(performance_profile(factor * table), performance_profile(table))
+
+
+@given(tables, st.randoms())
+def test_the_order_of_problems_and_solvers_does_not_matter(table, random) -> None:
+    problems, solvers = list(table.index), list(table.columns)
+    random.shuffle(problems)
+    random.shuffle(solvers)
+    shuffled = table.loc[problems, solvers]
+    for profile in (performance_profile, data_profile):
+        pd.testing.assert_frame_equal(profile(shuffled)[list(table.columns)], profile(table))
+
+
+@given(tables)
+def test_profiles_rise_to_the_share_of_solved_problems(table) -> None:
+    profile = performance_profile(table)
+    assert (profile.diff().dropna() >= 0).all(axis=None)
+    np.testing.assert_allclose(profile.iloc[-1], np.isfinite(table).mean())
+    # somebody is the fastest on every problem that anybody solves; ties count for all
+    assert profile.loc[1.0].sum() >= np.isfinite(table).any(axis=1).mean() - 1e-12
+
+
+@pytest.mark.parametrize(
+    ("costs", "words"),
+    [
+        (pd.DataFrame({"a": []}), "at least one problem"),
+        (pd.DataFrame({"a": [0.0]}), "above zero"),
+        (pd.DataFrame({"a": [np.nan]}), "above zero"),
+    ],
+)
+def test_costs_without_meaning_are_refused(costs: pd.DataFrame, words: str) -> None:
+    for function in (performance_profile, data_profile):
+        with pytest.raises(ValueError, match=words):
+            function(costs)
+
+
+def test_units_without_meaning_are_refused() -> None:
+    with pytest.raises(ValueError, match="units must be finite"):
+        data_profile(BY_HAND, [1, 1, 0, 1])
+
+
+def test_shifted_geometric_mean_is_that_worked_out_by_hand() -> None:
+    assert shifted_geometric_mean([1.0, 7.0], 1.0) == pytest.approx(3.0)  # sqrt(2 * 8) - 1
+    np.testing.assert_allclose(shifted_geometric_mean([[3.0, 0.0], [3.0, 8.0]], 1.0), [3.0, 2.0])
+    assert shifted_geometric_mean([1.0, INF], 1.0) == INF
+    for values, shift in (([-1.0], 1.0), ([1.0], 0.0)):
+        with pytest.raises(ValueError, match="shift"):
+            shifted_geometric_mean(values, shift)
