@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .arrays import Floats
 from .hazard import Hazard
 from .solution import Solution
+
+if TYPE_CHECKING:
+    from .certificate.refinement import Certificate
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +80,8 @@ class Guide:
         Every start's outcome, failures included, in the order in which they were tried.
     risk_bound : float or None
         Proven lower bound on the risk of any guide of the scenario; None where not certified.
+    certificate : Certificate or None
+        The proof of the bound: how it was reached, and what is known beside it.
     search : {"local", "global"}
         How it was found; the members' own guides of the naive policy are found likewise.
     """
@@ -88,6 +95,7 @@ class Guide:
     solution: Solution
     candidates: tuple[Candidate, ...] = field(default=(), repr=False)
     risk_bound: float | None = None
+    certificate: Certificate | None = field(default=None, repr=False)
     search: str = "local"
 
     @property
@@ -108,7 +116,14 @@ class Guide:
     @property
     def gap(self) -> float | None:
         """(risk - bound) / risk; None where not certified."""
-        return None if self.risk_bound is None else (self.risk - self.risk_bound) / self.risk
+        if self.risk_bound is None:
+            return None
+        return (self.risk - self.risk_bound) / self.risk if self.risk > 0 else 0.0
+
+    @property
+    def survival_bound(self) -> float | None:
+        """exp(-bound): no guide of the scenario survives with more; None where not certified."""
+        return None if self.risk_bound is None else float(np.exp(-self.risk_bound))
 
     def reference(self, step: int) -> Floats:
         """Where the guide is at `step`, (2,): X(step), and the target's centre after arrival.
@@ -128,11 +143,16 @@ class Guide:
     def __str__(self) -> str:
         certified = (
             "not certified"
-            if self.risk_bound is None
-            else f"no guide can exceed {np.exp(-self.risk_bound):.4f}"
+            if self.survival_bound is None
+            else f"no guide can exceed {rounded_up(self.survival_bound):.4f}"
         )
         end = "arrives" if self.arrives else "DOES NOT ARRIVE"
         return f"guide {end} at step {self.arrival}: survival {self.survival:.4f} ({certified})"
+
+
+def rounded_up(value: float, digits: int = 4) -> float:
+    """A bound as it is told: rounded, it must not be below itself."""
+    return math.ceil(value * 10**digits) / 10**digits
 
 
 def path_of(start: Floats, velocities: Floats, dt: float) -> Floats:

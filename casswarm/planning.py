@@ -11,6 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import Floats
+from .certificate.grid import Relaxation
+from .certificate.refinement import Certificate, arrival_multiplier
+from .certificate.refinement import certify as certified
+from .certificate.ways import Way, best_ways
 from .errors import PlanningError, SolverError
 from .guide import Candidate, Guide, guide_from, path_of, sides_of
 from .problems.guide import GuideTask, guide_instance, guide_nlp
@@ -18,7 +22,7 @@ from .problems.guide_penalised import penalised_guide_instance, penalised_guide_
 from .solution import Solution
 from .solvers import ProjectedGradient, Solver, make_solver
 from .solvers.base import VIOLATION
-from .starts import around, resampled, straight
+from .starts import resampled, straight
 
 if TYPE_CHECKING:
     from .scenario import Scenario
@@ -27,8 +31,14 @@ if TYPE_CHECKING:
 COARSE = 8
 """Arrival steps tried first, evenly spread; the best one's neighbourhood is then halved to one."""
 
-WAYS = 3
-"""Ways around the radars, best first, whose arrival step a global search refines."""
+WAYS = 4
+"""Ways around the radars, best first, from which a global search starts."""
+
+NEAR = 3
+"""Ways of a known guide, best first, that a search near it starts from."""
+
+GAP, TIME_LIMIT = 0.01, 10.0
+"""Relative gap at which a certificate is good enough, and the seconds that it may take."""
 
 
 def plan(
@@ -37,6 +47,9 @@ def plan(
     *,
     search: str | None = None,
     check: bool = True,
+    certify: bool = True,
+    gap: float = GAP,
+    time_limit: float = TIME_LIMIT,
     progress: Callable[[str], None] | None = None,
 ) -> Guide:
     """Least risky path of a lone agent from the swarm's place to the target.
@@ -47,10 +60,18 @@ def plan(
     solver : str or Solver
         ``"ipopt"``, or ``"projected-gradient"`` for the paper's penalised form.
     search : {"local", "global"}, optional
-        From the straight line only, as in the paper, or from ways on both sides of every radar;
-        the scenario's own choice by default.
+        From the straight line only, as in the paper, or also from the ways that dynamic
+        programming finds; the scenario's own choice by default.
     check : bool
         Whether to raise if no start led to the target; otherwise the best failure is returned.
+    certify : bool
+        Whether to prove how good the guide is: see `Guide.risk_bound` and `casswarm.certificate`.
+        Hazards written by users need a ``least_lone_rate`` for it.
+    gap : float
+        Relative distance of the bound from the best known risk at which the proof may end; above
+        0, below 1.
+    time_limit : float
+        Seconds that the proof may take; what is proven by then is proven.
     progress : callable, optional
         Called with the name of every start.
 
@@ -68,7 +89,13 @@ def plan(
         No start led to the target; the message counts the outcomes.
     SolverError
         A solver that is unknown, or cannot take the guide problem.
+    ValueError
+        A gap or time limit out of range.
     """
+    if not 0 < gap < 1:
+        raise ValueError(f"gap = {gap!r}; allowed: above 0, below 1 (0.01 is one percent)")
+    if not time_limit > 0:
+        raise ValueError(f"time_limit = {time_limit!r}; allowed: seconds above 0")
     given = scenario.swarm.velocity
     guide = plan_from(
         scenario,
@@ -78,7 +105,51 @@ def plan(
         before=None if given == "guide" else given,
         progress=progress,
     )
-    return _checked(guide) if check else guide
+    guide = _checked(guide) if check else guide
+    if not (certify and guide.arrives):
+        return guide
+    (progress or (lambda _: None))("certificate")
+    certificate = certificate_of(scenario, guide, gap, time_limit)
+    if certificate is None:
+        return guide
+    return replace(guide, risk_bound=certificate.bound, certificate=certificate)
+
+
+def certificate_of(
+    scenario: Scenario, guide: Guide, gap: float = GAP, time_limit: float = TIME_LIMIT
+) -> Certificate | None:
+    """Proof of how good any guide of a scenario can be; None where its hazard knows no bounds.
+
+    The path that the bound is held against is the best known without limits of acceleration and
+    margin: the guide itself, or what Ipopt makes of the ways that dynamic programming finds.
+    """
+    hazard, start = scenario.hazard, scenario.guide_start
+    if hazard.least_lone_rate(start, start) is None:
+        return None
+    task = Relaxation.of(scenario)
+    paths = [guide.positions]
+    unlimited = np.isinf(scenario.guide_a_max) and scenario.swarm.velocity == "guide"
+    if not (
+        unlimited and guide.search == "global" and scenario.arrival_margin <= 1e-5 * task.radius
+    ):
+        paths += _relaxed_paths(scenario, task)
+    risks = [task.dt * float(hazard.lone_rates(path[1:]).sum()) for path in paths]
+    best = int(np.argmin(risks))
+    multiplier = arrival_multiplier(task, paths[best], scenario.swarm.v_max)
+    return certified(task, risks[best], multiplier, gap=gap, time_limit=time_limit)
+
+
+def _relaxed_paths(scenario: Scenario, task: Relaxation) -> list[Floats]:
+    """Locally best paths of the relaxation, from the best ways and next to their arrival steps."""
+    free = replace(_task(scenario, task.start, None), radius=scenario.target.radius)
+    free = replace(free, a_max=np.inf, a_max_first=np.inf)
+    planner = _Planner(scenario, free, make_solver("ipopt"), lambda _: None)
+    tried: list[Candidate] = []
+    for way in best_ways(task, 2):
+        tried += planner.along(way, [way.arrival])
+    for way in best_ways(task, 1):
+        tried += planner.along(way, [way.arrival - 1, way.arrival + 1])
+    return [path_of(task.start, c.velocities, task.dt) for c in tried if np.isfinite(c.risk)]
 
 
 def plan_from(
@@ -98,18 +169,7 @@ def plan_from(
     starts from its ways around the radars, the best few, at their arrival steps and those next to
     them: a tenth of the work.
     """
-    task = GuideTask(
-        start=np.asarray(start, float),
-        center=np.asarray(scenario.target.center, float),
-        radius=scenario.target.radius - scenario.arrival_margin,
-        before=np.zeros(2) if before is None else np.asarray(before, float),
-        a_max=scenario.guide_a_max,
-        a_max_first=(
-            np.inf if before is None or not scenario.guide.flyable else scenario.swarm.a_max
-        ),
-        v_max=scenario.swarm.v_max,
-        dt=scenario.time.dt,
-    )
+    task = _task(scenario, start, before)
     backend = make_solver(solver, **_paper_options(scenario, solver))
     search = _checked_search(search, scenario, backend)
     planner = _Planner(scenario, task, backend, progress or (lambda _: None))
@@ -128,6 +188,21 @@ def plan_from(
         task.dt,
         task.center,
         search,
+    )
+
+
+def _task(scenario: Scenario, start: ArrayLike, before: ArrayLike | None) -> GuideTask:
+    return GuideTask(
+        start=np.asarray(start, float),
+        center=np.asarray(scenario.target.center, float),
+        radius=scenario.target.radius - scenario.arrival_margin,
+        before=np.zeros(2) if before is None else np.asarray(before, float),
+        a_max=scenario.guide_a_max,
+        a_max_first=(
+            np.inf if before is None or not scenario.guide.flyable else scenario.swarm.a_max
+        ),
+        v_max=scenario.swarm.v_max,
+        dt=scenario.time.dt,
     )
 
 
@@ -166,6 +241,14 @@ def _checked(guide: Guide) -> Guide:
     )
 
 
+Start = Callable[[int, float], Floats]
+"""Velocities (steps, 2) of an initial path, from a number of steps and dt."""
+
+
+def _resampling(polyline: Floats) -> Start:
+    return lambda steps, dt: resampled(polyline, steps, dt)
+
+
 @dataclass(frozen=True)
 class _Planner:
     scenario: Scenario
@@ -175,30 +258,43 @@ class _Planner:
 
     def candidates(self, search: str) -> list[Candidate]:
         """Outcomes of every start of a local or global search."""
-        goal = self._goal()
-        ways = {"straight": straight(self.task.start, goal)}
-        radars = self.scenario.hazard.radar_positions
-        if search == "global":
-            ways |= dict(around(self.task.start, goal, radars))
         found: dict[str, list[Candidate]] = {}
-        for name, polyline in ways.items():
+        starts: dict[str, Start] = {"straight": self._line}
+        steps = {"straight": self._steps()}
+        if search == "global":
+            relaxation = replace(
+                Relaxation.of(self.scenario, self.task.start), radius=self.task.radius
+            )
+            ways = best_ways(relaxation, WAYS)
+            starts |= {way.sides or "way": way.velocities for way in ways}
+            steps |= {way.sides or "way": self._steps_near(way.arrival) for way in ways}
+            steps["straight"] = self._steps(3)
+        for name, start in starts.items():
             self.progress(name)
-            found[name] = list(self._try(name, polyline, self._steps()))
+            found[name] = list(self._try(name, start, steps[name]))
         refined = self._most_promising(found) if self.scenario.guide.arrival == "any" else []
         for name in refined:
             self.progress(f"{name}, arrival step")
-            self._refine(name, ways[name], found[name])
+            self._refine(name, starts[name], found[name])
         return [candidate for tried in found.values() for candidate in tried]
+
+    def along(self, way: Way, steps: Iterable[int]) -> list[Candidate]:
+        """Outcomes of a way at those of the arrival steps that are possible."""
+        possible = set(self._possible())
+        return list(
+            self._try(way.sides or "way", way.velocities, sorted(possible.intersection(steps)))
+        )
 
     def candidates_near(self, guide: Guide) -> list[Candidate]:
         """Outcomes of starts that follow another agent's guide and its other ways."""
         possible = self._possible()
         tried: list[Candidate] = []
-        for known in guide.ways()[:WAYS]:
+        for known in guide.ways()[:NEAR]:
             path = path_of(guide.positions[0], known.velocities, self.task.dt)
             around_known = {known.arrival + shift for shift in (-1, 0, 1)}
             steps = sorted(around_known.intersection(possible)) or possible[-1:]
-            tried += self._try(known.start, np.vstack([self.task.start, path[1:]]), steps)
+            polyline = np.vstack([self.task.start, path[1:]])
+            tried += self._try(known.start, _resampling(polyline), steps)
         return tried
 
     def penalised(self) -> Candidate:
@@ -212,17 +308,17 @@ class _Planner:
         velocities = nlp.variable("velocities", solution.x)
         return self._priced("straight", self.scenario.n_steps, velocities, solution)
 
-    def _try(self, name: str, polyline: Floats, steps: Iterable[int]) -> Iterator[Candidate]:
+    def _try(self, name: str, start: Start, steps: Iterable[int]) -> Iterator[Candidate]:
         nlp = guide_nlp(self.scenario.hazard, self.scenario.n_steps)
         task, unit = self.task.dimensionless(), self.task.v_max
         for arrival in steps:
-            guess = resampled(polyline, arrival, self.task.dt) / unit
+            guess = start(arrival, self.task.dt) / unit
             instance = guide_instance(nlp, task, arrival, guess)
             solution = self.solver.solve(nlp, instance)[0]
             velocities = unit * nlp.variable("velocities", solution.x)[:arrival]
             yield self._priced(name, arrival, velocities, solution)
 
-    def _refine(self, name: str, polyline: Floats, tried: list[Candidate]) -> None:
+    def _refine(self, name: str, start: Start, tried: list[Candidate]) -> None:
         """Try arrival steps between the best one and its neighbours until none is left."""
         while True:
             best = min(tried, key=_preference).arrival
@@ -232,18 +328,15 @@ class _Planner:
             fresh = between - set(steps.tolist())
             if not fresh:  # a neighbour may be one step above: (best + 1 + best) // 2 = best
                 return
-            tried += self._try(name, polyline, sorted(fresh))
+            tried += self._try(name, start, sorted(fresh))
 
     def _most_promising(self, found: dict[str, list[Candidate]]) -> list[str]:
-        """Starts to refine: the best of each way around the radars, at most `WAYS`.
-
-        The straight line too, so that a global search is never worse than a local one.
-        """
+        """Starts to refine: the best of each way around the radars, at most two of them."""
         best = {name: min(tried, key=_preference) for name, tried in found.items()}
         chosen: dict[str, str] = {}
         for name in sorted(best, key=lambda start: _preference(best[start])):
             chosen.setdefault(best[name].sides, name)
-        return list(dict.fromkeys([*list(chosen.values())[:WAYS], "straight"]))
+        return list(chosen.values())[:2]
 
     def _priced(self, name: str, arrival: int, velocities: Floats, solution: Solution) -> Candidate:
         task = self.task
@@ -261,18 +354,25 @@ class _Planner:
         radars = self.scenario.hazard.radar_positions
         return Candidate(name, arrival, sides_of(positions, radars), velocities, risk, solution)
 
-    def _goal(self) -> Floats:
-        """The nearest point of the target, margin taken off."""
+    def _line(self, steps: int, dt: float) -> Floats:
+        """Velocities (steps, 2) straight to the nearest point of the target, margin taken off."""
         way = self.task.start - self.task.center
         distance = np.hypot(*way)
         shrink = min(1.0, self.task.radius / distance) if distance > 0 else 1.0
-        return self.task.center + shrink * way
+        return resampled(straight(self.task.start, self.task.center + shrink * way), steps, dt)
 
-    def _steps(self) -> list[int]:
+    def _steps(self, most: int = COARSE) -> list[int]:
         """Arrival steps to try first: from the fewest possible to all, evenly."""
         possible = self._possible()
-        places = np.linspace(0, len(possible) - 1, min(COARSE, len(possible))).round()
+        places = np.linspace(0, len(possible) - 1, min(most, len(possible))).round()
         return [possible[int(place)] for place in places]
+
+    def _steps_near(self, arrival: int) -> list[int]:
+        """Arrival steps next to one, and the last: limits of acceleration take their time."""
+        possible = self._possible()
+        nearest = min(possible, key=lambda step: abs(step - arrival))
+        near = {nearest - 1, nearest, nearest + 1, possible[-1]}
+        return sorted(near.intersection(possible))
 
     def _possible(self) -> list[int]:
         """Arrival steps that v_max allows and the scenario asks for, or else the horizon."""

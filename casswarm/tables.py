@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -40,6 +40,24 @@ def guide_table(guide: Guide) -> pd.DataFrame:
 def candidate_table(guide: Guide) -> pd.DataFrame:
     """A row a start and arrival step: sides of the radars, risk, and how the solve ended."""
     return pd.DataFrame([candidate.as_row() for candidate in guide.candidates])
+
+
+def rival_table(guides: Mapping[str, Guide]) -> pd.DataFrame:
+    """A row a guide: risk, survival, arrival step, the proven bound and the gap to it, seconds."""
+    return pd.DataFrame(
+        {
+            "guide": name,
+            "risk": guide.risk,
+            "survival": guide.survival,
+            "arrival": guide.arrival,
+            "risk_bound": guide.risk_bound,
+            "survival_bound": guide.survival_bound,
+            "gap": guide.gap,
+            "solves": len(guide.candidates),
+            "seconds": sum(c.solution.solve_seconds for c in guide.candidates),
+        }
+        for name, guide in guides.items()
+    )
 
 
 def law_table(laws: Sequence[Law]) -> pd.DataFrame:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 @click.option(
     "--search",
     type=click.Choice(["local", "global"]),
-    help="From the straight line only, or from ways on both sides of every radar. "
+    help="From the straight line only, or also from the ways that dynamic programming finds. "
     "[default: the scenario's]",
 )
 @click.option(
@@ -35,6 +35,24 @@ if TYPE_CHECKING:
     help="Choose the best arrival step, or use all the time. [default: the scenario's]",
 )
 @click.option("--flyable/--not-flyable", default=None, help="Whether the guide respects a_max.")
+@click.option(
+    "--certify/--no-certify", default=True, help="Prove how good any guide can be. [default: yes]"
+)
+@click.option(
+    "--gap",
+    type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True),
+    default=0.01,
+    show_default=True,
+    help="Relative distance of the bound from the best known risk at which the proof may end.",
+)
+@click.option(
+    "--time-limit",
+    type=click.FloatRange(0.0, min_open=True),
+    default=10.0,
+    show_default=True,
+    help="Seconds that the proof may take.",
+)
+@click.option("--map", "with_map", is_flag=True, help="Draw the risk to go from every place, too.")
 def plan(
     scenario: str,
     settings: tuple[str, ...],
@@ -46,15 +64,22 @@ def plan(
     search: str | None,
     arrival: str | None,
     flyable: bool | None,
+    certify: bool,
+    gap: float,
+    time_limit: float,
+    with_map: bool,
 ) -> None:
     """Find the least risky path of a lone agent: the guide that the swarm follows.
 
     Writes guide.csv (a row a step), candidates.csv (every start's outcome), guide.png and run.json.
+    The paper's projected gradient is set beside a global search: comparison.csv, comparison.png.
 
     \b
     Examples:
       casswarm plan paper-1
-      casswarm plan paper-1 --search global --arrival any
+      casswarm plan paper-1 --search global --arrival any --gap 0.0001
+      casswarm plan paper-1 --solver projected-gradient
+      casswarm plan single-agent --map
       casswarm plan my-scenario.toml --set guide.a_max=0.3 --json
     """
     if solver == "projected-gradient" and (search, arrival, flyable) != (None, None, None):
@@ -74,27 +99,61 @@ def plan(
 
         folder = Folder("plan", chosen, out, figures)
         guide = find_guide(
-            chosen, solver, progress=lambda start: say(f"planning: from {start}", quiet)
+            chosen,
+            solver,
+            certify=certify,
+            gap=gap,
+            time_limit=time_limit,
+            progress=lambda start: say(f"planning: {start}", quiet),
         )
-    content = _write(folder, chosen, guide, {"solver": solver})
-    click.echo(json_text(content) if as_json else _words(chosen, guide))
+        rival = _rival(chosen, guide) if solver == "projected-gradient" else None
+        content = _write(folder, chosen, guide, rival, with_map, {"solver": solver})
+    click.echo(json_text(content) if as_json else _words(chosen, guide, rival))
     say(folder.closing(), quiet)
 
 
+def _rival(scenario: Scenario, guide: Guide) -> Guide:
+    """A global search for what the paper's form asks for: no a_max, no margin, any arrival."""
+    from dataclasses import replace
+
+    from ..planning import plan as find_guide
+
+    free = {"flyable": False, "margin": 1e-6 * scenario.target.radius, "arrival": "any"}
+    wanted = scenario.with_values({f"guide.{key}": value for key, value in free.items()})
+    found = find_guide(wanted, search="global", certify=False)
+    return replace(found, risk_bound=guide.risk_bound, certificate=guide.certificate)
+
+
 def _write(
-    folder: Folder, scenario: Scenario, guide: Guide, inputs: dict[str, object]
+    folder: Folder,
+    scenario: Scenario,
+    guide: Guide,
+    rival: Guide | None,
+    with_map: bool,
+    inputs: dict[str, object],
 ) -> dict[str, object]:
-    from ..figures import guide_map
-    from ..tables import candidate_table, guide_table
+    from ..figures import comparison_map, guide_map, risk_map
+    from ..tables import candidate_table, guide_table, rival_table
 
     folder.table("guide", guide_table(guide))
     folder.table("candidates", candidate_table(guide))
     folder.figure("guide", guide_map(scenario, guide, guide.ways()))
+    if rival is not None:
+        rivals = {"projected gradient": guide, "global search": rival}
+        folder.table("comparison", rival_table(rivals))
+        folder.figure("comparison", comparison_map(scenario, rivals))
+    if with_map:
+        from ..certificate.value import ValueFunction
+
+        value = ValueFunction.of(scenario)
+        folder.figure("risk-to-go", risk_map(scenario, value, guide))
+    certificate = guide.certificate
     result = {
         "risk": guide.risk,
         "survival": guide.survival,
         "risk_bound": guide.risk_bound,
         "gap": guide.gap,
+        "certificate": None if certificate is None else certificate.as_dict(),
         "arrival_step": guide.arrival,
         "arrives": guide.arrives,
         "solution": guide.solution.as_row(),
@@ -104,7 +163,7 @@ def _write(
     return folder.record(result, inputs)
 
 
-def _words(scenario: Scenario, guide: Guide) -> str:
+def _words(scenario: Scenario, guide: Guide, rival: Guide | None) -> str:
     from collections import Counter
 
     outcomes = Counter(str(candidate.solution.status) for candidate in guide.candidates)
@@ -114,11 +173,32 @@ def _words(scenario: Scenario, guide: Guide) -> str:
         f"{scenario.name}: {scenario.n} members, {radars} radars, "
         f"{scenario.n_steps} steps of {scenario.time.dt:g}",
         f"{guide}, risk {guide.risk:.4f}",
+        *_proof(guide),
         f"{guide.solution}",
         f"solves: {told}",
     ]
-    if not guide.solution.status.success:
+    if rival is not None:
+        lines.append(f"a global search without a_max and margin: {rival}, risk {rival.risk:.4f}")
+    elif not guide.solution.status.success:
         lines.append("the solver did not converge: this is its best path, not a minimum")
     elif guide.search == "local" or scenario.guide.arrival == "horizon":
         lines.append("a local search: --search global --arrival any may find a better way")
     return "\n".join(lines)
+
+
+def _proof(guide: Guide) -> list[str]:
+    """What the gap is made of."""
+    certificate = guide.certificate
+    if certificate is None or guide.gap is None:
+        return []
+    lines = [f"gap {100 * guide.gap:.2g} % of the risk"]
+    if certificate.gap < 0.5 * guide.gap:
+        limits = "what the limits of acceleration, margin and arrival step cost"
+        other = "a better way that was not found" if guide.search == "global" else "a local search"
+        lines[0] += (
+            f", {100 * certificate.gap:.2g} % for the best path of the same speed, survival "
+            f"{certificate.survival:.4f}: the rest is {limits}, or {other}"
+        )
+    if certificate.gap > 0.01:
+        lines.append(f"the proof ended before a gap of 1 %: {certificate.reason}")
+    return lines

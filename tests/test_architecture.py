@@ -26,7 +26,7 @@ LAYERS = (
     ("nlp", "solution", "residuals"),
     ("solvers",),
     ("problems",),
-    ("guide", "starts", "planning", "policies"),
+    ("guide", "starts", "certificate", "planning", "policies"),
     ("chain",),
     ("study", "evaluation", "statistics", "tables", "figures", "comparison"),
     ("cli",),

@@ -107,7 +107,8 @@ def test_version_is_the_installed_one(tmp_path):
 def test_plan_tells_survival_residuals_and_outcomes(planned):
     out = planned[1].stdout
     assert "survival 0.03" in out
-    assert "not certified" in out
+    assert "no guide can exceed 0.70" in out
+    assert "a local search" in out
     assert "violation" in out
     assert "solves: 1 solved" in out
 
@@ -141,7 +142,10 @@ def test_json_output_is_json_and_nothing_else(tmp_path):
     content = json.loads(done.stdout)
     assert 0.70 < content["result"]["survival"] < 0.73
     assert (tmp_path / "here" / "guide.csv").exists()
-    assert content["result"]["risk_bound"] is None
+    result = content["result"]
+    assert 0.95 * result["risk"] < result["risk_bound"] <= result["risk"]
+    assert result["gap"] == pytest.approx(1 - result["risk_bound"] / result["risk"])
+    assert result["certificate"]["bound"] == result["risk_bound"]
 
 
 def test_global_search_beats_local_search(tmp_path):

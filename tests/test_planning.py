@@ -196,27 +196,31 @@ def test_searching_more_is_never_worse(
         values = {"guide__search": search, "guide__arrival": arrival}
         return plan(small(MEMBER, target, radars, steps, **values)).risk
 
-    assert risk("global", "any") <= risk("local", "any") <= risk("local", "horizon")
-    assert risk("global", "any") <= risk("global", "horizon") <= risk("local", "horizon")
+    room = 1 + 1e-9  # two starts that end in the same minimum do so to a solver's tolerance
+    assert risk("global", "any") <= room * risk("local", "any")
+    assert risk("local", "any") <= room * risk("local", "horizon")
+    assert risk("global", "any") <= room * risk("global", "horizon")
+    assert risk("global", "horizon") <= room * risk("local", "horizon")
 
 
 def test_search_that_is_asked_for_overrules_the_scenario() -> None:
     scenario = small(MEMBER, (4.0, 0.0), [(2.0, 0.1)], 12)
     told: list[str] = []
     guide = plan(scenario, search="local", progress=told.append)
-    assert {c.start for c in guide.candidates} == {"straight"} == {t.split(",")[0] for t in told}
+    assert {c.start for c in guide.candidates} == {"straight"}
+    assert {t.split(",")[0] for t in told} == {"straight", "certificate"}
     with pytest.raises(SolverError, match="'local', 'global'"):
         plan(scenario, search="everywhere")
 
 
-def test_candidates_are_all_starts_with_every_coarse_arrival_step() -> None:
+def test_candidates_are_the_straight_start_and_ways_on_both_sides() -> None:
     guide = issue_4()
-    starts = {"straight", "LL", "LR", "RL", "RR"}
-    tried = {start: {c.arrival for c in guide.candidates if c.start == start} for start in starts}
-    assert {c.start for c in guide.candidates} == starts
-    common = set.intersection(*tried.values())
-    assert {15, 30} <= common  # the fewest possible steps and all of them
-    assert len(common) >= 8
+    tried: dict[str, set[int]] = {}
+    for candidate in guide.candidates:
+        tried.setdefault(candidate.start, set()).add(candidate.arrival)
+    assert {"straight", "LL", "RR"} <= tried.keys()
+    assert {15, 30} <= tried["straight"]  # the fewest possible steps and all of them
+    assert {29, 30} <= tried["LL"]  # the best arrival step without limits, and next to it
     assert guide.risk == min(c.risk for c in guide.candidates)
 
 

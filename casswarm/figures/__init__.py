@@ -2,15 +2,17 @@
 
 from .bars import success_chart
 from .laws import arrival_chart
-from .maps import guide_map, swarm_map
+from .maps import comparison_map, guide_map, risk_map, swarm_map
 from .profiles import pair_chart, profile_chart, win_chart
 from .style import save
 
 __all__ = [
     "arrival_chart",
+    "comparison_map",
     "guide_map",
     "pair_chart",
     "profile_chart",
+    "risk_map",
     "save",
     "success_chart",
     "swarm_map",

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap, LogNorm
+from matplotlib.colors import LinearSegmentedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from ..arrays import Floats
+from ..certificate.value import ValueFunction
 from ..chain.simulate import Trace
-from ..guide import Candidate, Guide, path_of
+from ..guide import Candidate, Guide, path_of, rounded_up
 from ..scenario import Scenario
 from .style import BLUE, INK, MEMBERS, VERMILION, figure
 
@@ -59,6 +60,55 @@ def guide_map(scenario: Scenario, guide: Guide, others: Sequence[Candidate] = ()
         label="members at the start",
     )
     _finish(fig, axes, f"{scenario.name}: guide, survival of a lone member {guide.survival:.3g}")
+    return fig
+
+
+def comparison_map(scenario: Scenario, guides: Mapping[str, Guide]) -> Figure:
+    """Several guides over the map of a lone member's rates, with what each survives."""
+    fig, axes = _map(scenario, [guide.positions for guide in guides.values()])
+    for (name, guide), color in zip(guides.items(), MEMBERS[1::-1], strict=False):
+        axes.plot(
+            *guide.positions.T,
+            color=color,
+            marker="o",
+            markersize=3.4,
+            linewidth=1.8,
+            zorder=4,
+            label=f"{name}, survival {guide.survival:.3g}",
+        )
+    bounds = [g.survival_bound for g in guides.values() if g.survival_bound is not None]
+    told = f"; none exceeds {rounded_up(min(bounds)):.4f}" if bounds else ""
+    _finish(fig, axes, f"{scenario.name}: guides of a lone member{told}")
+    return fig
+
+
+def risk_map(scenario: Scenario, value: ValueFunction, guide: Guide, step: int = 0) -> Figure:
+    """Survival from every place on at a step, along the best path there is, and its directions.
+
+    What is drawn is what `ValueFunction.velocities` attains; limits of acceleration do not count.
+    """
+    contents = [guide.positions, scenario.positions, scenario.hazard.radar_positions]
+    low, high = _extent(scenario, contents)
+    fig, axes = _axes(low, high)
+    east, north = (np.linspace(low[axis], high[axis], _PIXELS // 2) for axis in (0, 1))
+    places = np.stack(np.meshgrid(east, north), axis=-1)
+    survival = np.exp(-value.bounds(step, places)[1])
+    image = axes.imshow(
+        np.where(survival > 0, survival, np.nan),
+        cmap="viridis",
+        norm=Normalize(0.0, 1.0),
+        extent=(low[0], high[0], low[1], high[1]),
+        origin="lower",
+        interpolation="bilinear",
+    )
+    fig.colorbar(image, ax=axes, label="survival of a lone member from here")
+    coarse = places[4::9, 4::9].reshape(-1, 2)
+    arrows = value.velocities(step, coarse)
+    moving = np.hypot(*arrows.T) > 0
+    axes.quiver(*coarse[moving].T, *arrows[moving].T, color="white", alpha=0.7, zorder=3)
+    axes.plot(*guide.positions.T, color=VERMILION, linewidth=1.8, zorder=4, label="guide")
+    _landmarks(axes, scenario)
+    _finish(fig, axes, f"{scenario.name}: the way on from every place at step {step}")
     return fig
 
 
@@ -118,16 +168,31 @@ def swarm_map(
 
 def _map(scenario: Scenario, contents: Sequence[Floats]) -> tuple[Figure, Axes]:
     """Rates of a lone member as shades, radars and target; the extent holds all `contents`."""
-    hazard, target = scenario.hazard, scenario.target
-    radars = hazard.radar_positions
-    points = np.vstack([*contents, radars, np.asarray(target.center)[None]])
+    low, high = _extent(scenario, [*contents, scenario.hazard.radar_positions])
+    fig, axes = _axes(low, high)
+    _shades(fig, axes, scenario, low, high)
+    _landmarks(axes, scenario)
+    return fig, axes
+
+
+def _extent(scenario: Scenario, contents: Sequence[Floats]) -> tuple[Floats, Floats]:
+    """Corners of a map that holds all `contents` and the target."""
+    points = np.vstack([*contents, np.asarray(scenario.target.center)[None]])
     low, high = points.min(axis=0), points.max(axis=0)
-    pad = 0.06 * float(np.max(high - low)) + target.radius
-    low, high = low - pad, high + pad
+    pad = 0.06 * float(np.max(high - low)) + scenario.target.radius
+    return low - pad, high + pad
+
+
+def _axes(low: Floats, high: Floats) -> tuple[Figure, Axes]:
     size = high - low
     scale = _WIDTH / max(size[0], 0.9 * size[1])
     fig, axes = figure(max(4.0, scale * size[0]) + 1.2, scale * size[1] + 1.2)
-    _shades(fig, axes, scenario, low, high)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x", ylabel="y")
+    return fig, axes
+
+
+def _landmarks(axes: Axes, scenario: Scenario) -> None:
+    target, radars = scenario.target, scenario.hazard.radar_positions
     axes.add_patch(
         Circle(
             target.center,
@@ -151,8 +216,6 @@ def _map(scenario: Scenario, contents: Sequence[Floats]) -> tuple[Figure, Axes]:
             zorder=5,
             label="radar",
         )
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x", ylabel="y")
-    return fig, axes
 
 
 def _shades(fig: Figure, axes: Axes, scenario: Scenario, low: Floats, high: Floats) -> None:

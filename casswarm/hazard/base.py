@@ -94,6 +94,42 @@ class Hazard(ABC):
             raise HazardError(f"points have shape {x.shape}; expected (..., 2)")
         return self.rates(x.reshape(-1, 1, 2)).reshape(x.shape[:-1])
 
+    def least_lone_rate(self, lower: Floats, upper: Floats) -> Floats | None:  # noqa: ARG002
+        """Lower bounds of `lone_rates` over boxes, None where nobody knows any.
+
+        Hazards that offer them can have guides certified: see `casswarm.certificate`.
+
+        Parameters
+        ----------
+        lower, upper : (..., 2)
+            Corners of the boxes.
+
+        Returns
+        -------
+        ndarray of shape (...), or None
+        """
+        return None
+
+    def lone_rates_below(self, east: Floats, north: Floats, spacing: float) -> Floats | None:
+        """Values at grid nodes whose bilinear interpolation is nowhere above `lone_rates`.
+
+        Here the least rate of the four cells around each node, which comes up to the rate as the
+        spacing; hazards that know their second derivatives come up as its square.
+
+        Parameters
+        ----------
+        east, north : (n,), (m,)
+            Coordinates of the nodes of a grid of square cells.
+        spacing : float
+            Side of a cell.
+
+        Returns
+        -------
+        ndarray of shape (n, m), or None where `least_lone_rate` knows none
+        """
+        nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)
+        return self.least_lone_rate(nodes - spacing, nodes + spacing)
+
     def _check(self, rates: Floats, positions: Floats) -> None:
         bad = ~(np.isfinite(rates) & (rates >= 0))
         if bad.any():

@@ -41,6 +41,16 @@ class CustomHazard(Hazard):
     HazardError
         The function fails, or returns another number of rates than members; at evaluation, rates
         that are negative or not finite.
+
+    Notes
+    -----
+    Guides are certified where the function has an attribute ``least_lone_rate``: a function of
+    NumPy arrays ``(lower, upper, **parameters)``, the corners (..., 2) of boxes, that returns lower
+    bounds (...) of a lone member's rate over them, the nearer to the least rate the better::
+
+        def rates(positions, alive): ...
+        def least(lower, upper): ...
+        rates.least_lone_rate = least
     """
 
     function: Callable[..., Expression]
@@ -98,6 +108,39 @@ class CustomHazard(Hazard):
             out[chunk] = np.asarray(mapped(x, living)).reshape(size, n)
         return out
 
+    def least_lone_rate(self, lower: Floats, upper: Floats) -> Floats | None:
+        """What the user's function of that name gives; None where there is none.
+
+        Raises
+        ------
+        HazardError
+            It returns another shape than (...), or what is above the rate at a box's centre.
+        """
+        least = getattr(self.function, "least_lone_rate", None)
+        if least is None:
+            return None
+        found = np.asarray(least(lower, upper, **self._keywords), dtype=float)
+        boxes = np.broadcast_shapes(lower.shape, upper.shape)[:-1]
+        if found.shape != boxes:
+            raise HazardError(
+                f"least_lone_rate of {self!r} returned shape {found.shape} for boxes of shape "
+                f"{boxes}; expected a number a box"
+            )
+        sample = np.linspace(0, found.size - 1, min(found.size, _CHUNK)).astype(int)
+        rates = self.lone_rates((0.5 * (lower + upper)).reshape(-1, 2)[sample])
+        above = found.ravel()[sample] > rates * (1 + 1e-9)
+        if above.any() or np.isnan(found).any():
+            raise HazardError(
+                f"least_lone_rate of {self!r} is no lower bound: it exceeds the rate at the centre "
+                "of a box, or is NaN"
+            )
+        return found
+
+    @property
+    def _keywords(self) -> dict[str, Any]:
+        """What the user's functions are given besides positions."""
+        return dict(self.parameters) | ({"radars": self.radars} if self.radars else {})
+
     def __repr__(self) -> str:
         return f"hazard {getattr(self.function, '__qualname__', self.function)!r}"
 
@@ -112,11 +155,8 @@ def rate_function(hazard: CustomHazard, n: int) -> Expression:
         The function raises, or returns a wrong shape.
     """
     positions, alive = ca.MX.sym("positions", 2, n), ca.MX.sym("alive", 1, n)
-    keywords = dict(hazard.parameters)
-    if hazard.radars:
-        keywords["radars"] = hazard.radars
     try:
-        returned = hazard.function(positions.T, alive.T, **keywords)
+        returned = hazard.function(positions.T, alive.T, **hazard._keywords)
     except Exception as error:
         raise HazardError(
             f"{hazard!r} failed on {n} members with CasADi arguments: "

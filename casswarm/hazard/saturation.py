@@ -8,8 +8,9 @@ from numbers import Real
 import casadi as ca
 import numpy as np
 
-from ..arrays import Expression
+from ..arrays import Expression, Floats
 from ..errors import HazardError
+from .bounds import inverse_squares_below, least_inverse_squares
 from .kernels import KernelHazard, regular
 
 
@@ -52,6 +53,33 @@ class Saturation(KernelHazard):
     def combine(self, source: Expression, density: Expression, collision: Expression) -> Expression:
         """S / (1 + alpha_2 D) + C, equation (8)."""
         return source / (1.0 + self.alpha_2 * density) + collision
+
+    def least_lone_rate(self, lower: Floats, upper: Floats) -> Floats | None:
+        """The sum of every radar's least rate over the box; see `Hazard.least_lone_rate`."""
+        if not self._is_the_papers:
+            return None
+        least = least_inverse_squares(lower, upper, self.radar_positions, self.radar_strengths)
+        return self._alone * least
+
+    def lone_rates_below(self, east: Floats, north: Floats, spacing: float) -> Floats | None:
+        """Rates less what interpolation adds, see `casswarm.hazard.bounds`."""
+        if not self._is_the_papers:
+            return super().lone_rates_below(east, north, spacing)
+        radars, strengths = self.radar_positions, self.radar_strengths
+        return self._alone * inverse_squares_below(east, north, spacing, radars, strengths)
+
+    @property
+    def _is_the_papers(self) -> bool:
+        """Whether a subclass has left the kernels of a lone member as they are."""
+        return all(
+            getattr(type(self), name) is getattr(Saturation, name)
+            for name in ("source", "density", "combine", "lone_expression", "_evaluate")
+        )
+
+    @property
+    def _alone(self) -> float:
+        """A lone member's rate at distance 1 from a radar of strength 1."""
+        return self.alpha_1 / (1.0 + self.alpha_2)
 
 
 @dataclass(frozen=True)

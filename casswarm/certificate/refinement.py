@@ -1,0 +1,222 @@
+"""The proven lower bound: grids that are refined where a better guide may still be."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from ..arrays import Booleans, Floats
+from ..hazard.bounds import cap_radius
+from .grid import UNIT, Grid, Relaxation, corners, whole_size
+from .recursion import Prices, backward, forward, least
+
+FIRST = 400_000
+"""Nodes of the first grid, at the most where merging steps can keep it so."""
+
+MOST = 10_000_000
+"""Nodes of any grid, over all steps: at most three numbers each are kept, 240 MB."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """One grid of a refinement.
+
+    Parameters
+    ----------
+    merged, reach : int
+        Time steps a sample, and nodes a sample.
+    spacing : float
+        Side of a cell.
+    nodes : int
+        Over all samples.
+    bound : float
+        On the risk of any guide, by this grid.
+    seconds : float
+        Since the start.
+    """
+
+    merged: int
+    reach: int
+    spacing: float
+    nodes: int
+    bound: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """A proven lower bound on the risk of every guide of a scenario.
+
+    Parameters
+    ----------
+    bound : float
+        No path that obeys the speed limit and is in the target at step N or before has less risk.
+    best : float
+        Risk of the best such path that is known: the least risk lies between the two.
+    reason : str
+        Why the refinement ended.
+    levels : tuple of Level
+    seconds : float
+    """
+
+    bound: float
+    best: float
+    reason: str
+    levels: tuple[Level, ...] = field(default=(), repr=False)
+    seconds: float = 0.0
+
+    @property
+    def gap(self) -> float:
+        """(best - bound) / best: how much of the gap is the certificate's own."""
+        return (self.best - self.bound) / self.best if self.best > 0 else 0.0
+
+    @property
+    def survival(self) -> float:
+        """exp(-best)."""
+        return math.exp(-self.best)
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain values, for a record."""
+        return asdict(self) | {"gap": self.gap}
+
+
+def first_grid(task: Relaxation, most: int = FIRST) -> Grid:
+    """The finest whole grid of at most `most` nodes, merging steps if it must."""
+    merged = 1
+    while whole_size(task, merged, 1) > most and merged < task.steps:
+        merged *= 2
+    reach = 1
+    while reach < 64 and whole_size(task, merged, 2 * reach) <= most:
+        reach *= 2
+    return Grid.whole(task, merged, reach)
+
+
+def certify(
+    task: Relaxation,
+    best: float,
+    multiplier: float = 0.0,
+    *,
+    gap: float = 0.01,
+    time_limit: float = 60.0,
+    most: int = MOST,
+) -> Certificate:
+    """Bound on the risk of all guides, refined until it is within `gap` of the best known risk.
+
+    Parameters
+    ----------
+    task : Relaxation
+        Of a hazard whose `lone_rates_below` knows bounds.
+    best : float
+        Risk of a known path of the relaxation.
+    multiplier : float
+        Its derivative by the target's radius, the sign turned; any value is valid, a good one
+        makes the bound come up to `best` as the square of the spacing.
+    gap : float
+        (best - bound) / best at which to stop.
+    time_limit : float
+        Seconds.
+    most : int
+        Nodes of a grid at which to stop.
+    """
+    started = time.perf_counter()
+    grid: Grid | None = first_grid(task)
+    levels: list[Level] = []
+    bound, reason = 0.0, ""
+    while grid is not None:
+        begun = time.perf_counter() - started
+        prices = Prices(grid, multiplier=multiplier)
+        values = backward(prices)
+        slack = rounding(prices, best)
+        bound = max(bound, min(best, least(prices, values)) - slack)
+        seconds = time.perf_counter() - started
+        levels.append(Level(grid.merged, grid.reach, grid.spacing, grid.size, bound, seconds))
+        if bound >= (1 - gap) * best:
+            reason = f"the gap of {gap:g} is reached"
+            break
+        if slack > 0.1 * gap * best and bound > best - 2 * slack:
+            reason = "rounding errors are all that is left of the gap"
+            break
+        refined = _refined(prices, values, best + slack, most)
+        now = time.perf_counter() - started
+        if refined is None:
+            reason = f"the next grid has more than {most:,} nodes"
+        elif now + (now - begun) * refined.size / max(grid.size, 1) > time_limit:
+            reason, refined = f"the next grid would exceed the time limit of {time_limit:g} s", None
+        grid = refined
+    return Certificate(bound, best, reason, tuple(levels), time.perf_counter() - started)
+
+
+def _refined(
+    prices: Prices, values: list[list[Floats]], threshold: float, most: int
+) -> Grid | None:
+    """The next grid, without the cells in which no better guide can be; None if it is too large."""
+    grid = prices.grid
+    if grid.merged > 1:
+        if whole_size(grid.task, grid.merged // 2, grid.reach) > most:
+            return None
+        return Grid.whole(grid.task, grid.merged // 2, grid.reach)
+    active: list[tuple[Booleans, ...]] = []
+    cells = 0
+    for blocks, arriving, going in zip(grid.blocks, forward(prices), values, strict=True):
+        kept = []
+        for block, here, there in zip(blocks, arriving, going, strict=True):
+            keep = np.zeros(block.cells.shape, bool)
+            for corner in corners(here + there):
+                keep |= corner <= threshold
+            kept.append(keep & block.cells)
+            cells += np.count_nonzero(kept[-1])
+        active.append(tuple(kept))
+    if 4 * cells > most:
+        return None
+    refined = grid.halved(tuple(active))
+    return refined if refined.size <= most else None
+
+
+def rounding(prices: Prices, risk: float) -> float:
+    """What rounding can add to the cost of a path of at most this risk; proof in the docs."""
+    grid = prices.grid
+    task = grid.task
+    operations = 4 * len(grid.blocks) + 2 * len(task.hazard.radar_positions) + 64
+    places = 16 * task.extent / cap_radius(grid.spacing)
+    return float(UNIT * (operations + places) * (risk + 2 * prices.largest_arrival))
+
+
+def arrival_multiplier(task: Relaxation, positions: Floats, v_max: float) -> float:
+    """How much less the risk of a locally best path would be if the target were wider.
+
+    From its conditions of optimality: with a_t the derivative of the risk by a common shift of
+    X(t+1), ..., X(T), and n the outward direction at the rim, a_t + multiplier n vanishes in every
+    component of V(t) that is not at its limit, and points outwards in the others.
+
+    Parameters
+    ----------
+    task : Relaxation
+    positions : (T+1, 2)
+        Of a path without limits of acceleration.
+    v_max : float
+
+    Returns
+    -------
+    float
+        At least 0; any value is valid for `certify`.
+    """
+    outward = positions[-1] - task.center
+    distance = float(np.hypot(*outward))
+    if distance < 0.999 * task.radius:  # the rim does not matter
+        return 0.0
+    normal = np.broadcast_to(outward / distance, positions[1:].shape)
+    apart = 1e-6 * task.step * np.eye(2)
+    ends = [task.hazard.lone_rates(positions[1:, None] + sign * apart) for sign in (1, -1)]
+    slopes = task.dt * (ends[0] - ends[1]) / (2e-6 * task.step)
+    shifts = np.cumsum(slopes[::-1], axis=0)[::-1]
+    velocities = np.diff(positions, axis=0) / task.dt
+    free = np.abs(velocities) < v_max * (1 - 1e-4)
+    weight = float((normal[free] ** 2).sum())
+    if weight > 1e-6:
+        return max(0.0, float(-(shifts * normal)[free].sum()) / weight)
+    toward = ~free & (np.sign(velocities) * normal < -1e-6)
+    needed = shifts[toward] / -normal[toward]
+    return max(0.0, float(needed.max(initial=0.0)))
