@@ -152,7 +152,8 @@ class Guide:
 
 def rounded_up(value: float, digits: int = 4) -> float:
     """A bound as it is told: rounded, it must not be below itself."""
-    return math.ceil(value * 10**digits) / 10**digits
+    scale: float = 10.0**digits
+    return math.ceil(value * scale) / scale
 
 
 def path_of(start: Floats, velocities: Floats, dt: float) -> Floats:

@@ -143,7 +143,7 @@ def forward(prices: Prices) -> Iterator[list[Floats]]:
     """For every sample, the least cost of getting to every node, its own cost left out."""
     grid = prices.grid
     before: list[Floats] = [np.zeros((1, 1))]
-    previous = (point((0, 0)),)
+    previous: tuple[Block, ...] = (point((0, 0)),)
     for blocks, costs in zip(grid.blocks, prices.nodes, strict=True):
         arriving = [spread(before, previous, block, grid.reach) for block in blocks]
         yield arriving

@@ -167,7 +167,7 @@ def _refined(
             for corner in corners(here + there):
                 keep |= corner <= threshold
             kept.append(keep & block.cells)
-            cells += np.count_nonzero(kept[-1])
+            cells += int(np.count_nonzero(kept[-1]))
         active.append(tuple(kept))
     if 4 * cells > most:
         return None

@@ -103,13 +103,13 @@ def solved(formation: Formation, solver: Solver) -> Decision:
         instances = formation.instances[open_]
         assert instances.sets is not None
         found = solver.solve_batch(formation.nlp, instances)
-        usable = np.isfinite(found.x).all(axis=1, keepdims=True)
+        usable = np.asarray(np.isfinite(found.x).all(axis=1, keepdims=True))
         points = np.where(usable, found.x, 0.0).reshape(*instances.sets.shape, 2)
         velocities[open_] = np.where(
             usable[..., None], instances.sets.project(points), formation.fallback[open_]
         )
         good = np.asarray(found.success & (found.stationarity <= HONEST))
-        failures[open_], resolved[open_] = ~good, found.resolved
+        failures[open_], resolved[open_] = np.logical_not(good), found.resolved
         _tell_failures(solver.name, formation.nlp.name, found, good)
     return Decision(velocities, formation.shortfalls.sum(axis=1), failures, resolved)
 
