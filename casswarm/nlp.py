@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -221,6 +221,10 @@ class Instances:
             array = getattr(self, name)
             width = array.shape[-1]
             object.__setattr__(self, name, np.broadcast_to(array, (batch, width)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # made anew, so that its arrays are read-only again: Numba compiles for each kind
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))
 
     def __len__(self) -> int:
         return int(self.start.shape[0])

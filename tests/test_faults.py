@@ -130,6 +130,16 @@ def test_programs_pickle_with_their_blocks_and_derivatives():
             np.testing.assert_array_equal(np.asarray(ca.DM(a)), np.asarray(ca.DM(b)))
 
 
+def test_instances_pickle_as_they_are():
+    instances = goals((0.5, 3.0), (1.0, 2.0))[1]
+    again = pickle.loads(pickle.dumps(instances))
+    for name in ("start", "parameters", "lower", "upper", "lower_g", "upper_g"):
+        ours, theirs = getattr(instances, name), getattr(again, name)
+        np.testing.assert_array_equal(ours, theirs)
+        # compiled code is compiled again for arrays that can be written to
+        assert ours.flags.writeable == theirs.flags.writeable
+
+
 def test_script_without_a_guard_is_told_about_it(tmp_path):
     (tmp_path / "study.py").write_text(
         "from casswarm.solvers import Ipopt, Isolated\nIsolated(Ipopt()).start()\n"

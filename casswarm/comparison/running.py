@@ -76,8 +76,8 @@ def compare(
     families : sequence of str or Problem
         Names of `casswarm.comparison.FAMILIES`, or problems of your own.
     solvers : sequence of str or Solver, or mapping of label to these, optional
-        By default all of `casswarm.solvers.SOLVERS`. A mapping compares the same solver with
-        different options.
+        By default all of `casswarm.solvers.SOLVERS` that can run here. A mapping compares the same
+        solver with different options.
     problems : int, optional
         How many of every kind in a family; each has its own default.
     seed : int
@@ -140,6 +140,7 @@ def _inputs(
         "seed": seed,
         "seconds": seconds,
         "solvers": {label: repr(solver) for label, solver in solvers.items()},
+        "absent": _absent(),
         "problems": {problem.name: problem.fingerprint() for problem in posed},
         **surroundings(),
     }
@@ -191,6 +192,12 @@ def _in_order(journal: Journal, problems: Sequence[Problem], labels: Sequence[st
     return table.loc[key.sort_values(["problem", "start", "solver"]).index].reset_index(drop=True)
 
 
+def _absent() -> dict[str, str]:
+    """Known solvers that cannot run in this installation, and why."""
+    reasons = {name: getattr(kind, "unavailable", lambda: "")() for name, kind in SOLVERS.items()}
+    return {name: reason for name, reason in reasons.items() if reason}
+
+
 def _solvers(
     solvers: Sequence[str | Solver] | Mapping[str, str | Solver] | None,
 ) -> dict[str, Solver]:
@@ -198,7 +205,9 @@ def _solvers(
         raise ComparisonError(f"solvers must be a list; for a single one give [{solvers!r}]")
     if isinstance(solvers, Mapping):
         return {label: make_solver(solver) for label, solver in solvers.items()}
-    made = [make_solver(solver) for solver in (SOLVERS if solvers is None else solvers)]
+    absent = _absent() if solvers is None else {}
+    names_or_solvers = [s for s in SOLVERS if s not in absent] if solvers is None else solvers
+    made = [make_solver(solver) for solver in names_or_solvers]
     names = [solver.name for solver in made]
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated or not names:

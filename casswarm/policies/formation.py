@@ -109,7 +109,7 @@ def solved(formation: Formation, solver: Solver) -> Decision:
             usable[..., None], instances.sets.project(points), formation.fallback[open_]
         )
         good = np.asarray(found.success & (found.stationarity <= HONEST))
-        failures[open_], resolved[open_] = np.logical_not(good), found.resolved
+        failures[open_], resolved[open_] = ~good, found.resolved
         _tell_failures(solver.name, formation.nlp.name, found, good)
     return Decision(velocities, formation.shortfalls.sum(axis=1), failures, resolved)
 
