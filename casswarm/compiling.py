@@ -49,6 +49,8 @@ def compiled_module(*parts: str) -> ModuleType:
     text = _HEADER + "\n\n".join(parts)
     name = f"casswarm_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
     path = _kept(name, text)
+    if not any(path.parent.glob(f"__pycache__/{name}.*.nbi")):  # Numba's index of what is compiled
+        LOG.warning("compiling, once and for some seconds; it is kept in %s", path.parent)
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     assert spec.loader is not None
@@ -63,7 +65,7 @@ def _kept(name: str, text: str) -> Path:
     try:
         return _written(cache_folder(), name, text)
     except OSError as error:
-        LOG.info("%s: the solver is compiled for this process only", error)
+        LOG.warning("%s: what is compiled now is for this process only", error)
         return _written(Path(tempfile.mkdtemp(prefix="casswarm-")), name, text)
 
 
@@ -75,5 +77,4 @@ def _written(folder: Path, name: str, text: str) -> Path:
     part = folder / f"{name}.{os.getpid()}.part"
     part.write_text(text, encoding="utf-8")
     part.replace(path)
-    LOG.info("compiling a solver for this kind of rates, once: it is kept in %s", folder)
     return path

@@ -128,12 +128,12 @@ def excess(x, y, sets, i):
     """Largest distance of a point to the box or a disc of set i; 0 inside, NaN for NaN."""
     dx = x - clip(x, sets[i, 0], sets[i, 2])
     dy = y - clip(y, sets[i, 1], sets[i, 3])
-    largest = math.sqrt(dx * dx + dy * dy)
+    largest = math.sqrt(dx * dx + dy * dy) if dx != 0.0 or dy != 0.0 else 0.0
     for k in DISCS:
-        dx, dy = x - sets[i, k], y - sets[i, k + 1]
-        outside = math.sqrt(dx * dx + dy * dy) - sets[i, k + 2]
-        if outside > largest:
-            largest = outside
+        dx, dy, r = x - sets[i, k], y - sets[i, k + 1], sets[i, k + 2]
+        square = dx * dx + dy * dy
+        if square > r * r:  # so that most need no root
+            largest = max(largest, math.sqrt(square) - r)
     return largest + 0.0 * (x + y)
 
 

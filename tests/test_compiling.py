@@ -29,7 +29,6 @@ def test_the_cache_folder_can_be_chosen(monkeypatch, tmp_path):
 def run(cache):
     """Solve a little in a process of its own; what it says on standard error."""
     code = (
-        "import logging; logging.basicConfig(level=logging.INFO)\n"
         "from casswarm.compiling import compiled_module\n"
         f"module = compiled_module({TEXT!r})\n"
         "assert module.twice(2.0) == 4.0\n"
@@ -52,6 +51,13 @@ def test_a_second_process_finds_what_the_first_compiled(tmp_path):
     hits, said = run(tmp_path)
     assert hits == "1"
     assert not said
+
+
+def test_a_compilation_that_was_interrupted_is_announced_again(tmp_path):
+    run(tmp_path)
+    for index in tmp_path.glob("__pycache__/*.nbi"):
+        index.unlink()
+    assert "compiling" in run(tmp_path)[1]
 
 
 def test_a_folder_that_cannot_be_written_costs_time_only(tmp_path):

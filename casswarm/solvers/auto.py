@@ -11,7 +11,7 @@ import numpy as np
 from ..arrays import Floats
 from ..nlp import Instances, Nlp
 from ..solution import BatchSolution
-from .base import Answer, Solver
+from .base import Abilities, Answer, Solver
 from .ipopt import Ipopt
 from .spectral import Run, SpectralProjectedGradient
 
@@ -38,6 +38,7 @@ class Auto(Solver):
 
     name: ClassVar[str] = "auto"
     summary: ClassVar[str] = "spectral, every answer judged, the rest solved again by ipopt"
+    abilities: ClassVar[Abilities] = Abilities(batch=True)
 
     def _build(self, nlp: Nlp) -> None:
         """Nothing: each of the two builds what it needs when it is needed."""

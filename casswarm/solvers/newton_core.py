@@ -90,6 +90,15 @@ def largest_of(vector):
 
 
 @compiled
+def longest_of(vector):
+    """Length of the longest member's part."""
+    longest = 0.0
+    for i in range(vector.size // 2):
+        longest = max(longest, vector[2 * i] ** 2 + vector[2 * i + 1] ** 2)
+    return math.sqrt(longest)
+
+
+@compiled
 def blocking_length(x, step, sets, unit):
     """Length of a step at which a first boundary is met that is not active at x."""
     shortest = math.inf

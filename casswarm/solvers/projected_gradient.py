@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -14,9 +13,8 @@ from ..arrays import Booleans, Floats
 from ..errors import SolverError
 from ..nlp import Instances, Nlp
 from ..solution import Status
-from .base import Answer, Solver, require
-
-_CHUNK = 256  # instances advanced together
+from .base import Abilities, Answer, Solver, require
+from .mapped import CHUNK, gradients
 
 
 @dataclass(frozen=True)
@@ -51,6 +49,7 @@ class ProjectedGradient(Solver):
 
     name: ClassVar[str] = "projected-gradient"
     summary: ClassVar[str] = "the paper's fixed-step method; boxes and discs only"
+    abilities: ClassVar[Abilities] = Abilities("product sets", batch=True)
 
     def __post_init__(self) -> None:
         require(self, "step", 0 < self.step < np.inf, "above zero, finite")
@@ -69,8 +68,8 @@ class ProjectedGradient(Solver):
                 f"({', '.join(nlp.constraints)}) are no product of boxes and discs"
             )
         answers: list[Answer] = []
-        for start in range(0, len(instances), _CHUNK):
-            answers += self._run_chunk(nlp, instances[slice(start, start + _CHUNK)])
+        for start in range(0, len(instances), CHUNK):
+            answers += self._run_chunk(nlp, instances[slice(start, start + CHUNK)])
         return answers
 
     def _run_chunk(self, nlp: Nlp, instances: Instances) -> list[Answer]:
@@ -82,7 +81,7 @@ class ProjectedGradient(Solver):
         converged = np.zeros(len(x), bool)
         moving, part = np.arange(len(x)), instances
         for iteration in range(self.iterations):
-            objective, gradient = _gradients(nlp, x[moving], part.parameters)
+            objective, gradient = gradients(nlp, x[moving], part.parameters)
             if self.keep == "best":
                 better = objective < least[moving]
                 least[moving[better]] = objective[better]
@@ -125,16 +124,3 @@ def _project(instances: Instances, x: Floats) -> Floats:
         return np.clip(x, instances.lower, instances.upper)
     points = x.reshape(*instances.sets.shape, 2)
     return instances.sets.project(points).reshape(x.shape)
-
-
-def _gradients(nlp: Nlp, x: Floats, parameters: Floats) -> tuple[Floats, Floats]:
-    """Objectives (B,) and gradients (B, nx); the batch is padded to a power of two."""
-    size = 1 << max(0, len(x) - 1).bit_length()
-    pad = ((0, size - len(x)), (0, 0))
-    f, gradient = _mapped(nlp, size)(np.pad(x, pad, "edge").T, np.pad(parameters, pad, "edge").T)
-    return np.asarray(f)[0, : len(x)], np.asarray(gradient).T[: len(x)]
-
-
-@lru_cache(maxsize=64)
-def _mapped(nlp: Nlp, size: int) -> Any:
-    return nlp.gradient.map(size)

@@ -19,9 +19,10 @@ from ..arrays import Booleans, Counts, Floats
 from ..compiling import compiled_module
 from ..errors import SolverError
 from ..nlp import Instances, Nlp
+from ..sets import PlanarSets
 from ..solution import BatchSolution, Status
-from . import newton_core, spectral_core
-from .base import VIOLATION, Answer, Solver, require
+from . import newton_core, spectral_core, spectral_mapped
+from .base import VIOLATION, Abilities, Answer, Solver, require
 
 _WORDS = {
     spectral_core.CONVERGED: (Status.SOLVED, "stationary to tolerance"),
@@ -37,16 +38,19 @@ _SPREAD = 2.0  # of further starts, in radii of the smallest disc
 class SpectralProjectedGradient(Solver):
     """SPG2 of Birgin, Martinez and Raydan (SIAM J. Optim. 10(4), 2000), state by state.
 
-    For problems on products of boxes and discs whose objective is there as source
-    (`Nlp.compiled`). The loop is compiled once for every kind of objective and kept on disk.
+    For problems on products of boxes and discs. Where the objective is there as source
+    (`Nlp.compiled`), the loop is compiled once for every kind of objective and kept on disk, and
+    Newton steps on the face that was found speed up its end; any other objective is evaluated by
+    CasADi, for all states together, which is slower (`spectral_mapped`).
 
     Parameters
     ----------
     tolerance : float
         A point x has converged when no component of x - P(x - grad f(x)) is larger, all in
         `Instances.units`: an answer does not depend on the scenario's units.
-    iterations : int
-        Limit for every start.
+    iterations : int, optional
+        Limit for every start. By default 300 and one for every variable; of an objective that
+        CasADi evaluates, 300 at the most.
     starts : int, optional
         Starts of every instance: the given one and others around it, in the same pattern for every
         state. All are solved coarsely, and the least objective to tolerance. By default as many as
@@ -54,27 +58,31 @@ class SpectralProjectedGradient(Solver):
     """
 
     tolerance: float = 1e-7
-    iterations: int = 300
+    iterations: int | None = None
     starts: int | None = None
 
     name: ClassVar[str] = "spectral"
     summary: ClassVar[str] = (
         "compiled spectral projected gradient, in batches; boxes and discs only"
     )
+    abilities: ClassVar[Abilities] = Abilities("product sets", batch=True)
 
     def __post_init__(self) -> None:
         require(self, "tolerance", 0 < self.tolerance < np.inf, "a finite number above zero")
-        require(self, "iterations", self.iterations >= 1, "whole numbers from 1")
+        most = 1 if self.iterations is None else self.iterations
+        require(self, "iterations", most >= 1, "whole numbers from 1")
         require(self, "starts", self.starts is None or self.starts >= 1, "whole numbers from 1")
 
     @staticmethod
     def can_take(nlp: Nlp, instances: Instances) -> bool:
-        """Whether the objective is there as source and the constraints as sets."""
-        return nlp.compiled is not None and instances.sets is not None
+        """Whether the constraints are a product of boxes and discs, and given as such."""
+        return instances.sets is not None and 2 * instances.sets.shape[-1] == nlp.sizes[0]
 
     def _build(self, nlp: Nlp) -> None:
         if nlp.compiled is not None:
             _module(nlp)
+        else:
+            _ = nlp.gradient
 
     def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         return self.run(nlp, instances).answers()
@@ -100,12 +108,11 @@ class Run:
     """The arrays of one batch, contiguous as compiled code wants them."""
 
     solver: SpectralProjectedGradient
-    module: ModuleType
-    shared: Floats
+    nlp: Nlp
+    product: PlanarSets
     units: Floats
     starts: Floats
     parameters: Floats
-    sets: Floats
     x: Floats
     judged: Floats
     outcome: Counts
@@ -115,20 +122,20 @@ class Run:
     @classmethod
     def of(cls, solver: SpectralProjectedGradient, nlp: Nlp, instances: Instances) -> Run:
         """Lay out the arrays; SolverError for problems of another kind."""
-        if nlp.compiled is None or instances.sets is None:
+        if not solver.can_take(nlp, instances):
             raise SolverError(
-                f"spectral cannot take {nlp.name}: it needs a compiled objective (rates made of "
-                "kernels) and constraints that are products of boxes and discs"
+                f"spectral cannot take {nlp.name}: it needs constraints that are products of boxes "
+                "and discs in the plane"
             )
+        assert instances.sets is not None
         batch = len(instances)
         return cls(
             solver=solver,
-            module=_module(nlp),
-            shared=nlp.compiled.shared,
+            nlp=nlp,
+            product=instances.sets,
             units=_units(instances),
             starts=_starts(instances, solver.starts or nlp.starts),
             parameters=np.ascontiguousarray(instances.parameters),
-            sets=instances.sets.packed,
             x=np.empty(instances.start.shape),
             judged=np.empty((batch, 3)),
             outcome=np.empty(batch, np.int64),
@@ -138,25 +145,22 @@ class Run:
     def solve(self) -> None:
         """Fill x, judged, outcome and counts; each state alone, on any thread."""
         started = time.perf_counter()
+        tolerance = self.solver.tolerance
+        iterations = self.solver.iterations or 300 + self.x.shape[1]
+        if self.nlp.compiled is not None:
+            minimise, shared = _module(self.nlp).minimise_batch, self.nlp.compiled.shared
+            given = self.starts, self.parameters, shared, self.units, self.product.packed
+            results = self.x, self.judged, self.outcome, self.counts
 
-        def share(first: int, last: int) -> None:
-            self.module.minimise_batch(
-                first,
-                last,
-                self.starts,
-                self.parameters,
-                self.shared,
-                self.units,
-                self.sets,
-                self.solver.tolerance,
-                self.solver.iterations,
-                self.x,
-                self.judged,
-                self.outcome,
-                self.counts,
+            def share(first: int, last: int) -> None:
+                minimise(first, last, *given, tolerance, iterations, *results)
+
+            _shared_out(share, len(self.x))
+        elif len(self.x):
+            batch = spectral_mapped.Batch(self.nlp, self.parameters, self.product, self.units)
+            self.x, self.judged, self.outcome, self.counts = spectral_mapped.minimise_batch(
+                batch, self.starts, tolerance, iterations
             )
-
-        _shared_out(share, len(self.x))
         self.seconds = time.perf_counter() - started
 
     def solution(self, success: Booleans) -> BatchSolution:

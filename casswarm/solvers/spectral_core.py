@@ -13,11 +13,12 @@ import numpy as np
 
 if "compiled" not in globals():
     from casswarm.planar_core import clip, compiled, excess, nearest
-    from casswarm.solvers.newton_core import newton_step
+    from casswarm.solvers.newton_core import largest_of, longest_of, newton_step
 
 MEMORY = 10  # objective values that the nonmonotone search looks back on
 SUFFICIENT = 1e-4  # decrease, as a part of what the gradient promises
 SHORTEST, LONGEST = 1e-10, 1e10  # spectral steps
+OWN = 100.0  # how far a member's step may be from that of all, as a factor
 PATIENCE = 4  # spectral steps before the first Newton step; doubled when one is refused
 COARSE = 1e-3  # tolerance to which starts are compared
 CONVERGED, EXHAUSTED, STALLED, NOT_FINITE = 0, 1, 2, 3
@@ -35,23 +36,59 @@ def project(x, sets, out):
 
 
 @compiled
-def projected_step(x, gradient, step, sets, direction):
-    """Write P(x - step gradient) - x into `direction`; its slope and its longest member's length.
-
-    The length of a member's part grows with `step`, and falls when divided by it, so that it bounds
-    that of any other step.
-    """
-    slope, longest = 0.0, 0.0
-    for c in range(x.size):
-        direction[c] = x[c] - step * gradient[c]
+def projected_step(x, gradient, steps, sets, direction):
+    """Write P(x - steps gradient) - x into `direction`, a step a member; its slope."""
+    slope = 0.0
+    for i in range(sets.shape[0]):
+        direction[2 * i] = x[2 * i] - steps[i] * gradient[2 * i]
+        direction[2 * i + 1] = x[2 * i + 1] - steps[i] * gradient[2 * i + 1]
     project(direction, sets, direction)
     for i in range(sets.shape[0]):
         direction[2 * i] -= x[2 * i]
         direction[2 * i + 1] -= x[2 * i + 1]
+        slope += direction[2 * i] * gradient[2 * i] + direction[2 * i + 1] * gradient[2 * i + 1]
+    return slope
+
+
+@compiled
+def residual_bounds(direction, steps, metric):
+    """Bounds on the longest member of P(x - metric gradient) - x, from the direction of `steps`.
+
+    The length of a member's part grows with its step, and falls when divided by it.
+    """
+    low, high = 0.0, 0.0
+    for i in range(direction.size // 2):
         dx, dy = direction[2 * i], direction[2 * i + 1]
-        slope += dx * gradient[2 * i] + dy * gradient[2 * i + 1]
-        longest = max(longest, dx * dx + dy * dy)
-    return slope, math.sqrt(longest)
+        square, ratio = dx * dx + dy * dy, metric / steps[i]
+        low = max(low, square * min(1.0, ratio * ratio))
+        high = max(high, square * max(1.0, ratio * ratio))
+    return math.sqrt(low), math.sqrt(high)
+
+
+@compiled
+def spectral_steps(moved, changed, metric, steps):
+    """Write every member's step: its own inverse curvature, within a factor OWN of that of all.
+
+    `moved` and `changed` are the differences of the last two points and gradients.
+    """
+    moves, curves = 0.0, 0.0
+    for c in range(moved.size):
+        moves += moved[c] * moved[c]
+        curves += moved[c] * changed[c]
+    common = moves / curves if curves > 0.0 else LONGEST * metric
+    common = clip(common, SHORTEST * metric, LONGEST * metric)
+    for i in range(steps.size):
+        sx, sy = moved[2 * i], moved[2 * i + 1]
+        move, curve = sx * sx + sy * sy, sx * changed[2 * i] + sy * changed[2 * i + 1]
+        own = move / curve if curve > 0.0 else common
+        steps[i] = clip(own, common / OWN, common * OWN)
+
+
+@compiled
+def copy(source, target):
+    """As slices would, which take Numba seconds to compile for the sake of their error message."""
+    for c in range(source.size):
+        target[c] = source[c]
 
 
 @compiled
@@ -60,29 +97,37 @@ def minimise(x, p, shared, units, sets, tolerance, iterations, work, face, scrat
 
     SPG2 of Birgin, Martinez and Raydan (SIAM J. Optim. 10(4), 2000), which finds the face of the
     set that the minimum lies on, with Newton steps on that face (`newton_core`), in the manner of
-    Birgin and Martinez (Comput. Optim. Appl. 23, 2002). `work` (9, x.size) and `scratch` are
-    overwritten; row 0 of `work` ends as the gradient at x.
+    Birgin and Martinez (Comput. Optim. Appl. 23, 2002). Every member has a spectral step of its
+    own: the set is a product over members, and in large swarms their curvatures differ by orders
+    of magnitude. `work` (12, x.size) and `scratch` are overwritten; row 0 of `work` ends as the
+    gradient at x.
     """
     gradient, direction, following, gradient_then = work[0], work[1], work[2], work[3]
     size = x.size
+    steps = work[10, : size // 2]
     metric = units[0] * units[0] / units[1]
     f = evaluate(x, p, shared, gradient, scratch)
     counts[1] += 1
-    history = np.full(MEMORY, f)
-    step, patience, waited = metric, PATIENCE, 0
-    for iteration in range(iterations):
-        slope, length = projected_step(x, gradient, step, sets, direction)
+    history = work[11, :MEMORY] if size >= MEMORY else np.empty(MEMORY)
+    history[:] = f
+    patience, waited = PATIENCE, 0
+    steps[:] = metric
+    for iteration in range(iterations + 1):  # the first only finds the first step
+        slope = projected_step(x, gradient, steps, sets, direction)
         if not (math.isfinite(f) and math.isfinite(slope)):
             return f, NOT_FINITE
         small = tolerance * units[0]
-        if length * max(1.0, metric / step) <= small:
+        low, high = residual_bounds(direction, steps, metric)
+        if high <= small:
             return f, CONVERGED
-        if length * metric / step <= small < length:  # perhaps: look closer
-            if projected_step(x, gradient, metric, sets, following)[1] <= small:
+        if low <= small:  # perhaps: look closer
+            gradient_then[: size // 2] = metric
+            projected_step(x, gradient, gradient_then[: size // 2], sets, following)
+            if longest_of(following) <= small:
                 return f, CONVERGED
         if iteration == 0:  # no curvature is known yet: a step of about one unit
-            step = metric * units[0] / length
-            slope, length = projected_step(x, gradient, step, sets, direction)
+            steps[:] = metric * units[0] / longest_of(direction)
+            continue
         counts[0] += 1
         f_then, accepted = f, False
         if waited >= patience:
@@ -93,7 +138,9 @@ def minimise(x, p, shared, units, sets, tolerance, iterations, work, face, scrat
             waited = waited if accepted else 0
         if not accepted:
             waited += 1
-            reference = history.max()
+            reference = history[0]
+            for c in range(1, MEMORY):
+                reference = max(reference, history[c])
             length = 1.0
             for _ in range(60):
                 for c in range(size):
@@ -109,16 +156,14 @@ def minimise(x, p, shared, units, sets, tolerance, iterations, work, face, scrat
                 length = quadratic
         if not accepted:
             return f, STALLED
-        moved, curved = 0.0, 0.0
         for c in range(size):
-            s = following[c] - x[c]
-            moved += s * s
-            curved += s * (gradient_then[c] - gradient[c])
-            x[c], gradient[c] = following[c], gradient_then[c]
+            direction[c] = following[c] - x[c]
+            following[c] = gradient_then[c] - gradient[c]
+            x[c] += direction[c]
+            gradient[c] = gradient_then[c]
         f = f_then
         history[iteration % MEMORY] = f
-        step = moved / curved if curved > 0.0 else LONGEST * metric
-        step = clip(step, SHORTEST * metric, LONGEST * metric)
+        spectral_steps(direction, following, metric, steps)
     return f, EXHAUSTED
 
 
@@ -129,11 +174,9 @@ def stationarity(x, gradient, units, sets, work):
     for c in range(x.size):
         if not math.isfinite(gradient[c]):
             return math.nan  # which a projection onto a box would hide
-    projected_step(x, gradient, metric, sets, work)
-    largest = 0.0
-    for c in range(x.size):
-        largest = max(largest, abs(work[c]))
-    return largest / units[0]
+    work[1, : sets.shape[0]] = metric
+    projected_step(x, gradient, work[1], sets, work[2])
+    return largest_of(work[2]) / units[0]
 
 
 @compiled
@@ -147,7 +190,7 @@ def judge(x, p, shared, units, sets, work, scratch):
             violation = outside
     if not (math.isfinite(f) and math.isfinite(violation)):
         return f, math.inf, math.nan
-    return f, violation, stationarity(x, work[0], units, sets, work[1])
+    return f, violation, stationarity(x, work[0], units, sets, work)
 
 
 @compiled
@@ -171,7 +214,7 @@ def minimise_batch(
     Writes x (B, nx), judged (B, 3): f, violation, stationarity; outcome (B,); counts (B, 2).
     """
     size, members = x.shape[1], sets.shape[1]
-    work, scratch = np.empty((10, size)), np.empty(members * (members + 8))
+    work, scratch = np.empty((12, size)), np.empty(members * (members + 8))
     face = np.empty((members, 4))
     trial, best = work[7], work[8]
     tries = starts.shape[0] if starts.shape[0] > 1 else 0  # coarse ones, before the last
@@ -183,7 +226,7 @@ def minimise_batch(
             if s < tries:
                 project(starts[s, state], box, trial)
             else:
-                trial[:] = best
+                copy(best, trial)
             f, how = minimise(
                 trial,
                 p,
@@ -200,8 +243,8 @@ def minimise_batch(
             outcome[state] = how
             if s == tries or (how != NOT_FINITE and f < least):
                 least = f
-                best[:] = trial
-        x[state] = best
+                copy(trial, best)
+        copy(best, x[state])
         judged[state, 0], judged[state, 1], judged[state, 2] = judge(
             best, p, shared, unit, box, work, scratch
         )
