@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 @click.option(
     "--problems",
     type=click.IntRange(1),
-    help="How many of every kind in a family. [default: guides 4, formations 3, quick 1]",
+    help="How many of every kind in a family. [default: guides 3, formations 3, quick 1]",
 )
 @click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same problems."
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     "--time-limit",
     "seconds",
     type=click.FloatRange(0, min_open=True),
-    default=10.0,
+    default=2.0,
     show_default=True,
     help="Seconds for building and solving a problem once; a solver that takes longer is ended.",
 )
@@ -84,7 +84,7 @@ def compare(
     summary.csv, problems.csv and failures.csv, profiles as figures, and run.json.
 
     Finished cells are kept: stopped and started again with the same options, it goes on where it
-    was. The default takes some minutes.
+    was. The default takes five to ten minutes.
 
     \b
     Examples:

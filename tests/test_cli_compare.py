@@ -13,6 +13,7 @@ import pytest
 
 CASSWARM = Path(sys.executable).parent / "casswarm"
 OPTIONS = ("compare", "--family", "quick", "--solver", "ipopt", "--solver", "spectral")
+OPTIONS += ("--time-limit", "30")  # where the machine is busy
 
 
 def casswarm(folder, *arguments, code=0):

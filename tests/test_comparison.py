@@ -217,6 +217,7 @@ def known():
             "hasty": ProjectedGradient(tolerance=1e3),
             "gradient": ProjectedGradient(),
         },
+        seconds=20.0,  # where the machine is busy
         progress=lambda *words: told.append(words),
     )
     return comparison, told, cases

@@ -233,26 +233,46 @@ def test_failed_states_alone_are_counted(guide):
     assert 0 < study.runs["solver_failures"].max() < late
 
 
-def test_a_solver_that_kills_its_process_costs_a_simulation_nothing_but_its_answers():
+@pytest.mark.parametrize(
+    ("fault", "runs", "reason"),
+    [
+        ("exit", 3, "its process ended with exit code 3"),
+        ("kill", 3, "its process ended with exit code -9 (SIGKILL)"),
+        ("hang", 1, "time limit: no answer within 4 s, so its process was ended"),
+    ],
+)
+def test_a_solver_that_hangs_or_kills_its_process_costs_a_simulation_nothing_but_its_answers(
+    fault, runs, reason, caplog
+):
+    formation._tell_once.cache_clear()
     scenario = small([(0.0, 0.0), (0.3, 0.0)], (1.5, 0.0), [(0.7, 1.5)], 3, hazard__alpha_1=0.1)
-    deadly = Isolated(Faulty("exit", above=0.5), seconds=20.0)  # once member 0 is on its way
-    study = cs.simulate(scenario, ["leader"], 3, solver=deadly)
-    assert study.runs["survivors"].tolist() == [2, 2, 2]
+    # once member 0 is on its way
+    deadly = Isolated(Faulty(fault, above=0.5), seconds=4.0 if fault == "hang" else 20.0)
+    with caplog.at_level(logging.WARNING, "casswarm"):
+        study = cs.simulate(scenario, ["leader"], runs, solver=deadly)
+    deadly.close()
+    assert study.runs["survivors"].tolist() == [2] * runs
     assert (study.runs["solver_failures"] > 0).all()
     assert (study.runs["solver_failures"] < study.runs["steps"]).all()
+    assert study.summary["solver_failures"][0] == study.runs["solver_failures"].sum()
+    assert reason in caplog.text
 
 
 # --- a folder that is gone back to
 
 
 def test_a_comparison_goes_on_where_it_ended_and_forgives_a_cut_line(tmp_path):
-    first = cs.compare(problems(), ["ipopt"], folder=tmp_path)
+    first = cs.compare(problems(), ["ipopt"], folder=tmp_path, seconds=20.0)
     lines = (tmp_path / "cells.jsonl").read_bytes().splitlines(keepends=True)
     assert len(lines) == 2
     (tmp_path / "cells.jsonl").write_bytes(lines[0] + lines[1][:20])
     told = []
     again = cs.compare(
-        problems(), ["ipopt"], folder=tmp_path, progress=lambda *words: told.append(words)
+        problems(),
+        ["ipopt"],
+        folder=tmp_path,
+        seconds=20.0,
+        progress=lambda *words: told.append(words),
     )
     assert [(done, total) for done, total, _ in told] == [(1, 2), (2, 2)]
     same = ["problem", "objective", "status"]

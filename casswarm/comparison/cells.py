@@ -18,7 +18,7 @@ from .verdicts import CANNOT
 REPEATS = 5
 """Solves of a cell at the most; its time is their median."""
 
-BUDGET = 0.5
+BUDGET = 0.3
 """Seconds of further solves after the first, if that took at most ten times as long."""
 
 

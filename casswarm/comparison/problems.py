@@ -277,7 +277,7 @@ def _quick(count: int, seed: int, progress: Callable[[str], None]) -> Iterator[P
 
 
 FAMILIES: dict[str, tuple[Callable[..., Iterator[Problem]], int, str]] = {
-    "guides": (_guides, 4, "a lone agent's way among 2 to 6 random radars, 30, 100 and 300 steps"),
+    "guides": (_guides, 3, "a lone agent's way among 2 to 6 random radars, 30, 100 and 300 steps"),
     "formations": (
         _formations,
         3,

@@ -50,7 +50,8 @@ class Report:
 
 def make_report(comparison: Comparison) -> Report:
     """Report of a comparison: what was solved, by what, where; tables, profiles, failures."""
-    blocks = [*setting(comparison), *rules(comparison)]
+    title, *described = setting(comparison)
+    blocks = [title, *_in_short(comparison), *described, *rules(comparison)]
     for family, start in _groups(comparison):
         blocks += _group(comparison, family, start)
     blocks += [*_failures(comparison), *_problems(comparison)]
@@ -69,11 +70,44 @@ def _groups(comparison: Comparison) -> list[tuple[str, str]]:
     return [(str(family), str(start)) for family, start in table.itertuples(index=False)]
 
 
+def _in_short(comparison: Comparison) -> Iterator[Block]:
+    """What was solved how fast, a row a solver, and the limits of what that says."""
+    table = comparison.summary
+    yield Heading("In short")
+    rows = []
+    for solver in comparison.inputs["solvers"]:
+        row = {"solver": solver}
+        for family, start in _groups(comparison):
+            part = table[(table["family"] == family) & (table["start"] == start)]
+            one = part[part["solver"] == solver]
+            row[f"{family}, {start}"] = (
+                f"{100 * one['solved'].iloc[0]:.0f} %, {_ms(one['mean_ms'].iloc[0])} ms"
+                if len(one)
+                else "takes none"
+            )
+        rows.append(row)
+    yield Table(pd.DataFrame(rows))
+    lies = int(table["said_not_true"].sum())
+    yield Text(
+        "Share of problems solved, and mean time with failures counted at the limit of "
+        f"{comparison.inputs['seconds']:g} s, by family and start. "
+        + (
+            "No solver called solved what was not. "
+            if not lies
+            else f"In {lies} cells a solver called solved what was not: see Failures. "
+        )
+        + "What counts as solved is said below. The numbers are those of the options below, on "
+        "these problems and this machine; a solver that fails here may be the right one elsewhere."
+    )
+
+
 def _group(comparison: Comparison, family: str, start: str) -> Iterator[Block]:
     summary = comparison.summary
     part = summary[(summary["family"] == family) & (summary["start"] == start)]
     order = list(comparison.inputs["solvers"])
-    title, tag = f"{family}, {start} start", f"{family}-{start}".replace(" ", "-")
+    number = int(part["problems"].iloc[0])
+    title = f"{family}, {start} start, {number} problem{'s' if number > 1 else ''}"
+    tag = f"{family}-{start}".replace(" ", "-")
     yield Heading(f"{family.capitalize()}, {start} start")
     yield Text(_headline(part))
     yield Table(_rounded(part))
@@ -90,8 +124,9 @@ def _group(comparison: Comparison, family: str, start: str) -> Iterator[Block]:
         f"profile-{tag}",
         profile_chart(
             {
-                "solved": performance_profile(times["solved"]),
-                "solved, and the best known objective": performance_profile(times["found"]),
+                "solved (said, and true)": performance_profile(times["solved"]),
+                f"solved, and within {comparison.tolerances.objective:g} of the best known "
+                "objective": performance_profile(times["found"]),
             },
             "factor of the fastest solver's time",
             f"{title}: performance profiles of solve time",
@@ -163,8 +198,13 @@ def _failures(comparison: Comparison) -> Iterator[Block]:
     if table.empty:
         yield Text("None.")
         return
-    yield Text("Every cell that was taken and not solved, by solver and reason, with an example.")
+    yield Text(
+        "Every cell that was taken and not solved, by solver and reason, with an example. A reason "
+        "is the status and the solver's own words, or what the residuals say against them."
+    )
     shown = table[["solver", "family", "start", "cells", "example", "reason"]]
+    order = {name: number for number, name in enumerate(comparison.inputs["solvers"])}
+    shown = shown.sort_values("solver", key=lambda names: names.map(order), kind="stable")
     yield Table(shown.assign(reason=[_short(reason) for reason in shown["reason"]]))
 
 
@@ -197,7 +237,7 @@ def _headline(part: pd.DataFrame) -> str:
     fastest = part.sort_values("mean_ms").iloc[0]
     most = part.sort_values(["found", "solved"], ascending=False).iloc[0]
     return (
-        f"Least mean time: {fastest['solver']}, {fastest['mean_ms']:.3g} ms, with "
+        f"Least mean time: {fastest['solver']}, {_ms(fastest['mean_ms'])} ms, with "
         f"{100 * fastest['solved']:.0f} % solved. Most often at the best known objective: "
         f"{most['solver']}, {100 * most['found']:.0f} %."
     )
@@ -209,9 +249,9 @@ def _rounded(part: pd.DataFrame) -> pd.DataFrame:
             "solver": part["solver"],
             "solved": [f"{100 * value:.0f} %" for value in part["solved"]],
             "best known": [f"{100 * value:.0f} %" for value in part["found"]],
-            "mean time, ms": [f"{value:.3g}" for value in part["mean_ms"]],
+            "mean time, ms": [_ms(value) for value in part["mean_ms"]],
             "build, ms": [_number(value, ".3g") for value in part["build_ms"]],
-            "iterations": [_number(value, "g") for value in part["iterations"]],
+            "iterations": [_number(value or np.nan, "g") for value in part["iterations"]],
             "evaluations": [_number(value, "g") for value in part["evaluations"]],
         }
     )
@@ -227,6 +267,11 @@ def _truth(part: pd.DataFrame) -> pd.DataFrame:
             "neither": part["neither"],
         }
     )
+
+
+def _ms(value: float) -> str:
+    """Three digits, without a power of ten."""
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
 
 def _number(value: float, form: str) -> str:

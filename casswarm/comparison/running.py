@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,11 @@ from .verdicts import Tolerances, judged, summary
 
 DEFAULT = ("guides", "formations")
 """Families that are compared if none is named."""
+
+SECONDS = 2.0
+"""Limit of a solve by default: several times what Ipopt needs for the largest problem."""
+
+_OWN_SHARE = 0.9  # of the limit; with what is left a solver that stops by itself can say so
 
 Progress = Callable[[int, int, str], None]
 
@@ -60,7 +65,7 @@ def compare(
     *,
     problems: int | None = None,
     seed: int = 0,
-    seconds: float = 10.0,
+    seconds: float = SECONDS,
     tolerances: Tolerances | None = None,
     folder: str | Path | None = None,
     progress: Progress | None = None,
@@ -83,7 +88,9 @@ def compare(
     seed : int
         Same seed, same problems.
     seconds : float
-        Limit for building and solving a problem once.
+        Limit for building and solving a problem once. Solvers that know a limit of time are given
+        nine tenths of it as their own, so that they can tell how far they came; the process of a
+        solver that takes longer is ended.
     tolerances : Tolerances, optional
         What counts as solved.
     folder : path, optional
@@ -106,7 +113,7 @@ def compare(
     if not seconds > 0:
         raise ComparisonError(f"seconds = {seconds!r}; allowed: above zero")
     say = progress or _silent
-    chosen = _solvers(solvers)
+    chosen = {name: _limited(solver, seconds) for name, solver in _solvers(solvers).items()}
     posed = _problems(families, problems, seed, lambda what: say(0, 0, what))
     inputs = _inputs(families, posed, chosen, problems, seed, seconds)
     journal = Journal(None if folder is None else Path(folder), inputs)
@@ -217,6 +224,14 @@ def _solvers(
             else "no solver given"
         )
     return dict(zip(names, made, strict=True))
+
+
+def _limited(solver: Solver, seconds: float) -> Solver:
+    """The same solver, but for its own limit of time where that is longer."""
+    own, most = getattr(solver, "max_seconds", 0.0), _OWN_SHARE * seconds
+    if not solver.abilities.time_limit or own <= most:
+        return solver
+    return replace(solver, max_seconds=most)  # type: ignore[type-var]
 
 
 def _problems(

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import pandas as pd
 
+from ..solvers import SOLVERS
 from .problems import FAMILIES
 from .rendering import Block, Heading, Table, Text
 from .running import Comparison
@@ -48,9 +49,11 @@ def setting(comparison: Comparison) -> Iterator[Block]:
         "warm starts are never mixed in a table."
     )
     yield Heading("By what")
-    yield Table(
-        pd.DataFrame({"solver": inputs["solvers"].keys(), "options": inputs["solvers"].values()})
-    )
+    rows = [
+        {"solver": name, "what it is": _summary(name), "options": options}
+        for name, options in inputs["solvers"].items()
+    ]
+    yield Table(pd.DataFrame(rows))
     for solver, reason in inputs["absent"].items():
         yield Text(f"{solver} cannot run here: {reason}.")
     for row in not_taken(comparison.cells).to_dict("records"):
@@ -83,8 +86,13 @@ def rules(comparison: Comparison) -> Iterator[Block]:
         "start. Best known is not proven best. Times are medians of up to five solves, without "
         "building; their means are shifted geometric means with a shift of "
         f"{1e3 * SHIFT:g} ms, in which a failure counts as the limit of "
-        f"{comparison.inputs['seconds']:g} s.{noise}"
+        f"{comparison.inputs['seconds']:g} s.{noise} Iterations and evaluations are the solvers' "
+        "own counts, medians over what they solved; empty where they tell none."
     )
+
+
+def _summary(name: str) -> str:
+    return SOLVERS[name].summary if name in SOLVERS else "the user's"
 
 
 def _range(part: pd.DataFrame, column: str) -> str:

@@ -217,7 +217,9 @@ def _reason(row: Mapping[Any, Any], tolerances: Tolerances) -> str:
 
 
 def _kind(reason: str) -> str:
-    """A reason without its numbers."""
+    """A reason without its numbers; a limit of time is one, whoever's words tell of it."""
+    if reason.startswith(f"{Status.TIME_LIMIT}: "):
+        return str(Status.TIME_LIMIT)
     if not reason.startswith("called "):
         return reason
     claim, _, residuals = reason.partition(", but ")

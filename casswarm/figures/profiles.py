@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,8 +14,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator
 from ..arrays import Floats
 from .style import INK, MEMBERS, figure, panels, tidy
 
-_COLORS = (*MEMBERS, INK)
-_DASHES = ("-", "--", "-.", ":")
+_COLORS = (*MEMBERS, INK, "#8C8C8C")
+_DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (7, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 1)))
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", "H", ">", "p")
 _ROOM = 0.062  # between two labels, in shares of the axis
 _DECADES = 20  # powers of two that an axis shows at the most
 
@@ -32,7 +34,7 @@ def profile_chart(
     order : sequence of str
         All solvers there are: gives each its colour, whoever takes part in a panel.
     """
-    fig, axes = panels(len(profiles), 1, 5.4, 3.9)
+    fig, axes = panels(len(profiles), 1, 5.8, 4.3)
     names = list(order) or list(next(iter(profiles.values())).columns)
     for place, (name, profile) in zip(axes, profiles.items(), strict=True):
         _curves(place, profile, names)
@@ -50,10 +52,16 @@ def pair_chart(
     columns = min(4, max(1, len(profiles)))
     fig, axes = panels(columns, -(-len(profiles) // columns), 3.3, 2.9)
     names = list(order) or sorted({name for pair in profiles for name in pair})
-    for place, ((a, b), profile) in zip(axes, profiles.items(), strict=False):
+    for place, profile in zip(axes, profiles.values(), strict=False):
         _curves(place, profile, names, labels=False)
-        place.set_title(f"{a} and {b}", fontsize=9)
-        place.legend(fontsize=8, loc="center right", framealpha=0.85, edgecolor="none")
+        place.legend(
+            fontsize=8,
+            loc="lower center",
+            bbox_to_anchor=(0.5, 1.0),
+            ncols=2,
+            frameon=False,
+            handlelength=2.6,
+        )
     for place in axes[len(profiles) :]:
         place.set_visible(False)
     fig.supxlabel("factor of the faster one of the two", fontsize=9)
@@ -82,7 +90,7 @@ def win_chart(wins: pd.DataFrame, title: str = "") -> Figure:
     axes.set_xticks(range(size), list(wins.columns), rotation=30, ha="right", fontsize=9)
     axes.set_yticks(range(size), list(wins.index), fontsize=9)
     axes.set(xlabel="... than this one", ylabel="this one is faster ...")
-    axes.set_title(title, fontsize=11)
+    fig.suptitle(title, fontsize=11)
     return fig
 
 
@@ -100,11 +108,12 @@ def _curves(axes: Axes, profile: pd.DataFrame, names: Sequence[str], labels: boo
             ),
             np.concatenate([[0.0], shares[:, column], shares[-1:, column] if len(points) else [0]]),
             where="post",
-            color=_COLORS[number % len(_COLORS)],
-            linestyle=_DASHES[number % len(_DASHES)],
             # what lies over others is drawn narrower, so that all are seen
-            linewidth=3.4 - 2.0 * column / max(1, len(profile.columns) - 1),
+            linewidth=3.2 - 2.0 * column / max(1, len(profile.columns) - 1),
+            # in shares of the axes, so that no two curves have theirs at the same places
+            markevery=(0.03 + 0.021 * (number % 9), 0.19),
             label=name,
+            **_look(number),
         )
     axes.set_xscale("log", base=2)
     axes.xaxis.set_major_locator(LogLocator(base=2, numticks=8))
@@ -115,6 +124,18 @@ def _curves(axes: Axes, profile: pd.DataFrame, names: Sequence[str], labels: boo
         _end_labels(axes, profile, names)
 
 
+def _look(number: int) -> dict[str, Any]:
+    """Colour, dashes and marker of a solver: no two of the first 56 have all alike."""
+    return {
+        "color": _COLORS[number % len(_COLORS)],
+        "linestyle": _DASHES[number % len(_DASHES)],
+        "marker": _MARKERS[number % len(_MARKERS)],
+        "markersize": 5.5,
+        "markeredgecolor": "white",
+        "markeredgewidth": 0.5,
+    }
+
+
 def _end_labels(axes: Axes, profile: pd.DataFrame, names: Sequence[str]) -> None:
     """Names at the right of the curves' ends, moved apart where they would overlap."""
     ends = profile.iloc[-1].to_numpy(dtype=float)
@@ -122,22 +143,27 @@ def _end_labels(axes: Axes, profile: pd.DataFrame, names: Sequence[str]) -> None
     places = _apart((ends[order] + 0.02) / 1.05)
     for column, place in zip(order, places, strict=True):
         name = str(profile.columns[column])
-        number = names.index(name)
-        axes.annotate(
+        look = _look(names.index(name))
+        sample = axes.plot(
+            [1.05, 1.09, 1.13], [place] * 3, transform=axes.transAxes, clip_on=False, **look
+        )
+        sample[0].set_markevery([1])
+        axes.text(
+            1.15,
+            place,
             name,
-            (1.0, (ends[column] + 0.02) / 1.05),
-            (1.05, place),
-            xycoords="axes fraction",
-            textcoords="axes fraction",
-            color=_COLORS[number % len(_COLORS)],
+            transform=axes.transAxes,
+            color=look["color"],
             fontsize=9,
             va="center",
-            arrowprops={
-                "arrowstyle": "-",
-                "color": "#bbbbbb",
-                "linewidth": 0.7,
-                "relpos": (0.0, 0.5),
-            },
+        )
+        axes.plot(
+            [1.0, 1.045],
+            [(ends[column] + 0.02) / 1.05, place],
+            color="#bbbbbb",
+            linewidth=0.7,
+            transform=axes.transAxes,
+            clip_on=False,
         )
 
 

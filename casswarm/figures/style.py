@@ -18,7 +18,13 @@ ORANGE = "#E69F00"
 VERMILION = "#D55E00"
 PURPLE = "#CC79A7"
 MEMBERS = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION)
-POLICIES = {"naive": VERMILION, "constrained": GREEN, "leader": BLUE}
+POLICIES = {
+    "naive": VERMILION,
+    "constrained": GREEN,
+    "leader": BLUE,
+    "constrained-feedback": ORANGE,
+    "leader-feedback": SKY,
+}
 
 DPI = 200
 

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -37,11 +37,39 @@ class Answer:
     multipliers: tuple[Floats, Floats] | None = None
 
 
+@dataclass(frozen=True)
+class Abilities:
+    """What a solver can do, for tables and for those who choose.
+
+    Parameters
+    ----------
+    problems : {"any", "product sets"}
+        Any `Nlp`, or only those whose constraints are a product of boxes and discs.
+    batch : bool
+        Whether thousands of instances advance together.
+    multipliers : bool
+        Whether its answers have multipliers; the judge estimates them otherwise.
+    time_limit : bool
+        Whether a solve can be given a limit of time.
+    """
+
+    problems: Literal["any", "product sets"] = "any"
+    batch: bool = False
+    multipliers: bool = False
+    time_limit: bool = False
+
+
 class Solver(ABC):
     """A solver holds its own options and nothing else; it can be shared, hashed and pickled."""
 
     name: ClassVar[str]
     summary: ClassVar[str]
+    abilities: ClassVar[Abilities] = Abilities()
+
+    @classmethod
+    def unavailable(cls) -> str:
+        """Why this solver cannot run in this installation; empty where it can."""
+        return ""
 
     @abstractmethod
     def _build(self, nlp: Nlp) -> None:

@@ -20,6 +20,7 @@ from ..errors import CasswarmError, SolverError
 from ..nlp import Instances, Nlp
 from ..solution import Status
 from .base import Answer, Solver, failed, told
+from .interrupts import deferred
 
 _START_SECONDS = 60.0
 _LAST_WORDS = 500  # characters
@@ -76,8 +77,9 @@ class Process:
     def end(self) -> None:
         """End the child, whatever it is doing."""
         if self._child is not None:
-            self._child.kill()
-            self._child.join()
+            if self._child.pid is not None:  # else it could not be born
+                self._child.kill()
+                self._child.join()
             self._child.close()
         if self._connection is not None:
             self._connection.close()
@@ -108,7 +110,8 @@ class Process:
             target=_serve, args=(theirs, solver, str(self._output)), daemon=True
         )
         try:
-            self._child.start()
+            with deferred():
+                self._child.start()
             theirs.close()
             refusal = self._exchange(None, _START_SECONDS)
         except (OSError, AssertionError, EndedError) as error:
