@@ -34,6 +34,10 @@ class ComparisonError(CasswarmError, ValueError):
     """A comparison of solvers that is misconfigured, or a folder that holds another one."""
 
 
+class StoreError(CasswarmError, RuntimeError):
+    """A results folder that is in use, was made with other inputs, or holds unfinished work."""
+
+
 def among(word: str, known: Iterable[str]) -> str:
     """The end of a message about an unknown word: the known word nearest to it, and all of them."""
     words = list(known)

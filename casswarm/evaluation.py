@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from typing import TYPE_CHECKING, Any
 
-from .chain.evaluate import MOST_MEMBERS, Law, propagate
+from .arrays import Floats
+from .chain.evaluate import MOST_MEMBERS, Head, Progress, propagate
+from .chain.hybrid import MOST_LIGHT, VISITS, Estimate, sample_rest
+from .chain.law import Law
+from .chain.simulate import Chain
 from .errors import PolicyError
 from .guide import Guide
 from .planning import plan
@@ -16,7 +20,8 @@ if TYPE_CHECKING:
     from .scenario import Scenario
 
 TOLERANCE = 1e-4
-MOST_STATES = 200_000
+MOST_STATES = 1_000_000
+MOST_STATES_OF_LARGE = 10_000
 
 
 def evaluate(
@@ -24,29 +29,36 @@ def evaluate(
     policy: Any = "leader",
     tolerance: float = TOLERANCE,
     *,
-    most_states: int = MOST_STATES,
+    most_states: int | None = None,
+    merging: float = 0.0,
     guide: Guide | None = None,
     solver: str | Solver = "auto",
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Law:
     """Exact law of the chain under a policy, up to a bracket; no sampling.
 
     Parameters
     ----------
     scenario : Scenario
-        Of at most 12 members: a step has 2^n outcomes.
+        Of at most 12 members for a `tolerance` of 0, for then all 2^n outcomes of a step count.
     policy : str, Policy, or as in `simulate`
     tolerance : float
         Width of the brackets: the mass of unlikely states that may be set aside.
     most_states : int
-        Distinct states kept at the most; where that is too few for `tolerance`, the brackets are
-        wider, and `Law.unresolved` says how wide.
+        Distinct states solved at the most, by default a million, or ten thousand with more than 12
+        members; where that is too few for `tolerance`, the brackets are
+        wider, `Law.unresolved` says how wide, and `Law.help` what would help.
+    merging : float
+        States in one cell of a grid of this width count as equal. The default merges what is equal
+        to the last bit, so brackets are proven; a policy's solver leaves differences of about 1e-8
+        between states that would be equal, so 1e-6 often needs far fewer states, and the bracket is
+        then that of a chain whose states are moved by at most so much at every step.
     guide : Guide, optional
         Planned from the scenario by default.
     solver : str or Solver
         Of the formation problems.
     progress : callable, optional
-        Called after every step with the step and the number of states that it solved.
+        Called with the number of states solved so far and the mass that is left.
 
     Returns
     -------
@@ -55,26 +67,109 @@ def evaluate(
     Raises
     ------
     PolicyError
-        An unknown policy, or a swarm that is too large.
+        An unknown policy, or a swarm that is too large for a tolerance of 0.
     PlanningError
         No guide was found.
     ValueError
-        A tolerance outside [0, 1), or fewer than one state.
+        A tolerance outside [0, 1), fewer than one state, or a negative `merging`.
     """
+    return _head(scenario, policy, tolerance, most_states, merging, guide, solver, progress)[
+        0
+    ].law()
+
+
+def estimate(
+    scenario: Scenario,
+    policy: Any = "leader",
+    runs: int = 10_000,
+    seed: int = 0,
+    *,
+    most_states: int | None = None,
+    tolerance: float = TOLERANCE,
+    merging: float = 0.0,
+    guide: Guide | None = None,
+    solver: str | Solver = "auto",
+    progress: Progress | None = None,
+) -> Estimate:
+    """Success probability of a policy: the head of its law exactly, the rest sampled.
+
+    For swarms whose exact law takes too many states. States of a probability of at least 2 / `runs`
+    are followed exactly: as many plain runs would visit nearly all of them anyway. `runs` runs then
+    share the mass M that is left, so the interval is about M times as wide as that of `runs` plain
+    runs, and narrower than that of as many plain runs as solve the same number of states (equal
+    where M is nearly 1). With `most_states`, the head takes what you give it, however light its
+    states are.
+
+    Parameters
+    ----------
+    scenario, policy, most_states, tolerance, merging, guide, solver, progress
+        As in `evaluate`; the head.
+    runs : int
+        Runs that share the mass that the head leaves, at least 1.
+    seed : int
+
+    Returns
+    -------
+    Estimate
+        Which states what is proven and what is statistical.
+
+    Raises
+    ------
+    PolicyError, PlanningError, ValueError
+        As in `evaluate`; fewer than one run, a negative seed.
+    """
+    for name, value, least in (("runs", runs, 1), ("seed", seed, 0)):
+        if value < least:
+            raise ValueError(f"{name} = {value}; allowed: whole numbers from {least}")
+    head, before = _head(
+        scenario,
+        policy,
+        tolerance,
+        most_states,
+        merging,
+        guide,
+        solver,
+        progress,
+        MOST_LIGHT,
+        least=VISITS / runs if most_states is None else 0.0,
+    )
+    return sample_rest(head, Chain(scenario, before, seed), runs)
+
+
+def _head(
+    scenario: Scenario,
+    policy: Any,
+    tolerance: float,
+    most_states: int | None,
+    merging: float,
+    guide: Guide | None,
+    solver: str | Solver,
+    progress: Progress | None,
+    most_light: float = math.inf,
+    least: float = 0.0,
+) -> tuple[Head, Floats]:
+    """The head of a law, and V(-1)."""
     if not 0 <= tolerance < 1:
         raise ValueError(f"tolerance = {tolerance}; allowed: from 0 to below 1")
+    if most_states is None:
+        most_states = MOST_STATES if scenario.n <= MOST_MEMBERS else MOST_STATES_OF_LARGE
     if most_states < 1:
         raise ValueError(f"most_states = {most_states}; allowed: whole numbers from 1")
-    if scenario.n > MOST_MEMBERS:
+    if not 0 <= merging < float("inf"):
+        raise ValueError(f"merging = {merging}; allowed: finite numbers from 0")
+    if scenario.n > MOST_MEMBERS and tolerance == 0:
         raise PolicyError(
-            f"{scenario.name} has {scenario.n} members; the exact law is for at most "
-            f"{MOST_MEMBERS}, whose steps have {1 << MOST_MEMBERS} outcomes: use simulate"
+            f"{scenario.name} has {scenario.n} members; without tolerance the law is for at most "
+            f"{MOST_MEMBERS}, whose steps have {1 << MOST_MEMBERS} outcomes: give a tolerance"
         )
-    guide = plan(scenario) if guide is None else guide
+    guide = plan(scenario, certify=False) if guide is None else guide
     made = (
         make_policy(policy, scenario, guide, solver)
         if isinstance(policy, str)
         else as_policy(policy)
     )
     before = initial_velocities(scenario, guide)
-    return propagate(scenario, made, before, tolerance, most_states, progress)
+    head = propagate(
+        scenario, made, before, tolerance, most_states, merging, progress, most_light, least
+    )
+    return head, before

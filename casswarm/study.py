@@ -2,38 +2,35 @@
 
 from __future__ import annotations
 
-import pickle
-import signal
-import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+import hashlib
+import tomllib
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
-from multiprocessing import get_context
+from importlib.metadata import version
 from numbers import Integral
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from .chain.simulate import Chain, Runs, Trace
+from .chain.simulate import Chain, Trace
 from .errors import PolicyError
 from .guide import Guide
 from .planning import plan
 from .policies import as_policy, initial_velocities, make_policy
 from .policies.base import Policy
+from .shares import Parts, Progress, jobs_left, kept_parts, sample_jobs
 from .solvers import Solver
-from .tables import run_table, summarise
+from .store import Store
+from .tables import paired_table, run_table, summarise
+from .workers import Workers, checked_workers, require_sendable
 
 if TYPE_CHECKING:
     from .scenario import Scenario
 
 PAPER_POLICIES = ("naive", "constrained", "leader")
 """The three policies that the paper compares, in its order."""
-
-BATCH = 20_000
-"""Runs that advance together at the most: bounds memory, changes no result."""
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +46,9 @@ class Study:
         A row a policy: policy, runs, successes, success with its Wilson 95 % interval
         success_low and success_high, survivors_mean, arrival_step_mean, shortfalls,
         solver_failures, resolved, clipped.
+    paired : DataFrame
+        A row a pair of policies: their difference in success with its 95 % interval; see
+        `casswarm.tables.paired_table`.
     runs : DataFrame
         A row a run: policy, run, success, survivors, arrival_step (missing where no member
         arrived), steps, shortfalls, solver_failures, resolved, clipped.
@@ -62,6 +62,7 @@ class Study:
     guide: Guide
     seed: int
     summary: pd.DataFrame
+    paired: pd.DataFrame = field(repr=False)
     runs: pd.DataFrame = field(repr=False)
     effort: pd.DataFrame = field(repr=False)
     traces: dict[str, tuple[Trace, ...]] = field(repr=False)
@@ -75,12 +76,15 @@ def simulate(
     policies: Sequence[Any] = PAPER_POLICIES,
     runs: int = 1000,
     seed: int = 0,
-    workers: int = 1,
+    workers: Workers = 1,
     *,
     guide: Guide | None = None,
     solver: str | Solver = "auto",
     traces: int = 1,
     progress: Progress | None = None,
+    folder: Path | None = None,
+    resume: bool = False,
+    fresh: bool = False,
 ) -> Study:
     """Estimate by Monte Carlo how often the swarm reaches the target under each policy.
 
@@ -98,9 +102,11 @@ def simulate(
         Runs of every policy, at least 1.
     seed : int
         At least 0.
-    workers : int
+    workers : int or executor
         Processes that share the runs; 1 stays in this process. In a script, more than one needs
-        the guard ``if __name__ == "__main__":``, since workers import the script again.
+        the guard ``if __name__ == "__main__":``, since workers import the script again. Or an
+        executor in the style of `concurrent.futures`, such as Dask's ``client.get_executor()``.
+        A process of ours that dies costs time, and no result.
     guide : Guide, optional
         Planned from the scenario by default.
     solver : str or Solver
@@ -109,6 +115,13 @@ def simulate(
         Runs of every policy whose way is kept.
     progress : callable, optional
         Called with a policy's name, the number of its runs that have ended, and their total.
+    folder : Path, optional
+        Where results are kept as they are made.
+    resume : bool
+        Take up what an interrupted study of the same inputs left in `folder`; the tables are those
+        of an uninterrupted one.
+    fresh : bool
+        Begin anew in a folder that holds an unfinished study.
 
     Returns
     -------
@@ -120,39 +133,53 @@ def simulate(
         An unknown, duplicate or failing policy, or one that cannot be sent to a worker.
     PlanningError
         No guide was found.
+    StoreError
+        The folder is in use, was made with other inputs, or holds an unfinished study.
     ValueError
         Fewer than one run or worker, or a negative seed.
     """
-    for name, value, least in (("runs", runs, 1), ("workers", workers, 1), ("seed", seed, 0)):
+    for name, value, least in (("runs", runs, 1), ("seed", seed, 0)):
         if not isinstance(value, Integral) or value < least:
             raise ValueError(f"{name} = {value}; allowed: whole numbers from {least}")
+    checked_workers(workers)
     guide = plan(scenario) if guide is None else guide
     made = _named(scenario, policies, guide, solver)
     chain = Chain(scenario, initial_velocities(scenario, guide), seed)
-    size = min(BATCH, runs if workers == 1 else -(-runs // (2 * workers)))
-    jobs = [
-        _Job(chain, policy, first, min(size, runs - first), max(0, min(size, traces - first)))
-        for policy in made
-        for first in range(0, runs, size)
-    ]
-    parts: dict[str, list[tuple[Runs, float]]] = {policy.name: [] for policy in made}
-    for job, part, seconds in _finished(jobs, workers, progress, runs):
-        parts[job.policy.name].append((part, seconds))
-    return _study(scenario, guide, seed, parts)
+    with ExitStack() as stack:
+        store = None
+        if folder is not None:
+            inputs = _inputs(chain, guide, made, runs, traces, solver)
+            store = stack.enter_context(Store(folder, inputs, resume=resume, fresh=fresh))
+        parts = kept_parts(store, made, runs)
+        jobs = jobs_left(chain, made, parts, runs, traces, workers)
+        if workers != 1:
+            require_sendable({job.policy.name: job for job in jobs})
+        sample_jobs(jobs, workers, parts, progress, runs, store)
+        if store is not None:
+            store.finish()
+        return _study(scenario, guide, seed, parts)
 
 
-@dataclass(frozen=True)
-class _Job:
-    chain: Chain
-    policy: Policy
-    first: int
-    runs: int
-    traces: int
-
-    def __call__(self, progress: Callable[[int], None] | None = None) -> tuple[Runs, float]:
-        started = time.perf_counter()
-        part = self.chain.run(self.policy, self.first, self.runs, self.traces, progress)
-        return part, time.perf_counter() - started
+def _inputs(
+    chain: Chain,
+    guide: Guide,
+    made: Sequence[Policy],
+    runs: int,
+    traces: int,
+    solver: str | Solver,
+) -> dict[str, Any]:
+    """All that decides a study, for its folder."""
+    return {
+        "study": "simulate",
+        "scenario": tomllib.loads(chain.scenario.to_toml()),
+        "guide": hashlib.sha256(guide.positions.tobytes()).hexdigest(),
+        "policies": [policy.name for policy in made],
+        "runs": int(runs),
+        "traces": int(traces),
+        "seed": int(chain.seed),
+        "solver": str(solver),
+        "casswarm": version("casswarm"),
+    }
 
 
 def _named(
@@ -178,75 +205,7 @@ def _named(
     return made
 
 
-def _finished(
-    jobs: list[_Job], workers: int, progress: Progress | None, runs: int
-) -> Iterator[tuple[_Job, Runs, float]]:
-    """Jobs with their outcome, as they end."""
-    done = {job.policy.name: 0 for job in jobs}
-
-    def tell(job: _Job, ended: int) -> None:
-        if progress is not None:
-            progress(job.policy.name, done[job.policy.name] + ended, runs)
-
-    if workers == 1:
-        for job in jobs:
-            part, seconds = job(lambda ended, job=job: tell(job, ended))  # type: ignore[misc]
-            done[job.policy.name] += job.runs
-            tell(job, 0)
-            yield job, part, seconds
-        return
-    _require_sendable(jobs)
-    # spawned, not forked: CasADi and Ipopt's linear solver do not survive a fork of their threads
-    pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_leave_interrupts)
-    try:
-        yield from _gathered(pool, jobs, done, tell)
-    except BaseException:  # nobody waits for work that nobody will read
-        processes = list((pool._processes or {}).values())
-        pool.shutdown(wait=False, cancel_futures=True)
-        for process in processes:
-            process.terminate()
-        raise
-    pool.shutdown()
-
-
-def _leave_interrupts() -> None:
-    """Ctrl-C is for the parent, which ends its workers."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def _require_sendable(jobs: list[_Job]) -> None:
-    """Raise PolicyError for what does not pickle; a pool whose tasks do not ends untidily."""
-    for policy, job in {job.policy.name: job for job in jobs}.items():
-        try:
-            pickle.dumps(job)
-        except (pickle.PicklingError, AttributeError, TypeError) as error:
-            raise PolicyError(
-                f"policy {policy!r}, or the scenario's hazard, cannot be sent to a worker "
-                f"({error}): define its function in a module, or use workers=1"
-            ) from error
-
-
-def _gathered(
-    pool: Executor, jobs: list[_Job], done: dict[str, int], tell: Callable[[_Job, int], None]
-) -> Iterator[tuple[_Job, Runs, float]]:
-    futures = {pool.submit(job): job for job in jobs}
-    for future in as_completed(futures):
-        job = futures[future]
-        try:
-            part, seconds = future.result()
-        except BrokenProcessPool as error:
-            raise PolicyError(
-                "a worker process died: in a script, call simulate with workers > 1 only under "
-                "`if __name__ == '__main__':`, and never from standard input; or use workers=1"
-            ) from error
-        done[job.policy.name] += job.runs
-        tell(job, 0)
-        yield job, part, seconds
-
-
-def _study(
-    scenario: Scenario, guide: Guide, seed: int, parts: dict[str, list[tuple[Runs, float]]]
-) -> Study:
+def _study(scenario: Scenario, guide: Guide, seed: int, parts: Parts) -> Study:
     tables, effort, traces = [], [], {}
     for name, done in parts.items():
         done.sort(key=lambda item: item[0].first)
@@ -260,4 +219,13 @@ def _study(
             }
         )
     runs = pd.concat(tables, ignore_index=True)
-    return Study(scenario, guide, seed, summarise(runs), runs, pd.DataFrame(effort), traces)
+    return Study(
+        scenario,
+        guide,
+        seed,
+        summarise(runs),
+        paired_table(runs),
+        runs,
+        pd.DataFrame(effort),
+        traces,
+    )

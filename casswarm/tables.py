@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 
 import numpy as np
 import pandas as pd
 
-from .chain.evaluate import Law
+from .arrays import Floats
+from .chain.hybrid import Estimate
+from .chain.law import Law
 from .chain.simulate import Runs
 from .guide import Guide
-from .statistics import wilson
+from .statistics import Paired, wilson
 
 
 def guide_table(guide: Guide) -> pd.DataFrame:
@@ -70,6 +73,8 @@ def law_table(laws: Sequence[Law]) -> pd.DataFrame:
             "survivors_mean_low": law.survivors_mean[0],
             "survivors_mean_high": law.survivors_mean[1],
             "unresolved": law.unresolved,
+            "complete": law.complete,
+            "merging": law.merging,
             "states": law.states,
             "shortfalls_mean": law.shortfalls,
             "solver_failures_mean": law.failures,
@@ -78,16 +83,71 @@ def law_table(laws: Sequence[Law]) -> pd.DataFrame:
     )
 
 
+def estimate_table(estimates: Sequence[Estimate]) -> pd.DataFrame:
+    """A row an estimate: its interval, and its parts.
+
+    The head's bracket is proven where `merging` is 0; `sampled_mass` is statistical.
+    """
+    return pd.DataFrame(
+        {
+            "policy": found.policy,
+            "success_low": found.success[0],
+            "success_high": found.success[1],
+            "level": found.level,
+            "head_low": found.head.success[0],
+            "head_high": found.head.success[1],
+            "merging": found.head.merging,
+            "sampled_mass": found.sampled,
+            "light_mass": found.light,
+            "runs": found.runs,
+            "successes": found.successes,
+            "states": found.states,
+        }
+        for found in estimates
+    )
+
+
 def arrival_table(laws: Sequence[Law]) -> pd.DataFrame:
-    """A row a step: the probability of the first arrival at it, a column a policy (low ends)."""
+    """A row a step: the probability of the first arrival at it, a column a policy, low ends.
+
+    The high end is the low end plus the column NAME_unknown.
+    """
     steps = np.arange(len(laws[0].arrival))
-    return pd.DataFrame({"step": steps} | {law.policy: law.arrival for law in laws})
+    columns = {law.policy: law.arrival for law in laws}
+    return pd.DataFrame({"step": steps} | columns | _unknown(laws))
+
+
+def population_table(laws: Sequence[Law]) -> pd.DataFrame:
+    """A row a step: the probability that k members are alive, a column NAME_k, low ends.
+
+    Runs that have ended keep the number that they ended with.
+    """
+    steps = np.arange(len(laws[0].arrival))
+    columns = {
+        f"{law.policy}_{k}": law.population[:, k]
+        for law in laws
+        for k in range(law.population.shape[1])
+    }
+    return pd.DataFrame({"step": steps} | columns | _unknown(laws))
+
+
+def _unknown(laws: Sequence[Law]) -> dict[str, Floats]:
+    return {f"{law.policy}_unknown": law.unknown for law in laws}
 
 
 def survivor_table(laws: Sequence[Law]) -> pd.DataFrame:
     """A row a number of survivors at the end: its probability, a column a policy (low ends)."""
     numbers = np.arange(len(laws[0].survivors))
     return pd.DataFrame({"survivors": numbers} | {law.policy: law.survivors for law in laws})
+
+
+def member_table(laws: Sequence[Law]) -> pd.DataFrame:
+    """A row a member: the probability that it is alive at the end, brackets."""
+    columns = {}
+    for law in laws:
+        columns[f"{law.policy}_low"] = law.members
+        columns[f"{law.policy}_high"] = np.minimum(1.0, law.members + law.unresolved)
+    return pd.DataFrame({"member": np.arange(len(laws[0].members))} | columns)
 
 
 def run_table(name: str, part: Runs) -> pd.DataFrame:
@@ -133,6 +193,37 @@ def summarise(runs: pd.DataFrame) -> pd.DataFrame:
                 "solver_failures": int(table["solver_failures"].sum()),
                 "resolved": int(table["resolved"].sum()),
                 "clipped": int(table["clipped"].sum()),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def paired_table(runs: pd.DataFrame) -> pd.DataFrame:
+    """A row a pair of policies of a table with a row a run: their difference in success.
+
+    Columns: first, second, difference (first minus second) with its 95 % interval difference_low
+    and difference_high, first_only and second_only (the discordant runs), p_value (McNemar's exact
+    test), variance_ratio (of common random numbers to independent ones). See `Paired`.
+    """
+    outcomes = {
+        str(name): table.sort_values("run")["success"].to_numpy(bool)
+        for name, table in runs.groupby("policy", sort=False)
+    }
+    rows = []
+    for (first, a), (second, b) in combinations(outcomes.items(), 2):
+        pair = Paired(*(int(part.sum()) for part in (a & b, a & ~b, ~a & b, ~a & ~b)))
+        low, high = pair.interval()
+        rows.append(
+            {
+                "first": first,
+                "second": second,
+                "difference": pair.difference,
+                "difference_low": low,
+                "difference_high": high,
+                "first_only": pair.first,
+                "second_only": pair.second,
+                "p_value": pair.p_value,
+                "variance_ratio": pair.variance_ratio,
             }
         )
     return pd.DataFrame(rows)

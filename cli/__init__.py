@@ -16,6 +16,7 @@ from .plan import plan
 from .scenarios import scenarios
 from .simulate import simulate
 from .solvers import solvers
+from .sweep import sweep
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -30,6 +31,7 @@ def main() -> None:
       casswarm simulate paper-1          how often the swarm arrives, policy by policy
       casswarm evaluate paper-1          the same without sampling, exactly
       casswarm compare --family quick    which solver solves what, and how fast
+      casswarm sweep paper-1 --set n=2,3,4,5     the same over parameters
 
     SCENARIO is always the name of a built-in scenario or the path of a TOML file.
 
@@ -42,5 +44,5 @@ def main() -> None:
         log.addHandler(logging.StreamHandler())  # standard error
 
 
-for command in (plan, simulate, evaluate, compare, scenarios, solvers):
+for command in (plan, simulate, evaluate, sweep, compare, scenarios, solvers):
     main.add_command(command)

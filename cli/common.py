@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -28,17 +30,28 @@ class WrongInput(click.ClickException):
     exit_code = 2
 
 
+RESUME = "; what was done is kept: once there is room, go on with --resume"
+"""What helps where a study that keeps its results could not write."""
+
+
 @contextmanager
-def reported_errors() -> Iterator[None]:
-    """Turn the library's errors into messages and exit codes."""
+def reported_errors(resumes: bool = False) -> Iterator[None]:
+    """Turn the library's errors into messages and exit codes; studies may be resumed."""
     from ..errors import CasswarmError, PlanningError
 
     try:
         yield
+    except KeyboardInterrupt as error:
+        kept = "; what was done is kept: go on with --resume" if resumes else ""
+        raise Failure(f"interrupted{kept}") from error
     except PlanningError as error:
         raise Failure(str(error)) from error
     except CasswarmError as error:
         raise WrongInput(str(error)) from error
+    except OSError as error:
+        if error.filename is None and error.errno is None:
+            raise
+        raise Failure(f"{error}{RESUME if resumes else ''}") from error
 
 
 policy_option = click.option(
@@ -46,9 +59,83 @@ policy_option = click.option(
     "policies",
     multiple=True,
     metavar="NAME",
-    help="naive, constrained or leader; repeatable. [default: all three]",
+    help="naive, constrained, leader, constrained-feedback, leader-feedback, or your own as "
+    "module:function; repeatable. [default: the first three]",
 )
-"""Which of the built-in policies a command works on."""
+"""Which policies a command works on."""
+
+
+def named_policies(names: tuple[str, ...]) -> list[Any]:
+    """Policies of these names, of the paper's where there are none.
+
+    ``module:function`` is imported, from the current folder too.
+    """
+    from ..errors import PolicyError
+    from ..policies import as_policy
+    from ..study import PAPER_POLICIES
+
+    def found(name: str) -> Any:
+        module, colon, attribute = name.partition(":")
+        if not colon:
+            return name
+        if "" not in sys.path and str(Path.cwd()) not in sys.path:
+            sys.path.insert(0, str(Path.cwd()))
+        try:
+            policy = getattr(import_module(module), attribute)
+        except (ImportError, AttributeError, ValueError) as error:
+            raise PolicyError(f"policy {name!r} cannot be imported: {error}") from error
+        return as_policy(policy, attribute)
+
+    return [found(name) for name in names or PAPER_POLICIES]
+
+
+def study_options(command: F) -> F:
+    """Options of the commands that keep their results as they are made, and may share the work."""
+    for decorate in reversed(
+        (
+            click.option(
+                "--workers",
+                type=click.IntRange(1),
+                default=1,
+                show_default=True,
+                help="Processes that share the work; changes no number.",
+            ),
+            click.option(
+                "--dask",
+                metavar="ADDRESS",
+                help="Send the work to a Dask cluster, such as tcp://127.0.0.1:8786, instead. "
+                "Needs the extra: pip install 'casswarm[distributed]'.",
+            ),
+            click.option(
+                "--resume",
+                is_flag=True,
+                help="Go on with what an interrupted run left in the folder; inputs as before.",
+            ),
+            click.option(
+                "--fresh", is_flag=True, help="Begin anew in a folder with an unfinished study."
+            ),
+        )
+    ):
+        command = decorate(command)
+    return command
+
+
+@contextmanager
+def executor(workers: int, dask: str | None) -> Iterator[Any]:
+    """What `workers` and `--dask` ask for: a number of processes, or an executor of a cluster."""
+    if dask is None:
+        yield workers
+        return
+    try:
+        from dask.distributed import Client
+    except ImportError as error:
+        raise WrongInput("--dask needs Dask: pip install 'casswarm[distributed]'") from error
+    try:
+        client = Client(dask, timeout=10, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise Failure(f"no Dask scheduler answers at {dask}: {error}") from error
+    with client:
+        yield client.get_executor(pure=False, retries=3)
 
 
 def scenario_options(command: F) -> F:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import load, policy_option, reported_errors, scenario_options
+from .common import load, named_policies, policy_option, reported_errors, scenario_options
 from .output import Folder, aligned, json_text, say
 
 if TYPE_CHECKING:
-    from ..chain.evaluate import Law
+    from ..chain.hybrid import Estimate
+    from ..chain.law import Law
     from ..scenario import Scenario
 
 
@@ -28,10 +30,25 @@ if TYPE_CHECKING:
 @click.option(
     "--most-states",
     type=click.IntRange(1),
-    default=200_000,
-    show_default=True,
-    help="Distinct states kept at a step at the most: bounds memory; brackets may get wider.",
+    help="States solved at the most; brackets may get wider. "
+    "[default: a million, or 10000 with more than 12 members]",
 )
+@click.option(
+    "--merge",
+    "merging",
+    type=click.FloatRange(0),
+    default=0.0,
+    show_default=True,
+    help="Take states in one cell of a grid of this width for equal, such as 1e-6: far fewer "
+    "states, but brackets are proven at 0 only.",
+)
+@click.option(
+    "--runs",
+    type=click.IntRange(1),
+    help="Sample by so many runs what the states leave: an interval inside the bracket, with "
+    "95 % confidence. For large swarms.",
+)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the runs.")
 @click.option(
     "--solver", default="auto", show_default=True, help="Of the formation problems; see solvers."
 )
@@ -44,56 +61,104 @@ def evaluate(
     quiet: bool,
     policies: tuple[str, ...],
     tolerance: float,
-    most_states: int,
+    most_states: int | None,
+    merging: float,
+    runs: int | None,
+    seed: int,
     solver: str,
 ) -> None:
     """Compute how often the swarm reaches the target, exactly: brackets, no sampling.
 
-    For at most 12 members. Prints a table and writes laws.csv, arrival.csv (probability of the
-    first arrival at every step), survivors.csv, arrival.png and run.json.
+    Prints a table and writes laws.csv, arrival.csv (probability of the first arrival at every
+    step), survivors.csv, members.csv (survival of every member), population.csv (how many are
+    alive at every step), arrival.png, population.png and run.json.
 
     \b
     Examples:
       casswarm evaluate paper-1
       casswarm evaluate paper-2 --policy leader --tolerance 1e-4
+      casswarm evaluate paper-1 --tolerance 1e-6 --merge 1e-6
+      casswarm evaluate large-swarm --policy leader --runs 2000
     """
     with reported_errors():
         chosen = load(scenario, settings)
+        from ..evaluation import estimate
         from ..evaluation import evaluate as exact_law
         from ..planning import plan
-        from ..study import PAPER_POLICIES
 
         folder = Folder("evaluate", chosen, out, figures)
-        guide = plan(chosen)
-        laws = []
-        for policy in policies or PAPER_POLICIES:
-            say(f"evaluating {policy}", quiet)
-            laws.append(
-                exact_law(
-                    chosen, policy, tolerance, most_states=most_states, guide=guide, solver=solver
+        guide = plan(chosen, certify=False)
+        laws, estimates = [], []
+        for policy in named_policies(policies):
+            say(f"evaluating {getattr(policy, 'name', policy)}", quiet)
+            options: dict[str, Any] = {
+                "most_states": most_states,
+                "merging": merging,
+                "guide": guide,
+                "solver": solver,
+                "progress": None if quiet else _tell,
+            }
+            if runs is None:
+                laws.append(exact_law(chosen, policy, tolerance, **options))
+            else:
+                estimates.append(
+                    estimate(chosen, policy, runs, seed, tolerance=tolerance, **options)
                 )
-            )
-    inputs = {"tolerance": tolerance, "most_states": most_states, "solver": solver}
-    content = _write(folder, chosen, laws, inputs)
-    click.echo(json_text(content) if as_json else _words(chosen, laws, tolerance))
+                laws.append(estimates[-1].head)
+    inputs = {
+        "tolerance": tolerance,
+        "most_states": most_states,
+        "merging": merging,
+        "runs": runs,
+        "seed": seed,
+        "solver": solver,
+    }
+    content = _write(folder, chosen, laws, estimates, inputs)
+    words = [_words(chosen, laws)] if not estimates else [str(found) for found in estimates]
+    click.echo(json_text(content) if as_json else "\n".join(words))
     say(folder.closing(), quiet)
 
 
+def _tell(states: int, left: float) -> None:
+    """A line that is written over, where standard error is a terminal."""
+    if sys.stderr.isatty():
+        click.echo(f"\r  {states} states solved, {left:.2e} left \r", err=True, nl=False)
+
+
 def _write(
-    folder: Folder, scenario: Scenario, laws: list[Law], inputs: dict[str, Any]
+    folder: Folder,
+    scenario: Scenario,
+    laws: list[Law],
+    estimates: list[Estimate],
+    inputs: dict[str, Any],
 ) -> dict[str, Any]:
-    from ..figures import arrival_chart
-    from ..tables import arrival_table, law_table, survivor_table
+    from ..figures import arrival_chart, population_chart
+    from ..tables import (
+        arrival_table,
+        estimate_table,
+        law_table,
+        member_table,
+        population_table,
+        survivor_table,
+    )
 
     table = law_table(laws)
+    result: dict[str, Any] = {"laws": table.to_dict("records")}
+    if estimates:
+        sampled = estimate_table(estimates)
+        folder.table("estimates", sampled)
+        result["estimates"] = sampled.to_dict("records")
     folder.table("laws", table)
     folder.table("arrival", arrival_table(laws))
     folder.table("survivors", survivor_table(laws))
+    folder.table("members", member_table(laws))
+    folder.table("population", population_table(laws))
     folder.figure("arrival", arrival_chart(laws, scenario.name))
-    return folder.record({"laws": table.to_dict("records")}, inputs)
+    folder.figure("population", population_chart(laws, scenario.n, scenario.name))
+    return folder.record(result, inputs)
 
 
-def _words(scenario: Scenario, laws: list[Law], tolerance: float) -> str:
+def _words(scenario: Scenario, laws: list[Law]) -> str:
     head = ("policy", "success, bracket", "survivors", "states", "shortfalls", "solver failures")
     rows = [
         (
@@ -106,12 +171,11 @@ def _words(scenario: Scenario, laws: list[Law], tolerance: float) -> str:
         )
         for law in laws
     ]
-    wide = [law.policy for law in laws if law.unresolved > tolerance]
-    note = (
-        f"\n\nwider than {tolerance:g}: {', '.join(wide)}; --most-states was too few for it"
-        if wide
-        else ""
-    )
-    return (
-        f"{scenario.name}, exact law; counts are means of a run\n\n{aligned([head, *rows])}{note}"
-    )
+    notes = [f"{law.policy}: {law.help}" for law in laws if not law.complete]
+    merged = [] if all(law.proven for law in laws) else [_MERGED.format(laws[0].merging)]
+    table = aligned([head, *rows])
+    lines = [f"{scenario.name}, exact law; counts are means of a run", "", table]
+    return "\n".join(lines + ([""] if notes or merged else []) + notes + merged)
+
+
+_MERGED = "states within {:g} of each other were merged: the brackets are those of that chain"

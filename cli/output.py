@@ -29,14 +29,23 @@ _LIBRARIES = ("casadi", "numpy", "scipy", "pandas", "matplotlib")
 
 
 class Folder:
-    """A results folder; every file is written beside its place and then moved into it."""
+    """A results folder; every file is written beside its place and then moved into it.
+
+    Where that fails, `remedy` ends the message.
+    """
 
     def __init__(
-        self, command: str, scenario: Scenario | None, out: Path | None, figures: str = "png"
+        self,
+        command: str,
+        scenario: Scenario | None,
+        out: Path | None,
+        figures: str = "png",
+        remedy: str = "",
     ) -> None:
         name = command if scenario is None else f"{command}-{scenario.name}"
         self.path = out or Path("results") / name
         self.command, self.scenario, self.ending = command, scenario, figures
+        self.remedy = remedy
         self.files: list[str] = []
         self._started = time.perf_counter()
         self._require_writable()
@@ -104,7 +113,9 @@ class Folder:
         except OSError as error:
             with suppress(OSError):
                 part.unlink(missing_ok=True)
-            raise Failure(f"cannot write {self.path / name}: {error.strerror or error}") from error
+            raise Failure(
+                f"cannot write {self.path / name}: {error.strerror or error}{self.remedy}"
+            ) from error
         self.files.append(name)
 
     def closing(self) -> str:

@@ -8,36 +8,44 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import load, policy_option, reported_errors, scenario_options
+from .common import (
+    RESUME,
+    WrongInput,
+    executor,
+    load,
+    named_policies,
+    policy_option,
+    reported_errors,
+    scenario_options,
+    study_options,
+)
 from .output import Folder, aligned, json_text, say
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from ..study import Progress, Study
+    from ..shares import Progress
+    from ..study import Study
 
 
 @click.command()
 @scenario_options
 @policy_option
+@click.option("--runs", type=click.IntRange(1), help="Runs of every policy. [default: 1000]")
 @click.option(
-    "--runs", type=click.IntRange(1), default=1000, show_default=True, help="Runs of every policy."
+    "--half-width",
+    type=click.FloatRange(0, 0.5, min_open=True, max_open=True),
+    help="Take as many runs as make the intervals about this half-width, by a pilot of 1000.",
 )
 @click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same tables."
 )
-@click.option(
-    "--workers",
-    type=click.IntRange(1),
-    default=1,
-    show_default=True,
-    help="Processes that share the runs; changes no number.",
-)
+@study_options
 @click.option(
     "--solver",
     default="auto",
     show_default=True,
-    help="Of the formation problems: auto, spectral, ipopt or projected-gradient.",
+    help="Of the formation problems; see solvers.",
 )
 @click.option(
     "--search",
@@ -57,44 +65,63 @@ def simulate(
     as_json: bool,
     quiet: bool,
     policies: tuple[str, ...],
-    runs: int,
+    runs: int | None,
+    half_width: float | None,
     seed: int,
     workers: int,
+    dask: str | None,
+    resume: bool,
+    fresh: bool,
     solver: str,
     search: str | None,
     arrival: str | None,
 ) -> None:
     """Estimate how often the swarm reaches the target, policy by policy.
 
-    Every run index sees the same random numbers under every policy. Prints a table and writes
-    summary.csv, runs.csv (a row a run), success.png, a map of the first run of every policy, and
-    run.json.
+    Every run index sees the same random numbers under every policy, so differences are taken run
+    by run. Prints tables and writes summary.csv, paired.csv, runs.csv (a row a run), success.png, a
+    map of the first run of every policy, and run.json. Results are kept as they are made: a run
+    that was stopped goes on with --resume.
 
     \b
     Examples:
       casswarm simulate paper-1
       casswarm simulate paper-1 --policy leader --runs 5000 --seed 7 --workers 2
-      casswarm simulate my-scenario.toml --set formation.rho=0.1
+      casswarm simulate paper-1 --half-width 0.005 --workers 2
+      casswarm simulate my-scenario.toml --set formation.rho=0.1 --policy my_module:my_policy
     """
-    with reported_errors(), ExitStack() as stack:
+    with reported_errors(resumes=True), ExitStack() as stack:
         chosen = load(scenario, settings, guide__search=search, guide__arrival=arrival)
-        from ..study import PAPER_POLICIES
+        from ..pilot import runs_needed
+        from ..planning import plan
         from ..study import simulate as sample
 
-        folder = Folder("simulate", chosen, out, figures)
-        progress = None if quiet else _bars(stack)
+        if runs is not None and half_width is not None:
+            raise WrongInput("--runs and --half-width: give one of them")
+        folder = Folder("simulate", chosen, out, figures, RESUME)
+        say("planning", quiet)
+        guide = plan(chosen)
+        made = named_policies(policies)
+        if half_width is not None:
+            runs = runs_needed(chosen, made, half_width, seed, guide=guide, solver=solver)
+            say(f"{runs} runs of every policy, by a pilot", quiet)
         study = sample(
             chosen,
-            policies or PAPER_POLICIES,
-            runs,
+            made,
+            1000 if runs is None else runs,
             seed,
-            workers,
+            stack.enter_context(executor(workers, dask)),
+            guide=guide,
             solver=solver,
-            progress=progress,
+            progress=None if quiet else _bars(stack),
+            folder=folder.path,
+            resume=resume,
+            fresh=fresh,
         )
     inputs = {
         "policies": list(study.summary["policy"]),
-        "runs": runs,
+        "runs": int(study.summary["runs"].iloc[0]),
+        "half_width": half_width,
         "seed": seed,
         "workers": workers,
         "solver": solver,
@@ -125,6 +152,8 @@ def _write(folder: Folder, study: Study, inputs: dict[str, Any]) -> dict[str, An
 
     scenario = study.scenario
     folder.table("summary", study.summary)
+    if len(study.paired):
+        folder.table("paired", study.paired)
     folder.table("runs", study.runs)
     folder.figure("success", success_chart(study.summary, scenario.name))
     for policy, traces in study.traces.items():
@@ -132,6 +161,7 @@ def _write(folder: Folder, study: Study, inputs: dict[str, Any]) -> dict[str, An
         folder.figure(f"run-{policy}", swarm_map(scenario, traces[0], study.guide, title))
     result = {
         "summary": study.summary.to_dict("records"),
+        "paired": study.paired.to_dict("records"),
         "effort": study.effort.to_dict("records"),
         "guide": {"risk": study.guide.risk, "survival": study.guide.survival},
     }
@@ -139,7 +169,8 @@ def _write(folder: Folder, study: Study, inputs: dict[str, Any]) -> dict[str, An
 
 
 def _words(study: Study) -> str:
-    return f"{study.scenario.name}: {study.guide}\n\n{summary_text(study.summary)}"
+    text = f"{study.scenario.name}: {study.guide}\n\n{summary_text(study.summary)}"
+    return f"{text}\n\n{paired_text(study.paired)}" if len(study.paired) else text
 
 
 def summary_text(summary: pd.DataFrame) -> str:
@@ -172,3 +203,30 @@ def summary_text(summary: pd.DataFrame) -> str:
         for row in summary.to_dict("records")
     ]
     return aligned([head, *rows])
+
+
+def paired_text(paired: pd.DataFrame) -> str:
+    """Differences between policies on the same random numbers, for a terminal."""
+    head = (
+        "difference in success",
+        "",
+        "95 % interval",
+        "discordant runs",
+        "p, McNemar",
+        "variance",
+    )
+    rows = [
+        (
+            f"{row['first']} - {row['second']}",
+            f"{row['difference']:+.4f}",
+            f"{row['difference_low']:+.4f} to {row['difference_high']:+.4f}",
+            f"{row['first_only']} : {row['second_only']}",
+            f"{row['p_value']:.2g}",
+            f"{row['variance_ratio']:.2f} x" if row["variance_ratio"] >= 0 else "-",
+        )
+        for row in paired.to_dict("records")
+    ]
+    return (
+        f"{aligned([head, *rows])}\n"
+        "by the same random numbers run by run; variance: against independent ones"
+    )

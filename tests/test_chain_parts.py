@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import kstest
 
 from casswarm.chain.random import uniforms
-from casswarm.chain.transition import distinct_states
+from casswarm.chain.states import distinct_states
 
 sizes = st.integers(1, 7)
 

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from itertools import combinations
 from pathlib import Path
 
 import pandas as pd
@@ -11,6 +12,7 @@ import pytest
 
 CASSWARM = Path(sys.executable).parent / "casswarm"
 PNG = b"\x89PNG\r\n\x1a\n"
+KEPT = {".lock", "cells"}  # from which simulate and sweep resume
 
 
 def casswarm(folder, *arguments, code=0):
@@ -44,7 +46,7 @@ def simulated(tmp_path_factory):
 def test_help_shows_where_to_begin(tmp_path):
     out = casswarm(tmp_path, "--help").stdout
     assert "casswarm plan paper-1" in out
-    for command in ("plan", "simulate", "evaluate", "compare", "scenarios", "solvers"):
+    for command in ("plan", "simulate", "evaluate", "sweep", "compare", "scenarios", "solvers"):
         assert f"  {command} " in out
 
 
@@ -60,6 +62,7 @@ def test_help_shows_where_to_begin(tmp_path):
         ("scenarios", "check"),
         ("solvers",),
         ("evaluate",),
+        ("sweep",),
         ("compare",),
     ],
 )
@@ -68,7 +71,15 @@ def test_every_command_has_help(tmp_path, command):
 
 
 def test_no_help_text_shows_a_control_sequence(tmp_path):
-    for command in ([], ["plan"], ["simulate"], ["evaluate"], ["compare"], ["scenarios", "new"]):
+    for command in (
+        [],
+        ["plan"],
+        ["simulate"],
+        ["evaluate"],
+        ["sweep"],
+        ["compare"],
+        ["scenarios", "new"],
+    ):
         out = casswarm(tmp_path, *command, "--help").stdout
         assert "\\b" not in out
         assert "  casswarm" in out  # examples, a line each
@@ -87,7 +98,11 @@ def test_files_of_an_earlier_run_do_not_stay_beside_new_ones(tmp_path):
         "summary.csv",
         "success.pdf",
         "run-leader.pdf",
+        *KEPT,
     }
+    cells = {path.name for path in (tmp_path / "here" / "cells").glob("*.npz")}
+    assert len(cells) == 1
+    assert "leader" in cells.pop()
     assert b"/Type3" not in (tmp_path / "here" / "success.pdf").read_bytes()
 
 
@@ -148,6 +163,21 @@ def test_json_output_is_json_and_nothing_else(tmp_path):
     assert result["certificate"]["bound"] == result["risk_bound"]
 
 
+def test_plan_takes_a_gap_a_time_limit_and_a_map_or_no_proof_at_all(tmp_path):
+    done = casswarm(
+        tmp_path, "plan", "single-agent", "--not-flyable", "--gap", "1e-5", "--map", "--json"
+    )
+    assert json.loads(done.stdout)["result"]["gap"] < 1e-5
+    folder = tmp_path / "results" / "plan-single-agent"
+    assert (folder / "risk-to-go.png").read_bytes().startswith(PNG)
+    limits = ("--gap", "1e-12", "--time-limit", "1e-6")
+    assert "time limit of 1e-06 s" in casswarm(tmp_path, "plan", "ring", *limits, "--json").stdout
+    plain = casswarm(tmp_path, "plan", "single-agent", "--no-certify").stdout
+    assert "not certified" in plain
+    ways = [line.split()[0] for line in plain.splitlines() if line.startswith("  ")]
+    assert sorted(ways) == ["LL", "LR", "RR"]  # on which side each of the two radars is passed
+
+
 def test_global_search_beats_local_search(tmp_path):
     survival = {
         search: json.loads(
@@ -169,6 +199,13 @@ def test_plan_by_projected_gradient_says_that_it_hit_its_limit(tmp_path):
         "guide.iterations=50",
     )
     assert "iteration limit by projected-gradient" in done.stdout
+    assert "a global search without a_max and margin: guide arrives" in done.stdout
+    results = tmp_path / "results" / "plan-paper-1"
+    assert (results / "comparison.png").read_bytes().startswith(PNG)
+    table = pd.read_csv(results / "comparison.csv").set_index("guide")
+    assert list(table.index) == ["projected gradient", "global search"]
+    assert table["risk_bound"].nunique() == 1
+    assert table.loc["global search", "gap"] < 0.01 < table.loc["projected gradient", "gap"]
 
 
 def test_impossible_plan_fails_with_code_1(tmp_path):
@@ -211,12 +248,16 @@ def test_results_that_cannot_be_written_fail_with_code_1(tmp_path):
 
 
 def test_simulate_prints_a_row_a_policy_with_its_interval(simulated):
-    out = simulated[1].stdout
-    rows = [line.split() for line in out.splitlines() if line.startswith(("naive", "cons", "lead"))]
+    _, summary, paired = simulated[1].stdout.split("\n\n")
+    rows = [line.split() for line in summary.splitlines()[1:]]
     assert [row[0] for row in rows] == ["naive", "constrained", "leader"]
     for row in rows:
         success = 0.0 if row[2] == "none" else float(row[2])
         assert float(row[3]) <= success < float(row[5])
+    differences = [line.split() for line in paired.splitlines()[1:4]]
+    assert [(row[0], row[2]) for row in differences] == list(combinations((r[0] for r in rows), 2))
+    for row in differences:
+        assert float(row[4]) <= float(row[3]) <= float(row[6])
 
 
 def test_simulate_leaves_tables_figures_and_record(simulated):
@@ -224,12 +265,14 @@ def test_simulate_leaves_tables_figures_and_record(simulated):
     names = {path.name for path in results.iterdir()}
     assert names == {
         "summary.csv",
+        "paired.csv",
         "runs.csv",
         "success.png",
         "run-naive.png",
         "run-constrained.png",
         "run-leader.png",
         "run.json",
+        *KEPT,
     }
     runs = pd.read_csv(results / "runs.csv")
     summary = pd.read_csv(results / "summary.csv").set_index("policy")
@@ -240,6 +283,7 @@ def test_simulate_leaves_tables_figures_and_record(simulated):
     assert record["inputs"] == {
         "policies": ["naive", "constrained", "leader"],
         "runs": 40,
+        "half_width": None,
         "seed": 5,
         "workers": 1,
         "solver": "auto",
@@ -315,12 +359,30 @@ def test_evaluate_says_when_states_were_too_few(tmp_path):
     done = casswarm(
         tmp_path, "evaluate", "paper-1", "--policy", "leader", "--most-states", "10", "--quiet"
     )
-    assert "--most-states was too few" in done.stdout
+    assert "allow more of them (--most-states" in done.stdout
 
 
-def test_evaluate_refuses_a_large_swarm(tmp_path):
-    done = casswarm(tmp_path, "evaluate", "large-swarm", code=2)
-    assert "use simulate" in done.stderr
+def test_evaluate_samples_what_the_states_leave(tmp_path):
+    done = casswarm(
+        tmp_path,
+        "evaluate",
+        "paper-1",
+        "--policy",
+        "leader",
+        "--most-states",
+        100,
+        "--runs",
+        50,
+    )
+    assert "with 95% confidence; proven:" in done.stdout
+    found = pd.read_csv(tmp_path / "results" / "evaluate-paper-1" / "estimates.csv").iloc[0]
+    assert found["head_low"] <= found["success_low"] < found["success_high"]
+    assert found["success_high"] <= found["head_high"]
+
+
+def test_evaluate_refuses_to_enumerate_a_large_swarm(tmp_path):
+    done = casswarm(tmp_path, "evaluate", "large-swarm", "--tolerance", 0, code=2)
+    assert "give a tolerance" in done.stderr
 
 
 def test_solvers_are_listed_with_what_they_can_do(tmp_path):

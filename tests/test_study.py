@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from small_scenarios import DT, Array, small
 
-import casswarm.study
+import casswarm.shares
 from casswarm import Guide, PolicyError, Scenario, Study, plan, simulate
 from casswarm.statistics import wilson
 from casswarm.study import summarise
@@ -95,7 +95,7 @@ def test_tables_do_not_depend_on_the_number_of_workers() -> None:
 def test_tables_do_not_depend_on_the_batches(batch: int, monkeypatch: pytest.MonkeyPatch) -> None:
     runs = 20 if batch == 1 else 300
     expected = study(runs=runs)
-    monkeypatch.setattr(casswarm.study, "BATCH", batch)
+    monkeypatch.setattr(casswarm.shares, "BATCH", batch)
     assert_same_tables(study(runs=runs), expected)
 
 

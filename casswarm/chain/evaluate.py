@@ -1,86 +1,42 @@
 """The controlled Markov chain, exactly: the law of a policy without sampling.
 
 Policies are deterministic, so between two destructions nothing is random. The law is a set of
-distinct states (positions, previous velocities, who is alive) with probabilities. A step solves
-every state once and splits it by who survives; equal states are merged; the lightest states, up to
-a stated mass, are set aside. What is set aside may have succeeded or not, so every probability is
-a bracket [low, low + set aside] and no estimate.
+distinct states (positions, previous velocities, who is alive) with probabilities. A step solves a
+state once and splits it by who survives; equal states are merged. What is not followed to its end
+may succeed or not, so every probability is a bracket [low, low + set aside] and no estimate.
+
+States are followed in rounds, heaviest first: a round goes through the steps and solves every
+state whose probability is at least a threshold, and the threshold falls from round to round until
+what is left is within tolerance. So there is a bracket at any time, and it shrinks as it goes.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import Booleans, Counts, Floats
+from ..arrays import Floats
 from ..policies.base import Policy
-from .transition import distinct_states, transition
+from .law import Law
+from .states import Endings, States, split
+from .transition import transition
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
 MOST_MEMBERS = 12
-"""Members up to which the 2^n outcomes of a step are enumerated."""
+"""Members up to which every one of the 2^n outcomes of a step may be enumerated."""
 
-_CHUNK = 1 << 20  # state-outcome pairs split at once: bounds memory
+FIRST = 1e-3  # the first threshold, in tolerances
+LIGHT = 1e-3  # outcomes lighter by this factor than the threshold are set aside for good
+BATCH = 1 << 16  # members solved at once: bounds memory
+HELD = 1 << 28  # bytes of states that may wait
 
-
-@dataclass(frozen=True, eq=False)
-class Law:
-    """The law of the chain under a policy.
-
-    Every probability is known up to `unresolved`: the true one lies between the number given and
-    that number plus `unresolved`.
-
-    Parameters
-    ----------
-    policy : str
-    arrival : (N+1,)
-        Probability that the first arrival of a living member is at step t.
-    survivors : (n+1,)
-        Probability that k members are alive at the end of the run (arrival, last destruction or
-        horizon).
-    members : (n,)
-        Probability that a member is alive at the end of the run.
-    unresolved : float
-        Mass of the states that were set aside.
-    states : int
-        Distinct states that were solved.
-    shortfalls, failures : float
-        Expected numbers of member-steps with a shortfall and of solver failures in a run, up to
-        what was set aside.
-    """
-
-    policy: str
-    arrival: Floats
-    survivors: Floats
-    members: Floats
-    unresolved: float
-    states: int
-    shortfalls: float
-    failures: float
-
-    @property
-    def success(self) -> tuple[float, float]:
-        """Bracket of the probability that some member arrives alive."""
-        low = float(self.arrival.sum())
-        return low, min(1.0, low + self.unresolved)
-
-    @property
-    def survivors_mean(self) -> tuple[float, float]:
-        """Bracket of the mean number of members alive at the end of a run."""
-        low = float(self.members.sum())
-        return low, low + self.unresolved * len(self.members)
-
-    def __str__(self) -> str:
-        low, high = self.success
-        return (
-            f"{self.policy}: success between {low:.6f} and {high:.6f}, "
-            f"{self.states} distinct states solved"
-        )
+Progress = Callable[[int, float], None]
 
 
 def propagate(
@@ -89,141 +45,220 @@ def propagate(
     before: Floats,
     tolerance: float,
     most_states: int,
-    progress: Callable[[int, int], None] | None = None,
-) -> Law:
-    """The law of the chain, breadth first.
+    merging: float = 0.0,
+    progress: Progress | None = None,
+    most_light: float = math.inf,
+    least: float = 0.0,
+) -> Head:
+    """Follow the heaviest states until what is left is within tolerance, or the states run out.
 
     Parameters
     ----------
     scenario : Scenario
-        Of at most `MOST_MEMBERS` members.
     policy : Policy
     before : (n, 2)
         V(-1).
     tolerance : float
-        Mass that may be set aside, in equal parts over the steps.
+        Mass that may be left.
     most_states : int
-        States kept at a step at the most; the lightest beyond are set aside too.
+        States solved at the most.
+    merging : float
+        Width of the grid, in units of positions and of velocities, in a cell of which states count
+        as equal; 0 merges what is equal to the last bit, and nothing else.
     progress : callable, optional
-        Called after every step with the step and the number of states that it solved.
+        Called with the number of states solved so far and the mass that is left.
+    most_light : float
+        Part of a state that may be set aside for good as too light when it is split; a state of
+        which that would be more is left as it is.
+    least : float
+        Probability below which no state is solved.
     """
-    mass = _Mass.start(scenario, before)
-    totals = _Totals.empty(scenario)
-    for step in range(scenario.n_steps):
-        if not mass.weights.size:
+    head = Head(scenario, policy, tolerance, most_states, merging, most_light)
+    head.waiting[0] = [States.start(scenario, before)]
+    threshold = max(FIRST * tolerance, 1.0 / most_states) if tolerance > 0 else 0.0
+    threshold = max(threshold, least)
+    past: list[tuple[float, float, int]] = []
+    while not head.done:
+        head.round(threshold, progress)
+        if head.done or threshold <= least:
             break
-        solved = mass.weights.size
-        mass = _advance(scenario, policy, step, mass, totals)
-        mass, set_aside = mass.merged().pruned(tolerance / scenario.n_steps, most_states)
-        totals.unresolved += set_aside
-        totals.states += solved
-        if progress is not None:
-            progress(step + 1, solved)
-    totals.end(mass.alive, mass.weights)  # alive at the horizon, not arrived
-    return Law(
-        policy=policy.name,
-        arrival=totals.arrival,
-        survivors=totals.survivors,
-        members=totals.members,
-        unresolved=totals.unresolved,
-        states=totals.states,
-        shortfalls=totals.shortfalls,
-        failures=totals.failures,
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Mass:
-    """S distinct states and their probabilities; the entries of the destroyed are zero."""
-
-    positions: Floats
-    previous: Floats
-    alive: Booleans
-    weights: Floats
-
-    @classmethod
-    def start(cls, scenario: Scenario, before: Floats) -> _Mass:
-        alive = np.ones((1, scenario.n), bool)
-        return cls(scenario.positions[None].copy(), before[None].copy(), alive, np.ones(1))
-
-    def __getitem__(self, rows: Counts | slice) -> _Mass:
-        return _Mass(
-            self.positions[rows], self.previous[rows], self.alive[rows], self.weights[rows]
-        )
-
-    def merged(self) -> _Mass:
-        """Equal states as one."""
-        first, back = distinct_states(self.positions, self.previous, self.alive)
-        weights = np.bincount(back, self.weights, len(first)).astype(np.float64)
-        return _Mass(self.positions[first], self.previous[first], self.alive[first], weights)
-
-    def pruned(self, allowed: float, most: int) -> tuple[_Mass, float]:
-        """Without the lightest states, up to the mass `allowed`, and at most `most` of them."""
-        order = np.argsort(self.weights, kind="stable")
-        lighter = int(np.searchsorted(np.cumsum(self.weights[order]), allowed, side="right"))
-        cut = max(lighter, len(order) - most)
-        return self[np.sort(order[cut:])], float(self.weights[order[:cut]].sum())
+        past.append((threshold, head.waiting_mass, head.states))
+        threshold = max(_lowered(past, tolerance, most_states), least)
+    return head
 
 
 @dataclass
-class _Totals:
-    arrival: Floats
-    survivors: Floats
-    members: Floats
-    unresolved: float = 0.0
+class Head:
+    """The part of a law that has been followed so far, and the states that wait.
+
+    Parameters
+    ----------
+    waiting : N+1 lists of States
+        By step; those at the horizon are counted at once and do not wait.
+    whole : N+1 lists of States
+        States that cannot be split, by step.
+    light : (N+1,)
+        Mass of the outcomes of a step that were too light to be kept.
+    """
+
+    scenario: Scenario
+    policy: Policy
+    tolerance: float
+    most_states: int
+    merging: float
+    most_light: float = math.inf
+    waiting: list[list[States]] = field(init=False)
+    whole: list[list[States]] = field(init=False)
+    light: Floats = field(init=False)
+    endings: Endings = field(init=False)
     states: int = 0
     shortfalls: float = 0.0
     failures: float = 0.0
 
-    @classmethod
-    def empty(cls, scenario: Scenario) -> _Totals:
-        n = scenario.n
-        return cls(np.zeros(scenario.n_steps + 1), np.zeros(n + 1), np.zeros(n))
+    def __post_init__(self) -> None:
+        self.waiting = [[] for _ in range(self.scenario.n_steps + 1)]
+        self.whole = [[] for _ in range(self.scenario.n_steps + 1)]
+        self.light = np.zeros(self.scenario.n_steps + 1)
+        self.endings = Endings.none(self.scenario)
 
-    def end(self, alive: Booleans, weights: Floats) -> None:
-        """Count runs that end with these members alive."""
-        self.survivors += np.bincount(alive.sum(axis=1), weights, minlength=len(self.survivors))
-        self.members += weights @ alive
+    @property
+    def waiting_by_step(self) -> Floats:
+        """Mass (N+1,) of the states that wait at every step."""
+        return _masses(self.waiting)
 
+    @property
+    def waiting_mass(self) -> float:
+        """Mass of all states that wait."""
+        return float(self.waiting_by_step.sum())
 
-def _advance(scenario: Scenario, policy: Policy, step: int, mass: _Mass, totals: _Totals) -> _Mass:
-    """The states after a step; runs that end are counted in `totals`."""
-    move = transition(scenario, policy, step, mass.positions, mass.previous, mass.alive)
-    totals.shortfalls += float(mass.weights @ move.shortfalls)
-    totals.failures += float(mass.weights @ move.failures)
-
-    outcomes = _outcomes(scenario.n)
-    size = max(1, _CHUNK // len(outcomes))
-    parts = []
-    for start in range(0, len(move.positions), size):
-        rows = slice(start, start + size)
-        alive = mass.alive[rows]
-        states, fates = np.nonzero(~(outcomes[None] & ~alive[:, None]).any(axis=2))
-        after = outcomes[fates]
-        factors = np.where(after, move.survival[rows][states], 1.0 - move.survival[rows][states])
-        weights = mass.weights[rows][states] * np.where(alive[states], factors, 1.0).prod(axis=1)
-        arrived = (after & move.inside[rows][states]).any(axis=1)
-        ended = arrived | ~after.any(axis=1)
-        totals.arrival[step + 1] += weights[arrived].sum()
-        totals.end(after[ended], weights[ended])
-        left = ~ended & (weights > 0.0)
-        kept, origin = after[left], states[left]
-        parts.append(
-            _Mass(
-                np.where(kept[..., None], move.positions[rows][origin], 0.0),
-                np.where(kept[..., None], move.velocities[rows][origin], 0.0),
-                kept,
-                weights[left],
-            ).merged()
+    @property
+    def done(self) -> bool:
+        """Whether the bracket is narrow enough, or nothing can be done about it."""
+        waiting, light = self.waiting_mass, float(self.light.sum())
+        return (
+            waiting <= self.tolerance - light
+            or waiting == 0.0
+            or self.states >= self.most_states
+            or (light > self.tolerance and waiting <= light)
         )
-    return _Mass(
-        np.concatenate([part.positions for part in parts]),
-        np.concatenate([part.previous for part in parts]),
-        np.concatenate([part.alive for part in parts]),
-        np.concatenate([part.weights for part in parts]),
-    )
+
+    def round(self, threshold: float, progress: Progress | None = None) -> None:
+        """Solve the states that weigh at least `threshold`, step after step."""
+        for step in range(self.scenario.n_steps):
+            if not self.waiting[step]:
+                continue
+            pool = States.joined(self.waiting[step]).merged(self.merging)
+            heavy = self._affordable(pool.weights, threshold)
+            self.waiting[step] = [] if heavy.all() else [pool[~heavy]]
+            rows = np.flatnonzero(heavy)
+            size = max(1, BATCH // self.scenario.n)
+            for start in range(0, len(rows), size):
+                self._advance(step, pool[rows[start : start + size]], threshold)
+            if step + 1 == self.scenario.n_steps:
+                self._end_at_horizon()
+            self._bound_memory()
+            if rows.size and progress is not None:
+                progress(self.states, self.waiting_mass + float(self.light.sum()))
+            if self.done:
+                return
+
+    def _affordable(self, weights: Floats, threshold: float) -> np.ndarray:
+        """Which states are solved: those at least as heavy as the threshold, as many as allowed."""
+        heavy = np.asarray(weights >= threshold)
+        left = self.most_states - self.states
+        if heavy.sum() > left:
+            heavy = np.zeros(len(weights), bool)
+            heavy[np.argsort(-weights, kind="stable")[:left]] = True
+        return heavy
+
+    def _advance(self, step: int, states: States, threshold: float) -> None:
+        move = transition(
+            self.scenario, self.policy, step, states.positions, states.previous, states.alive
+        )
+        self.states += len(states)
+        self.shortfalls += float(states.weights @ move.shortfalls)
+        self.failures += float(states.weights @ move.failures)
+        light, added = np.zeros(len(states)), 0
+        cutoff = self._cutoff(threshold)
+        for part in split(move, states, step, cutoff, self.most_light, self.endings, light):
+            if len(part):
+                self.waiting[step + 1].append(part.merged(self.merging))
+                added += len(part)
+            if added > self._most_held:
+                self._bound_memory()
+                added = 0
+        if (light < 0).any():
+            self.whole[step].append(states[light < 0])
+        self.light[step] += light[light > 0].sum()
+
+    def _cutoff(self, threshold: float) -> float:
+        """Mass below which an outcome is set aside for good."""
+        enumerable = self.scenario.n <= MOST_MEMBERS
+        if enumerable and (self.most_light < math.inf or self.light.sum() > self.tolerance / 4):
+            return 0.0
+        return LIGHT * threshold if enumerable else LIGHT**2 * threshold
+
+    def _end_at_horizon(self) -> None:
+        for part in self.waiting[-1]:
+            self.endings.end(part)
+        self.waiting[-1] = []
+
+    @property
+    def _most_held(self) -> int:
+        """States that may wait."""
+        return max(1024, HELD // (33 * self.scenario.n + 8))
+
+    def _bound_memory(self) -> None:
+        """Set the lightest states aside for good where too many wait."""
+        most = self._most_held
+        weights = [part.weights for parts in self.waiting for part in parts]
+        count = sum(map(len, weights))
+        if count <= most:
+            return
+        least = float(np.partition(np.concatenate(weights), count - most // 2)[count - most // 2])
+        for step, parts in enumerate(self.waiting):
+            self.light[step] += sum(part.weights[part.weights < least].sum() for part in parts)
+            kept = [part[part.weights >= least] for part in parts]
+            self.waiting[step] = [part for part in kept if len(part)]
+
+    def law(self) -> Law:
+        """What is known of the law."""
+        aside = self.waiting_by_step + _masses(self.whole) + self.light
+        before = np.concatenate([[0.0], np.cumsum(aside)[:-1]])
+        ended = self.endings.ended.cumsum(axis=0)
+        ended = np.vstack([np.zeros_like(ended[:1]), ended[:-1]])
+        return Law(
+            policy=self.policy.name,
+            arrival=self.endings.arrival,
+            survivors=self.endings.survivors,
+            members=self.endings.members,
+            population=self.endings.population + ended,
+            unknown=before,
+            unresolved=float(aside.sum()),
+            states=self.states,
+            shortfalls=self.shortfalls,
+            failures=self.failures,
+            tolerance=self.tolerance,
+            merging=self.merging,
+        )
 
 
-def _outcomes(n: int) -> Booleans:
-    """All 2^n sets of survivors, (2^n, n)."""
-    return np.asarray((np.arange(1 << n)[:, None] >> np.arange(n)) & 1 == 1)
+def _masses(states: list[list[States]]) -> Floats:
+    return np.array([sum(part.mass for part in parts) for parts in states])
+
+
+def _lowered(past: list[tuple[float, float, int]], tolerance: float, most_states: int) -> float:
+    """The next threshold, from the (threshold, mass left, states solved) of the rounds so far.
+
+    Mass and states are taken for powers of the threshold: the next one should leave four fifths of
+    the tolerance, and need no more states than there are.
+    """
+    threshold, mass, states = past[-1]
+    shrinks, grows = 0.5, 0.8
+    if len(past) > 1 and past[-2][0] > threshold > 0.0:
+        down = math.log(past[-2][0] / threshold)
+        shrinks = min(1.0, max(0.2, math.log(max(past[-2][1] / mass, 1.0)) / down))
+        grows = min(1.2, max(0.3, math.log(states / past[-2][2]) / down))
+    factor = (mass / (0.8 * tolerance)) ** (1.0 / shrinks) if tolerance > 0 else 32.0
+    most = (most_states / max(1, states)) ** (1.0 / grows)
+    return threshold / max(1.2, float(min(factor, most, 32.0)))

@@ -10,16 +10,18 @@ Policies are deterministic, so runs in equal states share one decision and one e
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import Booleans, Counts, Floats
 from ..policies.base import Policy
 from .random import uniforms
-from .transition import distinct_states, transition
+from .states import States, distinct_states
+from .transition import transition
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -64,6 +66,43 @@ class Runs:
     clipped: Counts
     states: int
     traces: tuple[Trace, ...]
+
+    @property
+    def end(self) -> int:
+        """Index after the last run."""
+        return self.first + len(self.arrival)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All of it as arrays by name, to be kept."""
+        found: dict[str, NDArray[Any]] = {name: getattr(self, name) for name in _COUNTS}
+        found |= {"first": np.array(self.first), "states": np.array(self.states)}
+        for place, trace in enumerate(self.traces):
+            found[f"positions-{place}"], found[f"alive-{place}"] = trace.positions, trace.alive
+        return found
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Runs:
+        """The runs of `arrays`, again."""
+        number = sum(name.startswith("positions-") for name in arrays)
+        return cls(
+            first=int(arrays["first"]),
+            states=int(arrays["states"]),
+            traces=tuple(
+                Trace(arrays[f"positions-{k}"], arrays[f"alive-{k}"]) for k in range(number)
+            ),
+            **{name: arrays[name] for name in _COUNTS},
+        )
+
+
+_COUNTS = (
+    "arrival",
+    "survivors",
+    "steps",
+    "shortfalls",
+    "solver_failures",
+    "resolved",
+    "clipped",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +165,25 @@ class Chain:
                 progress(runs - int(swarm.running.sum()))
         return swarm.outcome(first)
 
+    def finish(self, policy: Policy, states: States, steps: Counts) -> Runs:
+        """Sample runs that begin in the given states, one each, at the given steps.
+
+        Parameters
+        ----------
+        policy : Policy
+        states : States
+            R states; their weights do not matter.
+        steps : (R,) int
+            The step t of each.
+        """
+        swarm = _Swarms.within(states, steps)
+        for step in range(self.scenario.n_steps):
+            active = np.flatnonzero(swarm.running & (steps <= step))
+            if active.size:
+                draws = uniforms(self.seed, step, 0, len(states), self.scenario.n)[active]
+                swarm.advance(self.scenario, policy, step, active, draws)
+        return swarm.outcome(0)
+
 
 @dataclass
 class _Swarms:
@@ -146,22 +204,31 @@ class _Swarms:
 
     @classmethod
     def start(cls, scenario: Scenario, before: Floats, runs: int, traces: int) -> _Swarms:
-        zeros = np.zeros(runs, np.int64)
-        alive = np.ones((runs, scenario.n), bool)
-        positions = np.tile(scenario.positions, (runs, 1, 1))
+        states = States(
+            np.tile(scenario.positions, (runs, 1, 1)),
+            np.tile(before, (runs, 1, 1)),
+            np.ones((runs, scenario.n), bool),
+            np.ones(runs),
+        )
+        return cls.within(states, np.zeros(runs, np.int64), traces)
+
+    @classmethod
+    def within(cls, states: States, steps: Counts, traces: int = 0) -> _Swarms:
+        """Swarms in these states, which are not changed, at these steps."""
+        zeros = np.zeros(len(states), np.int64)
         return cls(
-            positions=positions,
-            previous=np.tile(before, (runs, 1, 1)),
-            alive=alive,
-            running=np.ones(runs, bool),
+            positions=states.positions.copy(),
+            previous=states.previous.copy(),
+            alive=states.alive.copy(),
+            running=np.ones(len(states), bool),
             arrival=zeros - 1,
-            steps=zeros.copy(),
+            steps=steps.copy(),
             shortfalls=zeros.copy(),
             failures=zeros.copy(),
             resolved=zeros.copy(),
             clipped=zeros.copy(),
             states=0,
-            tracer=_Tracer([positions[:traces].copy()], [alive[:traces].copy()]),
+            tracer=_Tracer([states.positions[:traces].copy()], [states.alive[:traces].copy()]),
         )
 
     def advance(

@@ -6,7 +6,6 @@ with probability exp(-dt lambda_i(X(t+1), alive(t))).
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -100,20 +99,3 @@ def physical(
     if beyond.any():
         velocities[beyond] = sets[beyond].project(wanted[beyond])
     return velocities, beyond.sum(axis=1)
-
-
-def distinct_states(*arrays: NDArray[np.generic]) -> tuple[Counts, Counts]:
-    """Rows that differ, of arrays with a common first axis, compared bit by bit.
-
-    Returns
-    -------
-    first : (D,) int
-        A row of every distinct state.
-    back : (B,) int
-        Which of the D every row is.
-    """
-    rows = [np.ascontiguousarray(a).reshape(len(a), math.prod(a.shape[1:])) for a in arrays]
-    joined = np.concatenate([part.view(np.uint8) for part in rows], axis=1)
-    keys = np.ascontiguousarray(joined).view(np.dtype((np.void, joined.shape[1]))).ravel()
-    _, first, back = np.unique(keys, return_index=True, return_inverse=True)
-    return first.astype(np.int64), back.reshape(-1).astype(np.int64)

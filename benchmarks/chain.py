@@ -1,0 +1,358 @@
+"""The chain at scale, measured: laws, runs, equal states, plain Monte Carlo, growth, sweeps.
+
+Run with the installed package::
+
+    python benchmarks/chain.py              # all, about ten minutes on two cores
+    python benchmarks/chain.py laws sweep   # some
+    python benchmarks/chain.py --quick      # fewer runs, repeats and cells
+
+Prints Markdown tables and writes them as CSV, and the figure of growth, to ``results/chain`` of the
+current folder (or ``--out``). What is compiled is on disk before anything is timed. Machines are
+shared: the processor's time stands beside that of the clock, and ratios are of one run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import multiprocessing
+import os
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import pandas as pd
+
+import casswarm as cs
+from casswarm.chain import simulate as sampling
+from casswarm.parameters import with_parameters
+from casswarm.study import PAPER_POLICIES
+
+Rows = list[dict[str, Any]]
+Z = 1.959964  # the 97.5 % quantile of the normal distribution
+
+
+def timed(work: Callable[[], Any], repeats: int = 1) -> tuple[Any, float, float]:
+    """The last result of `work`, and medians of its seconds: the clock's, and the processor's."""
+    walls, cpus = [], []
+    for _ in range(repeats):
+        wall, cpu = time.perf_counter(), sum(os.times()[:4])
+        found = work()
+        walls.append(time.perf_counter() - wall)
+        cpus.append(sum(os.times()[:4]) - cpu)
+    return found, statistics.median(walls), statistics.median(cpus)
+
+
+def laws(quick: bool) -> Rows:
+    """Exact laws to a width: paper-1 to 1e-4, paper-2 to 1e-3; merged at 1e-8, and not at all."""
+    rows = []
+    for name, tolerance, goal in (("paper-1", 1e-4, "3 s in all"), ("paper-2", 1e-3, "60 s each")):
+        scenario = cs.load_scenario(name)
+        guide = cs.plan(scenario, certify=False)
+        for merging in (0.0, 1e-8):
+            whole = np.zeros(2)
+            for policy in PAPER_POLICIES:
+                options: dict[str, Any] = {"guide": guide, "merging": merging}
+                cs.evaluate(scenario, policy, 0.1, **options)
+                law, wall, cpu = timed(
+                    lambda p=policy, s=scenario, o=options, t=tolerance: cs.evaluate(s, p, t, **o),
+                    1 if quick else 3,
+                )
+                whole += wall, cpu
+                low, high = law.success
+                rows.append(
+                    {
+                        "scenario": name,
+                        "merging": merging,
+                        "policy": policy,
+                        "low": low,
+                        "high": high,
+                        "width": high - low,
+                        "states": law.states,
+                        "seconds": wall,
+                        "processor": cpu,
+                        "goal": goal,
+                    }
+                )
+            rows.append(
+                rows[-1]
+                | {"policy": "all three", "seconds": whole[0], "processor": whole[1]}
+                | dict.fromkeys(("low", "high", "width", "states"), math.nan)
+            )
+    return rows
+
+
+def runs(quick: bool) -> Rows:
+    """Three policies on paper-1: 10,000 runs, and 1,000,000, on one process and on two."""
+    scenario = cs.load_scenario("paper-1")
+    cs.simulate(scenario, runs=100)
+    rows = []
+    for number, workers, goal in (
+        (10_000, 1, "5 s"),
+        (100_000 if quick else 1_000_000, 1, "120 s"),
+        (100_000 if quick else 1_000_000, 2, "120 s"),
+    ):
+        study, wall, cpu = timed(
+            lambda r=number, w=workers: cs.simulate(scenario, runs=r, workers=w)
+        )
+        rows.append(
+            {
+                "runs": number,
+                "workers": workers,
+                "seconds": wall,
+                "processor": cpu,
+                "goal": goal,
+                "states": int(study.effort["states"].sum()),
+            }
+            | dict(zip(study.summary["policy"], study.summary["success"], strict=True))
+        )
+    return rows
+
+
+def every_state(*arrays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As `distinct_states` would answer if no two states were equal."""
+    rows = np.arange(len(arrays[0]))
+    return rows, rows
+
+
+def equal(quick: bool) -> Rows:
+    """Whether it pays to solve equal states once, in sampling: runs with and without, in turn."""
+    number, rows = 2_000 if quick else 20_000, []
+    for name in ("paper-1", "paper-2"):
+        scenario = cs.load_scenario(name)
+        guide = cs.plan(scenario, certify=False)
+        for policy in PAPER_POLICIES:
+
+            def sample(policy: str = policy, s: Any = scenario, g: Any = guide) -> cs.Study:
+                return cs.simulate(s, [policy], number, guide=g, traces=0)
+
+            sample()
+            once, wall, cpu = timed(sample, 3)
+            with mock.patch.object(sampling, "distinct_states", every_state):
+                each, wall_each, cpu_each = timed(sample)
+            same = (once.runs["success"] == each.runs["success"]).mean()
+            rows.append(
+                {
+                    "scenario": name,
+                    "policy": policy,
+                    "runs": number,
+                    "states once": int(once.effort["states"][0]),
+                    "states each": int(each.effort["states"][0]),
+                    "seconds once": wall,
+                    "seconds each": wall_each,
+                    "processor ratio": cpu_each / cpu,
+                    "runs that agree": same,
+                }
+            )
+    return rows
+
+
+def versus(quick: bool) -> Rows:
+    """Time to the same width: the exact law against plain Monte Carlo, extrapolated in its runs."""
+    number, rows = 10_000 if quick else 100_000, []
+    for name, tolerances in (("paper-1", (1e-3, 1e-4)), ("paper-2", (1e-2, 1e-3))):
+        scenario = cs.load_scenario(name)
+        guide = cs.plan(scenario, certify=False)
+        for policy in PAPER_POLICIES:
+            _, _, plain = timed(
+                lambda p=policy, s=scenario, g=guide: cs.simulate(s, [p], number, guide=g, traces=0)
+            )
+            for tolerance in tolerances:
+                law, _, cpu = timed(
+                    lambda p=policy, s=scenario, g=guide, t=tolerance: cs.evaluate(s, p, t, guide=g)
+                )
+                width = law.success[1] - law.success[0]
+                p = sum(law.success) / 2
+                needed = 4 * Z**2 * p * (1 - p) / width**2
+                rows.append(
+                    {
+                        "scenario": name,
+                        "policy": policy,
+                        "width": width,
+                        "law, processor": cpu,
+                        "runs needed": needed,
+                        "runs, processor": needed * plain / number,
+                        "ratio": needed * plain / number / cpu,
+                    }
+                )
+    return rows
+
+
+def hybrid(quick: bool) -> Rows:
+    """The head exactly and the rest sampled against plain runs: widths at as many solved states."""
+    number, rows = 500 if quick else 5_000, []
+    swarm = cs.load_scenario("large-swarm")
+    cases = [(cs.load_scenario(n), p) for n in ("paper-1", "paper-2") for p in PAPER_POLICIES[1:]]
+    cases += [(with_parameters(swarm, {"n": n}), "leader") for n in (10, 50)]
+    for scenario, policy in cases:
+        guide = cs.plan(scenario, certify=False)
+        runs = number if scenario.n <= 10 else number // 10
+        found, _, cpu = timed(
+            lambda s=scenario, p=policy, r=runs, g=guide: cs.estimate(s, p, r, guide=g)
+        )
+        more, solved = runs, 0
+        while solved < found.states and more < 60 * number:
+            plain = cs.simulate(scenario, [policy], more, guide=guide, traces=0)
+            solved, done = int(plain.effort["states"][0]), more
+            more = math.ceil(more * max(1.05, found.states / solved))
+        row = plain.summary.iloc[0]
+        own, others = found.success[1] - found.success[0], row.success_high - row.success_low
+        rows.append(
+            {
+                "scenario": scenario.name,
+                "n": scenario.n,
+                "policy": policy,
+                "runs": found.runs,
+                "mass sampled": found.sampled,
+                "states": found.states,
+                "width": own,
+                "plain runs": done,
+                "plain states": solved,
+                "plain width": others,
+                "ratio": others / own,
+                "processor": cpu,
+            }
+        )
+    return rows
+
+
+def measured(n: int, number: int) -> dict[str, Any]:
+    """Growth's point, in a process of its own: seconds, states, and the peak of memory."""
+    import resource
+
+    scenario = with_parameters(cs.load_scenario("paper-1"), {"n": n})
+    guide = cs.plan(scenario, certify=False)
+    cs.simulate(scenario, ["leader"], 2, guide=guide)
+    study, wall, cpu = timed(
+        lambda: cs.simulate(scenario, ["leader"], number, guide=guide, traces=0)
+    )
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return {
+        "n": n,
+        "runs": number,
+        "seconds": wall,
+        "processor": cpu,
+        "microseconds a run": 1e6 * cpu / number,
+        "states": int(study.effort["states"][0]),
+        "peak MiB": peak / (1 << (20 if sys.platform == "darwin" else 10)),
+    }
+
+
+def growth(quick: bool) -> Rows:
+    """Leader protection on paper-1 with more runs, and with more members (on a lattice)."""
+    points = [(5, 10**k) for k in range(3, 6 if quick else 7)]
+    points += [(n, 300 if quick else 3000) for n in (2, 5, 10, 20, 50)]
+    rows = []
+    for point in points:
+        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+            rows.append(pool.submit(measured, *point).result())
+    return rows
+
+
+def growth_chart(table: pd.DataFrame, path: Path) -> None:
+    """Time over runs and over members."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    from casswarm.figures import save
+    from casswarm.figures.style import MEMBERS, tidy
+
+    fig = Figure(figsize=(8.4, 3.6), layout="constrained")
+    FigureCanvasAgg(fig)
+    left, right = fig.subplots(1, 2)
+    fewest = table["runs"].iloc[-1]
+    for axes, rows, key in (
+        (left, table[(table["n"] == 5) & (table["runs"] != fewest)], "runs"),
+        (right, table[table["runs"] == fewest], "n"),
+    ):
+        axes.loglog(rows[key], rows["processor"], "o-", color=MEMBERS[0])
+        axes.set_xlabel("runs (n = 5)" if key == "runs" else f"members n ({fewest:,} runs)")
+        axes.set_ylabel("processor time, s")
+        for row in rows.to_dict("records"):
+            axes.annotate(
+                f"{row['peak MiB']:.0f} MiB",
+                (row[key], row["processor"]),
+                (0, 7),
+                textcoords="offset points",
+                ha="center",
+                fontsize=8,
+            )
+        axes.margins(0.15)
+        tidy(axes)
+    right.set_xticks([2, 5, 10, 20, 50], ["2", "5", "10", "20", "50"])
+    right.minorticks_off()
+    fig.suptitle("leader protection on paper-1: time, and peak of memory", fontsize=11)
+    save(fig, path)
+
+
+def sweep(quick: bool) -> Rows:
+    """100 cells of 50,000 runs (20 of 2,000) on one process and on two, and if tables are equal."""
+    side, number = (5, 2_000) if quick else (10, 50_000)
+    scenario = cs.load_scenario("paper-1")
+    grid = {
+        "formation.rho": np.linspace(0.02, 0.2, side if not quick else 4).round(4).tolist(),
+        "hazard.alpha_2": np.linspace(1.0, 9.0, side).round(4).tolist(),
+    }
+    found, rows = {}, []
+    cs.simulate(scenario, ["constrained"], 100)
+    for workers in (1, 2):
+        with tempfile.TemporaryDirectory() as folder:
+            found[workers], wall, cpu = timed(
+                lambda w=workers, f=folder: cs.sweep(
+                    scenario, grid, ["constrained"], runs=number, workers=w, folder=Path(f)
+                )
+            )
+        rows.append(
+            {
+                "workers": workers,
+                "cells": len(found[workers].table),
+                "seconds": wall,
+                "processor": cpu,
+                "seconds of cells": found[workers].effort["seconds"].sum(),
+                "ratio": rows[0]["seconds"] / wall if rows else 1.0,
+                "goal": "1.7 x",
+                "same table": found[workers].table.equals(found[1].table),
+            }
+        )
+    return rows
+
+
+PARTS = {part.__name__: part for part in (laws, runs, equal, versus, hybrid, growth, sweep)}
+
+
+def shown(value: Any) -> str:
+    if isinstance(value, (float, np.floating)):
+        return "" if math.isnan(value) else f"{value:.4g}"
+    return str(value)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
+    parser.add_argument("--quick", action="store_true", help="fewer runs, repeats and cells")
+    parser.add_argument("--out", type=Path, default=Path("results") / "chain")
+    options = parser.parse_args()
+    unknown = set(options.parts) - set(PARTS)
+    if unknown:
+        parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
+    options.out.mkdir(parents=True, exist_ok=True)
+    for name in options.parts or PARTS:
+        table = pd.DataFrame(PARTS[name](options.quick))
+        table.to_csv(options.out / f"{name}.csv", index=False)
+        print(f"\n{PARTS[name].__doc__}\n")
+        print(f"| {' | '.join(table.columns)} |\n|{' --- |' * len(table.columns)}")
+        for row in table.itertuples(index=False):
+            print(f"| {' | '.join(map(shown, row))} |", flush=True)
+        if name == "growth":
+            growth_chart(table, options.out / "growth.png")
+
+
+if __name__ == "__main__":
+    main()

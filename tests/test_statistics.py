@@ -1,0 +1,81 @@
+"""Intervals and tests of paired runs, against published values and simulation."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from casswarm.statistics import Paired, exact_interval, runs_for, wilson
+
+
+def test_newcombes_interval_is_that_of_the_literature() -> None:
+    """Cavo et al. (2012), as Fagerland, Lydersen and Laake (2017, chapter 8) evaluate it.
+
+    Their R package contingencytables gives -0.1186 to -0.0046.
+    """
+    pair = Paired(59, 6, 16, 80)
+    assert pair.difference == pytest.approx(-0.0621, abs=5e-5)
+    assert pair.interval() == pytest.approx((-0.1186, -0.0046), abs=5e-5)
+
+
+@given(*[st.integers(0, 200)] * 4, st.sampled_from([0.9, 0.95, 0.99]))
+def test_interval_holds_the_difference_and_turns_with_the_order(
+    both: int, first: int, second: int, neither: int, level: float
+) -> None:
+    if both + first + second + neither == 0:
+        return
+    pair, turned = Paired(both, first, second, neither), Paired(both, second, first, neither)
+    low, high = pair.interval(level)
+    assert -1 - 1e-12 <= low <= pair.difference <= high <= 1 + 1e-12
+    assert turned.interval(level) == pytest.approx((-high, -low), abs=1e-12)
+    assert turned.p_value == pytest.approx(pair.p_value)
+
+
+def test_mcnemar_is_the_binomial_test_of_discordant_runs() -> None:
+    assert Paired(50, 1, 7, 42).p_value == pytest.approx(2 * (1 + 8) / 2**8)
+    assert Paired(50, 0, 0, 42).p_value == 1.0
+
+
+def test_variance_ratio_is_that_of_the_formula_for_differences() -> None:
+    """Var(X - Y) / (Var X + Var Y), from the table itself."""
+    x = np.repeat([1, 1, 0, 0], [30, 5, 8, 57])
+    y = np.repeat([1, 0, 1, 0], [30, 5, 8, 57])
+    assert Paired(30, 5, 8, 57).variance_ratio == pytest.approx(
+        np.var(x - y) / (np.var(x) + np.var(y))
+    )
+    assert math.isnan(Paired(9, 0, 0, 0).variance_ratio)
+
+
+def test_paired_interval_covers_as_it_says() -> None:
+    generator = np.random.default_rng(5)
+    p, q, shared = 0.7, 0.6, generator.random((2000, 150))
+    wins, others = (shared < p).sum(axis=1), (shared < q).sum(axis=1)
+    covered = [
+        low <= p - q <= high
+        for won, other in zip(wins, others, strict=True)
+        for low, high in [Paired(int(other), int(won - other), 0, int(150 - won)).interval()]
+    ]
+    assert 0.93 <= np.mean(covered) <= 0.99
+
+
+@pytest.mark.parametrize(("successes", "half_width"), [(500, 0.005), (10, 0.01), (0, 0.01)])
+def test_runs_from_a_pilot_make_the_interval_narrow_enough(
+    successes: int, half_width: float
+) -> None:
+    runs = runs_for(half_width, successes, 1000)
+    low, high = wilson(round(successes / 1000 * runs), runs)
+    assert high - low <= 2 * half_width * (1 + 1e-3)
+    if successes == 500:  # the worst case: z^2 / (4 h^2)
+        assert runs == pytest.approx(1.96**2 / 4 / half_width**2, rel=0.01)
+    else:
+        assert runs < 1.96**2 / 4 / half_width**2
+
+
+def test_exact_interval_has_known_values() -> None:
+    """0 of 10 ends at 1 - 0.025^(1/10); 13 of 16 as in Fagerland et al. (2017, chapter 2)."""
+    assert exact_interval(0, 10) == pytest.approx((0.0, 1 - 0.025**0.1))
+    assert exact_interval(13, 16) == pytest.approx((0.5435, 0.9595), abs=5e-5)

@@ -1,0 +1,107 @@
+"""The store: whole cells or none, one process at a time, inputs that fit."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from casswarm.errors import StoreError
+from casswarm.store import Store, cell_name
+
+INPUTS = {"scenario": {"name": "a", "rho": 0.05}, "runs": 10}
+CELL = {"x": np.array([0.1, -0.0, np.nan]), "name": np.array("µ")}
+
+
+def test_cells_come_back_bit_for_bit(tmp_path: Path) -> None:
+    with Store(tmp_path, INPUTS) as store:
+        store.save("one", CELL)
+    with Store(tmp_path, INPUTS, resume=True) as store:
+        assert store.names() == ["one"]
+        back = store.load("one")
+        assert back is not None
+        assert back["x"].tobytes() == CELL["x"].tobytes()
+        assert str(back["name"]) == "µ"
+        assert store.load("two") is None
+
+
+@pytest.mark.parametrize("spoil", ["cut", "flip", "empty"])
+def test_a_cell_that_the_disk_spoilt_is_none(tmp_path: Path, spoil: str) -> None:
+    with Store(tmp_path, INPUTS) as store:
+        store.save("one", CELL)
+        path = tmp_path / "cells" / "one.npz"
+        data = bytearray(path.read_bytes())
+        data[100] ^= 1
+        path.write_bytes({"cut": data[:-7], "flip": data, "empty": b""}[spoil])
+        assert store.load("one") is None
+
+
+def test_other_inputs_are_refused_and_the_difference_named(tmp_path: Path) -> None:
+    with Store(tmp_path, INPUTS) as store:
+        store.save("one", CELL)
+    other = {"scenario": {"name": "a", "rho": 0.1}, "runs": 10, "seed": 1}
+    with pytest.raises(StoreError) as error, Store(tmp_path, other, resume=True):
+        pass
+    assert "scenario.rho: 0.05 there, 0.1 now" in str(error.value)
+    assert "seed: nothing there, 1 now" in str(error.value)
+    assert "runs" not in str(error.value).split("inputs:")[1]
+    with Store(tmp_path, INPUTS, resume=True) as store:
+        assert store.names() == ["one"]  # nothing was touched
+
+
+def test_unfinished_work_is_not_thrown_away_unasked(tmp_path: Path) -> None:
+    with Store(tmp_path, INPUTS) as store:
+        store.save("one", CELL)
+    with pytest.raises(StoreError, match=r"unfinished.*--resume.*--fresh"), Store(tmp_path, INPUTS):
+        pass
+    with Store(tmp_path, INPUTS, fresh=True) as store:
+        assert store.names() == []
+        store.save("one", CELL)
+        store.finish()
+    with Store(tmp_path, {"runs": 3}) as store:  # a finished study may be replaced
+        assert store.names() == []
+
+
+HOLD = """
+import sys, time
+from casswarm.store import Store
+with Store(sys.argv[1], {}, fresh=True):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_two_processes_never_write_one_folder_and_the_dead_hold_no_lock(tmp_path: Path) -> None:
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLD, tmp_path], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "held\n"
+        with (
+            pytest.raises(StoreError, match=f"in use by process {holder.pid} on "),
+            Store(tmp_path, {}, resume=True),
+        ):
+            pass
+    finally:
+        holder.kill()
+        holder.communicate()
+    with Store(tmp_path, {}, resume=True):
+        pass
+
+
+def test_the_lock_is_free_after_an_error(tmp_path: Path) -> None:
+    with pytest.raises(KeyError), Store(tmp_path, INPUTS):
+        raise KeyError
+    with Store(tmp_path, INPUTS, resume=True):
+        pass
+
+
+def test_names_of_cells_differ_and_are_fit_for_files() -> None:
+    names = [cell_name(text) for text in ("leader", "a/b", "a:b", "a b", "ä", "x" * 300 + "/")]
+    assert names[0] == "leader"
+    assert len(set(names)) == len(names)
+    assert all(name.isascii() and "/" not in name and len(name) < 100 for name in names)

@@ -1,0 +1,119 @@
+"""Sweeps of unusual inputs: each does what it says, or says what is wrong."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import casswarm as cs
+from casswarm.chain.evaluate import _lowered
+from casswarm.cli.sweep import _values
+from casswarm.errors import PolicyError, StoreError
+from casswarm.parameters import with_parameters
+from casswarm.store import Store
+
+SMALL = cs.load_scenario("paper-1").with_values(
+    {
+        "swarm.positions": [[0.0, 0.0], [0.5, 0.0]],
+        "time.t_f": 2.0,
+        "target.center": [2.0, 0.5],
+        "hazard.alpha_1": 20.0,
+    }
+)
+
+
+def swept(settings: dict[str, Any], **options: Any) -> pd.DataFrame:
+    return cs.sweep(SMALL, settings, ["leader"], **({"tolerance": 0.1} | options)).table
+
+
+def test_parameters_in_another_order_are_another_sweep(tmp_path: Path) -> None:
+    swept({"n": [1, 2], "formation.rho": [0.02, 0.1]}, folder=tmp_path)
+    with pytest.raises(StoreError, match="keys"):
+        swept({"formation.rho": [0.02, 0.1], "n": [1, 2]}, folder=tmp_path, resume=True)
+
+
+def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
+    table = swept({"n": np.arange(1, 3)}, runs=np.int64(5), folder=tmp_path)
+    assert table["status"].tolist() == ["ok", "ok"]
+    assert table["n"].tolist() == [1, 2]
+
+
+@pytest.mark.parametrize("policies", ["leader", [], ["leader", "leader"]])
+def test_policies_are_a_list_of_names_that_differ(policies: Any) -> None:
+    with pytest.raises(PolicyError, match="polic"):
+        cs.sweep(SMALL, {"n": [1]}, policies)
+
+
+def test_what_failed_is_tried_again(tmp_path: Path) -> None:
+    settings = {"formation.rho": [0.05, -1.0]}
+    first = swept(settings, folder=tmp_path)
+    kept = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "cells").glob("*.npz")}
+    again = swept(settings, folder=tmp_path, resume=True)
+    assert first["status"].tolist() == again["status"].tolist() == ["ok", "failed"]
+    now = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "cells").glob("*.npz")}
+    assert [now[name] == kept[name] for name in sorted(kept)] == [True, False]
+
+
+def test_a_bracket_that_stayed_wide_says_why() -> None:
+    table = swept({"n": [2]}, tolerance=1e-9, most_states=2)
+    assert table["status"].tolist() == ["ok"]
+    assert "the states ran out" in table["reason"][0]
+    assert swept({"n": [2]})["reason"].tolist() == [""]
+
+
+def test_members_are_added_where_all_are_at_one_place() -> None:
+    crowd = SMALL.with_values({"swarm.positions": [[1.0, 1.0], [1.0, 1.0]]})
+    positions = with_parameters(crowd, {"n": 5}).positions
+    assert positions.shape == (5, 2)
+
+
+def test_ranges_of_whole_numbers_are_whole() -> None:
+    assert _values("formation.iterations=500:2000:4") == (
+        "formation.iterations",
+        [500, 1000, 1500, 2000],
+    )
+    assert _values("hazard.alpha_2=1.0:3:3") == ("hazard.alpha_2", [1.0, 2.0, 3.0])
+    assert all(type(n) is int for n in _values("n=1:6:6:linear")[1])
+
+
+def test_threads_of_one_process_take_turns() -> None:
+    """CasADi's functions must not be shared by threads that run."""
+    settings = {"hazard.alpha_1": [5.0, 10.0, 15.0, 20.0]}
+    with ThreadPoolExecutor(4) as pool:
+        threaded = swept(settings, workers=pool)
+    pd.testing.assert_frame_equal(threaded, swept(settings))
+
+
+@pytest.mark.parametrize("options", [{}, {"resume": True}, {"fresh": True}])
+def test_files_of_other_origin_are_not_removed(tmp_path: Path, options: dict[str, bool]) -> None:
+    (tmp_path / "cells").mkdir()
+    (tmp_path / "cells" / "thesis.tex").write_text("years of work")
+    with pytest.raises(StoreError, match=r"thesis\.tex"), Store(tmp_path, {"runs": 1}, **options):
+        pass
+    assert (tmp_path / "cells" / "thesis.tex").read_text() == "years of work"
+
+
+def test_cells_whose_inputs_are_lost_are_not_removed_unasked(tmp_path: Path) -> None:
+    with Store(tmp_path, {"runs": 1}) as store:
+        store.save("one", {"x": np.zeros(1)})
+    (tmp_path / "cells" / "inputs.json").write_text("{")
+    for options in ({}, {"resume": True}):
+        with pytest.raises(StoreError, match="--fresh"), Store(tmp_path, {"runs": 1}, **options):
+            pass
+    with Store(tmp_path, {"runs": 1}, fresh=True) as store:
+        assert store.names() == []
+
+
+def test_a_round_that_leaves_nothing_ends_the_law() -> None:
+    """Budgets and tolerances around the place where every state has been followed."""
+    for most_states in (20, 60, 200, 600):
+        law = cs.evaluate(SMALL, "leader", 1e-7, most_states=most_states)
+        low, high = law.success
+        assert low <= high
+    assert law.complete
+    assert _lowered([(1e-2, 0.1, 10), (1e-3, 0.01, 30)], 1e-4, 1000) < 1e-3
