@@ -2,17 +2,24 @@
 
 Run with the installed package::
 
-    python benchmarks/certificate.py                # gaps and rivals, about a minute
-    python benchmarks/certificate.py scale          # horizons and radars
-    python benchmarks/certificate.py long           # the gap after 60 seconds each, half an hour
+    python benchmarks/certificate.py                # gaps, rivals, flyable and scale: some minutes
+    python benchmarks/certificate.py long           # the gap after 60 seconds each: half an hour
+    python benchmarks/certificate.py --quick        # every table, on few cases
+    python benchmarks/certificate.py gaps scale     # some tables
 
-Prints Markdown tables. The random geometries are seeded; machines differ.
+Prints Markdown tables. The random geometries are seeded; machines differ. Times are seconds by the
+clock and, in brackets, seconds of CPU.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,7 +31,7 @@ SEEDS = 24
 
 def scenario_of(radars: np.ndarray, target: tuple[float, float], **values: object) -> Scenario:
     """One agent from the origin, Table I's numbers, no limit of acceleration."""
-    data = {
+    data: dict[str, Any] = {
         "name": "random",
         "swarm": {"positions": [(0.0, 0.0)], "v_max": 2.0, "a_max": 0.5},
         "target": {"center": target, "radius": 0.5},
@@ -38,7 +45,10 @@ def scenario_of(radars: np.ndarray, target: tuple[float, float], **values: objec
         },
         "guide": {"flyable": False},
     }
-    return Scenario.from_data(data).with_values(values)
+    for key, value in values.items():
+        table, _, name = key.partition(".")
+        data[table][name] = value
+    return Scenario.from_data(data)
 
 
 def random_geometry(seed: int) -> Scenario:
@@ -53,21 +63,31 @@ def random_geometry(seed: int) -> Scenario:
     return scenario_of(radars, (10.0, 10.0))
 
 
-def cases() -> dict[str, Scenario]:
+def cases(quick: bool) -> dict[str, Scenario]:
     """All that is certified without limits of acceleration and margin: random and built in."""
     free = {"guide.flyable": False, "guide.search": "global", "guide.arrival": "any"}
-    found = {f"seed {seed}": random_geometry(seed) for seed in range(SEEDS)}
-    for name in cs.builtin_scenarios():
+    found = {f"seed {seed}": random_geometry(seed) for seed in range(3 if quick else SEEDS)}
+    for name in list(cs.builtin_scenarios())[: 2 if quick else None]:
         scenario = cs.load_scenario(name)
         found[name] = scenario.with_values(free | {"guide.margin": 1e-6 * scenario.target.radius})
     return found
 
 
-def timed(scenario: Scenario, solver: str = "ipopt", **options: object) -> tuple[Guide, float]:
-    """A guide and the seconds that it took, the first build of its program included."""
-    started = time.perf_counter()
+class Time(NamedTuple):
+    """Seconds by the clock, and of CPU."""
+
+    wall: float
+    cpu: float
+
+    def __str__(self) -> str:
+        return f"{self.wall:.2f} s ({self.cpu:.2f})"
+
+
+def timed(scenario: Scenario, solver: str = "ipopt", **options: object) -> tuple[Guide, Time]:
+    """A guide and the time that it took, the first build of its program included."""
+    wall, cpu = time.perf_counter(), time.process_time()
     guide = cs.plan(scenario, solver, **options)  # type: ignore[arg-type]
-    return guide, time.perf_counter() - started
+    return guide, Time(time.perf_counter() - wall, time.process_time() - cpu)
 
 
 def table(head: list[str], rows: list[list[str]]) -> None:
@@ -75,17 +95,17 @@ def table(head: list[str], rows: list[list[str]]) -> None:
     print("\n".join("| " + " | ".join(row) + " |" for row in rows) + "\n", flush=True)
 
 
-def gaps() -> None:
+def gaps(quick: bool) -> None:
     """Gap and time, planning included, at two gaps asked for."""
     timed(random_geometry(999))  # what is loaded once
     rows, met = [], {0.01: 0, 0.001: 0}
-    for name, scenario in cases().items():
+    for name, scenario in cases(quick).items():
         row = [name, str(len(scenario.hazard.radar_positions))]
         for asked, limit in ((0.01, 2.0), (0.001, 10.0)):
             guide, took = timed(scenario, gap=asked)
             assert guide.gap is not None
-            met[asked] += guide.gap <= asked and took <= limit
-            row += [f"{100 * guide.gap:.4f} %", f"{took:.2f} s"]
+            met[asked] += guide.gap <= asked and took.wall <= limit
+            row += [f"{100 * guide.gap:.4f} %", str(took)]
         rows.append([*row[:2], f"{guide.risk:.4f}", *row[2:]])
     table(["case", "radars", "risk", "gap, 1 % asked", "time", "gap, 0.1 % asked", "time"], rows)
     print(
@@ -94,20 +114,23 @@ def gaps() -> None:
     )
 
 
-def long() -> None:
+def long(quick: bool) -> None:
     """The best gap after 60 seconds."""
     rows = []
-    for name, scenario in cases().items():
-        guide, took = timed(scenario, gap=1e-9, time_limit=60.0)
-        assert guide.certificate is not None
-        rows.append([name, f"{guide.gap:.2e}", f"{took:.1f} s", guide.certificate.reason])
-        table(["case", "gap", "time", "end"], rows[-1:])
+    for name, scenario in cases(quick).items():
+        guide, took = timed(scenario, gap=1e-9, time_limit=5.0 if quick else 60.0)
+        proof = guide.certificate
+        assert proof is not None
+        nodes = max(level.nodes for level in proof.levels)
+        rows.append([name, f"{guide.gap:.1e}", str(took), f"{nodes:,}", proof.reason])
+        print(rows[-1], file=sys.stderr, flush=True)
+    table(["case", "gap", "time", "nodes, at most", "why it ended"], rows)
 
 
-def rivals() -> None:
+def rivals(quick: bool) -> None:
     """Ipopt from the straight line, and the paper's projected gradient, against the bound."""
     rows, worse, factors = [], np.zeros(2, int), ([], [])  # type: ignore[var-annotated]
-    for name, scenario in cases().items():
+    for name, scenario in cases(quick).items():
         best, _ = timed(scenario, gap=1e-4)
         row = [name, f"{best.risk:.4f}", f"{best.risk_bound:.4f}"]
         for place, (solver, search) in enumerate(
@@ -128,10 +151,10 @@ def rivals() -> None:
     print()
 
 
-def flyable() -> None:
+def flyable(quick: bool) -> None:
     """What the limit of acceleration and the margin explain of the gap, on the built-in cases."""
     rows = []
-    for name in cs.builtin_scenarios():
+    for name in list(cs.builtin_scenarios())[: 2 if quick else None]:
         values = {"guide.search": "global", "guide.arrival": "any"}
         guide, took = timed(cs.load_scenario(name).with_values(values), gap=0.001)
         proof = guide.certificate
@@ -146,63 +169,66 @@ def flyable() -> None:
                 f"{100 * guide.gap:.2f} %",
                 f"{100 * explained:.2f} %",
                 f"{100 * (guide.gap - explained):.3f} %",
-                f"{took:.2f} s",
+                str(took),
             ]
         )
     table(["case", "risk", "bound", "gap", "of it limits", "of it the proof's", "time"], rows)
 
 
-def scale() -> None:
-    """Planning time against the horizon, by finer steps and by more of them, and the radars."""
-    rows = []
+def sizes(quick: bool) -> Iterator[tuple[str, Scenario]]:
+    """Horizons, by finer steps and by more time; radars; extents, in lengths of a step."""
     radars = np.array([[3.0, 4.0], [7.0, 6.0]])
-    for steps in (30, 300, 3000):
-        for kind, values in (
-            ("finer steps", {"time.dt": 9.9 / steps, "time.t_f": 9.9 * (1 + 1e-9)}),
-            ("longer time", {"time.t_f": 0.33 * steps * (1 + 1e-9)}),
-        ):
-            scenario = scenario_of(radars, (10.0, 10.0), **values)
-            guide, took = timed(scenario)
-            assert guide.certificate is not None
-            rows.append(
-                [
-                    kind,
-                    str(scenario.n_steps),
-                    "2",
-                    f"{took:.2f} s",
-                    f"{guide.certificate.seconds:.2f} s",
-                    f"{100 * (guide.gap or 0):.2f} %",
-                    guide.certificate.reason,
-                ]
-            )
-            table(HEAD, rows[-1:])
-    for count in (2, 20, 200):
+    for steps in (30, 300) if quick else (30, 100, 300, 1000, 3000):
+        fine = {"time.dt": 9.9 / steps, "time.t_f": 9.9 * (1 + 1e-9)}
+        yield f"{steps} steps in the same time", scenario_of(radars, (10.0, 10.0), **fine)
+    for steps in (300,) if quick else (100, 300, 1000, 3000):
+        late = {"time.t_f": 0.33 * steps * (1 + 1e-9)}
+        yield f"{steps} steps in more time", scenario_of(radars, (10.0, 10.0), **late)
+    for count in (2, 20) if quick else (2, 20, 200):
         rng = np.random.default_rng(count)
         places = rng.uniform(-5, 15, (4 * count, 2))
         clear = (np.hypot(*places.T) > 1) & (np.hypot(*(places - 10).T) > 1)
-        scenario = scenario_of(places[clear][:count], (10.0, 10.0))
-        guide, took = timed(scenario)
-        assert guide.certificate is not None
-        proof = guide.certificate
-        table(
-            HEAD,
-            [
-                [
-                    "more radars",
-                    "30",
-                    str(count),
-                    f"{took:.2f} s",
-                    f"{proof.seconds:.2f} s",
-                    f"{100 * (guide.gap or 0):.2f} %",
-                    proof.reason,
-                ]
-            ],
-        )
+        yield f"{count} radars", scenario_of(places[clear][:count], (10.0, 10.0))
+    for scale in (0.3,) if quick else (0.1, 0.3, 3.0, 10.0):
+        far = {"time.t_f": 9.9 * max(scale, 0.2) * (1 + 1e-9)}
+        target = (10 * scale, 10 * scale)
+        yield f"map {scale:g} times as wide", scenario_of(scale * radars, target, **far)
 
 
-HEAD = ["case", "steps", "radars", "time", "of it the proof", "gap", "end of the proof"]
+def sized(scenario: Scenario) -> list[str]:
+    """A row of the table of sizes; in a process of its own, whose memory is measured."""
+    timed(random_geometry(999), certify=False)
+    guide, took = timed(scenario)
+    proof = guide.certificate
+    assert proof is not None
+    status = Path("/proc/self/status").read_text().splitlines()  # a parent's peak is not in it
+    memory = next(int(line.split()[1]) for line in status if line.startswith("VmHWM")) / 1024
+    return [
+        str(scenario.n_steps),
+        str(len(scenario.hazard.radar_positions)),
+        str(took),
+        f"{proof.seconds:.2f} s",
+        f"{100 * (guide.gap or 0):.2f} %",
+        f"{max(level.nodes for level in proof.levels):,}",
+        f"{memory:.0f} MB",
+        proof.reason,
+    ]
+
+
+def scale(quick: bool) -> None:
+    """Planning time and memory against the horizon, the radars and the extent of the map."""
+    head = ["case", "steps", "radars", "time", "proof", "gap", "nodes", "memory", "why it ended"]
+    rows = []
+    with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as fresh:
+        for name, scenario in sizes(quick):
+            rows.append([name, *fresh.submit(sized, scenario).result()])
+            print(rows[-1], file=sys.stderr, flush=True)
+    table(head, rows)
+
+
+TABLES = {"gaps": gaps, "rivals": rivals, "flyable": flyable, "scale": scale, "long": long}
 
 if __name__ == "__main__":
-    wanted = sys.argv[1:] or ["gaps", "rivals", "flyable"]
-    for name in wanted:
-        {"gaps": gaps, "rivals": rivals, "flyable": flyable, "scale": scale, "long": long}[name]()
+    asked = [name for name in sys.argv[1:] if name != "--quick"]
+    for name in asked or [name for name in TABLES if name != "long"]:
+        TABLES[name]("--quick" in sys.argv)

@@ -1,10 +1,10 @@
-"""From a scenario to a guide: which starts, which arrival steps, and the best of them."""
+"""From a scenario to a guide: the best outcome of a search, and how good any can be."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,28 +14,16 @@ from .arrays import Floats
 from .certificate.grid import Relaxation
 from .certificate.refinement import Certificate, arrival_multiplier
 from .certificate.refinement import certify as certified
-from .certificate.ways import Way, best_ways
+from .certificate.ways import best_ways
 from .errors import PlanningError, SolverError
-from .guide import Candidate, Guide, guide_from, path_of, sides_of
-from .problems.guide import GuideTask, guide_instance, guide_nlp
-from .problems.guide_penalised import penalised_guide_instance, penalised_guide_nlp
-from .solution import Solution
+from .guide import Candidate, Guide, guide_from, path_of
+from .problems.guide import GuideTask
+from .search import Planner, preference
 from .solvers import ProjectedGradient, Solver, make_solver
-from .solvers.base import VIOLATION
-from .starts import resampled, straight
 
 if TYPE_CHECKING:
     from .scenario import Scenario
 
-
-COARSE = 8
-"""Arrival steps tried first, evenly spread; the best one's neighbourhood is then halved to one."""
-
-WAYS = 4
-"""Ways around the radars, best first, from which a global search starts."""
-
-NEAR = 3
-"""Ways of a known guide, best first, that a search near it starts from."""
 
 GAP, TIME_LIMIT = 0.01, 10.0
 """Relative gap at which a certificate is good enough, and the seconds that it may take."""
@@ -143,7 +131,7 @@ def _relaxed_paths(scenario: Scenario, task: Relaxation) -> list[Floats]:
     """Locally best paths of the relaxation, from the best ways and next to their arrival steps."""
     free = replace(_task(scenario, task.start, None), radius=scenario.target.radius)
     free = replace(free, a_max=np.inf, a_max_first=np.inf)
-    planner = _Planner(scenario, free, make_solver("ipopt"), lambda _: None)
+    planner = Planner(scenario, free, make_solver("ipopt"), lambda _: None)
     tried: list[Candidate] = []
     for way in best_ways(task, 2):
         tried += planner.along(way, [way.arrival])
@@ -172,14 +160,14 @@ def plan_from(
     task = _task(scenario, start, before)
     backend = make_solver(solver, **_paper_options(scenario, solver))
     search = _checked_search(search, scenario, backend)
-    planner = _Planner(scenario, task, backend, progress or (lambda _: None))
+    planner = Planner(scenario, task, backend, progress or (lambda _: None))
     if isinstance(backend, ProjectedGradient):
         candidates = [planner.penalised()]
     elif near is not None and near.ways():
         candidates = planner.candidates_near(near)
     else:
         candidates = planner.candidates(search)
-    best = min(candidates, key=_preference)
+    best = min(candidates, key=preference)
     return guide_from(
         scenario.hazard,
         task.start,
@@ -223,12 +211,6 @@ def _checked_search(search: str | None, scenario: Scenario, solver: Solver) -> s
     return search or scenario.guide.search
 
 
-def _preference(candidate: Candidate) -> tuple[bool, bool, float]:
-    """Arriving and solved first, then by risk."""
-    arrives = bool(np.isfinite(candidate.risk))
-    return not arrives, not candidate.solution.status.success, candidate.risk
-
-
 def _checked(guide: Guide) -> Guide:
     if guide.arrives:
         return guide
@@ -239,147 +221,3 @@ def _checked(guide: Guide) -> Guide:
         "A larger a_max or t_f, a smaller guide.margin, or flyable = false gives it more room; "
         "check=False returns the best failure"
     )
-
-
-Start = Callable[[int, float], Floats]
-"""Velocities (steps, 2) of an initial path, from a number of steps and dt."""
-
-
-def _resampling(polyline: Floats) -> Start:
-    return lambda steps, dt: resampled(polyline, steps, dt)
-
-
-@dataclass(frozen=True)
-class _Planner:
-    scenario: Scenario
-    task: GuideTask
-    solver: Solver
-    progress: Callable[[str], None]
-
-    def candidates(self, search: str) -> list[Candidate]:
-        """Outcomes of every start of a local or global search."""
-        found: dict[str, list[Candidate]] = {}
-        starts: dict[str, Start] = {"straight": self._line}
-        steps = {"straight": self._steps()}
-        if search == "global":
-            relaxation = replace(
-                Relaxation.of(self.scenario, self.task.start), radius=self.task.radius
-            )
-            ways = best_ways(relaxation, WAYS)
-            starts |= {way.sides or "way": way.velocities for way in ways}
-            steps |= {way.sides or "way": self._steps_near(way.arrival) for way in ways}
-            steps["straight"] = self._steps(3)
-        for name, start in starts.items():
-            self.progress(name)
-            found[name] = list(self._try(name, start, steps[name]))
-        refined = self._most_promising(found) if self.scenario.guide.arrival == "any" else []
-        for name in refined:
-            self.progress(f"{name}, arrival step")
-            self._refine(name, starts[name], found[name])
-        return [candidate for tried in found.values() for candidate in tried]
-
-    def along(self, way: Way, steps: Iterable[int]) -> list[Candidate]:
-        """Outcomes of a way at those of the arrival steps that are possible."""
-        possible = set(self._possible())
-        return list(
-            self._try(way.sides or "way", way.velocities, sorted(possible.intersection(steps)))
-        )
-
-    def candidates_near(self, guide: Guide) -> list[Candidate]:
-        """Outcomes of starts that follow another agent's guide and its other ways."""
-        possible = self._possible()
-        tried: list[Candidate] = []
-        for known in guide.ways()[:NEAR]:
-            path = path_of(guide.positions[0], known.velocities, self.task.dt)
-            around_known = {known.arrival + shift for shift in (-1, 0, 1)}
-            steps = sorted(around_known.intersection(possible)) or possible[-1:]
-            polyline = np.vstack([self.task.start, path[1:]])
-            tried += self._try(known.start, _resampling(polyline), steps)
-        return tried
-
-    def penalised(self) -> Candidate:
-        """Outcome of the paper's penalised form, from the straight line over all steps."""
-        task = replace(self.task, radius=self.scenario.target.radius)
-        nlp = penalised_guide_nlp(self.scenario.hazard, self.scenario.n_steps)
-        line = resampled(straight(task.start, task.center), self.scenario.n_steps, task.dt)
-        instance = penalised_guide_instance(nlp, task, self.scenario.guide.gamma, line)
-        self.progress("straight")
-        solution = self.solver.solve(nlp, instance)[0]
-        velocities = nlp.variable("velocities", solution.x)
-        return self._priced("straight", self.scenario.n_steps, velocities, solution)
-
-    def _try(self, name: str, start: Start, steps: Iterable[int]) -> Iterator[Candidate]:
-        nlp = guide_nlp(self.scenario.hazard, self.scenario.n_steps)
-        task, unit = self.task.dimensionless(), self.task.v_max
-        for arrival in steps:
-            guess = start(arrival, self.task.dt) / unit
-            instance = guide_instance(nlp, task, arrival, guess)
-            solution = self.solver.solve(nlp, instance)[0]
-            velocities = unit * nlp.variable("velocities", solution.x)[:arrival]
-            yield self._priced(name, arrival, velocities, solution)
-
-    def _refine(self, name: str, start: Start, tried: list[Candidate]) -> None:
-        """Try arrival steps between the best one and its neighbours until none is left."""
-        while True:
-            best = min(tried, key=_preference).arrival
-            steps = np.array(sorted({c.arrival for c in tried}))
-            at = int(np.searchsorted(steps, best))
-            between = {(int(steps[i]) + best) // 2 for i in (at - 1, at + 1) if 0 <= i < len(steps)}
-            fresh = between - set(steps.tolist())
-            if not fresh:  # a neighbour may be one step above: (best + 1 + best) // 2 = best
-                return
-            tried += self._try(name, start, sorted(fresh))
-
-    def _most_promising(self, found: dict[str, list[Candidate]]) -> list[str]:
-        """Starts to refine: the best of each way around the radars, at most two of them."""
-        best = {name: min(tried, key=_preference) for name, tried in found.items()}
-        chosen: dict[str, str] = {}
-        for name in sorted(best, key=lambda start: _preference(best[start])):
-            chosen.setdefault(best[name].sides, name)
-        return list(chosen.values())[:2]
-
-    def _priced(self, name: str, arrival: int, velocities: Floats, solution: Solution) -> Candidate:
-        task = self.task
-        finite = np.isfinite(velocities).all()
-        velocities = (
-            np.clip(velocities, -task.v_max, task.v_max) if finite else np.zeros_like(velocities)
-        )
-        positions = path_of(task.start, velocities, task.dt)
-        risk = np.inf
-        inside = self.scenario.target.contains(positions[1:])
-        if inside.any() and solution.residuals.violation <= VIOLATION:
-            first = int(inside.argmax()) + 1
-            velocities, positions = velocities[:first], positions[: first + 1]
-            risk = float(task.dt * self.scenario.hazard.lone_rates(positions[1:]).sum())
-        radars = self.scenario.hazard.radar_positions
-        return Candidate(name, arrival, sides_of(positions, radars), velocities, risk, solution)
-
-    def _line(self, steps: int, dt: float) -> Floats:
-        """Velocities (steps, 2) straight to the nearest point of the target, margin taken off."""
-        way = self.task.start - self.task.center
-        distance = np.hypot(*way)
-        shrink = min(1.0, self.task.radius / distance) if distance > 0 else 1.0
-        return resampled(straight(self.task.start, self.task.center + shrink * way), steps, dt)
-
-    def _steps(self, most: int = COARSE) -> list[int]:
-        """Arrival steps to try first: from the fewest possible to all, evenly."""
-        possible = self._possible()
-        places = np.linspace(0, len(possible) - 1, min(most, len(possible))).round()
-        return [possible[int(place)] for place in places]
-
-    def _steps_near(self, arrival: int) -> list[int]:
-        """Arrival steps next to one, and the last: limits of acceleration take their time."""
-        possible = self._possible()
-        nearest = min(possible, key=lambda step: abs(step - arrival))
-        near = {nearest - 1, nearest, nearest + 1, possible[-1]}
-        return sorted(near.intersection(possible))
-
-    def _possible(self) -> list[int]:
-        """Arrival steps that v_max allows and the scenario asks for, or else the horizon."""
-        horizon = self.scenario.n_steps
-        reach = np.arange(1, horizon + 1)[:, None] * self.task.dt * self.task.v_max
-        outside = np.maximum(np.abs(self.task.center - self.task.start) - reach, 0.0)
-        possible = 1 + np.flatnonzero(np.hypot(*outside.T) <= self.task.radius)
-        if not possible.size or self.scenario.guide.arrival == "horizon":
-            return [horizon]
-        return [int(step) for step in possible]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,8 +12,11 @@ from .common import WrongInput, load, reported_errors, scenario_options
 from .output import Folder, json_text, say
 
 if TYPE_CHECKING:
+    from ..certificate.value import ValueFunction
     from ..guide import Guide
     from ..scenario import Scenario
+
+_WAYS = 6  # that are printed; candidates.csv has them all
 
 
 @click.command()
@@ -98,6 +102,7 @@ def plan(
         from ..planning import plan as find_guide
 
         folder = Folder("plan", chosen, out, figures)
+        value = _value(chosen) if with_map else None  # first: it may need too many nodes
         guide = find_guide(
             chosen,
             solver,
@@ -107,7 +112,7 @@ def plan(
             progress=lambda start: say(f"planning: {start}", quiet),
         )
         rival = _rival(chosen, guide) if solver == "projected-gradient" else None
-        content = _write(folder, chosen, guide, rival, with_map, {"solver": solver})
+        content = _write(folder, chosen, guide, rival, value, {"solver": solver})
     click.echo(json_text(content) if as_json else _words(chosen, guide, rival))
     say(folder.closing(), quiet)
 
@@ -124,12 +129,18 @@ def _rival(scenario: Scenario, guide: Guide) -> Guide:
     return replace(found, risk_bound=guide.risk_bound, certificate=guide.certificate)
 
 
+def _value(scenario: Scenario) -> ValueFunction:
+    from ..certificate.value import ValueFunction
+
+    return ValueFunction.of(scenario)
+
+
 def _write(
     folder: Folder,
     scenario: Scenario,
     guide: Guide,
     rival: Guide | None,
-    with_map: bool,
+    value: ValueFunction | None,
     inputs: dict[str, object],
 ) -> dict[str, object]:
     from ..figures import comparison_map, guide_map, risk_map
@@ -142,10 +153,7 @@ def _write(
         rivals = {"projected gradient": guide, "global search": rival}
         folder.table("comparison", rival_table(rivals))
         folder.figure("comparison", comparison_map(scenario, rivals))
-    if with_map:
-        from ..certificate.value import ValueFunction
-
-        value = ValueFunction.of(scenario)
+    if value is not None:
         folder.figure("risk-to-go", risk_map(scenario, value, guide))
     certificate = guide.certificate
     result = {
@@ -157,6 +165,7 @@ def _write(
         "arrival_step": guide.arrival,
         "arrives": guide.arrives,
         "solution": guide.solution.as_row(),
+        "candidates": [candidate.as_row() for candidate in guide.candidates],
         "positions": guide.positions,
         "velocities": guide.velocities,
     }
@@ -170,12 +179,13 @@ def _words(scenario: Scenario, guide: Guide, rival: Guide | None) -> str:
     told = ", ".join(f"{count} {status}" for status, count in outcomes.items())
     radars = len(scenario.hazard.radar_positions)
     lines = [
-        f"{scenario.name}: {scenario.n} members, {radars} radars, "
+        f"{scenario.name}: {_counted(scenario.n, 'member')}, {_counted(radars, 'radar')}, "
         f"{scenario.n_steps} steps of {scenario.time.dt:g}",
         f"{guide}, risk {guide.risk:.4f}",
         *_proof(guide),
         f"{guide.solution}",
         f"solves: {told}",
+        *_ways(guide),
     ]
     if rival is not None:
         lines.append(f"a global search without a_max and margin: {rival}, risk {rival.risk:.4f}")
@@ -184,6 +194,26 @@ def _words(scenario: Scenario, guide: Guide, rival: Guide | None) -> str:
     elif guide.search == "local" or scenario.guide.arrival == "horizon":
         lines.append("a local search: --search global --arrival any may find a better way")
     return "\n".join(lines)
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def _ways(guide: Guide) -> list[str]:
+    """The best of every way around the radars that was found; nothing where there is one alone."""
+    ways = guide.ways()
+    if len(ways) < 2 or not ways[0].sides:
+        return []
+    tried = [candidate.sides for candidate in guide.candidates]
+    lines = ["ways around the radars, by the side (L, R) on which each is passed:"]
+    for way in ways[:_WAYS]:
+        told = f"  {way.sides}  survival {math.exp(-way.risk):.4f}, risk {way.risk:.4f}"
+        solves = _counted(tried.count(way.sides), "solve")
+        lines.append(f"{told}, step {len(way.velocities)} ({solves})")
+    if len(ways) > _WAYS:
+        lines.append(f"  and {len(ways) - _WAYS} more in candidates.csv")
+    return lines
 
 
 def _proof(guide: Guide) -> list[str]:

@@ -136,8 +136,8 @@ class Step:
     positions, previous : (B, n, 2)
         X(t) and V(t-1).
     alive : (B, n) bool
-    goal : (2,)
-        X*(t+1).
+    goal : (2,) or (B, 2)
+        X*(t+1), for all states or for each.
     """
 
     hazard: Hazard
@@ -191,10 +191,15 @@ def leader_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
     return _formation(step, sets, leads, step.alive & ~leads, given, shortfalls, guess)
 
 
-def corridor_formation(step: Step, rho: float) -> Formation:
-    """Constrained trajectory, problem (7); `rho` bounds the squared distance to the goal."""
+def corridor_formation(
+    step: Step, rho: float, pathfinders: NDArray[np.intp] | None = None
+) -> Formation:
+    """Constrained trajectory, problem (7); `rho` bounds the squared distance to the goal.
+
+    `pathfinders` (B,) are the indices of members who fly to the goal itself, if there are any.
+    """
     physical = step.motion.sets(step.previous)
-    to_goal = (step.goal - step.positions) / step.motion.dt
+    to_goal = (np.atleast_2d(step.goal)[:, None] - step.positions) / step.motion.dt
     wishes = PlanarSets(
         physical.lower,
         physical.upper,
@@ -202,8 +207,12 @@ def corridor_formation(step: Step, rho: float) -> Formation:
         np.sqrt([step.motion.a_max, rho]) / [1.0, step.motion.dt],
     )
     sets, unmet = wishes.fulfil()
-    free = step.alive & ~unmet
-    return _formation(step, sets, step.alive, free, sets.lower, step.alive & unmet)
+    free, given = step.alive & ~unmet, sets.lower
+    if pathfinders is not None:
+        first = np.arange(step.alive.shape[1]) == pathfinders[:, None]
+        free &= ~first
+        given = np.where(first[..., None], physical.project(to_goal), given)
+    return _formation(step, sets, step.alive, free, given, step.alive & unmet)
 
 
 def _formation(
@@ -237,7 +246,7 @@ def _formation(
             previous=step.previous,
             alive=step.alive[..., None],
             weights=weights[..., None],
-            goal=step.goal[None],
+            goal=step.goal[None] if step.goal.ndim == 1 else step.goal[:, None],
             dt=[[step.motion.dt]],
         ),
         lower=nlp.pack_variables(velocities=lower),

@@ -124,7 +124,9 @@ class GuideTask:
         )
 
 
-def guide_instance(nlp: Nlp, task: GuideTask, arrival: int, velocities: Floats) -> Instances:
+def guide_instance(
+    nlp: Nlp, task: GuideTask, arrival: int, velocities: Floats, scale: float = 1.0
+) -> Instances:
     """Instance that arrives at step `arrival`, started from the path of `velocities`.
 
     Parameters
@@ -136,6 +138,8 @@ def guide_instance(nlp: Nlp, task: GuideTask, arrival: int, velocities: Floats) 
         T >= 1.
     velocities : (arrival, 2)
         Initial guess; clipped to the box.
+    scale : float
+        What the objective is multiplied by, for solvers whose tolerances and barriers are absolute.
     """
     horizon = nlp.parameters["weights"].shape[1]
     moving = np.arange(horizon) < arrival
@@ -153,7 +157,7 @@ def guide_instance(nlp: Nlp, task: GuideTask, arrival: int, velocities: Floats) 
             start=task.start[None],
             before=task.before[None],
             center=task.center[None],
-            weights=moving[:, None].astype(float),
+            weights=scale * moving[:, None],
             dt=[[task.dt]],
             origin=task.origin[None],
             length=[[task.length]],

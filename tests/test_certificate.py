@@ -262,6 +262,27 @@ def test_merging_steps_weakens_the_bound_and_keeps_it(merged: int) -> None:
     assert 0.5 * guide.risk < bounds[1] <= bounds[0] <= guide.risk
 
 
+@given(st.integers(0, 2**32 - 1), st.sampled_from([2_000, 5_000, 20_000]))
+@settings(max_examples=8, deadline=None)
+def test_refining_merged_steps_never_exceeds_a_guide(seed: int, first: int) -> None:
+    """Cells are discarded while steps are merged, too; what is known of a whole grid stays true."""
+    scenario = geometry(seed)
+    fine = scenario.with_values({"time.dt": 0.055, "time.t_f": scenario.time.t_f * (1 + 1e-9)})
+    guide = plan(fine, certify=False)
+    task = Relaxation.of(fine)
+    certificate = certify(task, guide.risk, gap=0.002, first=first, most=2_000_000)
+    assert certificate.levels[0].merged > 1
+    assert certificate.bound <= min(*random_guides(fine, 100, seed), guide.risk)
+    assert certificate.gap < 0.03 or "nodes" in certificate.reason
+    one = Prices(Grid.whole(task, 1, 1))
+    exact = least(one, backward(one))
+    assert all(level.bound <= guide.risk for level in certificate.levels)
+    assert (
+        certificate.bound >= min(exact, guide.risk) * (1 - 1e-9)
+        or certificate.levels[-1].merged > 1
+    )
+
+
 def test_bound_holds_at_the_limits_of_nodes_and_time_and_says_so() -> None:
     scenario = free((10.0, 10.0), TWO, 30)
     guide = plan(scenario, certify=False)
@@ -379,6 +400,13 @@ def test_limits_of_acceleration_keep_the_bound_and_widen_the_gap() -> None:
     assert guides[0].gap < 0.01 < guides[1].gap
     assert guides[1].certificate.best == pytest.approx(guides[0].risk, rel=1e-5)
     assert guides[0].risk_bound == pytest.approx(guides[1].risk_bound, rel=0.01)
+
+
+def test_path_that_a_solvers_tolerance_keeps_out_of_the_target_counts() -> None:
+    """At full speed nearly everywhere, so that what the dynamics miss adds up to a rim not met."""
+    certificate = certificate_of(load_scenario("ring"), plan(load_scenario("ring"), certify=False))
+    assert certificate.best == pytest.approx(1.1039, abs=2e-4)
+    assert certificate.gap < 0.01
 
 
 def test_certifying_is_left_out_where_it_is_not_asked_for() -> None:

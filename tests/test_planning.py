@@ -20,7 +20,7 @@ MEMBER = [(0.0, 0.0)]
 
 
 @cache
-def issue_4(**values: object) -> Guide:
+def two_radars(**values: object) -> Guide:
     """Start (0, 0), target (10, 10), radars (3, 4) and (7, 6), Table I's numbers."""
     return plan(small(MEMBER, (10.0, 10.0), [(3.0, 4.0), (7.0, 6.0)], 30, **values))
 
@@ -43,13 +43,22 @@ def test_guide_around_one_radar_is_between_the_bounds_of_a_fine_grid(
 
 
 def test_local_search_ends_between_the_radars_and_global_search_goes_around_them() -> None:
-    local = issue_4(guide__flyable=False, guide__search="local")
-    globally = issue_4(guide__flyable=False)
+    local = two_radars(guide__flyable=False, guide__search="local")
+    globally = two_radars(guide__flyable=False)
     assert local.risk == pytest.approx(1.156, abs=0.001)
     assert globally.risk == pytest.approx(0.3305, abs=0.0005)
     assert globally.arrival == local.arrival == 30
     sides = [min(guide.candidates, key=lambda c: c.risk).sides for guide in (local, globally)]
     assert sides == ["LR", "LL"]
+
+
+def test_long_way_around_is_kept_where_a_whole_guide_risks_little() -> None:
+    """Ten times as far from the radars: a tenth of the risk, below the weight of a barrier."""
+    radars = [(30.0, 40.0), (70.0, 60.0)]
+    scenario = small(MEMBER, (100.0, 100.0), radars, 300, guide__flyable=False)
+    guide = plan(scenario, certify=False)
+    assert guide.risk == pytest.approx(0.0344, abs=0.0002)
+    assert [way.sides for way in guide.ways()[:2]] == ["LL", "RR"]
 
 
 def patrol(steps: int, **values: object) -> Scenario:
@@ -214,7 +223,7 @@ def test_search_that_is_asked_for_overrules_the_scenario() -> None:
 
 
 def test_candidates_are_the_straight_start_and_ways_on_both_sides() -> None:
-    guide = issue_4()
+    guide = two_radars()
     tried: dict[str, set[int]] = {}
     for candidate in guide.candidates:
         tried.setdefault(candidate.start, set()).add(candidate.arrival)

@@ -182,7 +182,7 @@ class Grid:
         return east, north
 
     def halved(self, active: tuple[tuple[Booleans, ...], ...]) -> Grid:
-        """Half the spacing, on the active cells of every block alone."""
+        """Half the spacing, on the active cells of every block alone; half the steps merged."""
         blocks = tuple(
             tuple(
                 fine
@@ -194,7 +194,11 @@ class Grid:
             )
             for blocks, masks in zip(self.blocks, active, strict=True)
         )
-        return replace(self, reach=2 * self.reach, blocks=blocks)
+        if self.merged == 1:
+            return replace(self, reach=2 * self.reach, blocks=blocks)
+        merged = self.merged // 2
+        twice = tuple(fine for fine in blocks for _ in (0, 1))
+        return replace(self, merged=merged, blocks=twice[: -(-self.task.steps // merged)])
 
 
 def whole_size(task: Relaxation, merged: int, reach: int, from_start: bool = True) -> int:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
 from ..arrays import Booleans, Floats
 from ..hazard.bounds import cap_radius
-from .grid import UNIT, Grid, Relaxation, corners, whole_size
-from .recursion import Prices, backward, forward, least
+from .grid import UNIT, Block, Grid, Relaxation, corners, whole_size
+from .recursion import Prices, Values, backward, forward, least, point, spread
 
 FIRST = 400_000
 """Nodes of the first grid, at the most where merging steps can keep it so."""
@@ -101,6 +102,7 @@ def certify(
     *,
     gap: float = 0.01,
     time_limit: float = 60.0,
+    first: int = FIRST,
     most: int = MOST,
 ) -> Certificate:
     """Bound on the risk of all guides, refined until it is within `gap` of the best known risk.
@@ -118,11 +120,11 @@ def certify(
         (best - bound) / best at which to stop.
     time_limit : float
         Seconds.
-    most : int
-        Nodes of a grid at which to stop.
+    first, most : int
+        Nodes of the first grid, at the most where merging steps can keep it so, and of any.
     """
     started = time.perf_counter()
-    grid: Grid | None = first_grid(task)
+    grid: Grid | None = first_grid(task, first)
     levels: list[Level] = []
     bound, reason = 0.0, ""
     while grid is not None:
@@ -149,30 +151,58 @@ def certify(
     return Certificate(bound, best, reason, tuple(levels), time.perf_counter() - started)
 
 
-def _refined(
-    prices: Prices, values: list[list[Floats]], threshold: float, most: int
-) -> Grid | None:
+def _refined(prices: Prices, values: Values, threshold: float, most: int) -> Grid | None:
     """The next grid, without the cells in which no better guide can be; None if it is too large."""
     grid = prices.grid
-    if grid.merged > 1:
-        if whole_size(grid.task, grid.merged // 2, grid.reach) > most:
-            return None
-        return Grid.whole(grid.task, grid.merged // 2, grid.reach)
     active: list[tuple[Booleans, ...]] = []
     cells = 0
-    for blocks, arriving, going in zip(grid.blocks, forward(prices), values, strict=True):
+    totals = _merged_totals if grid.merged > 1 else _totals
+    for blocks, risks in zip(grid.blocks, totals(prices, values), strict=True):
         kept = []
-        for block, here, there in zip(blocks, arriving, going, strict=True):
+        for block, risk in zip(blocks, risks, strict=True):
             keep = np.zeros(block.cells.shape, bool)
-            for corner in corners(here + there):
+            for corner in corners(risk):
                 keep |= corner <= threshold
             kept.append(keep & block.cells)
             cells += int(np.count_nonzero(kept[-1]))
         active.append(tuple(kept))
-    if 4 * cells > most:
+    if 4 * cells * (1 + (grid.merged > 1)) > most:
         return None
     refined = grid.halved(tuple(active))
     return refined if refined.size <= most else None
+
+
+def _totals(prices: Prices, values: Values) -> Iterator[list[Floats]]:
+    """For every step, the least cost of the paths through every node."""
+    for arriving, going in zip(forward(prices), values, strict=True):
+        yield [before + after for before, after in zip(arriving, going, strict=True)]
+
+
+def _merged_totals(prices: Prices, values: Values) -> Iterator[list[Floats]]:
+    """For the steps of every sample, a bound on the risk of the guides near every node.
+
+    All samples of a guide's m paths that are taken within those steps are within k nodes of its
+    place at any of them; a path that has ended before took its last sample within 2 k.
+    """
+    grid = prices.grid
+    start = point((0, 0))
+    last: tuple[Block, ...] = (start,)
+    ended = [prices.arrivals(start)]
+    for sample, arriving in enumerate(forward(prices)):
+        blocks = grid.blocks[sample]
+        through = [a + b for a, b in zip(arriving, values[sample], strict=True)]
+        yield [
+            np.minimum(
+                spread(through, blocks, block, grid.reach),
+                spread(ended, last, block, 2 * grid.reach),
+            )
+            for block in blocks
+        ]
+        ended = [
+            before + cost + prices.arrivals(block)
+            for before, cost, block in zip(arriving, prices.nodes[sample], blocks, strict=True)
+        ]
+        last = blocks
 
 
 def rounding(prices: Prices, risk: float) -> float:

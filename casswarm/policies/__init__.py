@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..certificate.value import ValueFunction
 from ..errors import PolicyError, among
 from ..guide import Guide
 from ..planning import plan, plan_from
 from ..problems.formation import motion_of
 from ..solvers import ProjectedGradient, Solver, make_solver
 from .base import Decision, Policy, UserPolicy, as_policy
+from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy
 from .naive import NaivePolicy
 from .succession import SUCCESSIONS
@@ -24,6 +26,8 @@ POLICIES = {
     "naive": "every member follows a guide of its own and ignores the others",
     "constrained": "all keep to a corridor around the guide, with the least total rate",
     "leader": "one member follows the guide, the others protect it",
+    "constrained-feedback": "constrained, along the best way on from where the swarm is",
+    "leader-feedback": "leader, who finds the best way on from where it is",
 }
 """Names that `make_policy` takes, each with what it does."""
 
@@ -39,10 +43,10 @@ def make_policy(
 
     Parameters
     ----------
-    name : {"naive", "constrained", "leader"}
+    name : {"naive", "constrained", "leader", "constrained-feedback", "leader-feedback"}
     scenario : Scenario
     guide : Guide, optional
-        Planned from the scenario by default.
+        Planned from the scenario by default; the policies with feedback need none.
     solver : str or Solver
         Of the formation problems: a name of `casswarm.solvers.SOLVERS`, by default ``"auto"``.
     succession : {"nearest", "first", "safest"}
@@ -57,26 +61,31 @@ def make_policy(
     """
     _require_known("policy", name, POLICIES)
     _require_known("succession", succession, SUCCESSIONS)
-    guide = plan(scenario) if guide is None else _checked_guide(scenario, guide)
-    motion = motion_of(scenario)
-    if name == "naive":
-        return NaivePolicy(motion, member_guides(scenario, guide))
-    options = scenario.formation
+    motion, options = motion_of(scenario), scenario.formation
     paper = {"step": options.learning_rate, "iterations": options.iterations, "start": "zero"}
     backend = make_solver(solver, **(paper if solver == ProjectedGradient.name else {}))
+    if guide is not None:
+        _require_fitting(scenario, guide)
+    if name.endswith("-feedback"):
+        value = ValueFunction.of(scenario, certified=False)
+        if name.startswith("leader"):
+            return LeaderFeedbackPolicy(scenario.hazard, motion, value, backend)
+        return ConstrainedFeedbackPolicy(scenario.hazard, motion, value, backend, options.rho)
+    guide = plan(scenario, certify=False) if guide is None else guide
+    if name == "naive":
+        return NaivePolicy(motion, member_guides(scenario, guide))
     if name == "leader":
         return LeaderPolicy(scenario.hazard, motion, guide, backend, succession)
     return ConstrainedPolicy(scenario.hazard, motion, guide, backend, options.rho)
 
 
-def _checked_guide(scenario: Scenario, guide: Guide) -> Guide:
+def _require_fitting(scenario: Scenario, guide: Guide) -> None:
     if guide.dt != scenario.time.dt or tuple(guide.center) != scenario.target.center:
         raise PolicyError(
             f"this guide leads to {tuple(guide.center)} in steps of {guide.dt}, but the scenario "
             f"{scenario.name!r} has its target at {scenario.target.center} and dt "
             f"{scenario.time.dt}: plan a guide for this scenario"
         )
-    return guide
 
 
 def initial_velocities(scenario: Scenario, guide: Guide) -> np.ndarray:
@@ -113,8 +122,10 @@ def _require_known(kind: str, name: str, known: Mapping[str, object]) -> None:
 __all__ = [
     "POLICIES",
     "SUCCESSIONS",
+    "ConstrainedFeedbackPolicy",
     "ConstrainedPolicy",
     "Decision",
+    "LeaderFeedbackPolicy",
     "LeaderPolicy",
     "NaivePolicy",
     "Policy",
