@@ -11,7 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .chain.evaluate import Law
+    from .certificate.refinement import Certificate
+    from .certificate.value import ValueFunction
+    from .chain.hybrid import Estimate
+    from .chain.law import Law
     from .comparison import Comparison, Problem, Tolerances, compare
     from .errors import (
         CasswarmError,
@@ -21,16 +24,19 @@ if TYPE_CHECKING:
         PolicyError,
         ScenarioError,
         SolverError,
+        StoreError,
     )
-    from .evaluation import evaluate
+    from .evaluation import estimate, evaluate
     from .guide import Candidate, Guide
     from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
+    from .pilot import runs_needed
     from .planning import plan
     from .policies import Decision, Policy, as_policy, make_policy
     from .scenario import Scenario, builtin_scenarios, load_scenario, save_scenario
     from .solution import Residuals, Solution, Status
     from .solvers import Solver, make_solver
     from .study import Study, simulate
+    from .sweeping import Sweep, sweep
 
 __version__ = version("casswarm")
 
@@ -40,9 +46,12 @@ if not (_FOLDER / "problems").exists() and (_FOLDER.parent / "problems").exists(
     __path__.append(str(_FOLDER.parent))
 
 _HOME = {
-    "chain.evaluate": ("Law",),
-    "evaluation": ("evaluate",),
+    "certificate.refinement": ("Certificate",),
+    "certificate.value": ("ValueFunction",),
     "comparison": ("Comparison", "Problem", "Tolerances", "compare"),
+    "chain.hybrid": ("Estimate",),
+    "chain.law": ("Law",),
+    "evaluation": ("estimate", "evaluate"),
     "errors": (
         "CasswarmError",
         "ComparisonError",
@@ -51,25 +60,30 @@ _HOME = {
         "PolicyError",
         "ScenarioError",
         "SolverError",
+        "StoreError",
     ),
     "guide": ("Candidate", "Guide"),
     "hazard": ("CustomHazard", "Hazard", "KernelHazard", "Saturation", "SaturationCollision"),
+    "pilot": ("runs_needed",),
     "planning": ("plan",),
     "policies": ("Decision", "Policy", "as_policy", "make_policy"),
     "scenario": ("Scenario", "builtin_scenarios", "load_scenario", "save_scenario"),
     "solution": ("Residuals", "Solution", "Status"),
     "solvers": ("Solver", "make_solver"),
     "study": ("Study", "simulate"),
+    "sweeping": ("Sweep", "sweep"),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "Candidate",
     "CasswarmError",
+    "Certificate",
     "Comparison",
     "ComparisonError",
     "CustomHazard",
     "Decision",
+    "Estimate",
     "Guide",
     "Hazard",
     "HazardError",
@@ -88,18 +102,24 @@ __all__ = [
     "Solver",
     "SolverError",
     "Status",
+    "StoreError",
     "Study",
+    "Sweep",
     "Tolerances",
+    "ValueFunction",
     "as_policy",
     "builtin_scenarios",
     "compare",
+    "estimate",
     "evaluate",
     "load_scenario",
     "make_policy",
     "make_solver",
     "plan",
+    "runs_needed",
     "save_scenario",
     "simulate",
+    "sweep",
 ]
 
 

@@ -20,10 +20,11 @@ def block(mark):
     return found[1]
 
 
-def table(text):
-    """Rows of the printed table by policy."""
-    names = ("naive", "constrained", "leader")
-    return {row[0]: row for row in map(str.split, text.splitlines()) if row and row[0] in names}
+def table(text, heading="policy "):
+    """Rows of the printed table that begins with `heading`, by their first cell."""
+    paragraph = next(part for part in text.split("\n\n") if part.startswith(heading))
+    rows = [re.split(r"  +", line.strip()) for line in paragraph.splitlines()[1:]]
+    return {row[0]: row for row in rows}
 
 
 @pytest.mark.parametrize("mark", ["run", "test"])
@@ -48,7 +49,11 @@ def test_run_command_prints_the_readmes_table(tmp_path):
         assert printed[policy][1] == row[1]
         # runs whose fate hangs on the last digit of a solve may differ between processors
         assert float(printed[policy][2]) == pytest.approx(float(row[2]), abs=0.002)
-        assert int(printed[policy][9]) == int(row[9]) == 0  # solver failures
+        assert int(printed[policy][7]) == int(row[7]) == 0  # solver failures
+    pairs, told = (table(text, "difference in success ") for text in (done.stdout, block("table")))
+    assert list(pairs) == list(told)
+    for pair in list(told)[:3]:
+        assert float(pairs[pair][1]) == pytest.approx(float(told[pair][1]), abs=0.003)
 
 
 def test_exact_brackets_of_the_readme_are_those_of_evaluate():
