@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.metadata import version
 from numbers import Integral
 from pathlib import Path
@@ -143,7 +144,8 @@ def simulate(
             raise ValueError(f"{name} = {value}; allowed: whole numbers from {least}")
     checked_workers(workers)
     guide = plan(scenario) if guide is None else guide
-    made = _named(scenario, policies, guide, solver)
+    named = partial(make_policy, scenario=scenario, guide=guide, solver=solver)
+    made: list[Policy] = distinct_policies(policies, named)
     chain = Chain(scenario, initial_velocities(scenario, guide), seed)
     with ExitStack() as stack:
         store = None
@@ -182,18 +184,18 @@ def _inputs(
     }
 
 
-def _named(
-    scenario: Scenario, policies: Sequence[Any], guide: Guide, solver: str | Solver
-) -> list[Policy]:
+def distinct_policies(policies: Sequence[Any], named: Callable[[str], Any]) -> list[Any]:
+    """Policies of what users give: names by `named`, functions and methods by `as_policy`.
+
+    Raises
+    ------
+    PolicyError
+        No list, an empty one, or policies of one name.
+    """
     if isinstance(policies, (str, Policy)):
         raise PolicyError(f"policies must be a list; for a single one give [{policies!r}]")
-    made = [
-        make_policy(policy, scenario, guide, solver)
-        if isinstance(policy, str)
-        else as_policy(policy)
-        for policy in policies
-    ]
-    names = [policy.name for policy in made]
+    made = [named(policy) if isinstance(policy, str) else as_policy(policy) for policy in policies]
+    names = [policy if isinstance(policy, str) else policy.name for policy in made]
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated or not names:
         raise PolicyError(

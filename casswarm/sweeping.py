@@ -16,11 +16,10 @@ import numpy as np
 import pandas as pd
 
 from .cells import Cell, Options
-from .errors import PolicyError, ScenarioError
+from .errors import ScenarioError
 from .parameters import SPECIAL
-from .policies import as_policy
 from .store import Store
-from .study import PAPER_POLICIES
+from .study import PAPER_POLICIES, distinct_policies
 from .workers import Workers, checked_workers, done_jobs, require_sendable
 
 if TYPE_CHECKING:
@@ -119,8 +118,7 @@ def sweep(
     checked_workers(workers)
     settings = {key: _plain(values) for key, values in settings.items()}
     _require_known(scenario, settings)
-    made = [policy if isinstance(policy, str) else as_policy(policy) for policy in policies]
-    _require_distinct(policies, made)
+    made = distinct_policies(policies, str)
     runs = None if runs is None else int(runs)
     options = Options(runs, int(seed), tolerance, most_states, merging, solver)
     cells = [
@@ -161,15 +159,6 @@ def _plain(values: Sequence[Any]) -> Any:
     if isinstance(values, str):
         return values
     return [value.item() if isinstance(value, np.generic) else value for value in values]
-
-
-def _require_distinct(given: Any, policies: Sequence[Any]) -> None:
-    names = [policy if isinstance(policy, str) else policy.name for policy in policies]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if isinstance(given, str) or not names:
-        raise PolicyError(f"policies = {given!r}; give a list of at least one")
-    if twice:
-        raise PolicyError(f"two policies are called {twice[0]!r}: give one of them another name")
 
 
 def _require_known(scenario: Scenario, settings: Mapping[str, Sequence[Any]]) -> None:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import pickle
-import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
@@ -15,7 +13,7 @@ from numbers import Integral
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from .errors import PolicyError
-from .solvers.interrupts import blocked, interruptible
+from .solvers.interrupts import begin_child, blocked, interruptible
 
 T = TypeVar("T")
 
@@ -147,23 +145,10 @@ def _in_processes(jobs: Sequence[Callable[[], T]], workers: int) -> Iterator[tup
 
 def _pool(workers: int) -> ProcessPoolExecutor:
     # spawned, not forked: CasADi and Ipopt's linear solver do not survive a fork of their threads
-    return ProcessPoolExecutor(workers, get_context("spawn"), initializer=_begin_worker)
+    return ProcessPoolExecutor(workers, get_context("spawn"), initializer=begin_child)
 
 
 def _end(pool: ProcessPoolExecutor) -> None:
     for process in list((pool._processes or {}).values()):
         process.terminate()
     pool.shutdown(cancel_futures=True)  # waits for the dead, so that no semaphore is left behind
-
-
-def _begin_worker() -> None:
-    """Leave Ctrl-C to the parent, and end with it, however it ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
-
-
-def _end_with(parent: Any) -> None:
-    parent.join()
-    os._exit(1)

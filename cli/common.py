@@ -64,6 +64,11 @@ policy_option = click.option(
 )
 """Which policies a command works on."""
 
+solver_option = click.option(
+    "--solver", default="auto", show_default=True, help="Of the formation problems; see solvers."
+)
+"""What solves the policies' problems."""
+
 
 def named_policies(names: tuple[str, ...]) -> list[Any]:
     """Policies of these names, of the paper's where there are none.

@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import load, named_policies, policy_option, reported_errors, scenario_options
+from .common import (
+    load,
+    named_policies,
+    policy_option,
+    reported_errors,
+    scenario_options,
+    solver_option,
+)
 from .output import Folder, aligned, json_text, say
 
 if TYPE_CHECKING:
@@ -49,9 +56,7 @@ if TYPE_CHECKING:
     "95 % confidence. For large swarms.",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the runs.")
-@click.option(
-    "--solver", default="auto", show_default=True, help="Of the formation problems; see solvers."
-)
+@solver_option
 def evaluate(
     scenario: str,
     settings: tuple[str, ...],

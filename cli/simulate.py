@@ -17,6 +17,7 @@ from .common import (
     policy_option,
     reported_errors,
     scenario_options,
+    solver_option,
     study_options,
 )
 from .output import Folder, aligned, json_text, say
@@ -41,12 +42,7 @@ if TYPE_CHECKING:
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same tables."
 )
 @study_options
-@click.option(
-    "--solver",
-    default="auto",
-    show_default=True,
-    help="Of the formation problems; see solvers.",
-)
+@solver_option
 @click.option(
     "--search",
     type=click.Choice(["local", "global"]),

@@ -19,6 +19,7 @@ from .common import (
     policy_option,
     reported_errors,
     scenario_options,
+    solver_option,
     study_options,
 )
 from .output import Folder, aligned, json_text, say
@@ -47,9 +48,7 @@ if TYPE_CHECKING:
     "--merge", "merging", type=click.FloatRange(0), default=0.0, help="As in casswarm evaluate."
 )
 @study_options
-@click.option(
-    "--solver", default="auto", show_default=True, help="Of the formation problems; see solvers."
-)
+@solver_option
 def sweep(
     scenario: str,
     settings: tuple[str, ...],

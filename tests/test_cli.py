@@ -1,34 +1,15 @@
 """The commands, as a user runs them: real processes, real folders."""
 
 import json
-import os
-import subprocess
-import sys
 from itertools import combinations
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from commands import casswarm
 
-CASSWARM = Path(sys.executable).parent / "casswarm"
 PNG = b"\x89PNG\r\n\x1a\n"
 KEPT = {".lock", "cells"}  # from which simulate and sweep resume
-
-
-def casswarm(folder, *arguments, code=0):
-    """Run a command in a folder, check its exit code, and return what it printed."""
-    done = subprocess.run(
-        [CASSWARM, *map(str, arguments)],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        env=os.environ | {"PYTHONWARNINGS": "error"},
-        check=False,
-    )
-    assert done.returncode == code, f"{done.stdout}\n{done.stderr}"
-    assert "Traceback" not in done.stderr
-    return done
 
 
 @pytest.fixture(scope="module")

@@ -4,31 +4,14 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
-from pathlib import Path
 
 import pandas as pd
 import pytest
+from commands import CASSWARM, casswarm
 
-CASSWARM = Path(sys.executable).parent / "casswarm"
 OPTIONS = ("compare", "--family", "quick", "--solver", "ipopt", "--solver", "spectral")
 OPTIONS += ("--time-limit", "30")  # where the machine is busy
-
-
-def casswarm(folder, *arguments, code=0):
-    done = subprocess.run(
-        [CASSWARM, *map(str, arguments)],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        env=os.environ | {"PYTHONWARNINGS": "error"},
-        check=False,
-    )
-    assert done.returncode == code, f"{done.stdout}\n{done.stderr}"
-    assert "Traceback" not in done.stderr
-    return done
 
 
 @pytest.fixture(scope="module")

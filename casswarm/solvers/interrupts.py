@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from multiprocessing import parent_process
 from types import FrameType
+from typing import Any
 
 
 @contextmanager
@@ -18,8 +21,8 @@ def interruptible() -> Iterator[None]:
     called from code that clears exceptions. Does nothing in threads, which get no signals,
     and leaves handlers of the user's own what they are.
     """
-    previous = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(previous):
+    previous = _replaceable_handler()
+    if previous is None:
         yield
         return
     came = False
@@ -41,6 +44,19 @@ def interruptible() -> Iterator[None]:
             raise KeyboardInterrupt
 
 
+def begin_child() -> None:
+    """Leave Ctrl-C to the parent of this process, and end with it, however it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
 @contextmanager
 def deferred() -> Iterator[None]:
     """Hold Ctrl-C back until after the block; processes that are born in it never see one.
@@ -54,8 +70,8 @@ def deferred() -> Iterator[None]:
 
 @contextmanager
 def _heard_later() -> Iterator[None]:
-    previous = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(previous):
+    previous = _replaceable_handler()
+    if previous is None:
         yield
         return
     came = False
@@ -71,6 +87,14 @@ def _heard_later() -> Iterator[None]:
         signal.signal(signal.SIGINT, previous)
         if came:
             previous(signal.SIGINT, None)
+
+
+def _replaceable_handler() -> Callable[[int, FrameType | None], Any] | None:
+    """The handler of SIGINT, where this is the thread that may replace it and there is one."""
+    handler = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(handler):
+        return None
+    return handler
 
 
 @contextmanager

@@ -10,7 +10,7 @@ import tempfile
 import threading
 import time
 from contextlib import suppress
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -20,7 +20,7 @@ from ..errors import CasswarmError, SolverError
 from ..nlp import Instances, Nlp
 from ..solution import Status
 from .base import Answer, Solver, failed, told
-from .interrupts import deferred
+from .interrupts import begin_child, deferred
 
 _START_SECONDS = 60.0
 _LAST_WORDS = 500  # characters
@@ -164,8 +164,7 @@ def _pickled(what: str, value: object) -> bytes:
 
 def _serve(connection: Connection[Any, Any], solver: bytes, output: str) -> None:
     """Answer questions until the parent leaves."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends its child
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    begin_child()
     file = os.open(output, os.O_WRONLY | os.O_TRUNC)
     os.dup2(file, 1)
     os.dup2(file, 2)
@@ -207,10 +206,3 @@ def _reply(
         return build, list(solver._answers(nlp, instances))
     except CasswarmError as error:
         return SolverError(str(error))
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
