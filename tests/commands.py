@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 CASSWARM = Path(sys.executable).parent / "casswarm"
+PNG = b"\x89PNG\r\n\x1a\n"  # how such a file begins
 
 
 def casswarm(folder, *arguments, code=0):

@@ -102,3 +102,12 @@ def grid_bounds(
             to_go = np.where(arrived, 0.0, best)
         bounds.append(float(to_go[steps * cells + 1, steps * cells + 1]))
     return bounds[0], bounds[1]
+
+
+MEMBER = [(0.0, 0.0)]
+TWO = [(3.0, 4.0), (7.0, 6.0)]
+
+
+def free(target: Point, radars: list[Point], steps: int, **values: object) -> Scenario:
+    """Without limits of acceleration."""
+    return small(MEMBER, target, radars, steps, guide__flyable=False, **values)
