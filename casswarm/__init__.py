@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         ScenarioError,
         SolverError,
         StoreError,
+        WorkerError,
     )
     from .evaluation import estimate, evaluate
     from .guide import Candidate, Guide
@@ -61,6 +62,7 @@ _HOME = {
         "ScenarioError",
         "SolverError",
         "StoreError",
+        "WorkerError",
     ),
     "guide": ("Candidate", "Guide"),
     "hazard": ("CustomHazard", "Hazard", "KernelHazard", "Saturation", "SaturationCollision"),
@@ -107,6 +109,7 @@ __all__ = [
     "Sweep",
     "Tolerances",
     "ValueFunction",
+    "WorkerError",
     "as_policy",
     "builtin_scenarios",
     "compare",

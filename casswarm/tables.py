@@ -101,6 +101,7 @@ def estimate_table(estimates: Sequence[Estimate]) -> pd.DataFrame:
             "light_mass": found.light,
             "runs": found.runs,
             "successes": found.successes,
+            "effective_runs": found.effective,
             "states": found.states,
         }
         for found in estimates
