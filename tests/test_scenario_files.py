@@ -5,23 +5,13 @@ from pathlib import Path
 
 import pytest
 from scenario_messages import message
+from test_scenario import BUILTIN
 
 from casswarm.scenario import (
     Scenario,
     load_scenario,
     save_scenario,
 )
-
-BUILTIN = [
-    "crossfire",
-    "gauntlet",
-    "large-swarm",
-    "paper-1",
-    "paper-2",
-    "ring",
-    "single-agent",
-    "wall",
-]
 
 
 @pytest.fixture
