@@ -70,6 +70,31 @@ solver_option = click.option(
 """What solves the policies' problems."""
 
 
+def figure_options(command: F) -> F:
+    """How figures are drawn, besides ``--format``."""
+    for decorate in reversed(
+        (
+            click.option(
+                "--width",
+                type=click.Choice(["column", "page", "slide"]),
+                default="page",
+                show_default=True,
+                help="Of the figures: a journal's column (3.5 in), a page (7.16 in) or a slide "
+                "(10 in, large letters).",
+            ),
+            click.option(
+                "--dpi",
+                type=click.IntRange(30, 1200),
+                default=200,
+                show_default=True,
+                help="Of figures as PNG.",
+            ),
+        )
+    ):
+        command = decorate(command)
+    return command
+
+
 def named_policies(names: tuple[str, ...]) -> list[Any]:
     """Policies of these names, of the paper's where there are none.
 

@@ -6,8 +6,10 @@ import logging
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import Booleans, Floats
 from ..guide import Guide
@@ -66,6 +68,14 @@ class LeaderPolicy(FormationPolicy):
 
     succession: str = "nearest"
     name: str = "leader"
+
+    def leaders(
+        self, step: int, positions: Floats, previous: Floats, alive: Booleans
+    ) -> NDArray[np.integer[Any]]:
+        """Who leads in every state, (B,), by the rule of succession."""
+        goal, place = self.guide.reference(step + 1), self.guide.reference(step)
+        data = Step(self.hazard, self.motion, positions, previous, alive, goal)
+        return SUCCESSIONS[self.succession](data, place)
 
     def _formation(self, data: Step, place: Floats) -> Formation:
         return leader_formation(data, SUCCESSIONS[self.succession](data, place))
