@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .certificate.refinement import Certificate
+    from .certificate.success import SuccessBound, success_bound
     from .certificate.value import ValueFunction
     from .chain.hybrid import Estimate
     from .chain.law import Law
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from .solution import Residuals, Solution, Status
     from .solvers import Solver, make_solver
     from .study import Study, simulate
+    from .swarm import SwarmOutcome, SwarmPlan, plan_swarm
     from .sweeping import Sweep, sweep
 
 __version__ = version("casswarm")
@@ -47,6 +49,7 @@ if not (_FOLDER / "problems").exists() and (_FOLDER.parent / "problems").exists(
 
 _HOME = {
     "certificate.refinement": ("Certificate",),
+    "certificate.success": ("SuccessBound", "success_bound"),
     "certificate.value": ("ValueFunction",),
     "comparison": ("Comparison", "Problem", "Tolerances", "compare"),
     "chain.hybrid": ("Estimate",),
@@ -71,6 +74,7 @@ _HOME = {
     "solution": ("Residuals", "Solution", "Status"),
     "solvers": ("Solver", "make_solver"),
     "study": ("Study", "simulate"),
+    "swarm": ("SwarmOutcome", "SwarmPlan", "plan_swarm"),
     "sweeping": ("Sweep", "sweep"),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
@@ -104,6 +108,9 @@ __all__ = [
     "Status",
     "StoreError",
     "Study",
+    "SuccessBound",
+    "SwarmOutcome",
+    "SwarmPlan",
     "Sweep",
     "Tolerances",
     "ValueFunction",
@@ -116,9 +123,11 @@ __all__ = [
     "make_policy",
     "make_solver",
     "plan",
+    "plan_swarm",
     "runs_needed",
     "save_scenario",
     "simulate",
+    "success_bound",
     "sweep",
 ]
 
