@@ -1,6 +1,7 @@
 """Figures: arrays and tables in, a matplotlib Figure out; nothing is shown or written."""
 
 from .bars import success_chart
+from .joint import joint_map
 from .laws import arrival_chart, population_chart
 from .maps import comparison_map, guide_map, risk_map, swarm_map
 from .profiles import pair_chart, profile_chart, win_chart
@@ -11,6 +12,7 @@ __all__ = [
     "arrival_chart",
     "comparison_map",
     "guide_map",
+    "joint_map",
     "pair_chart",
     "population_chart",
     "profile_chart",

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import Counts, Floats
 from ..certificate.success import success_bound
-from ..errors import SolverError, among
+from ..errors import ScenarioError, SolverError, among
 from ..guide import Guide
 from ..nlp import Nlp
 from ..planning import initial_velocities, plan
@@ -98,8 +98,10 @@ def plan_swarm(
         An unknown objective, kind of start or solver.
     PlanningError
         No guide was found that would give V(-1).
+    ScenarioError
+        Members that are nearer to each other than `min_distance` from the start.
     ValueError
-        A distance or time limit out of range, or members that are nearer from the start.
+        A distance or time limit out of range.
     """
     started = time.perf_counter()
     _require_known(objective, starts)
@@ -150,7 +152,7 @@ def _checked_distance(scenario: Scenario, given: float | None) -> float:
     i, j = np.triu_indices(scenario.n, 1)
     apart = np.hypot(*(scenario.positions[i] - scenario.positions[j]).T)
     if apart.size and apart.min() < given:
-        raise ValueError(
+        raise ScenarioError(
             f"min_distance = {given!r}, but members start {apart.min():g} apart; "
             "give less, or place them further apart (swarm.positions)"
         )

@@ -27,6 +27,7 @@ _SPACINGS = np.concatenate([[0.0], np.geomspace(0.02, 2.0, 41)])
 
 _NOISE = 0.1  # of v_max: perturbations, as slow waves
 _WAVES = 4
+_PERTURBED = ", perturbed"
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +132,7 @@ def perturbed(start: SwarmStart, task: JointTask, rng: np.random.Generator) -> S
     waves = np.tensordot(np.cos(phases), amplitudes, axes=1)
     return replace(
         start,
-        origin=f"{start.origin}, perturbed",
+        origin=f"{start.origin.removesuffix(_PERTURBED)}{_PERTURBED}",
         velocities=start.velocities + _NOISE * task.v_max * waves,
     )
 
