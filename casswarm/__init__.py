@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .certificate.refinement import Certificate
+    from .certificate.success import SuccessBound, success_bound
     from .certificate.value import ValueFunction
     from .chain.hybrid import Estimate
     from .chain.law import Law
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from .solution import Residuals, Solution, Status
     from .solvers import Solver, make_solver
     from .study import Study, simulate
+    from .swarm import SwarmOutcome, SwarmPlan, plan_swarm
     from .sweeping import Sweep, sweep
 
 __version__ = version("casswarm")
@@ -48,6 +50,7 @@ if not (_FOLDER / "problems").exists() and (_FOLDER.parent / "problems").exists(
 
 _HOME = {
     "certificate.refinement": ("Certificate",),
+    "certificate.success": ("SuccessBound", "success_bound"),
     "certificate.value": ("ValueFunction",),
     "comparison": ("Comparison", "Problem", "Tolerances", "compare"),
     "chain.hybrid": ("Estimate",),
@@ -73,6 +76,7 @@ _HOME = {
     "solution": ("Residuals", "Solution", "Status"),
     "solvers": ("Solver", "make_solver"),
     "study": ("Study", "simulate"),
+    "swarm": ("SwarmOutcome", "SwarmPlan", "plan_swarm"),
     "sweeping": ("Sweep", "sweep"),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
@@ -106,6 +110,9 @@ __all__ = [
     "Status",
     "StoreError",
     "Study",
+    "SuccessBound",
+    "SwarmOutcome",
+    "SwarmPlan",
     "Sweep",
     "Tolerances",
     "ValueFunction",
@@ -119,9 +126,11 @@ __all__ = [
     "make_policy",
     "make_solver",
     "plan",
+    "plan_swarm",
     "runs_needed",
     "save_scenario",
     "simulate",
+    "success_bound",
     "sweep",
 ]
 

@@ -26,6 +26,7 @@ from .output import Folder, aligned, json_text, say
 if TYPE_CHECKING:
     import pandas as pd
 
+    from ..certificate.success import SuccessBound
     from ..shares import Progress
     from ..study import Study
 
@@ -102,6 +103,7 @@ def simulate(
     """
     with reported_errors(resumes=True), ExitStack() as stack:
         chosen = load(scenario, settings, guide__search=search, guide__arrival=arrival)
+        from ..certificate.success import success_bound
         from ..pilot import runs_needed
         from ..planning import plan
         from ..study import simulate as sample
@@ -137,8 +139,9 @@ def simulate(
         "workers": workers,
         "solver": solver,
     }
-    content = _write(folder, study, inputs)
-    click.echo(json_text(content) if as_json else _words(study))
+    bound = success_bound(chosen)
+    content = _write(folder, study, bound, inputs)
+    click.echo(json_text(content) if as_json else f"{_words(study)}\n\n{bound}")
     say(folder.closing(), quiet)
 
 
@@ -158,7 +161,9 @@ def _bars(stack: ExitStack) -> Progress:
     return tell
 
 
-def _write(folder: Folder, study: Study, inputs: dict[str, Any]) -> dict[str, Any]:
+def _write(
+    folder: Folder, study: Study, bound: SuccessBound, inputs: dict[str, Any]
+) -> dict[str, Any]:
     from ..gallery import simulated
     from ..tables import guide_table, trace_table
 
@@ -180,6 +185,7 @@ def _write(folder: Folder, study: Study, inputs: dict[str, Any]) -> dict[str, An
             "risk_bound": guide.risk_bound,
             "solution": guide.solution.as_row(),
         },
+        "success_bound": bound.as_dict(),
     }
     return folder.record(result, inputs)
 

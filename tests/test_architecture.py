@@ -20,7 +20,7 @@ FOLDERS = {"casswarm": ROOT / "casswarm", "casswarm.problems": ROOT / "problems"
 FOLDERS["casswarm.cli"] = ROOT / "cli"
 
 LAYERS = (
-    ("errors", "constants", "arrays", "compiling", "planar_core"),
+    ("errors", "constants", "arrays", "compiling", "planar_core", "subsets"),
     ("sets", "hazard"),
     ("scenario",),
     ("parameters",),
@@ -29,6 +29,7 @@ LAYERS = (
     ("problems",),
     ("guide", "starts", "certificate"),
     ("search", "planning"),
+    ("swarm",),
     ("policies",),
     ("statistics", "store", "workers"),
     ("chain",),

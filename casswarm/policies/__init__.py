@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ..certificate.value import ValueFunction
 from ..errors import PolicyError, among
 from ..guide import Guide
-from ..planning import plan, plan_from
+from ..planning import initial_velocities, plan, plan_from
 from ..problems.formation import motion_of
 from ..solvers import ProjectedGradient, Solver, make_solver
+from ..swarm import plan_swarm
 from .base import Decision, Policy, UserPolicy, as_policy
 from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy
+from .joint import JointPolicy
 from .naive import NaivePolicy
 from .succession import SUCCESSIONS
 
@@ -28,6 +28,7 @@ POLICIES = {
     "leader": "one member follows the guide, the others protect it",
     "constrained-feedback": "constrained, along the best way on from where the swarm is",
     "leader-feedback": "leader, who finds the best way on from where it is",
+    "joint": "the ways of all members that maximise the swarm's success, planned at once",
 }
 """Names that `make_policy` takes, each with what it does."""
 
@@ -43,7 +44,7 @@ def make_policy(
 
     Parameters
     ----------
-    name : {"naive", "constrained", "leader", "constrained-feedback", "leader-feedback"}
+    name : {"naive", "constrained", "leader", "constrained-feedback", "leader-feedback", "joint"}
     scenario : Scenario
     guide : Guide, optional
         Planned from the scenario by default; the policies with feedback need none.
@@ -72,6 +73,8 @@ def make_policy(
             return LeaderFeedbackPolicy(scenario.hazard, motion, value, backend)
         return ConstrainedFeedbackPolicy(scenario.hazard, motion, value, backend, options.rho)
     guide = plan(scenario, certify=False) if guide is None else guide
+    if name == "joint":
+        return JointPolicy.of(plan_swarm(scenario, guide=guide))
     if name == "naive":
         return NaivePolicy(motion, member_guides(scenario, guide))
     if name == "leader":
@@ -86,13 +89,6 @@ def _require_fitting(scenario: Scenario, guide: Guide) -> None:
             f"{scenario.name!r} has its target at {scenario.target.center} and dt "
             f"{scenario.time.dt}: plan a guide for this scenario"
         )
-
-
-def initial_velocities(scenario: Scenario, guide: Guide) -> np.ndarray:
-    """V(-1) of every member, (n, 2): the scenario's, or the guide's first velocity."""
-    given = scenario.swarm.velocity
-    first = guide.velocities[0] if given == "guide" else np.asarray(given, float)
-    return np.tile(first, (scenario.n, 1))
 
 
 def member_guides(scenario: Scenario, guide: Guide) -> tuple[Guide, ...]:
@@ -125,6 +121,7 @@ __all__ = [
     "ConstrainedFeedbackPolicy",
     "ConstrainedPolicy",
     "Decision",
+    "JointPolicy",
     "LeaderFeedbackPolicy",
     "LeaderPolicy",
     "NaivePolicy",
