@@ -17,6 +17,7 @@
 # let the swarm follow it in formation, and ask how often some member arrives alive.
 
 # %%
+# %matplotlib inline
 import casswarm as cs
 from casswarm.figures import guide_map, success_chart, swarm_map
 
