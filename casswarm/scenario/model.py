@@ -18,7 +18,7 @@ from .fields import Allowed, Text, plain
 from .hazards import HazardTable
 from .messages import known_keys, problems, report, shown, unknown_key, wrong
 from .tables import FormationOptions, GuideOptions, Swarm, Table, Target, Time
-from .writing import toml_text
+from .writing import annotated, toml_text
 
 if TYPE_CHECKING:
     from ..hazard import Hazard
@@ -180,7 +180,8 @@ class Scenario(Table):
         Parameters
         ----------
         function : callable, or str ``module:function``
-            The rates, as `casswarm.hazard.CustomHazard` takes them.
+            The rates, as `casswarm.hazard.CustomHazard` takes them; or a class derived from
+            `casswarm.hazard.Hazard`, made of the radars and parameters.
         radars : k pairs (x, y), optional
             Drawn on maps, and handed to the function as ``radars=`` if given.
         **parameters
@@ -203,15 +204,21 @@ class Scenario(Table):
             folder=self._folder,
         )
 
-    def to_toml(self) -> str:
+    def to_toml(self, comments: bool = False) -> str:
         """Text of a scenario file; loading it gives an equal scenario.
+
+        Parameters
+        ----------
+        comments : bool
+            Whether to say above every key what it means.
 
         Raises
         ------
         ScenarioError
             The hazard is a function that no file can name.
         """
-        return toml_text(self._data())
+        text = toml_text(self._data())
+        return annotated(text, type(self)) if comments else text
 
     def model_copy(
         self, *, update: Mapping[str, Any] | None = None, deep: bool = False

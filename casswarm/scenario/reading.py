@@ -39,15 +39,22 @@ def load_scenario(source: str | os.PathLike[str]) -> Scenario:
     return Scenario.from_data(data, source=label, folder=path.resolve().parent)
 
 
-def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
+def save_scenario(scenario: Scenario, path: str | os.PathLike[str], comments: bool = False) -> None:
     """Write a scenario file that loads as an equal scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    path : str or path
+    comments : bool
+        Whether to say above every key what it means.
 
     Raises
     ------
     ScenarioError
         The file cannot be written, or no file can name the scenario's hazard.
     """
-    text = scenario.to_toml()
+    text = scenario.to_toml(comments)
     try:
         Path(path).write_text(text, encoding="utf-8", newline="\n")
     except (OSError, ValueError) as error:
