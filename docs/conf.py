@@ -43,6 +43,7 @@ copybutton_prompt_is_regexp = True
 # --- notebooks: the scripts in notebooks/, executed once and kept until they change
 
 nb_execution_mode = "cache"
+nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
 nb_merge_streams = True

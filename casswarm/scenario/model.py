@@ -155,6 +155,13 @@ class Scenario(Table):
         ------
         ScenarioError
             Unknown keys, or values that are wrong, alone or together.
+
+        Examples
+        --------
+        >>> import casswarm as cs
+        >>> wide = cs.load_scenario("paper-1").with_values({"formation.rho": 0.1})
+        >>> wide.formation.rho
+        0.1
         """
         known = known_keys(type(self))
         unknown = [key for key in values if key not in known and not key.startswith(_PARAMETERS)]

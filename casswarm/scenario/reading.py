@@ -28,6 +28,12 @@ def load_scenario(source: str | os.PathLike[str]) -> Scenario:
     ScenarioError
         No such scenario, a file that cannot be read, or one that is wrong: the message names the
         file and has a line for each wrong key, with what was given and what is allowed.
+
+    Examples
+    --------
+    >>> import casswarm as cs
+    >>> cs.load_scenario("paper-1")
+    <Scenario 'paper-1': 5 members, 2 radars, saturation hazard, 30 steps>
     """
     texts = _builtin_texts()
     if isinstance(source, str) and source in texts:
