@@ -83,7 +83,7 @@ def plan(
     Examples
     --------
     >>> import casswarm as cs
-    >>> guide = cs.plan(cs.load_scenario("paper-1"), search="global")
+    >>> guide = cs.plan(cs.load_scenario("single-agent"))
     >>> guide.positions.shape, guide.velocities.shape
     ((31, 2), (30, 2))
     >>> bool(guide.risk_bound <= guide.risk)
