@@ -96,7 +96,7 @@ for law in laws:
     low, high = law.success
     row = study.summary.set_index("policy").loc[law.policy]
     print(f"{law.policy}: success between {low:.4f} and {high:.4f}, by {law.states} solves")
-    print(f"  {row['successes']} of {row['runs']} runs: {row['success']:.3f}")
+    print(f"  {row['successes']:g} of {row['runs']:g} runs: {row['success']:.3f}")
 
 # %%
 arrival_chart(laws, scenario.name)
