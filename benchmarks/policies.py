@@ -7,8 +7,8 @@ Run with the installed package::
 
 Prints a Markdown table a scenario. Success is a proven bracket, where the budget of states suffices
 for one of width 0.01, and otherwise (marked ~) an interval with 95 % confidence, what the states
-leave being sampled. *Plan* is the time until the policy can be asked (guide included), *decide* that
-of a step per distinct state, the chain's own work included, both in processor time. Policies
+leave being sampled. *Plan* is the time until the policy can be asked (guide included), *decide*
+that of a step per distinct state, the chain's own work included, both in processor time. Policies
 that follow a guide get one that members can follow: its own limit on acceleration is a fifth of
 theirs.
 """

@@ -265,7 +265,7 @@ def _words(scenario: Scenario, guide: Guide, rival: Guide | None) -> str:
         f"{scenario.name}: {_counted(scenario.n, 'member')}, {_counted(radars, 'radar')}, "
         f"{scenario.n_steps} steps of {scenario.time.dt:g}",
         f"{guide}, risk {guide.risk:.4f}",
-        *_proof(guide),
+        *(_proof(guide) or _unproven(scenario)),
         f"{guide.solution}",
         f"solves: {told}",
         *_ways(guide),
@@ -297,6 +297,17 @@ def _ways(guide: Guide) -> list[str]:
     if len(ways) > _WAYS:
         lines.append(f"  and {len(ways) - _WAYS} more in candidates.csv")
     return lines
+
+
+def _unproven(scenario: Scenario) -> list[str]:
+    """What is missing for a proof, where it is the user's to give."""
+    start = scenario.guide_start
+    if scenario.hazard.least_lone_rate(start, start) is not None:
+        return []
+    return [
+        "not certified: that needs a lower bound of your rates over boxes; give them a "
+        "least_lone_rate (docs: rates of your own)"
+    ]
 
 
 def _proof(guide: Guide) -> list[str]:

@@ -59,6 +59,16 @@ def make_policy(
         An unknown name or rule of succession, or a guide of another scenario.
     PlanningError
         No guide was found.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import casswarm as cs
+    >>> scenario = cs.load_scenario("paper-1")
+    >>> policy = cs.make_policy("naive", scenario)
+    >>> X = scenario.positions[None]  # a batch of one state
+    >>> policy.velocities(0, X, np.zeros_like(X), np.ones((1, 5), bool)).shape
+    (1, 5, 2)
     """
     _require_known("policy", name, POLICIES)
     _require_known("succession", succession, SUCCESSIONS)
