@@ -243,7 +243,8 @@ def test_results_that_cannot_be_written_fail_with_code_1(tmp_path):
 
 
 def test_simulate_prints_a_row_a_policy_with_its_interval(simulated):
-    _, summary, paired = simulated[1].stdout.split("\n\n")
+    _, summary, paired, bound = simulated[1].stdout.split("\n\n")
+    assert bound.startswith("no policy can exceed 0.99")
     rows = [line.split() for line in summary.splitlines()[1:]]
     assert [row[0] for row in rows] == ["naive", "constrained", "leader"]
     for row in rows:
@@ -315,7 +316,7 @@ def test_no_success_prints_an_upper_bound_and_not_zero(tmp_path):
         "--set",
         "hazard.alpha_1=400.0",
     )
-    row = done.stdout.splitlines()[-1].split()
+    row = done.stdout.split("\n\n")[1].splitlines()[-1].split()
     assert row[:3] == ["naive", "10", "none"]
     assert float(row[5]) > 0.2
 
