@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         StoreError,
     )
     from .evaluation import estimate, evaluate
+    from .figures.animation import animate
     from .guide import Candidate, Guide
     from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
     from .pilot import runs_needed
@@ -62,6 +63,7 @@ _HOME = {
         "SolverError",
         "StoreError",
     ),
+    "figures.animation": ("animate",),
     "guide": ("Candidate", "Guide"),
     "hazard": ("CustomHazard", "Hazard", "KernelHazard", "Saturation", "SaturationCollision"),
     "pilot": ("runs_needed",),
@@ -107,6 +109,7 @@ __all__ = [
     "Sweep",
     "Tolerances",
     "ValueFunction",
+    "animate",
     "as_policy",
     "builtin_scenarios",
     "compare",
