@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         WorkerError,
     )
     from .evaluation import estimate, evaluate
+    from .figures.animation import animate
     from .guide import Candidate, Guide
     from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
     from .pilot import runs_needed
@@ -67,6 +68,7 @@ _HOME = {
         "StoreError",
         "WorkerError",
     ),
+    "figures.animation": ("animate",),
     "guide": ("Candidate", "Guide"),
     "hazard": ("CustomHazard", "Hazard", "KernelHazard", "Saturation", "SaturationCollision"),
     "pilot": ("runs_needed",),
@@ -117,6 +119,7 @@ __all__ = [
     "Tolerances",
     "ValueFunction",
     "WorkerError",
+    "animate",
     "as_policy",
     "builtin_scenarios",
     "compare",

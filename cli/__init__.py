@@ -10,6 +10,7 @@ import logging
 import click
 
 from .. import __version__
+from .animate import animate
 from .compare import compare
 from .evaluate import evaluate
 from .plan import plan
@@ -34,6 +35,7 @@ def main() -> None:
       casswarm compare --family quick    which solver solves what, and how fast
       casswarm sweep paper-1 --set n=2,3,4,5     the same over parameters
       casswarm plot results/simulate-paper-1 --format pdf --width column    figures again
+      casswarm animate results/simulate-paper-1     a run that moves
 
     SCENARIO is always the name of a built-in scenario or the path of a TOML file.
 
@@ -46,5 +48,5 @@ def main() -> None:
         log.addHandler(logging.StreamHandler())  # standard error
 
 
-for command in (plan, simulate, evaluate, sweep, compare, plot, scenarios, solvers):
+for command in (plan, simulate, evaluate, sweep, compare, plot, animate, scenarios, solvers):
     main.add_command(command)

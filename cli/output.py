@@ -85,6 +85,10 @@ class Folder:
             f"{name}.npz", lambda path: np.savez_compressed(path, allow_pickle=False, **arrays)
         )
 
+    def file(self, name: str, write: Callable[[Path], object]) -> None:
+        """Write a file of this name by a function of a path."""
+        self._write(name, write)
+
     def text(self, name: str, text: str) -> None:
         """Write a text file."""
         self._write(name, lambda path: path.write_text(text, encoding="utf-8"))

@@ -20,7 +20,7 @@ FOLDERS = {"casswarm": ROOT / "casswarm", "casswarm.problems": ROOT / "problems"
 FOLDERS["casswarm.cli"] = ROOT / "cli"
 
 LAYERS = (
-    ("errors", "constants", "arrays", "compiling", "planar_core", "subsets"),
+    ("errors", "constants", "arrays", "compiling", "planar_core", "subsets", "templates"),
     ("sets", "hazard"),
     ("scenario",),
     ("parameters",),

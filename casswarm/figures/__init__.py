@@ -3,8 +3,10 @@
 Each is drawn in the look of its context, ``with look("column"): ...``: see `LOOKS`.
 """
 
+from .animation import animate
 from .bars import difference_chart, success_chart
 from .formations import formation_chart
+from .frames import player, save_gif
 from .joint import joint_map
 from .laws import arrival_chart, population_chart, survival_chart
 from .maps import comparison_map, guide_map, risk_map, swarm_map
@@ -14,6 +16,7 @@ from .sweeps import sweep_heat_map, sweep_lines
 
 __all__ = [
     "LOOKS",
+    "animate",
     "arrival_chart",
     "comparison_map",
     "difference_chart",
@@ -22,10 +25,12 @@ __all__ = [
     "joint_map",
     "look",
     "pair_chart",
+    "player",
     "population_chart",
     "profile_chart",
     "risk_map",
     "save",
+    "save_gif",
     "success_chart",
     "survival_chart",
     "swarm_map",

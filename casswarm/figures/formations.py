@@ -27,13 +27,14 @@ from .style import BLUE, GREY, INK, MEMBERS, VERMILION, current, drawn, headline
 
 _PIXELS = 60
 _NEAR = 0.2  # of a window's half width: members that near share a label
+OVER = "#E8A987"  # where members endanger each other
 SHARES = Normalize(0.0, 1.0)
 """Of a lone member's rate: nobody is protected at 1; above it, members endanger each other."""
 
 
 def shades() -> Colormap:
     """Colours of `SHARES`: the better the protection, the lighter."""
-    return colormaps["Greys"].resampled(256).with_extremes(over="#E8A987")
+    return colormaps["Greys"].resampled(256).with_extremes(over=OVER)
 
 
 def shares(hazard: Hazard, places: Floats, positions: Floats, alive: Booleans) -> Floats:
