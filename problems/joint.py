@@ -96,6 +96,8 @@ class JointTask:
     radius, margin : float
         Of the target; members arrive at most ``radius - margin`` from its centre.
     v_max, a_max, dt : float
+    steps : int
+        Left until t_f.
     distance : float
         Between members; 0 where none is asked for.
     """
@@ -108,10 +110,11 @@ class JointTask:
     v_max: float
     a_max: float
     dt: float
+    steps: int
     distance: float = 0.0
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def joint_nlp(hazard: Hazard, form: JointForm) -> Nlp:
     """The program above, in steps and in lengths of a step at v_max.
 
@@ -250,7 +253,7 @@ def joint_instance(
     n, steps = form.n, form.horizon
     length = task.dt * task.v_max
     at = np.arange(1, steps + 1)[:, None] == arrivals  # (N, n)
-    last = int(arrivals.max()) if arrivals.all() else steps
+    last = int(arrivals.max()) if arrivals.all() else task.steps
     moving = np.arange(steps) < last
     guess = np.zeros((steps, n, 2))
     known = min(len(velocities), last)

@@ -12,10 +12,12 @@ from ..planning import initial_velocities, plan, plan_from
 from ..problems.formation import motion_of
 from ..solvers import ProjectedGradient, Solver, make_solver
 from ..swarm import plan_swarm
+from ..swarm.replanning import PlanTree
 from .base import Decision, Policy, UserPolicy, as_policy
 from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy
 from .joint import JointPolicy
+from .joint_feedback import JointFeedbackPolicy
 from .naive import NaivePolicy
 from .succession import SUCCESSIONS
 
@@ -29,6 +31,7 @@ POLICIES = {
     "constrained-feedback": "constrained, along the best way on from where the swarm is",
     "leader-feedback": "leader, who finds the best way on from where it is",
     "joint": "the ways of all members that maximise the swarm's success, planned at once",
+    "joint-feedback": "joint, and survivors plan again",
 }
 """Names that `make_policy` takes, each with what it does."""
 
@@ -44,7 +47,8 @@ def make_policy(
 
     Parameters
     ----------
-    name : {"naive", "constrained", "leader", "constrained-feedback", "leader-feedback", "joint"}
+    name : {"naive", "constrained", "leader", "constrained-feedback", "leader-feedback", "joint", \
+            "joint-feedback"}
     scenario : Scenario
     guide : Guide, optional
         Planned from the scenario by default; the policies with feedback need none.
@@ -77,14 +81,18 @@ def make_policy(
     backend = make_solver(solver, **(paper if solver == ProjectedGradient.name else {}))
     if guide is not None:
         _require_fitting(scenario, guide)
-    if name.endswith("-feedback"):
+    if name in ("leader-feedback", "constrained-feedback"):
         value = ValueFunction.of(scenario, certified=False)
         if name.startswith("leader"):
             return LeaderFeedbackPolicy(scenario.hazard, motion, value, backend)
         return ConstrainedFeedbackPolicy(scenario.hazard, motion, value, backend, options.rho)
     guide = plan(scenario, certify=False) if guide is None else guide
-    if name == "joint":
-        return JointPolicy.of(plan_swarm(scenario, guide=guide))
+    if name.startswith("joint"):
+        joint = plan_swarm(scenario, guide=guide)
+        blind = JointPolicy.of(joint)
+        if name == "joint":
+            return blind
+        return JointFeedbackPolicy(PlanTree.of(scenario, joint), blind)
     if name == "naive":
         return NaivePolicy(motion, member_guides(scenario, guide))
     if name == "leader":
@@ -131,6 +139,7 @@ __all__ = [
     "ConstrainedFeedbackPolicy",
     "ConstrainedPolicy",
     "Decision",
+    "JointFeedbackPolicy",
     "JointPolicy",
     "LeaderFeedbackPolicy",
     "LeaderPolicy",

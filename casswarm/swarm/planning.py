@@ -5,23 +5,23 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import Counts, Floats
+from ..arrays import Floats
 from ..certificate.success import success_bound
 from ..errors import ScenarioError, SolverError, among
 from ..guide import Guide
-from ..nlp import Nlp
 from ..planning import initial_velocities, plan
 from ..problems.formation import motion_of
-from ..problems.joint import OBJECTIVES, JointForm, JointTask, joint_instance, joint_nlp
+from ..problems.joint import OBJECTIVES, JointForm, JointTask
 from ..solvers import Ipopt, Solver, make_solver
 from .law import PlanLaw
 from .plan import SwarmOutcome, SwarmPlan
-from .starts import SwarmStart, follow, initial_plans, lone_guide, perturbed
+from .solving import JointProblem, first_steps
+from .starts import SwarmStart, initial_plans, lone_guide, perturbed
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -113,7 +113,8 @@ def plan_swarm(
     form = JointForm(
         scenario.n, scenario.n_steps, scenario.n <= MOST_EXACT, objective, distance > 0
     )
-    search = _Search(scenario, task, form, _backends(solver), progress or (lambda _: None))
+    problem = JointProblem(scenario, task, form)
+    search = _Search(problem, _backends(solver), progress or (lambda _: None))
     deadline = math.inf if time_limit is None else started + time_limit
     best = search.run(starts, seed, deadline)
     return search.result(best, time.perf_counter() - started, min_distance)
@@ -130,6 +131,7 @@ def joint_task(scenario: Scenario, before: Floats, distance: float = 0.0) -> Joi
         v_max=scenario.swarm.v_max,
         a_max=scenario.swarm.a_max,
         dt=scenario.time.dt,
+        steps=scenario.n_steps,
         distance=distance,
     )
 
@@ -183,30 +185,21 @@ class _Search:
 
     Parameters
     ----------
-    scenario : Scenario
-    task : JointTask
-    form : JointForm
+    problem : JointProblem
     solvers : pair of Solver
         For starts, and to make the best better.
     progress : callable
     """
 
-    scenario: Scenario
-    task: JointTask
-    form: JointForm
+    problem: JointProblem
     solvers: tuple[Solver, Solver]
     progress: Callable[[str], None]
     outcomes: list[SwarmOutcome] = field(default_factory=list)
 
-    @property
-    def nlp(self) -> Nlp:
-        """The program; built once for all searches of its kind."""
-        return joint_nlp(self.scenario.hazard, self.form)
-
     def run(self, kinds: Sequence[str], seed: int, deadline: float) -> SwarmOutcome:
         """The best outcome of all starts; always one at least."""
         for start in self._initial(kinds):
-            self.outcomes.append(self.solved(start, self.solvers[0]))
+            self._solved(start, self.solvers[0])
             if time.perf_counter() > deadline:
                 return self.best
         for outcome in sorted(self.outcomes, key=lambda o: -o.value)[:BEST]:
@@ -217,8 +210,8 @@ class _Search:
                 if time.perf_counter() > deadline:
                     break
                 best = self.best
-                start = perturbed(self._again(best), self.task, rng)
-                found = self.solved(start, self.solvers[0], keep=True)
+                start = perturbed(self.problem.again(best), self.problem.task, rng)
+                found = self._solved(start, self.solvers[0])
                 if found.value > best.value:
                     self._polish(found, deadline)
         return self.best
@@ -229,117 +222,47 @@ class _Search:
         return max(self.outcomes, key=lambda o: (o.value, o.solution.status.success))
 
     def _initial(self, kinds: Sequence[str]) -> Iterator[SwarmStart]:
-        guide = lone_guide(self.scenario, self.task.before[0])
-        own = "own" in kinds and self.scenario.n <= MOST_EXACT
-        for start in initial_plans(self.scenario, self.task, guide, own):
+        scenario, task = self.problem.scenario, self.problem.task
+        guide = lone_guide(scenario, task.before[0])
+        own = "own" in kinds and scenario.n <= MOST_EXACT
+        for start in initial_plans(scenario, task, guide, own):
             if start.origin == "own guides" or "formations" in kinds or not own:
                 yield start
+
+    def _solved(self, start: SwarmStart, solver: Solver) -> SwarmOutcome:
+        self.progress(start.origin)
+        self.outcomes.append(self.problem.solved(start, solver))
+        return self.outcomes[-1]
 
     def _polish(self, outcome: SwarmOutcome, deadline: float) -> None:
         """Solve on from an outcome, with the arrival steps that it has, until both agree."""
         for _ in range(3):
-            again = self._again(outcome)
+            again = self.problem.again(outcome)
             settled = np.array_equal(again.arrivals, outcome.arrivals)
             if (settled and outcome.solution.status.success) or time.perf_counter() > deadline:
                 return
-            found = self.solved(again, self.solvers[1], keep=True)
+            found = self._solved(again, self.solvers[1])
             if settled and found.value <= outcome.value:
                 return
             outcome = found
 
-    def _again(self, outcome: SwarmOutcome) -> SwarmStart:
-        """A start from an outcome, at the steps at which its members really arrive."""
-        real = first_steps(self.scenario, self.positions(outcome.velocities))
-        arrivals = np.where((real > 0) & (outcome.arrivals > 0), real, outcome.arrivals)
-        if self.form.outside:
-            arrivals = outcome.arrivals
-        return SwarmStart(outcome.origin, arrivals, outcome.velocities)
-
-    def solved(self, start: SwarmStart, solver: Solver, keep: bool = False) -> SwarmOutcome:
-        """What a solver makes of a start; kept among the outcomes where `keep`."""
-        begun = time.perf_counter()
-        self.progress(start.origin)
-        form, arrivals = self.form, start.arrivals
-        if form.outside:  # runs end at the first arrival: all at once
-            arrivals = np.where(arrivals > 0, arrivals.max(), 0)
-        instance = joint_instance(self.nlp, form, self.task, arrivals, start.velocities)
-        solution = solver.solve(self.nlp, instance)[0]
-        flat = self.nlp.variable("velocities", solution.x)
-        last = int(arrivals.max()) if arrivals.all() else form.horizon
-        wanted = self.task.v_max * flat.reshape(form.horizon, form.n, 2)[:last]
-        if not np.isfinite(wanted).all():
-            wanted = start.velocities[:last]
-        velocities = self.flown(wanted)
-        value = self.value(velocities, arrivals)
-        seconds = time.perf_counter() - begun
-        found = SwarmOutcome(start.origin, arrivals, velocities, value, solution, seconds)
-        if keep:
-            self.outcomes.append(found)
-        return found
-
-    def flown(self, wanted: Floats) -> Floats:
-        """Velocities within the limits, on to the target's centre where a member has not arrived.
-
-        What a solver's tolerance leaves beyond a limit is taken away as the chain would.
-        """
-        task, motion = self.task, motion_of(self.scenario)
-        found = np.empty_like(wanted)
-        previous = task.before
-        for step, velocity in enumerate(wanted):
-            sets = motion.sets(previous)
-            beyond = sets.violation(velocity) > 0
-            found[step] = np.where(beyond[:, None], sets.project(velocity), velocity)
-            previous = found[step]
-        reached = first_steps(self.scenario, self.positions(found))
-        if reached.all():
-            return found[: int(reached.max())]
-        left = self.scenario.n_steps - len(found)
-        if left <= 0:
-            return found
-        here = replace(task, start=self.positions(found)[-1], before=previous)
-        goals = np.broadcast_to(task.center, (left, self.form.n, 2))
-        return np.concatenate([found, follow(here, np.array(goals))])
-
-    def positions(self, velocities: Floats) -> Floats:
-        """X(0..T), (T+1, n, 2), as the chain computes them."""
-        found = np.empty((len(velocities) + 1, *self.task.start.shape))
-        found[0] = self.task.start
-        for step, velocity in enumerate(velocities):
-            found[step + 1] = found[step] + self.task.dt * velocity
-        return found
-
-    def value(self, velocities: Floats, arrivals: Counts) -> float:
-        """What is maximised, of velocities (T, n, 2): exactly where that can be."""
-        share = 1.0 if self.form.objective == "success" else self.form.n
-        if self.form.exact:
-            law = PlanLaw.of(self.scenario, self.positions(velocities))
-            return share * (1.0 - law.cost(self.form.objective))
-        instance = joint_instance(self.nlp, self.form, self.task, arrivals, velocities)
-        odds = float(self.nlp.evaluate(instance.start[0], instance.parameters[0])[0])
-        return share * float(1.0 / (1.0 + np.exp(odds)))
-
     def result(self, best: SwarmOutcome, seconds: float, min_distance: float | None) -> SwarmPlan:
         """The plan of the best outcome."""
-        positions = self.positions(best.velocities)
+        problem = self.problem
+        scenario, positions = problem.scenario, problem.positions(best.velocities)
         return SwarmPlan(
-            scenario=self.scenario.name,
-            objective=self.form.objective,
+            scenario=scenario.name,
+            objective=problem.form.objective,
             positions=positions,
             velocities=best.velocities,
-            before=self.task.before,
-            motion=motion_of(self.scenario),
-            arrivals=first_steps(self.scenario, positions),
+            before=problem.task.before,
+            motion=motion_of(scenario),
+            arrivals=first_steps(scenario, positions),
             value=best.value,
-            law=PlanLaw.of(self.scenario, positions) if self.form.exact else None,
+            law=PlanLaw.of(scenario, positions) if problem.form.exact else None,
             solution=best.solution,
             outcomes=tuple(self.outcomes),
-            bound=success_bound(self.scenario),
+            bound=success_bound(scenario),
             min_distance=min_distance,
             seconds=seconds,
         )
-
-
-def first_steps(scenario: Scenario, positions: Floats) -> Counts:
-    """First step at which each member (n,) of ways (T+1, n, 2) is in the target, 0 for never."""
-    inside = scenario.target.contains(positions[1:])
-    return np.where(inside.any(axis=0), inside.argmax(axis=0) + 1, 0)
