@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from ..solvers import ProjectedGradient, Solver, make_solver
 from .base import Decision, Policy, UserPolicy, as_policy
 from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy
+from .lookahead import ConstrainedAheadPolicy, LeaderAheadPolicy
 from .naive import NaivePolicy
 from .succession import SUCCESSIONS
 
@@ -28,8 +30,12 @@ POLICIES = {
     "leader": "one member follows the guide, the others protect it",
     "constrained-feedback": "constrained, along the best way on from where the swarm is",
     "leader-feedback": "leader, who finds the best way on from where it is",
+    "constrained-ahead-H": "constrained, with the next H steps in view, such as constrained-ahead-3",
+    "leader-ahead-H": "leader, with the next H steps in view, such as leader-ahead-3",
 }
 """Names that `make_policy` takes, each with what it does."""
+
+_AHEAD = re.compile(r"(constrained|leader)-ahead-(\d+)")
 
 
 def make_policy(
@@ -38,12 +44,14 @@ def make_policy(
     guide: Guide | None = None,
     solver: str | Solver = "auto",
     succession: str = "nearest",
+    look_ahead: int = 1,
 ) -> Policy:
     """Policy of a name.
 
     Parameters
     ----------
     name : {"naive", "constrained", "leader", "constrained-feedback", "leader-feedback"}
+        Or one with its look-ahead, such as ``"leader-ahead-3"``.
     scenario : Scenario
     guide : Guide, optional
         Planned from the scenario by default; the policies with feedback need none.
@@ -51,15 +59,19 @@ def make_policy(
         Of the formation problems: a name of `casswarm.solvers.SOLVERS`, by default ``"auto"``.
     succession : {"nearest", "first", "safest"}
         Who leads, for ``"leader"``.
+    look_ahead : int
+        Steps that ``"leader"`` and ``"constrained"`` have in view, from 1, which is the paper's
+        method; with more they are named by it, as above.
 
     Raises
     ------
     PolicyError
-        An unknown name or rule of succession, or a guide of another scenario.
+        An unknown name or rule of succession, a look-ahead that is none, or a guide of another
+        scenario.
     PlanningError
         No guide was found.
     """
-    _require_known("policy", name, POLICIES)
+    name, look_ahead = _ahead(name, look_ahead)
     _require_known("succession", succession, SUCCESSIONS)
     motion, options = motion_of(scenario), scenario.formation
     paper = {"step": options.learning_rate, "iterations": options.iterations, "start": "zero"}
@@ -74,9 +86,33 @@ def make_policy(
     guide = plan(scenario, certify=False) if guide is None else guide
     if name == "naive":
         return NaivePolicy(motion, member_guides(scenario, guide))
+    shared = (scenario.hazard, motion, guide, backend)
+    called = name if look_ahead == 1 else f"{name}-ahead-{look_ahead}"
+    if name == "leader" and look_ahead == 1:
+        return LeaderPolicy(*shared, succession)
     if name == "leader":
-        return LeaderPolicy(scenario.hazard, motion, guide, backend, succession)
-    return ConstrainedPolicy(scenario.hazard, motion, guide, backend, options.rho)
+        return LeaderAheadPolicy(*shared, succession, name=called, look_ahead=look_ahead)
+    if look_ahead == 1:
+        return ConstrainedPolicy(*shared, options.rho)
+    return ConstrainedAheadPolicy(*shared, options.rho, name=called, look_ahead=look_ahead)
+
+
+def _ahead(name: str, look_ahead: int) -> tuple[str, int]:
+    """A policy's name without its look-ahead, and that."""
+    if found := _AHEAD.fullmatch(name):
+        if look_ahead != 1:
+            raise PolicyError(f"policy {name!r} names its look-ahead: leave out look_ahead")
+        name, look_ahead = found[1], int(found[2])
+    elif name.endswith("-ahead-H"):
+        raise PolicyError(
+            f"policy {name!r}: write the number of steps for H, such as leader-ahead-3"
+        )
+    _require_known("policy", name, POLICIES)
+    if not isinstance(look_ahead, int) or look_ahead < 1:
+        raise PolicyError(f"look_ahead = {look_ahead!r}; allowed: whole numbers from 1")
+    if look_ahead > 1 and name not in ("leader", "constrained"):
+        raise PolicyError(f"policy {name!r} has no look-ahead; leader and constrained have")
+    return name, look_ahead
 
 
 def _require_fitting(scenario: Scenario, guide: Guide) -> None:
@@ -122,9 +158,11 @@ def _require_known(kind: str, name: str, known: Mapping[str, object]) -> None:
 __all__ = [
     "POLICIES",
     "SUCCESSIONS",
+    "ConstrainedAheadPolicy",
     "ConstrainedFeedbackPolicy",
     "ConstrainedPolicy",
     "Decision",
+    "LeaderAheadPolicy",
     "LeaderFeedbackPolicy",
     "LeaderPolicy",
     "NaivePolicy",
