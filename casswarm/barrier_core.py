@@ -1,11 +1,13 @@
 """A primal-dual barrier method for paths within limits: plain Python that Numba compiles.
 
 Minimise sum over steps s of evaluate(u_s; p_s) over paths u that keep the limits of
-`casswarm.path_core`. ``evaluate(x, p, shared, gradient, scratch)`` returns a step's objective for the
-places x (2n,) of all n members and writes its gradient. Every iterate is strictly inside the limits
-(which are convex and have an inside), so a step is the Newton step of the primal-dual equations,
-condensed to a banded matrix, cut where a slack would shrink too much, and halved until the barrier
-function decreases. Where the matrix is not positive definite, a multiple of the identity is added.
+`casswarm.path_core`. ``evaluate(x, p, shared, gradient, scratch)`` returns a step's objective for
+the places x (2n,) of all n members and writes its gradient. The limits are convex and have an
+inside, and every iterate is strictly within them. A step is the Newton step of the primal-dual
+equations, condensed to a banded matrix, made shorter until no slack shrinks too much and the
+barrier function decreases. Where the limits cut it, it is bent along the curvature of their discs
+first, for which the same factor serves; without that, iterates zigzag between thin slivers of
+discs. Where the matrix is not positive definite, a multiple of the identity is added.
 
 A step's block of the objective's Hessian is taken from differences of gradients: the places of a
 step enter no other step's objective. `casswarm.compiling` joins this text with `casswarm.path_core`
@@ -18,16 +20,52 @@ import math
 import numpy as np
 
 if "compiled" not in globals():
-    from casswarm.path_core import add_curvature, add_pulled, factor, longest, pushed, slacks, solve
+    from casswarm.path_core import (
+        add_curvature,
+        add_pulled,
+        bends,
+        factor,
+        longest,
+        pushed,
+        slacks,
+        solve,
+    )
     from casswarm.planar_core import compiled
 
-FIRST = 1e-2  # barrier parameter at the beginning, in units of the objective
-COARSE = 1e-4  # barrier parameter at which starts are compared
-KEPT = 0.1  # part of every slack that is kept on the way to a start
 DIFFERENCE = 1e-6  # length of the gradient's differences
 SUFFICIENT = 1e-4  # decrease, as a part of what the slope promises
 TRIALS = 40  # of a step's length
 CONVERGED, EXHAUSTED, STALLED, NOT_FINITE, NO_INSIDE = 0, 1, 2, 3, 4
+
+
+@compiled
+def copy(source, target):
+    """As slices would, which take Numba seconds to compile for the sake of their error message."""
+    for c in range(source.size):
+        target[c] = source[c]
+
+
+@compiled
+def copy_rows(source, target):
+    """The same of a matrix."""
+    for r in range(source.shape[0]):
+        for c in range(source.shape[1]):
+            target[r, c] = source[r, c]
+
+
+@compiled
+def clear(target):
+    """Write zeros."""
+    for c in range(target.size):
+        target[c] = 0.0
+
+
+@compiled
+def clear_rows(target):
+    """Write zeros into a matrix."""
+    for r in range(target.shape[0]):
+        for c in range(target.shape[1]):
+            target[r, c] = 0.0
 
 
 @compiled
@@ -85,6 +123,17 @@ def barrier(value, slack, mu):
 
 
 @compiled
+def shrinking(slack, slack_then):
+    """The largest part that a slack has lost; 2 where one is not a number."""
+    largest = 0.0
+    for row in range(slack.size):
+        if slack[row] < math.inf:
+            lost = 1.0 - slack_then[row] / slack[row]
+            largest = max(largest, lost if lost <= 2.0 else 2.0)
+    return largest
+
+
+@compiled
 def residuals(pulled, z, slack, mu):
     """Largest components of the Lagrangian's gradient, and of z slack - mu."""
     largest, apart = 0.0, 0.0
@@ -102,7 +151,7 @@ def newton_direction(pulled, band, kept, ridge, step):
     most = 0.0
     for r in range(band.shape[0]):
         most = max(most, abs(band[r, band.shape[1] - 1]))
-    kept[:] = band
+    copy_rows(band, kept)
     add = 0.0
     for _ in range(30):
         if factor(band):
@@ -111,36 +160,41 @@ def newton_direction(pulled, band, kept, ridge, step):
             solve(band, step)
             return add
         add = max(ridge / 3.0, 1e-10 * most, 1e-8) if add == 0.0 else 8.0 * add
-        band[:] = kept
+        copy_rows(kept, band)
         for r in range(band.shape[0]):
             band[r, band.shape[1] - 1] += add
     return -1.0
 
 
 @compiled
-def minimise(y, z, u, who, path, p, shared, units, finest, tolerance, iterations, scratch, counts):
-    """Improve `y`, strictly inside, in place, and write multipliers z: (f, outcome).
+def minimise(
+    y, z, u, who, path, p, shared, units, mu, finest, tolerance, iterations, scratch, counts
+):
+    """Improve `y`, strictly inside, in place, with multipliers z: (f, outcome).
 
-    `path` holds before, square, centers, squares of `casswarm.path_core`. counts: steps, evaluations.
+    The barrier parameter goes from `mu` to `finest`; multipliers that are 0 begin at mu / slack.
+    `path` holds before, square, centers, squares of `casswarm.path_core`; counts: steps and
+    evaluations.
     """
     before, square, centers, squares = path
     members, steps = squares.shape
     size = y.size
     slack, slack_then, pull, push = np.empty((4, 3 * size))
-    gradient, pulled, step, trial = np.empty((4, size))
+    gradient, pulled, step, trial, bent = np.empty((5, size))
     band, kept = np.empty((2, size, 4 * members + 2))
     gradients, changed = np.empty((steps, u.shape[1])), np.empty(u.shape[1])
     block = np.empty((2 * members, 2 * members))
     if not slacks(y, before, square, centers, squares, slack) > 0.0:
         return math.nan, NO_INSIDE
-    mu, ridge = max(FIRST, finest), 0.0
+    ridge = 0.0
     for row in range(z.size):
-        z[row] = mu / slack[row]
+        if z[row] == 0.0:
+            z[row] = mu / slack[row]
     value = total(y, u, who, p, shared, units, gradients, scratch)
     counts[1] += 1
     for _ in range(iterations):
         gather(gradients, who, units, gradient)
-        pulled[:] = gradient
+        copy(gradient, pulled)
         add_pulled(y, z, before, centers, members, steps, pulled)
         if not (math.isfinite(value) and math.isfinite(residuals(pulled, z, slack, 0.0)[0])):
             return value, NOT_FINITE
@@ -152,9 +206,9 @@ def minimise(y, z, u, who, path, p, shared, units, finest, tolerance, iterations
             return value, CONVERGED
         for row in range(z.size):
             pull[row] = mu / slack[row]
-        pulled[:] = gradient
+        copy(gradient, pulled)
         add_pulled(y, pull, before, centers, members, steps, pulled)
-        band[:] = 0.0
+        clear_rows(band)
         add_hessian(u, who, p, shared, units, gradients, band, block, changed, scratch)
         counts[1] += 2 * members
         add_curvature(y, z, slack, before, centers, members, steps, band)
@@ -167,25 +221,37 @@ def minimise(y, z, u, who, path, p, shared, units, finest, tolerance, iterations
         counts[0] += 1
         part = max(0.99, 1.0 - mu)
         length = longest(y, step, part, slack, before, centers, members, steps)
+        clear(bent)
+        if length < 1.0:  # perhaps for the discs' curvature only: follow it
+            bends(step, members, steps, push)
+            for row in range(z.size):
+                push[row] *= z[row] / slack[row]
+            add_pulled(y, push, before, centers, members, steps, bent)
+            for c in range(size):
+                bent[c] = -bent[c]
+            solve(band, bent)
+            length = 1.0
         now, accepted = barrier(value, slack, mu), False
-        pushed(y, step, before, centers, members, steps, push)
         for _trial in range(TRIALS):
             for c in range(size):
-                trial[c] = y[c] + length * step[c]
-            if slacks(trial, before, square, centers, squares, slack_then) > 0.0:
+                trial[c] = y[c] + length * (step[c] + length * bent[c])
+            slacks(trial, before, square, centers, squares, slack_then)
+            if shrinking(slack, slack_then) <= part:
                 value_then = total(trial, u, who, p, shared, units, gradients, scratch)
                 counts[1] += 1
                 then = barrier(value_then, slack_then, mu)
                 if then <= now + SUFFICIENT * length * slope + 2.0**-46 * abs(now):
                     accepted = True
                     break
-            length *= 0.5
+            length *= 0.6
         if not accepted:
             total(y, u, who, p, shared, units, gradients, scratch)
             return value, STALLED
-        y[:], value = trial, value_then
+        pushed(y, step, before, centers, members, steps, push)
+        copy(trial, y)
+        value = value_then
         move_multipliers(z, slack, slack_then, push, mu, part)
-        slack[:] = slack_then
+        copy(slack_then, slack)
     return value, EXHAUSTED
 
 
@@ -205,133 +271,3 @@ def move_multipliers(z, slack, slack_then, push, mu, part):
             z[row] = min(max(z[row] + length * dz, 1e-10 * ideal), 1e10 * ideal)
         else:
             z[row] = 0.0
-
-
-@compiled
-def judge(y, z, u, who, path, p, shared, units, scratch):
-    """f, violation and residual of an answer, anew, in units; nothing of a solve enters.
-
-    The violation is a distance; the residual is the larger of stationarity and complementarity.
-    """
-    before, square, centers, squares = path
-    members, steps = squares.shape
-    gradients, slack, pulled = np.empty((steps, u.shape[1])), np.empty(z.size), np.empty(y.size)
-    value = total(y, u, who, p, shared, units, gradients, scratch)
-    slacks(y, before, square, centers, squares, slack)
-    gather(gradients, who, units, pulled)
-    add_pulled(y, z, before, centers, members, steps, pulled)
-    violation, least = 0.0, 0.0
-    for row in range(z.size):
-        least = min(least, z[row])
-        if slack[row] < 0.0:
-            bound = 0.0
-            if row % 6 == 4:
-                bound = math.sqrt(square)
-            elif row % 6 == 5:
-                bound = math.sqrt(squares[row // 6 % members, row // (6 * members)])
-            out = math.sqrt(bound * bound - slack[row]) - bound if row % 6 > 3 else -slack[row]
-            violation = max(violation, out)
-    largest, apart = residuals(pulled, z, slack, 0.0)
-    if not (math.isfinite(value) and math.isfinite(largest)) or least < 0.0:
-        return value * units[1], math.inf, math.nan
-    return value * units[1], violation, max(largest, apart)
-
-
-@compiled
-def minimise_batch(
-    first,
-    last,
-    starts,
-    insides,
-    free,
-    before,
-    limits,
-    centers,
-    radii,
-    parameters,
-    shared,
-    units,
-    finest,
-    tolerance,
-    iterations,
-    x,
-    multipliers,
-    judged,
-    outcome,
-    counts,
-):
-    """Solve the states `first` to `last` - 1 from every start (S, B, H, 2n), and judge the answers.
-
-    `insides` (B, H, 2n) are strictly within the limits; what is not free is kept. `limits` are the
-    bounds of a velocity's components and of its change. Writes x (B, H, 2n), multipliers
-    (B, H, n, 6), judged (B, 3): f, violation, residual; outcome (B,); counts (B, 2).
-    """
-    steps, n = x.shape[1], free.shape[1]
-    scratch = np.empty(n * (n + 8))
-    square = (limits[1] / limits[0]) ** 2
-    for state in range(first, last):
-        who = np.flatnonzero(free[state])
-        k, unit, p = who.size, units[state], parameters[state]
-        began, middle, wide = np.empty((k, 2)), np.empty((k, steps, 2)), np.empty((k, steps))
-        inside, guess, slack = (
-            np.empty(2 * k * steps),
-            np.empty(2 * k * steps),
-            np.empty(6 * k * steps),
-        )
-        for a in range(k):
-            for axis in range(2):
-                began[a, axis] = before[state, who[a], axis] / unit[0]
-            for s in range(steps):
-                for axis in range(2):
-                    middle[a, s, axis] = centers[state, who[a], s, axis] / unit[0]
-                    inside[2 * (s * k + a) + axis] = insides[state, s, 2 * who[a] + axis] / unit[0]
-                wide[a, s] = (radii[state, who[a], s] / unit[0]) ** 2
-        path = (began, square, middle, wide)
-        u = insides[state].copy()
-        y, best = np.empty(inside.size), inside.copy()
-        z, best_z = np.zeros(slack.size), np.zeros(slack.size)
-        least, how = math.inf, NO_INSIDE
-        tries = starts.shape[0]
-        found = slacks(inside, began, square, middle, wide, slack) > 0.0
-        for t in range(tries + (tries > 1) if found else 0):
-            if t < tries:
-                for a in range(k):
-                    for s in range(steps):
-                        for axis in range(2):
-                            c = 2 * (s * k + a) + axis
-                            guess[c] = starts[t, state, s, 2 * who[a] + axis] / unit[0] - inside[c]
-                slacks(inside, began, square, middle, wide, slack)
-                reach = longest(inside, guess, 1.0 - KEPT, slack, began, middle, k, steps)
-                for c in range(y.size):
-                    y[c] = inside[c] + reach * guess[c]
-            else:
-                y[:] = best
-            rough = tries > 1 and t < tries
-            f, how = minimise(
-                y,
-                z,
-                u,
-                who,
-                path,
-                p,
-                shared,
-                unit,
-                max(COARSE, finest) if rough else finest,
-                max(COARSE, tolerance) if rough else tolerance,
-                iterations,
-                scratch,
-                counts[state],
-            )
-            if not rough or (how != NOT_FINITE and f < least):
-                least = f
-                best[:], best_z[:] = y, z
-        outcome[state] = how
-        judged[state, 0], judged[state, 1], judged[state, 2] = judge(
-            best, best_z, u, who, path, p, shared, unit, scratch
-        )
-        for s in range(steps):
-            for c in range(2 * n):
-                x[state, s, c] = u[s, c]
-            for a in range(k):
-                for row in range(6):
-                    multipliers[state, s, who[a], row] = best_z[6 * (s * k + a) + row]

@@ -93,6 +93,19 @@ def pushed(y, step, before, centers, members, steps, out):
 
 
 @compiled
+def bends(step, members, steps, out):
+    """Write what every slack loses along `step` to second order (6 k H,): the discs' curvature."""
+    for s in range(steps):
+        for i in range(members):
+            c = 2 * (s * members + i)
+            j = 3 * c
+            _px, _py, ax, ay = change(step, members, s, i)
+            out[j], out[j + 1], out[j + 2], out[j + 3] = 0.0, 0.0, 0.0, 0.0
+            out[j + 4] = ax * ax + ay * ay
+            out[j + 5] = step[c] * step[c] + step[c + 1] * step[c + 1]
+
+
+@compiled
 def change(step, members, s, i):
     """What `step` changes in `motion`: (of vx, vy, wx, wy)."""
     c, back = 2 * (s * members + i), 2 * members

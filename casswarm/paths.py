@@ -21,20 +21,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import barrier_core, path_core, planar_core
+from . import barrier_batch_core, barrier_core, path_core, planar_core
 from .arrays import Booleans, Floats
 from .compiling import compiled_module
 from .sets import PlanarSets
 
-POINTS, DISCS = (1e-13, 1e-9), (1e-10, 1e-8)
-"""Barrier parameter and residual at which `following` ends, in units of the squared speed: for
-points the answer is unique and smooth, for discs it is neither, and used with a margin."""
+POINTS, DISCS = ((1e-13, 1e-9),), ((1e-10, 1e-8), (1e-7, 1e-6))
+"""Barrier parameters and residuals at which `following` ends, the next where it does not come to
+the first, in units of the squared speed: for points the answer is unique and smooth, for discs it
+is neither, and used with a margin."""
 
 _GOOD = 100.0  # times as large a residual is still good
 _ITERATIONS = 300
 ROUNDING = 1e-9
 """Violation of a limit, in its unit, that counts as rounding."""
 
+_CORES = (planar_core, path_core, barrier_core, barrier_batch_core)
 _OBJECTIVE = '''
 @compiled
 def evaluate(x, p, shared, gradient, scratch):
@@ -84,8 +86,15 @@ class PathSets:
 
     def __getitem__(self, rows: slice | NDArray[Any]) -> PathSets:
         """The sets of some of the states."""
-        kept = (self.before, self.centers, self.radii, self.free, self.inside)
-        return PathSets(*(array[rows] for array in kept), self.speed, self.change)
+        return PathSets(
+            self.before[rows],
+            self.centers[rows],
+            self.radii[rows],
+            self.free[rows],
+            self.inside[rows],
+            self.speed,
+            self.change,
+        )
 
 
 @dataclass(frozen=True)
@@ -118,7 +127,8 @@ class Limits:
         """Paths that follow moving discs with the least sum of squared distances.
 
         They minimise sum over s of max(0, |u_s - goal_s| - radius_s)^2, which is convex. Where the
-        greedy path touches every disc it is the answer; the others are found by the barrier method.
+        greedy path touches every disc, or there is one step only, it is the answer; the others are
+        found by the barrier method.
 
         Parameters
         ----------
@@ -135,24 +145,27 @@ class Limits:
             Where the method did not converge; the greedy path is given.
         """
         paths = self.greedy(before, goals)
-        failed = np.zeros(len(paths), bool)
-        left = np.flatnonzero((distances(paths, goals) > radii + 1e-12 * self.speed).any(axis=1))
-        if left.size:
-            found, good = self._followed(before[left], goals[left], radii)
-            paths[left] = np.where(good[:, None, None], found, paths[left])
-            failed[left] = ~good
+        beside = distances(paths, goals) > radii + 1e-12 * self.speed
+        failed: Booleans = np.asarray(beside.any(axis=1) & (goals.shape[1] > 1))
+        for finest, tolerance in DISCS if radii.any() else POINTS:
+            left = np.flatnonzero(failed)
+            if left.size:
+                found, good = self._followed(before[left], goals[left], radii, finest, tolerance)
+                paths[left] = np.where(good[:, None, None], found, paths[left])
+                failed[left] = ~good
         return paths, failed
 
-    def _followed(self, before: Floats, goals: Floats, radii: Floats) -> tuple[Floats, Booleans]:
+    def _followed(
+        self, before: Floats, goals: Floats, radii: Floats, finest: float, tolerance: float
+    ) -> tuple[Floats, Booleans]:
         size, steps = goals.shape[:2]
         discs = np.concatenate([goals, np.broadcast_to(radii[:, None], (size, steps, 1))], axis=2)
         inside = self.slowing(before, steps)
         x, judged = np.empty((size, steps, 2)), np.empty((size, 3))
-        finest, tolerance = DISCS if radii.any() else POINTS
         _compiled().minimise_batch(
             0,
             size,
-            inside[None],
+            inside[:, None],
             inside,
             np.ones((size, 1), bool),
             np.ascontiguousarray(before)[:, None],
@@ -198,7 +211,7 @@ def part_within(start: Floats, end: Floats, centers: Floats, radii: Floats) -> F
 
 def barrier_sources() -> list[str]:
     """Texts of the barrier method, which an objective's `evaluate` completes."""
-    return [inspect.getsource(core) for core in (planar_core, path_core, barrier_core)]
+    return [inspect.getsource(core) for core in _CORES]
 
 
 @cache

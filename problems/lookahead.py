@@ -49,7 +49,7 @@ from ..sets import PlanarSets
 from .formation import SHORTFALL, Motion
 from .formation_compiled import formation_objective
 
-MARGIN = 1e-3
+MARGIN = 1e-4
 """By how much a corridor is narrower for every step ahead, as a part of its radius."""
 
 _UNROLL = 24  # members times steps up to which scalar expressions are faster
@@ -177,10 +177,10 @@ class LookAhead:
     fallback: Floats
 
     def shortfalls(self, window: Window, velocities: Floats) -> Booleans:
-        """Who, by these velocities (B, n, 2), is not where the next step's wish wants it, (B, n)."""
+        """Who, by velocities (B, n, 2), ends elsewhere than the next step's wish has it, (B, n)."""
         away = window.positions + window.motion.dt * velocities - window.goals[0]
         allowed = self.radius + SHORTFALL * window.motion.v_max * window.motion.dt
-        return self.wished & (np.hypot(away[..., 0], away[..., 1]) > allowed)
+        return np.asarray(self.wished & (np.hypot(away[..., 0], away[..., 1]) > allowed))
 
 
 def leader_ahead(window: Window, leaders: NDArray[np.intp]) -> LookAhead:
@@ -235,7 +235,7 @@ def corridor_ahead(window: Window, rho: float) -> LookAhead:
         inside,
         nearest,
         first,
-        failed.any(axis=1),
+        np.asarray(failed.any(axis=1)),
         float(np.sqrt(rho)),
     )
 
@@ -300,8 +300,8 @@ def _problem(
     parameters: dict[str, Floats] = {
         "positions": window.positions,
         "previous": window.previous,
-        "alive": window.alive[..., None],
-        "weights": weights[..., None],
+        "alive": window.alive[..., None].astype(float),
+        "weights": weights[..., None].astype(float),
         "goal": window.goals[None, :1],
         "dt": np.array([[motion.dt]]),
     }

@@ -30,8 +30,8 @@ POLICIES = {
     "leader": "one member follows the guide, the others protect it",
     "constrained-feedback": "constrained, along the best way on from where the swarm is",
     "leader-feedback": "leader, who finds the best way on from where it is",
-    "constrained-ahead-H": "constrained, with the next H steps in view, such as constrained-ahead-3",
-    "leader-ahead-H": "leader, with the next H steps in view, such as leader-ahead-3",
+    "constrained-ahead-3": "constrained, with the next 3 steps in view, or any other number",
+    "leader-ahead-3": "leader, with the next 3 steps in view, or any other number",
 }
 """Names that `make_policy` takes, each with what it does."""
 
@@ -103,10 +103,6 @@ def _ahead(name: str, look_ahead: int) -> tuple[str, int]:
         if look_ahead != 1:
             raise PolicyError(f"policy {name!r} names its look-ahead: leave out look_ahead")
         name, look_ahead = found[1], int(found[2])
-    elif name.endswith("-ahead-H"):
-        raise PolicyError(
-            f"policy {name!r}: write the number of steps for H, such as leader-ahead-3"
-        )
     _require_known("policy", name, POLICIES)
     if not isinstance(look_ahead, int) or look_ahead < 1:
         raise PolicyError(f"look_ahead = {look_ahead!r}; allowed: whole numbers from 1")

@@ -135,19 +135,23 @@ class BarrierRun:
             solver.tolerance,
             solver.iterations,
         )
-        results = (
-            np.empty((batch, steps, 2 * n)),
-            np.zeros((batch, steps, n, 6)),
-            np.empty((batch, 3)),
-            np.empty(batch, np.int64),
-            np.zeros((batch, 2), np.int64),
-        )
+        x, multipliers = np.empty((batch, steps, 2 * n)), np.zeros((batch, steps, n, 6))
+        judged, outcome = np.empty((batch, 3)), np.empty(batch, np.int64)
+        counts = np.zeros((batch, 2), np.int64)
+        results = (x, multipliers, judged, outcome, counts)
         minimise = _module(nlp).minimise_batch
         shared_out(lambda first, last: minimise(first, last, *given, *results), batch, _SHARE)
-        x, *rest = results
-        seconds = time.perf_counter() - started
         return cls(
-            nlp, paths, instances.parameters, units, x.reshape(batch, -1), *rest, seconds=seconds
+            nlp=nlp,
+            paths=paths,
+            parameters=instances.parameters,
+            units=units,
+            x=x.reshape(batch, -1),
+            multipliers=multipliers,
+            judged=judged,
+            outcome=outcome,
+            counts=counts,
+            seconds=time.perf_counter() - started,
         )
 
     def solution(self, success: Booleans) -> BatchSolution:
@@ -206,14 +210,14 @@ class BarrierRun:
 
 
 def _starts(instances: Instances, paths: PathSets, number: int) -> Floats:
-    """Starts (S, B, H, 2n): the given one, and others around it, the same way for every state."""
+    """Starts (B, S, H, 2n): the given one, or several around it, the same way for every state."""
     batch, steps, n = paths.shape
-    starts = np.repeat(instances.start.reshape(1, batch, steps, n, 2), number, axis=0)
+    starts = np.repeat(instances.start.reshape(batch, 1, steps, n, 2), number, axis=1)
     if number > 1:
         # one pattern for all states, so that a state's answer does not depend on its batch
-        pattern = np.random.default_rng(1).normal(size=(number - 1, 1, 1, n, 2))
-        starts[1:] += _SPREAD * paths.change * pattern
-    return np.ascontiguousarray(starts.reshape(number, batch, steps, 2 * n))
+        pattern = np.random.default_rng(1).normal(size=(number, 1, n, 2))
+        starts += _SPREAD * paths.change * pattern
+    return starts.reshape(batch, number, steps, 2 * n)
 
 
 def _module(nlp: Nlp) -> ModuleType:
