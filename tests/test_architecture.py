@@ -21,7 +21,8 @@ FOLDERS["casswarm.cli"] = ROOT / "cli"
 
 LAYERS = (
     ("errors", "constants", "arrays", "compiling", "planar_core", "subsets", "templates"),
-    ("sets", "hazard"),
+    ("path_core", "barrier_core", "barrier_batch_core"),
+    ("sets", "paths", "hazard"),
     ("scenario",),
     ("parameters",),
     ("nlp", "solution", "residuals"),
