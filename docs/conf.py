@@ -36,6 +36,7 @@ nitpicky = True
 # --- pages
 
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
+highlight_language = "none"  # of blocks that name none: what commands print
 myst_heading_anchors = 3  # links to sections, as GitHub names them
 copybutton_prompt_text = r"\$ |>>> |\.\.\. "
 copybutton_prompt_is_regexp = True
