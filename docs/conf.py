@@ -27,6 +27,7 @@ extensions = [
     "notebook_pages",
     "page_trees",
     "public_names",
+    "repository_links",
     "scenario_keys",
 ]
 exclude_patterns = ["_build", "**.ipynb_checkpoints"]
