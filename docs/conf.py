@@ -27,6 +27,7 @@ extensions = [
     "notebook_pages",
     "page_trees",
     "public_names",
+    "repository_links",
     "scenario_keys",
 ]
 exclude_patterns = ["_build", "**.ipynb_checkpoints"]
@@ -36,6 +37,7 @@ nitpicky = True
 # --- pages
 
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
+highlight_language = "none"  # of blocks that name none: what commands print
 myst_heading_anchors = 3  # links to sections, as GitHub names them
 copybutton_prompt_text = r"\$ |>>> |\.\.\. "
 copybutton_prompt_is_regexp = True

@@ -365,7 +365,10 @@ def test_shown_scenario_is_a_valid_file(tmp_path):
 
 def test_new_scenario_is_named_checked_and_never_overwritten(tmp_path):
     casswarm(tmp_path, "scenarios", "new", "mine.toml", "--from", "ring")
-    assert 'name = "mine"' in (tmp_path / "mine.toml").read_text()
+    text = (tmp_path / "mine.toml").read_text()
+    assert 'name = "mine"' in text
+    assert 'description = "made from ring"' in text  # not what the ring is described as
+    assert "# Radius of the target zone, in units of length.\nradius = " in text
     assert "mine.toml" in casswarm(tmp_path, "scenarios", "check", "mine.toml").stdout
     done = casswarm(tmp_path, "scenarios", "new", "mine.toml", code=2)
     assert "--force" in done.stderr
@@ -393,3 +396,5 @@ def test_rates_of_a_users_module_beside_the_file_are_used(tmp_path):
     )
     done = casswarm(tmp_path, "simulate", "own.toml", "--runs", 20, "--workers", 2)
     assert "leader" in done.stdout
+    told = casswarm(tmp_path, "plan", "own.toml").stdout
+    assert "not certified: that needs a lower bound of your rates" in told

@@ -41,7 +41,11 @@ def _linked_type(found: re.Match[str]) -> str:
     if len(parts) == 1:
         return found[0]
     shown = [
-        f":public:`{part}`" if place % 2 else f"*{part.strip()}*" if part.strip() else ""
+        f":public:`{part} <casswarm.{part}>`"
+        if place % 2
+        else f"*{part.strip()}*"
+        if part.strip()
+        else ""
         for place, part in enumerate(parts)
     ]
     return " ".join(filter(None, shown))

@@ -2,16 +2,21 @@
 
 ``{public-names} SUBJECT`` documents the names whose modules belong to a subject: a table, then
 name by name. Modules that no subject claims are the subject ``more``, so that nothing is left out.
+``{names-of} MODULE NAME...`` documents what is not handed out by `casswarm` itself: the given names
+of a module, or all in its ``__all__``.
 """
 
 from __future__ import annotations
 
 import inspect
+from importlib import import_module
 from typing import Any
 
 from docutils import nodes
 from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
 from sphinx.util.docutils import SphinxDirective, SphinxRole
+from sphinx.util.nodes import make_refnode
 
 import casswarm
 
@@ -42,13 +47,23 @@ def names_of(subject: str) -> list[str]:
     return sorted(found, key=lambda name: inspect.isclass(getattr(casswarm, name)))
 
 
-def reference(names: list[str]) -> str:
+def others_of(module: str) -> list[str]:
+    """Functions and classes in a module's ``__all__`` that are no public names of `casswarm`."""
+    found = import_module(module)
+    return [
+        name
+        for name in found.__all__
+        if name not in casswarm.__all__ and callable(getattr(found, name))
+    ]
+
+
+def reference(module: str, names: list[str]) -> str:
     """A table of names and their entries, as reStructuredText."""
-    lines = [".. currentmodule:: casswarm", "", ".. autosummary::", "   :nosignatures:", ""]
+    lines = [f".. currentmodule:: {module}", "", ".. autosummary::", "   :nosignatures:", ""]
     lines += [f"   {name}" for name in names] + [""]
     for name in names:
-        value = getattr(casswarm, name)
-        lines += [f".. {_kind(value)}:: casswarm.{name}", *_options(value), ""]
+        value = getattr(import_module(module), name)
+        lines += [f".. {_kind(value)}:: {module}.{name}", *_options(value), ""]
     return "\n".join(lines)
 
 
@@ -79,7 +94,20 @@ class PublicNames(SphinxDirective):
         names = names_of(subject)
         if not names:
             return []
-        return self.parse_text_to_nodes("```{eval-rst}\n" + reference(names) + "\n```\n")
+        return self.parse_text_to_nodes(f"```{{eval-rst}}\n{reference('casswarm', names)}\n```\n")
+
+
+class NamesOf(SphinxDirective):
+    """``{names-of} MODULE NAME...``."""
+
+    required_arguments = 1
+    optional_arguments = 100
+
+    def run(self) -> list[nodes.Node]:
+        """The table and the entries."""
+        module, *names = self.arguments
+        text = reference(module, names or others_of(module))
+        return self.parse_text_to_nodes(f"```{{eval-rst}}\n{text}\n```\n")
 
 
 class PublicName(SphinxRole):
@@ -104,16 +132,23 @@ class PublicName(SphinxRole):
         return found, messages
 
 
-def leave_as_code(
-    _app: Sphinx, _env: object, node: nodes.Element, content: nodes.Node
+def resolved(
+    app: Sphinx, env: BuildEnvironment, node: nodes.Element, content: nodes.TextElement
 ) -> nodes.Node | None:
-    """A name that is not documented stays as it is, without a warning."""
-    return content if node.get("may_lead_nowhere") else None
+    """A public name, seen from another module; what is not documented stays as it is."""
+    if not node.get("may_lead_nowhere"):
+        return None
+    name = f"casswarm.{node['reftarget']}"
+    place = env.domains.python_domain.objects.get(name)
+    if place is None:
+        return content
+    return make_refnode(app.builder, node["refdoc"], place.docname, place.node_id, content, name)
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """The directive, the role, and what becomes of names that lead nowhere."""
+    """The directives, the role, and what becomes of names that lead nowhere."""
     app.add_directive("public-names", PublicNames)
+    app.add_directive("names-of", NamesOf)
     app.add_role("public", PublicName())
-    app.connect("missing-reference", leave_as_code)
+    app.connect("missing-reference", resolved)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -54,7 +54,9 @@ def default(table: str, key: str, field: FieldInfo) -> str:
         return "must be given"
     kinds = [kind for kind, needed in CONSTANTS.items() if table == "hazard" and key in needed]
     if kinds:
-        return "must be given for " + ", ".join(f'`"{kind}"`' for kind in kinds)
+        every = len(kinds) == len(CONSTANTS)
+        needing = "every built-in kind" if every else " and ".join(f'`"{k}"`' for k in kinds)
+        return f"needed by {needing}"
     value = field.get_default(call_default_factory=True)
     if value is None or value in ({}, ()):
         return "left out"
