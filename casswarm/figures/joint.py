@@ -51,7 +51,8 @@ def joint_map(
                 zorder=4,
             )
         )
-        axes.scatter(*way.T, s=(widths + line(0.8)) ** 2, color=color, linewidths=0, zorder=4)
+        size = (widths + line(0.8)) ** 2
+        axes.scatter(way[:, 0], way[:, 1], s=size, color=color, linewidths=0, zorder=4)
         told = f"member {member + 1}"
         if survival is not None:
             told += f",\nsurvives with {alive[-1]:.3f}"

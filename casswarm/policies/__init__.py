@@ -128,12 +128,13 @@ def _formation(
     kind: str, scenario: Scenario, guide: Guide, backend: Solver, succession: str, look_ahead: int
 ) -> Policy:
     shared = (scenario.hazard, motion_of(scenario), guide, backend)
-    rho, ahead = scenario.formation.rho, {}
-    if look_ahead > 1:
-        ahead = {"name": f"{kind}-ahead-{look_ahead}", "look_ahead": look_ahead}
+    rho, called = scenario.formation.rho, f"{kind}-ahead-{look_ahead}"
+    if look_ahead == 1:
+        leads = kind == "leader"
+        return LeaderPolicy(*shared, succession) if leads else ConstrainedPolicy(*shared, rho)
     if kind == "leader":
-        return (LeaderAheadPolicy if ahead else LeaderPolicy)(*shared, succession, **ahead)
-    return (ConstrainedAheadPolicy if ahead else ConstrainedPolicy)(*shared, rho, **ahead)
+        return LeaderAheadPolicy(*shared, succession, name=called, look_ahead=look_ahead)
+    return ConstrainedAheadPolicy(*shared, rho, name=called, look_ahead=look_ahead)
 
 
 def _ahead(name: str, look_ahead: int) -> tuple[str, int]:
