@@ -103,7 +103,8 @@ class Branch:
             return 0.0
         lost = self.law.lost[at][-1]
         stays = np.isin(self.members, members)
-        return self.mass * self.law.masses[at, -1] * float(np.where(stays, 1 - lost, lost).prod())
+        fate = float(np.where(stays, 1 - lost, lost).prod())
+        return self.mass * float(self.law.masses[at, -1]) * fate
 
     def _rows(self, members: Members) -> list[int]:
         return [self.members.index(member) for member in members]
