@@ -26,8 +26,8 @@ from ..problems.joint import JointForm, JointTask
 from ..solvers import Ipopt, Solver
 from .law import PlanLaw
 from .plan import SwarmPlan
-from .planning import MOST_EXACT, joint_task
-from .solving import JointProblem, first_steps
+from .planning import joint_task
+from .solving import MOST_EXACT, JointProblem, first_steps
 from .starts import SwarmStart
 
 if TYPE_CHECKING:
@@ -249,7 +249,7 @@ class PlanTree:
         if not found.solution.status.success:
             self.failures += 1
             self._failed.add(key)
-        if found.value <= problem.value(rest, real):
+        if not found.apart or found.value <= problem.value(rest, real):
             return branch
         positions = problem.positions(found.velocities)
         law = PlanLaw.of(self.scenario, positions)
