@@ -26,8 +26,10 @@ if TYPE_CHECKING:
         ScenarioError,
         SolverError,
         StoreError,
+        WorkerError,
     )
     from .evaluation import estimate, evaluate
+    from .figures.animation import animate
     from .guide import Candidate, Guide
     from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
     from .pilot import runs_needed
@@ -64,7 +66,9 @@ _HOME = {
         "ScenarioError",
         "SolverError",
         "StoreError",
+        "WorkerError",
     ),
+    "figures.animation": ("animate",),
     "guide": ("Candidate", "Guide"),
     "hazard": ("CustomHazard", "Hazard", "KernelHazard", "Saturation", "SaturationCollision"),
     "pilot": ("runs_needed",),
@@ -114,6 +118,8 @@ __all__ = [
     "Sweep",
     "Tolerances",
     "ValueFunction",
+    "WorkerError",
+    "animate",
     "as_policy",
     "builtin_scenarios",
     "compare",

@@ -79,6 +79,15 @@ def plan(
         A solver that is unknown, or cannot take the guide problem.
     ValueError
         A gap or time limit out of range.
+
+    Examples
+    --------
+    >>> import casswarm as cs
+    >>> guide = cs.plan(cs.load_scenario("single-agent"))
+    >>> guide.positions.shape, guide.velocities.shape
+    ((31, 2), (30, 2))
+    >>> bool(guide.risk_bound <= guide.risk)
+    True
     """
     if not 0 < gap < 1:
         raise ValueError(f"gap = {gap!r}; allowed: above 0, below 1 (0.01 is one percent)")

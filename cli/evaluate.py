@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import (
+    figure_options,
     load,
     named_policies,
     policy_option,
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @scenario_options
+@figure_options
 @policy_option
 @click.option(
     "--tolerance",
@@ -65,6 +67,8 @@ def evaluate(
     figures: str,
     as_json: bool,
     quiet: bool,
+    width: str,
+    dpi: int,
     policies: tuple[str, ...],
     tolerance: float,
     most_states: int | None,
@@ -77,7 +81,8 @@ def evaluate(
 
     Prints a table and writes laws.csv, arrival.csv (probability of the first arrival at every
     step), survivors.csv, members.csv (survival of every member), population.csv (how many are
-    alive at every step), arrival.png, population.png and run.json.
+    alive at every step), run.json and the figures success, arrival, population and survival, which
+    casswarm plot draws again.
 
     \b
     Examples:
@@ -93,8 +98,8 @@ def evaluate(
         from ..evaluation import evaluate as exact_law
         from ..planning import plan
 
-        folder = Folder("evaluate", chosen, out, figures)
-        guide = plan(chosen, certify=False)
+        folder = Folder("evaluate", chosen, out, figures, width=width, dpi=dpi)
+        guide = plan(chosen, certify=False, progress=lambda start: say(f"planning: {start}", quiet))
         laws, estimates = [], []
         for policy in named_policies(policies):
             say(f"evaluating {getattr(policy, 'name', policy)}", quiet)
@@ -142,7 +147,7 @@ def _write(
     bound: SuccessBound,
     inputs: dict[str, Any],
 ) -> dict[str, Any]:
-    from ..figures import arrival_chart, population_chart
+    from ..gallery import evaluated
     from ..tables import (
         arrival_table,
         estimate_table,
@@ -152,19 +157,18 @@ def _write(
         survivor_table,
     )
 
-    table = law_table(laws)
+    table = successes = law_table(laws)
     result: dict[str, Any] = {"laws": table.to_dict("records"), "success_bound": bound.as_dict()}
     if estimates:
-        sampled = estimate_table(estimates)
-        folder.table("estimates", sampled)
-        result["estimates"] = sampled.to_dict("records")
+        successes = estimate_table(estimates)
+        folder.table("estimates", successes)
+        result["estimates"] = successes.to_dict("records")
     folder.table("laws", table)
     folder.table("arrival", arrival_table(laws))
     folder.table("survivors", survivor_table(laws))
     folder.table("members", member_table(laws))
     folder.table("population", population_table(laws))
-    folder.figure("arrival", arrival_chart(laws, scenario.name))
-    folder.figure("population", population_chart(laws, scenario.n, scenario.name))
+    folder.draw(evaluated(scenario, laws, successes))
     return folder.record(result, inputs)
 
 

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import WrongInput, load, reported_errors, scenario_options
+from .common import WrongInput, figure_options, load, reported_errors, scenario_options
 from .output import Folder, json_text, say
 from .plan_joint import plan_joint
 
 if TYPE_CHECKING:
+    from ..certificate.outlook import Outlook
     from ..certificate.value import ValueFunction
     from ..guide import Guide
     from ..scenario import Scenario
@@ -22,6 +23,7 @@ _WAYS = 6  # that are printed; candidates.csv has them all
 
 @click.command()
 @scenario_options
+@figure_options
 @click.option(
     "--solver",
     default="ipopt",
@@ -86,6 +88,8 @@ def plan(
     figures: str,
     as_json: bool,
     quiet: bool,
+    width: str,
+    dpi: int,
     solver: str,
     search: str | None,
     arrival: str | None,
@@ -101,7 +105,8 @@ def plan(
 ) -> None:
     """Find the least risky path of a lone agent: the guide that the swarm follows.
 
-    Writes guide.csv (a row a step), candidates.csv (every start's outcome), guide.png and run.json.
+    Writes guide.csv (a row a step), candidates.csv (every start's outcome), paths.csv (other ways),
+    guide.png and run.json; casswarm plot draws the folder again.
     The paper's projected gradient is set beside a global search: comparison.csv, comparison.png.
 
     With --joint, find the ways of all members that maximise the swarm's own success, and what no
@@ -136,7 +141,7 @@ def plan(
         if joint:
             plan_joint(
                 chosen,
-                Folder("plan-joint", chosen, out, figures),
+                Folder("plan-joint", chosen, out, figures, width=width, dpi=dpi),
                 objective=objective,
                 solver=solver,
                 seed=seed,
@@ -146,7 +151,7 @@ def plan(
                 quiet=quiet,
             )
             return
-        folder = Folder("plan", chosen, out, figures)
+        folder = Folder("plan", chosen, out, figures, width=width, dpi=dpi)
         value = _value(chosen) if with_map else None  # first: it may need too many nodes
         guide = find_guide(
             chosen,
@@ -207,18 +212,25 @@ def _write(
     value: ValueFunction | None,
     inputs: dict[str, object],
 ) -> dict[str, object]:
-    from ..figures import comparison_map, guide_map, risk_map
-    from ..tables import candidate_table, guide_table, rival_table
+    from ..gallery import planned
+    from ..guide import path_of
+    from ..tables import candidate_table, guide_table, path_table, rival_table
 
     folder.table("guide", guide_table(guide))
     folder.table("candidates", candidate_table(guide))
-    folder.figure("guide", guide_map(scenario, guide, guide.ways()))
-    if rival is not None:
-        rivals = {"projected gradient": guide, "global search": rival}
+    ways = {
+        f"{way.sides or 'way'} {number}": path_of(guide.positions[0], way.velocities, guide.dt)
+        for number, way in enumerate(guide.ways())
+    }
+    rivals = {} if rival is None else {"projected gradient": guide, "global search": rival}
+    paths = {"way": ways, "rival": {name: found.positions for name, found in rivals.items()}}
+    folder.table("paths", path_table(paths))
+    if rivals:
         folder.table("comparison", rival_table(rivals))
-        folder.figure("comparison", comparison_map(scenario, rivals))
-    if value is not None:
-        folder.figure("risk-to-go", risk_map(scenario, value, guide))
+    outlook = None if value is None else _outlook(scenario, guide, value)
+    if outlook is not None:
+        folder.arrays("risk-to-go", outlook.arrays())
+    folder.draw(planned(scenario, guide, list(ways.values()), rivals, outlook))
     certificate = guide.certificate
     result = {
         "risk": guide.risk,
@@ -236,6 +248,13 @@ def _write(
     return folder.record(result, inputs)
 
 
+def _outlook(scenario: Scenario, guide: Guide, value: ValueFunction) -> Outlook:
+    from ..certificate.outlook import Outlook
+    from ..figures.maps import extent
+
+    return Outlook.of(value, *extent(scenario, [guide.positions, scenario.positions]))
+
+
 def _words(scenario: Scenario, guide: Guide, rival: Guide | None) -> str:
     from collections import Counter
 
@@ -246,7 +265,7 @@ def _words(scenario: Scenario, guide: Guide, rival: Guide | None) -> str:
         f"{scenario.name}: {_counted(scenario.n, 'member')}, {_counted(radars, 'radar')}, "
         f"{scenario.n_steps} steps of {scenario.time.dt:g}",
         f"{guide}, risk {guide.risk:.4f}",
-        *_proof(guide),
+        *(_proof(guide) or _unproven(scenario)),
         f"{guide.solution}",
         f"solves: {told}",
         *_ways(guide),
@@ -278,6 +297,17 @@ def _ways(guide: Guide) -> list[str]:
     if len(ways) > _WAYS:
         lines.append(f"  and {len(ways) - _WAYS} more in candidates.csv")
     return lines
+
+
+def _unproven(scenario: Scenario) -> list[str]:
+    """What is missing for a proof, where it is the user's to give."""
+    start = scenario.guide_start
+    if scenario.hazard.least_lone_rate(start, start) is not None:
+        return []
+    return [
+        "not certified: that needs a lower bound of your rates over boxes; give them a "
+        "least_lone_rate (docs: rates of your own)"
+    ]
 
 
 def _proof(guide: Guide) -> list[str]:

@@ -69,12 +69,14 @@ def _write(
     sampled: Estimate | None,
     inputs: dict[str, Any],
 ) -> dict[str, Any]:
-    from ..figures import joint_map
+    from ..gallery import planned_jointly
     from ..tables import estimate_table, joint_table, outcome_table
 
     folder.table("joint", joint_table(found))
     folder.table("outcomes", outcome_table(found))
-    folder.figure("joint", joint_map(scenario, found))
+    told = _told(found, sampled)
+    survival = None if found.law is None else found.law.survival
+    folder.draw(planned_jointly(scenario, found.positions, survival, *told))
     result: dict[str, Any] = {
         "objective": found.objective,
         "value": found.value,
@@ -92,8 +94,21 @@ def _write(
         "velocities": found.velocities,
         "before": found.before,
         "seconds": found.seconds,
+        "told": told,
     }
     return folder.record(result, inputs)
+
+
+def _told(found: SwarmPlan, sampled: Estimate | None) -> tuple[str, str]:
+    """Success, and what no policy can exceed, as the figure's title says them."""
+    if sampled is not None:
+        low, high = sampled.success
+        success = f"{low:.4f} to {high:.4f} ({sampled.level:.0%})"
+    else:
+        assert found.law is not None
+        success = f"{1 - found.law.failure:.6g}"
+    certified = found.bound is not None and found.bound.certified
+    return success, str(found.bound) if certified else ""
 
 
 def _words(scenario: Scenario, found: SwarmPlan, sampled: Estimate | None) -> str:

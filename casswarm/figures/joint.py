@@ -5,33 +5,43 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
+from ..arrays import Floats
 from ..scenario import Scenario
-from ..swarm import SwarmPlan
-from .maps import _finish, _map
-from .style import INK, MEMBERS
+from .maps import lone_map
+from .style import BLUE, INK, MEMBERS, drawn, headline, key, line
 
-_WIDEST, _THINNEST = 2.0, 0.3  # points, of the uppermost member's line, alive and dead
+_WIDEST, _THINNEST = 2.0, 0.3  # of the uppermost member's line, alive and dead
 _STEP = 1.6  # by which each member below is wider: members often share a way
 _MANY = 0.8  # width of all lines in a large swarm
 
 
-def joint_map(scenario: Scenario, plan: SwarmPlan) -> Figure:
+@drawn
+def joint_map(
+    scenario: Scenario, positions: Floats, survival: Floats | None = None, title: str = ""
+) -> Figure:
     """Members' ways; lines get thinner as survival gets less likely, a dot a step.
 
     Members often share a way: the first is drawn widest and lowest, so that all stay visible.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    positions : (T+1, n, 2)
+        Drawn up to a member's arrival.
+    survival : (T+1, n), optional
+        Of every member.
+    title : str
     """
-    fig, axes = _map(scenario, [plan.positions.reshape(-1, 2)])
-    few = plan.n <= len(MEMBERS)
-    handles = []
-    for member in range(plan.n):
-        way = plan.positions[: _last(plan, member) + 1, member]
-        color = MEMBERS[member % len(MEMBERS)]
-        alive = np.ones(len(way)) if plan.law is None else plan.law.survival[: len(way), member]
-        above = _STEP * (plan.n - 1 - member) if few else 0.0
-        widest = _WIDEST if few else _MANY
-        widths = alive * (widest + above) + (1 - alive) * _THINNEST
+    fig, axes, _ = lone_map(scenario, [positions.reshape(-1, 2)])
+    members = positions.shape[1]
+    few = members <= len(MEMBERS)
+    for member in range(members):
+        way = _until_arrival(scenario, positions[:, member])
+        color = MEMBERS[member] if few else BLUE
+        alive = np.ones(len(way)) if survival is None else survival[: len(way), member]
+        widest = _WIDEST + _STEP * (members - 1 - member) if few else _MANY
+        widths = line() * (alive * widest + (1 - alive) * _THINNEST)
         axes.add_collection(
             LineCollection(
                 list(np.stack([way[:-1], way[1:]], axis=1)),
@@ -41,31 +51,29 @@ def joint_map(scenario: Scenario, plan: SwarmPlan) -> Figure:
                 zorder=4,
             )
         )
-        axes.scatter(*way.T, s=(widths + 1.0) ** 2, color=color, linewidths=0, zorder=4)
+        size = (widths + line(0.8)) ** 2
+        axes.scatter(way[:, 0], way[:, 1], s=size, color=color, linewidths=0, zorder=4)
+        told = f"member {member + 1}"
+        if survival is not None:
+            told += f",\nsurvives with {alive[-1]:.3f}"
         if few:
-            told = f"member {member + 1}"
-            told += "" if plan.law is None else f", alive at the end {alive[-1]:.3f}"
-            handles.append(Line2D([], [], color=color, linewidth=2.5, label=told))
-    starts = plan.positions[0]
+            axes.plot([], [], color=color, linewidth=line(2.5), label=told)
     axes.plot(
-        *starts.T,
+        *positions[0].T,
         linestyle="",
         marker="o",
-        markersize=4.5,
+        markersize=line(4.5),
         markerfacecolor="white",
         markeredgecolor=INK,
         zorder=5,
+        label="start",
     )
-    for handle in handles:
-        axes.add_artist(handle)
-    success = f"success {plan.value:.4f} by the mean field"
-    if plan.law is not None:
-        success = f"success {1 - plan.law.failure:.6g}"
-    bound = "" if plan.bound is None or not plan.bound.certified else f"\n{plan.bound}"
-    _finish(fig, axes, f"{plan.scenario}: joint plan, {success}{bound}")
+    key(fig, axes)
+    headline(fig, scenario.name, title)
     return fig
 
 
-def _last(plan: SwarmPlan, member: int) -> int:
-    """The step at which a member's way ends: on arrival."""
-    return int(plan.arrivals[member]) or plan.steps
+def _until_arrival(scenario: Scenario, way: Floats) -> Floats:
+    """A member's way up to its arrival."""
+    inside = np.flatnonzero(scenario.target.contains(way[1:]))
+    return way[: inside[0] + 2] if inside.size else way

@@ -89,6 +89,17 @@ class Hazard(ABC):
         HazardError
             Wrong shapes, positions that are not finite, or (for rates written by users) a rate
             that is negative or not finite.
+
+        Examples
+        --------
+        The rate of a member at distance 1 from a radar, alone and with another in its place:
+
+        >>> import casswarm as cs
+        >>> hazard = cs.Saturation(radars=[(0, 0)], alpha_1=4.0, alpha_2=3.0, alpha_3=4.0)
+        >>> hazard.rates([[1, 0]])
+        array([1.])
+        >>> hazard.rates([[1, 0], [1, 0]]).round(4)
+        array([0.5714, 0.5714])
         """
         x = np.asarray(positions, dtype=float)
         if x.ndim not in (2, 3) or x.shape[-1] != 2 or x.shape[-2] == 0:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Booleans, Counts, Floats
 from ..errors import PolicyError
@@ -65,6 +65,16 @@ class Policy(ABC):
         alive : (B, n) bool
         """
 
+    def leaders(
+        self,
+        step: int,  # noqa: ARG002
+        positions: Floats,  # noqa: ARG002
+        previous: Floats,  # noqa: ARG002
+        alive: Booleans,
+    ) -> NDArray[np.integer[Any]]:
+        """Who leads in every state, (B,): what pictures mark; -1 where nobody does."""
+        return np.full(len(alive), -1)
+
     def velocities(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Floats:
         """Velocities (B, n, 2) alone; see `decide`."""
         if np.ndim(positions) != 3:
@@ -114,6 +124,14 @@ def checked_velocities(name: str, step: int, velocities: ArrayLike, alive: Boole
 
 def as_policy(policy: Any, name: str | None = None) -> Policy:
     """A policy of what a user wrote: a `Policy`, an object with `velocities`, or a function.
+
+    Parameters
+    ----------
+    policy : Policy, object or function
+        Of (step, positions, previous, alive), of shapes (B, n, 2), (B, n, 2) and (B, n); its
+        velocities have shape (B, n, 2).
+    name : str, optional
+        What tables call it; by default the name it has.
 
     Raises
     ------
