@@ -103,7 +103,7 @@ class Branch:
             return 0.0
         lost = self.law.lost[at][-1]
         stays = np.isin(self.members, members)
-        return self.mass * self.law.masses[at, -1] * float(np.where(stays, 1 - lost, lost).prod())
+        return float(self.mass * self.law.masses[at, -1] * np.where(stays, 1 - lost, lost).prod())
 
     def _rows(self, members: Members) -> list[int]:
         return [self.members.index(member) for member in members]
