@@ -61,6 +61,9 @@ class Nlp:
     starts : int
         How many starts are worth their time, where they cost little: more than one where local
         minima are common.
+    hessian : casadi.Function, optional
+        (x, p, lam_f, lam_g) to the upper triangle of the Lagrangian's Hessian, where that is known
+        in a quicker way than by automatic differentiation.
     """
 
     name: str
@@ -71,6 +74,7 @@ class Nlp:
     unroll: bool = False
     compiled: CompiledObjective | None = None
     starts: int = 1
+    hessian: Expression | None = None
 
     @cached_property
     def x(self) -> Expression:
@@ -116,6 +120,7 @@ class Nlp:
             {name: block.shape for name, block in self.parameters.items()},
             tuple(self.constraints),
             (self.name, self.unroll, self.compiled, self.starts),
+            None if self.hessian is None else self.hessian.serialize(),
         )
 
     def _function(self, name: str, outputs: list[Expression]) -> Expression:
@@ -161,6 +166,7 @@ def _restored(
     parameters: Mapping[str, tuple[int, int]],
     constraints: tuple[str, ...],
     rest: tuple[str, bool, CompiledObjective | None, int],
+    hessian: str | None,
 ) -> Nlp:
     """The program that `Nlp.__reduce__` took apart."""
     x, p = (
@@ -169,7 +175,9 @@ def _restored(
     )
     function = ca.Function.deserialize(serialized)
     objective, *g = function.call([ca.veccat(*x.values()), ca.veccat(*p.values())], True, False)
-    return Nlp(rest[0], x, p, objective, dict(zip(constraints, g, strict=True)), *rest[1:])
+    second = None if hessian is None else ca.Function.deserialize(hessian)
+    g = dict(zip(constraints, g, strict=True))
+    return Nlp(rest[0], x, p, objective, g, *rest[1:], hessian=second)
 
 
 def _pack(blocks: Mapping[str, Expression], arrays: Mapping[str, ArrayLike]) -> Floats:

@@ -39,7 +39,7 @@ bound nor exact (but for n = 1).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import casadi as ca
@@ -50,6 +50,7 @@ from ..hazard import Hazard
 from ..nlp import Instances, Nlp
 from ..subsets import subsets
 from .guide import within
+from .joint_hessian import MOST, lagrangian_hessian
 
 OBJECTIVES = ("success", "arrivals", "survivors")
 
@@ -128,8 +129,10 @@ def joint_nlp(hazard: Hazard, form: JointForm) -> Nlp:
     arrivals = ca.MX.sym("arrivals", n, steps)
     X = ca.repmat(begin, 1, steps) + ca.mtimes(V, ca.DM.ones(ca.Sparsity.upper(steps)))
     places = ca.repmat(origin, n, steps) + length * X
+    values = None
     if form.exact:
-        weights, objective = _recursion(hazard, form, places, clock)
+        weights, values = _recursion(hazard, form, places, clock)
+        objective = _log_odds()(values[2**n - 1, 0])
     else:
         weights, objective = {}, _mean_field(hazard, form, places, clock, arrivals)
     away = _squares(X - ca.repmat(center, n, steps))
@@ -141,7 +144,7 @@ def joint_nlp(hazard: Hazard, form: JointForm) -> Nlp:
         constraints["outside"] = away
     if form.apart and n > 1:
         constraints["apart"] = _squares(ca.mtimes(_differences(n), X))
-    return Nlp(
+    program = Nlp(
         name=f"joint[{n}, {steps}, {form.objective}{'' if form.exact else ', mean field'}]",
         variables={"velocities": V},
         parameters={
@@ -157,12 +160,32 @@ def joint_nlp(hazard: Hazard, form: JointForm) -> Nlp:
         objective=objective,
         constraints=constraints,
     )
+    if values is None or n > MOST:
+        return program
+    matrix = _matrix(hazard, n)
+    hessian = lagrangian_hessian(program, matrix, places, values, _log_odds())
+    return replace(program, hessian=hessian)
+
+
+def _log_odds() -> Expression:
+    """CasADi Function of a probability to its log-odds."""
+    failure = ca.MX.sym("F")
+    odds = ca.log(failure + _TINY) - ca.log(1.0 - failure + _CERTAIN)
+    return ca.Function("log_odds", [failure], [odds])
+
+
+def _matrix(hazard: Hazard, n: int) -> Expression:
+    """CasADi Function of a step as a matrix over the sets, times a column."""
+    column, x, clock = ca.MX.sym("b", 2**n), ca.MX.sym("x", 2 * n), ca.MX.sym("clock")
+    ones, zeros = ca.DM.ones(2**n), ca.DM.zeros(2**n)
+    product = _step(hazard, n)(column, x, ones, zeros, clock)
+    return ca.Function("matrix", [column, x, clock], [product])
 
 
 def _recursion(
     hazard: Hazard, form: JointForm, places: Expression, clock: Expression
 ) -> tuple[dict[str, Expression], Expression]:
-    """Parameters of the ends of runs, and the log-odds of F_0(everybody)."""
+    """Parameters of the ends of runs, and F_0, ..., F_{N-1}, (2^n, N)."""
     count, steps = 2**form.n, form.horizon
     goes_on = ca.MX.sym("goes_on", count, steps)
     costs = ca.MX.sym("costs", count, steps)
@@ -176,9 +199,7 @@ def _recursion(
         costs[:, ::-1],
         ca.repmat(clock, 1, steps),
     )
-    failure = values[count - 1, steps - 1]
-    parameters = {"goes_on": goes_on, "costs": costs, "last": last}
-    return parameters, ca.log(failure + _TINY) - ca.log(1.0 - failure + _CERTAIN)
+    return {"goes_on": goes_on, "costs": costs, "last": last}, values[:, ::-1]
 
 
 def _step(hazard: Hazard, n: int) -> Expression:

@@ -39,6 +39,11 @@ class Ipopt(NlpsolSolver):
         Steps that the limited-memory approximation remembers.
     feasibility : float, optional
         Ipopt's ``constr_viol_tol``, where it is not to be that of ``tol``.
+    push : float, optional
+        How far, relatively, the start is moved away from its bounds: Ipopt's ``bound_push`` and
+        its three relatives, 0.01 by default.
+    barrier : float, optional
+        Ipopt's ``mu_init``, 0.1 by default: less stays nearer to a good start.
     """
 
     tolerance: float = 1e-8
@@ -47,6 +52,8 @@ class Ipopt(NlpsolSolver):
     hessian: Literal["exact", "limited-memory"] = "exact"
     memory: int = 6
     feasibility: float | None = None
+    push: float | None = None
+    barrier: float | None = None
 
     name: ClassVar[str] = "ipopt"
     summary: ClassVar[str] = "interior point, exact derivatives; any problem"
@@ -60,11 +67,23 @@ class Ipopt(NlpsolSolver):
         require(self, "max_seconds", self.max_seconds > 0, "above zero")
         require(self, "hessian", self.hessian in HESSIANS, " or ".join(map(repr, HESSIANS)))
         require(self, "memory", self.memory >= 1, "one or above")
-        require(self, "feasibility", (self.feasibility or 1.0) > 0, "above zero, or None")
+        for name in ("feasibility", "push", "barrier"):
+            given = getattr(self, name)
+            require(self, name, given is None or given > 0, "above zero, or None")
+
+    @property
+    def second_derivatives(self) -> bool:
+        """Whether Hessians are exact."""
+        return self.hessian == "exact"
 
     def _options(self) -> dict[str, Any]:
+        pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
+        moved = {} if self.push is None else dict.fromkeys(pushes, self.push)
+        barrier = {} if self.barrier is None else {"mu_init": self.barrier}
         return {
             "ipopt": {
+                **moved,
+                **barrier,
                 "tol": self.tolerance,
                 "constr_viol_tol": self.feasibility or self.tolerance,
                 "max_iter": self.max_iterations,

@@ -49,6 +49,11 @@ class NlpsolSolver(Solver):
     wants_a_row: ClassVar[bool] = False
     """Whether the backend goes astray without any row in g, and is given one that is free."""
 
+    @property
+    def second_derivatives(self) -> bool:
+        """Whether the backend asks for the Hessian of the Lagrangian."""
+        return False
+
     @abstractmethod
     def _options(self) -> dict[str, Any]:
         """What the plugin is given beside `COMMON`."""
@@ -139,6 +144,8 @@ def _reason(error: RuntimeError) -> str:
 @lru_cache(maxsize=64)
 def _compiled(solver: NlpsolSolver, nlp: Nlp) -> Any:
     options = {"expand": nlp.unroll, **COMMON, **solver._options()}
+    if nlp.hessian is not None and solver.second_derivatives:
+        options["hess_lag"] = nlp.hessian
     free = solver.wants_a_row and not nlp.sizes[2]
     g = ca.MX(0) if free else nlp.g
     problem = {"x": nlp.x, "p": nlp.p, "f": nlp.objective, "g": g}

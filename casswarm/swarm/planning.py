@@ -17,10 +17,11 @@ from ..guide import Guide
 from ..planning import initial_velocities, plan
 from ..problems.formation import motion_of
 from ..problems.joint import OBJECTIVES, JointForm, JointTask
-from ..solvers import Ipopt, Solver, make_solver
+from ..problems.joint_hessian import MOST
+from ..solvers import Solver, make_solver
 from .law import PlanLaw
 from .plan import SwarmOutcome, SwarmPlan
-from .solving import MOST_EXACT, JointProblem, first_steps
+from .solving import MOST_EXACT, JointProblem, first_steps, newton, quasi_newton
 from .starts import SwarmStart, initial_plans, lone_guide, perturbed
 
 if TYPE_CHECKING:
@@ -38,19 +39,14 @@ MARGIN = 1e-5
 PERTURBED = 2
 """Seeded perturbations of the best plan."""
 
-FIRST, POLISHED = 100, 500
+FIRST, POLISHED = 50, 200
 """Iterations of a start, and of the best ones after it."""
 
 FIRST_ROUGH, POLISHED_LARGE = 300, 200
 """The same where starts are solved by the mean field: those are cheap, the exact ones dear."""
 
-TOLERANCE = 1e-5
-"""Ipopt's, of log-odds: a relative difference in the probability of failure."""
-
 BEST = 2
 """Outcomes that are made better; one in swarms of more than `EXACT_STARTS`."""
-
-_SECONDS = 3600.0  # of one solve: iterations end it, so that answers do not depend on the machine
 
 
 def plan_swarm(
@@ -75,7 +71,8 @@ def plan_swarm(
         in the target, or alive anywhere, when the run ends: at the first arrival. With
         ``"arrivals"`` members stay out of the target until the common arrival step.
     solver : str or Solver
-        By default Ipopt, with a limited-memory Hessian: an exact one takes longer than all else.
+        By default Ipopt: with exact second derivatives for up to `MOST` members, and with a
+        limited-memory Hessian beyond.
     starts : sequence of str
         Of ``"formations"`` along the ways of a lone agent, ``"own"`` guides of the members (in
         swarms of at most 10), and ``"perturbed"``: the best plan, disturbed at random.
@@ -178,22 +175,11 @@ def _backends(solver: str | Solver, n: int) -> tuple[Solver, Solver]:
     if solver != "ipopt":
         backend = make_solver(solver)
         return backend, backend
-    small = n <= EXACT_STARTS
-    first, polished = (
-        Ipopt(
-            tolerance=TOLERANCE,
-            max_iterations=most,
-            max_seconds=_SECONDS,
-            hessian="limited-memory",
-            memory=20,
-            feasibility=1e-8,
-        )
-        for most in (
-            FIRST if small else FIRST_ROUGH,
-            POLISHED if small or n > MOST_EXACT else POLISHED_LARGE,
-        )
-    )
-    return first, polished
+    if n <= MOST:
+        return newton(FIRST), newton(POLISHED)
+    if n <= EXACT_STARTS or n > MOST_EXACT:
+        return quasi_newton(FIRST if n <= EXACT_STARTS else FIRST_ROUGH), quasi_newton(POLISHED)
+    return quasi_newton(FIRST_ROUGH), quasi_newton(POLISHED_LARGE)
 
 
 @dataclass

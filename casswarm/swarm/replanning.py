@@ -23,11 +23,12 @@ import numpy as np
 from ..arrays import Floats
 from ..errors import PolicyError
 from ..problems.joint import JointForm, JointTask
-from ..solvers import Ipopt, Solver
+from ..problems.joint_hessian import MOST
+from ..solvers import Solver
 from .law import PlanLaw
 from .plan import SwarmPlan
 from .planning import joint_task
-from .solving import MOST_EXACT, JointProblem, first_steps
+from .solving import MOST_EXACT, JointProblem, first_steps, newton, quasi_newton
 from .starts import SwarmStart
 
 if TYPE_CHECKING:
@@ -43,17 +44,6 @@ _PARTS = 4  # horizons of programs: quarters of the steps, so that few programs 
 
 Members: TypeAlias = tuple[int, ...]
 """Indices of the living, ascending."""
-
-
-def replanner() -> Solver:
-    """What solves the plans of survivors by default."""
-    return Ipopt(
-        tolerance=1e-4,
-        max_iterations=ITERATIONS,
-        hessian="limited-memory",
-        memory=20,
-        feasibility=1e-8,
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +155,7 @@ class PlanTree:
         root = Branch((), 0, everybody, plan.positions, plan.velocities, plan.before, 1.0, law)
         tree = cls(
             scenario,
-            solver or replanner(),
+            solver or (newton if plan.n <= MOST else quasi_newton)(ITERATIONS),
             least_mass,
             root,
             plan.objective,

@@ -12,7 +12,7 @@ from ..arrays import Counts, Floats
 from ..nlp import Nlp
 from ..problems.formation import motion_of
 from ..problems.joint import JointForm, JointTask, joint_instance, joint_nlp
-from ..solvers import Solver
+from ..solvers import Ipopt, Solver
 from .law import PlanLaw
 from .plan import NEARLY, SwarmOutcome, least_distance
 from .starts import SwarmStart, follow
@@ -20,8 +20,37 @@ from .starts import SwarmStart, follow
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
+_SECONDS = 3600.0  # of one solve: iterations end it, so that answers do not depend on the machine
+
 MOST_EXACT = 10
 """Members up to which plans are priced exactly."""
+
+
+def newton(iterations: int) -> Ipopt:
+    """Ipopt with exact second derivatives, that stays near its start: for swarms of at most `MOST`.
+
+    Log-odds to 1e-7 are relative differences in the probability of failure.
+    """
+    return Ipopt(
+        tolerance=1e-7,
+        max_iterations=iterations,
+        max_seconds=_SECONDS,
+        feasibility=1e-8,
+        push=1e-4,
+        barrier=1e-3,
+    )
+
+
+def quasi_newton(iterations: int) -> Ipopt:
+    """Ipopt with a limited-memory Hessian: for larger swarms, and the mean field."""
+    return Ipopt(
+        tolerance=1e-5,
+        max_iterations=iterations,
+        max_seconds=_SECONDS,
+        hessian="limited-memory",
+        memory=20,
+        feasibility=1e-8,
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,73 @@
+"""Second derivatives of the joint plan, against automatic differentiation and by pickling."""
+
+from __future__ import annotations
+
+import pickle
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import casswarm as cs
+from casswarm.problems.joint import JointForm, JointTask, joint_instance, joint_nlp
+
+SETTINGS = {
+    "swarm.positions": [[0.0, 0.0], [0.5, 0.0], [0.0, 0.4]],
+    "time.t_f": 1.4,
+    "target.center": [2.0, 1.5],
+}
+
+
+@pytest.mark.parametrize("name", ["paper-1", "paper-2"])
+@pytest.mark.parametrize("objective", ["success", "arrivals", "survivors"])
+@pytest.mark.parametrize("apart", [False, True])
+def test_hessians_are_what_automatic_differentiation_gives(name: str, objective: str, apart: bool) -> None:
+    scenario = cs.load_scenario(name).with_values(SETTINGS)
+    form = JointForm(3, scenario.n_steps, True, objective, apart)
+    nlp = joint_nlp(scenario.hazard, form)
+    x, p = point(scenario, form)
+    weight, multipliers = ca.MX.sym("f"), ca.MX.sym("g", nlp.g.shape[0])
+    lagrangian = weight * nlp.objective + ca.dot(multipliers, nlp.g)
+    second = ca.Function(
+        "second", [nlp.x, nlp.p, weight, multipliers], [ca.hessian(lagrangian, nlp.x)[0]]
+    )
+    given = (x, p, 0.7, np.linspace(-1.0, 2.0, nlp.g.shape[0]))
+    expected = np.triu(np.array(second(*given)))
+    assert np.abs(expected).max() > 1e-3
+    np.testing.assert_allclose(np.array(nlp.hessian(*given)), expected, rtol=1e-9, atol=1e-11)
+
+
+def test_hessians_travel_with_the_program() -> None:
+    scenario = cs.load_scenario("paper-1").with_values(SETTINGS)
+    form = JointForm(3, scenario.n_steps)
+    nlp = joint_nlp(scenario.hazard, form)
+    given = (*point(scenario, form), 1.0, np.ones(nlp.g.shape[0]))
+    again = pickle.loads(pickle.dumps(nlp))
+    np.testing.assert_array_equal(np.array(again.hessian(*given)), np.array(nlp.hessian(*given)))
+
+
+def test_large_swarms_and_the_mean_field_do_without() -> None:
+    hazard = cs.load_scenario("paper-1").hazard
+    assert joint_nlp(hazard, JointForm(7, 2)).hessian is None
+    assert joint_nlp(hazard, JointForm(3, 2, exact=False)).hessian is None
+
+
+def point(scenario: cs.Scenario, form: JointForm) -> tuple[np.ndarray, np.ndarray]:
+    """Variables and parameters of an instance, in no special place."""
+    draws = np.random.default_rng(2)
+    task = JointTask(
+        start=scenario.positions,
+        before=np.ones((3, 2)),
+        center=np.array([2.0, 1.5]),
+        radius=0.5,
+        margin=1e-3,
+        v_max=2.0,
+        a_max=0.5,
+        dt=scenario.time.dt,
+        steps=form.horizon,
+        distance=0.01 if form.apart else 0.0,
+    )
+    velocities = draws.uniform(0.2, 1.6, (form.horizon, 3, 2))
+    nlp = joint_nlp(scenario.hazard, form)
+    instance = joint_instance(nlp, form, task, np.array([3, 4, 4]), velocities)
+    return instance.start[0], instance.parameters[0]
