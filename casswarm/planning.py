@@ -112,6 +112,13 @@ def plan(
     return replace(guide, risk_bound=certificate.bound, certificate=certificate)
 
 
+def initial_velocities(scenario: Scenario, guide: Guide) -> Floats:
+    """V(-1) of every member, (n, 2): the scenario's, or the guide's first velocity."""
+    given = scenario.swarm.velocity
+    first = guide.velocities[0] if given == "guide" else np.asarray(given, float)
+    return np.tile(first, (scenario.n, 1))
+
+
 def certificate_of(
     scenario: Scenario, guide: Guide, gap: float = GAP, time_limit: float = TIME_LIMIT
 ) -> Certificate | None:

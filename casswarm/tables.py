@@ -11,9 +11,10 @@ import pandas as pd
 from .arrays import Floats
 from .chain.hybrid import Estimate
 from .chain.law import Law
-from .chain.simulate import Runs
+from .chain.simulate import Runs, Trace
 from .guide import Guide
 from .statistics import Paired, wilson
+from .swarm import SwarmPlan
 
 
 def guide_table(guide: Guide) -> pd.DataFrame:
@@ -43,6 +44,78 @@ def guide_table(guide: Guide) -> pd.DataFrame:
 def candidate_table(guide: Guide) -> pd.DataFrame:
     """A row a start and arrival step: sides of the radars, risk, and how the solve ended."""
     return pd.DataFrame([candidate.as_row() for candidate in guide.candidates])
+
+
+def path_table(kinds: Mapping[str, Mapping[str, Floats]]) -> pd.DataFrame:
+    """A row a step of every path: kind, name, step, x, y.
+
+    Parameters
+    ----------
+    kinds : mapping of kind to mapping of name to path (T+1, 2)
+    """
+    rows = [
+        {"kind": kind, "name": name, "step": step, "x": x, "y": y}
+        for kind, paths in kinds.items()
+        for name, path in paths.items()
+        for step, (x, y) in enumerate(path)
+    ]
+    return pd.DataFrame(rows, columns=["kind", "name", "step", "x", "y"])
+
+
+def trace_table(traces: Mapping[str, Sequence[Trace]]) -> pd.DataFrame:
+    """A row a member and step of every run that was kept: where it is, alive or not, who leads.
+
+    Columns: policy, run, step, member, x, y, alive, leads (from this step to the next).
+    """
+    parts = []
+    for policy, kept in traces.items():
+        for run, trace in enumerate(kept):
+            steps, members = trace.alive.shape
+            leaders = np.append(trace.leaders, -1)
+            parts.append(
+                pd.DataFrame(
+                    {
+                        "policy": policy,
+                        "run": run,
+                        "step": np.repeat(np.arange(steps), members),
+                        "member": np.tile(np.arange(members), steps),
+                        "x": trace.positions[..., 0].ravel(),
+                        "y": trace.positions[..., 1].ravel(),
+                        "alive": trace.alive.ravel(),
+                        "leads": (leaders[:, None] == np.arange(members)).ravel(),
+                    }
+                )
+            )
+    return pd.concat(parts, ignore_index=True)
+
+
+def joint_table(plan: SwarmPlan) -> pd.DataFrame:
+    """A row a step t = 0..T and member: place, velocity, survival so far.
+
+    V(T) is missing. Survival is the probability that the member is alive at step t or was when its
+    run ended; missing for swarms whose law is not known exactly.
+    """
+    steps, n = plan.steps, plan.n
+    velocities = np.concatenate([plan.velocities, np.full((1, n, 2), np.nan)])
+    survival = np.full((steps + 1, n), np.nan) if plan.law is None else plan.law.survival
+    return pd.DataFrame(
+        {
+            "step": np.repeat(np.arange(steps + 1), n),
+            "member": np.tile(np.arange(n), steps + 1),
+            "x": plan.positions[..., 0].ravel(),
+            "y": plan.positions[..., 1].ravel(),
+            "vx": velocities[..., 0].ravel(),
+            "vy": velocities[..., 1].ravel(),
+            "survival": survival.ravel(),
+        }
+    )
+
+
+def outcome_table(plan: SwarmPlan) -> pd.DataFrame:
+    """A row a start of a joint plan: what it attained, and how the solve ended."""
+    return pd.DataFrame(
+        outcome.as_row() | {"seconds": outcome.seconds} for outcome in plan.outcomes
+    )
 
 
 def rival_table(guides: Mapping[str, Guide]) -> pd.DataFrame:
@@ -101,6 +174,7 @@ def estimate_table(estimates: Sequence[Estimate]) -> pd.DataFrame:
             "light_mass": found.light,
             "runs": found.runs,
             "successes": found.successes,
+            "effective_runs": found.effective,
             "states": found.states,
         }
         for found in estimates

@@ -10,9 +10,11 @@ import logging
 import click
 
 from .. import __version__
+from .animate import animate
 from .compare import compare
 from .evaluate import evaluate
 from .plan import plan
+from .plot import plot
 from .scenarios import scenarios
 from .simulate import simulate
 from .solvers import solvers
@@ -32,6 +34,8 @@ def main() -> None:
       casswarm evaluate paper-1          the same without sampling, exactly
       casswarm compare --family quick    which solver solves what, and how fast
       casswarm sweep paper-1 --set n=2,3,4,5     the same over parameters
+      casswarm plot results/simulate-paper-1 --format pdf --width column    figures again
+      casswarm animate results/simulate-paper-1     a run that moves
 
     SCENARIO is always the name of a built-in scenario or the path of a TOML file.
 
@@ -44,5 +48,5 @@ def main() -> None:
         log.addHandler(logging.StreamHandler())  # standard error
 
 
-for command in (plan, simulate, evaluate, sweep, compare, scenarios, solvers):
+for command in (plan, simulate, evaluate, sweep, compare, plot, animate, scenarios, solvers):
     main.add_command(command)

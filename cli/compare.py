@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import Failure, reported_errors
+from .common import Failure, figure_options, reported_errors
 from .output import Folder, aligned, json_text, say
 
 if TYPE_CHECKING:
@@ -63,6 +63,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Of the figures; those in report.html are always PNG.",
 )
+@figure_options
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @click.option("--quiet", is_flag=True, help="No progress.")
 def compare(
@@ -73,6 +74,8 @@ def compare(
     seconds: float,
     out: Path | None,
     figures: str,
+    width: str,
+    dpi: int,
     as_json: bool,
     quiet: bool,
 ) -> None:
@@ -96,7 +99,7 @@ def compare(
         from ..comparison import DEFAULT
         from ..comparison import compare as run
 
-        folder = Folder("compare", None, out, figures)
+        folder = Folder("compare", None, out, figures, width=width, dpi=dpi)
         try:
             comparison = run(
                 families or DEFAULT,
@@ -136,8 +139,10 @@ def _bar(stack: ExitStack) -> Progress:
 def _write(folder: Folder, comparison: Comparison) -> dict[str, Any]:
     from ..comparison.journal import CELLS, INPUTS
     from ..comparison.report import make_report
+    from ..figures import look
 
-    report = make_report(comparison)
+    with look(folder.width):
+        report = make_report(comparison)
     for name, table in report.tables.items():
         folder.table(name, table)
     for name, figure in report.figures.items():

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import (
+    figure_options,
     load,
     named_policies,
     policy_option,
@@ -19,6 +20,7 @@ from .common import (
 from .output import Folder, aligned, json_text, say
 
 if TYPE_CHECKING:
+    from ..certificate.success import SuccessBound
     from ..chain.hybrid import Estimate
     from ..chain.law import Law
     from ..scenario import Scenario
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @scenario_options
+@figure_options
 @policy_option
 @click.option(
     "--tolerance",
@@ -64,6 +67,8 @@ def evaluate(
     figures: str,
     as_json: bool,
     quiet: bool,
+    width: str,
+    dpi: int,
     policies: tuple[str, ...],
     tolerance: float,
     most_states: int | None,
@@ -76,7 +81,8 @@ def evaluate(
 
     Prints a table and writes laws.csv, arrival.csv (probability of the first arrival at every
     step), survivors.csv, members.csv (survival of every member), population.csv (how many are
-    alive at every step), arrival.png, population.png and run.json.
+    alive at every step), run.json and the figures success, arrival, population and survival, which
+    casswarm plot draws again.
 
     \b
     Examples:
@@ -87,12 +93,13 @@ def evaluate(
     """
     with reported_errors():
         chosen = load(scenario, settings)
+        from ..certificate.success import success_bound
         from ..evaluation import estimate
         from ..evaluation import evaluate as exact_law
         from ..planning import plan
 
-        folder = Folder("evaluate", chosen, out, figures)
-        guide = plan(chosen, certify=False)
+        folder = Folder("evaluate", chosen, out, figures, width=width, dpi=dpi)
+        guide = plan(chosen, certify=False, progress=lambda start: say(f"planning: {start}", quiet))
         laws, estimates = [], []
         for policy in named_policies(policies):
             say(f"evaluating {getattr(policy, 'name', policy)}", quiet)
@@ -118,8 +125,10 @@ def evaluate(
         "seed": seed,
         "solver": solver,
     }
-    content = _write(folder, chosen, laws, estimates, inputs)
+    bound = success_bound(chosen)
+    content = _write(folder, chosen, laws, estimates, bound, inputs)
     words = [_words(chosen, laws)] if not estimates else [str(found) for found in estimates]
+    words += ["", str(bound)]
     click.echo(json_text(content) if as_json else "\n".join(words))
     say(folder.closing(), quiet)
 
@@ -135,9 +144,10 @@ def _write(
     scenario: Scenario,
     laws: list[Law],
     estimates: list[Estimate],
+    bound: SuccessBound,
     inputs: dict[str, Any],
 ) -> dict[str, Any]:
-    from ..figures import arrival_chart, population_chart
+    from ..gallery import evaluated
     from ..tables import (
         arrival_table,
         estimate_table,
@@ -147,19 +157,18 @@ def _write(
         survivor_table,
     )
 
-    table = law_table(laws)
-    result: dict[str, Any] = {"laws": table.to_dict("records")}
+    table = successes = law_table(laws)
+    result: dict[str, Any] = {"laws": table.to_dict("records"), "success_bound": bound.as_dict()}
     if estimates:
-        sampled = estimate_table(estimates)
-        folder.table("estimates", sampled)
-        result["estimates"] = sampled.to_dict("records")
+        successes = estimate_table(estimates)
+        folder.table("estimates", successes)
+        result["estimates"] = successes.to_dict("records")
     folder.table("laws", table)
     folder.table("arrival", arrival_table(laws))
     folder.table("survivors", survivor_table(laws))
     folder.table("members", member_table(laws))
     folder.table("population", population_table(laws))
-    folder.figure("arrival", arrival_chart(laws, scenario.name))
-    folder.figure("population", population_chart(laws, scenario.n, scenario.name))
+    folder.draw(evaluated(scenario, laws, successes))
     return folder.record(result, inputs)
 
 

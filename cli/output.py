@@ -8,7 +8,7 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+    from ..gallery import Gallery
     from ..scenario import Scenario
 
 _LIBRARIES = ("casadi", "numpy", "scipy", "pandas", "matplotlib")
@@ -41,11 +42,13 @@ class Folder:
         out: Path | None,
         figures: str = "png",
         remedy: str = "",
+        width: str = "page",
+        dpi: int = 200,
     ) -> None:
         name = command if scenario is None else f"{command}-{scenario.name}"
         self.path = out or Path("results") / name
         self.command, self.scenario, self.ending = command, scenario, figures
-        self.remedy = remedy
+        self.remedy, self.width, self.dpi = remedy, width, dpi
         self.files: list[str] = []
         self._started = time.perf_counter()
         self._require_writable()
@@ -64,7 +67,27 @@ class Folder:
         """Write a figure as NAME.png, or of another format."""
         from ..figures import save
 
-        self._write(f"{name}.{self.ending}", lambda path: save(figure, path))
+        self._write(f"{name}.{self.ending}", lambda path: save(figure, path, self.dpi))
+
+    def draw(self, gallery: Gallery) -> None:
+        """Draw figures one by one, at the width that was asked for, and write them."""
+        from ..figures import look
+
+        with look(self.width):
+            for name, drawn in gallery.items():
+                self.figure(name, drawn())
+
+    def arrays(self, name: str, arrays: Mapping[str, Any]) -> None:
+        """Write arrays as NAME.npz."""
+        import numpy as np
+
+        self._write(
+            f"{name}.npz", lambda path: np.savez_compressed(path, allow_pickle=False, **arrays)
+        )
+
+    def file(self, name: str, write: Callable[[Path], object]) -> None:
+        """Write a file of this name by a function of a path."""
+        self._write(name, write)
 
     def text(self, name: str, text: str) -> None:
         """Write a text file."""
@@ -95,6 +118,14 @@ class Folder:
         }
         self.text("run.json", json_text(content) + "\n")
         return content
+
+    def add_to_record(self) -> None:
+        """Let run.json, which another command wrote, know of these files: it may remove them."""
+        content = json.loads((self.path / "run.json").read_text(encoding="utf-8"))
+        new, self.files = self.files, []
+        content["files"] = sorted({*content.get("files", ()), *new})
+        self.text("run.json", json_text(content) + "\n")
+        self.files = new
 
     def _earlier(self) -> set[str]:
         """Names of the files that an earlier run left here, by its own record."""

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import WrongInput, load, reported_errors, scenario_options
+from .common import WrongInput, figure_options, load, reported_errors, scenario_options
 from .output import Folder, json_text, say
+from .plan_joint import plan_joint
 
 if TYPE_CHECKING:
+    from ..certificate.outlook import Outlook
     from ..certificate.value import ValueFunction
     from ..guide import Guide
     from ..scenario import Scenario
@@ -21,6 +23,7 @@ _WAYS = 6  # that are printed; candidates.csv has them all
 
 @click.command()
 @scenario_options
+@figure_options
 @click.option(
     "--solver",
     default="ipopt",
@@ -57,6 +60,27 @@ _WAYS = 6  # that are printed; candidates.csv has them all
     help="Seconds that the proof may take.",
 )
 @click.option("--map", "with_map", is_flag=True, help="Draw the risk to go from every place, too.")
+@click.option("--joint", is_flag=True, help="Plan the ways of all members at once.")
+@click.option(
+    "--objective",
+    type=click.Choice(["success", "arrivals", "survivors"]),
+    default="success",
+    show_default=True,
+    help="Of the joint plan: probability that somebody arrives, mean number who do, or mean number "
+    "alive at the end.",
+)
+@click.option(
+    "--min-distance",
+    type=click.FloatRange(0.0, min_open=True),
+    help="Of the joint plan: least distance of any two members.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    help="Of the joint plan's perturbed starts.",
+)
 def plan(
     scenario: str,
     settings: tuple[str, ...],
@@ -64,6 +88,8 @@ def plan(
     figures: str,
     as_json: bool,
     quiet: bool,
+    width: str,
+    dpi: int,
     solver: str,
     search: str | None,
     arrival: str | None,
@@ -72,11 +98,20 @@ def plan(
     gap: float,
     time_limit: float,
     with_map: bool,
+    joint: bool,
+    objective: str,
+    min_distance: float | None,
+    seed: int,
 ) -> None:
     """Find the least risky path of a lone agent: the guide that the swarm follows.
 
-    Writes guide.csv (a row a step), candidates.csv (every start's outcome), guide.png and run.json.
+    Writes guide.csv (a row a step), candidates.csv (every start's outcome), paths.csv (other ways),
+    guide.png and run.json; casswarm plot draws the folder again.
     The paper's projected gradient is set beside a global search: comparison.csv, comparison.png.
+
+    With --joint, find the ways of all members that maximise the swarm's own success, and what no
+    policy whatever can exceed: joint.csv (a row a step and member), outcomes.csv, joint.png and
+    run.json. --time-limit is then that of the search: no further start is tried after it.
 
     \b
     Examples:
@@ -85,7 +120,9 @@ def plan(
       casswarm plan paper-1 --solver projected-gradient
       casswarm plan single-agent --map
       casswarm plan my-scenario.toml --set guide.a_max=0.3 --json
+      casswarm plan paper-2 --joint --min-distance 0.1
     """
+    _require_apt(joint)
     if solver == "projected-gradient" and (search, arrival, flyable) != (None, None, None):
         raise WrongInput(
             "the paper's projected gradient starts from the straight line, takes all the time and "
@@ -101,7 +138,20 @@ def plan(
         )
         from ..planning import plan as find_guide
 
-        folder = Folder("plan", chosen, out, figures)
+        if joint:
+            plan_joint(
+                chosen,
+                Folder("plan-joint", chosen, out, figures, width=width, dpi=dpi),
+                objective=objective,
+                solver=solver,
+                seed=seed,
+                min_distance=min_distance,
+                time_limit=time_limit if _given("time_limit") else None,
+                as_json=as_json,
+                quiet=quiet,
+            )
+            return
+        folder = Folder("plan", chosen, out, figures, width=width, dpi=dpi)
         value = _value(chosen) if with_map else None  # first: it may need too many nodes
         guide = find_guide(
             chosen,
@@ -115,6 +165,25 @@ def plan(
         content = _write(folder, chosen, guide, rival, value, {"solver": solver})
     click.echo(json_text(content) if as_json else _words(chosen, guide, rival))
     say(folder.closing(), quiet)
+
+
+_LONE = {"certify": "--no-certify", "gap": "--gap", "with_map": "--map"}
+_JOINT = {"objective": "--objective", "min_distance": "--min-distance", "seed": "--seed"}
+
+
+def _require_apt(joint: bool) -> None:
+    """Refuse options of the guide's proof with --joint, and those of the joint plan without."""
+    wrong = [word for name, word in (_LONE if joint else _JOINT).items() if _given(name)]
+    if wrong and joint:
+        raise WrongInput(f"{', '.join(wrong)}: of the guide alone, not of --joint")
+    if wrong:
+        raise WrongInput(f"{', '.join(wrong)}: of the joint plan alone, give --joint too")
+
+
+def _given(name: str) -> bool:
+    """Whether an option was given on the command line."""
+    source = click.get_current_context().get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
 
 
 def _rival(scenario: Scenario, guide: Guide) -> Guide:
@@ -143,18 +212,25 @@ def _write(
     value: ValueFunction | None,
     inputs: dict[str, object],
 ) -> dict[str, object]:
-    from ..figures import comparison_map, guide_map, risk_map
-    from ..tables import candidate_table, guide_table, rival_table
+    from ..gallery import planned
+    from ..guide import path_of
+    from ..tables import candidate_table, guide_table, path_table, rival_table
 
     folder.table("guide", guide_table(guide))
     folder.table("candidates", candidate_table(guide))
-    folder.figure("guide", guide_map(scenario, guide, guide.ways()))
-    if rival is not None:
-        rivals = {"projected gradient": guide, "global search": rival}
+    ways = {
+        f"{way.sides or 'way'} {number}": path_of(guide.positions[0], way.velocities, guide.dt)
+        for number, way in enumerate(guide.ways())
+    }
+    rivals = {} if rival is None else {"projected gradient": guide, "global search": rival}
+    paths = {"way": ways, "rival": {name: found.positions for name, found in rivals.items()}}
+    folder.table("paths", path_table(paths))
+    if rivals:
         folder.table("comparison", rival_table(rivals))
-        folder.figure("comparison", comparison_map(scenario, rivals))
-    if value is not None:
-        folder.figure("risk-to-go", risk_map(scenario, value, guide))
+    outlook = None if value is None else _outlook(scenario, guide, value)
+    if outlook is not None:
+        folder.arrays("risk-to-go", outlook.arrays())
+    folder.draw(planned(scenario, guide, list(ways.values()), rivals, outlook))
     certificate = guide.certificate
     result = {
         "risk": guide.risk,
@@ -170,6 +246,13 @@ def _write(
         "velocities": guide.velocities,
     }
     return folder.record(result, inputs)
+
+
+def _outlook(scenario: Scenario, guide: Guide, value: ValueFunction) -> Outlook:
+    from ..certificate.outlook import Outlook
+    from ..figures.maps import extent
+
+    return Outlook.of(value, *extent(scenario, [guide.positions, scenario.positions]))
 
 
 def _words(scenario: Scenario, guide: Guide, rival: Guide | None) -> str:

@@ -12,6 +12,7 @@ from .common import (
     RESUME,
     WrongInput,
     executor,
+    figure_options,
     load,
     named_policies,
     policy_option,
@@ -25,12 +26,14 @@ from .output import Folder, aligned, json_text, say
 if TYPE_CHECKING:
     import pandas as pd
 
+    from ..certificate.success import SuccessBound
     from ..shares import Progress
     from ..study import Study
 
 
 @click.command()
 @scenario_options
+@figure_options
 @policy_option
 @click.option("--runs", type=click.IntRange(1), help="Runs of every policy. [default: 1000]")
 @click.option(
@@ -40,6 +43,13 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same tables."
+)
+@click.option(
+    "--keep",
+    type=click.IntRange(1),
+    default=5,
+    show_default=True,
+    help="First runs of every policy whose way is kept, for casswarm plot and animate.",
 )
 @study_options
 @solver_option
@@ -60,10 +70,13 @@ def simulate(
     figures: str,
     as_json: bool,
     quiet: bool,
+    width: str,
+    dpi: int,
     policies: tuple[str, ...],
     runs: int | None,
     half_width: float | None,
     seed: int,
+    keep: int,
     workers: int,
     dask: str | None,
     resume: bool,
@@ -75,9 +88,11 @@ def simulate(
     """Estimate how often the swarm reaches the target, policy by policy.
 
     Every run index sees the same random numbers under every policy, so differences are taken run
-    by run. Prints tables and writes summary.csv, paired.csv, runs.csv (a row a run), success.png, a
-    map of the first run of every policy, and run.json. Results are kept as they are made: a run
-    that was stopped goes on with --resume.
+    by run. Prints tables and writes summary.csv, paired.csv, runs.csv (a row a run), traces.csv
+    (the ways of the first runs), guide.csv, run.json and figures: success, differences, and of the
+    first run of every policy a map and close-ups of its formation. casswarm plot draws them again,
+    casswarm animate shows them moving. Results are kept as they are made: a run that was stopped
+    goes on with --resume.
 
     \b
     Examples:
@@ -88,15 +103,15 @@ def simulate(
     """
     with reported_errors(resumes=True), ExitStack() as stack:
         chosen = load(scenario, settings, guide__search=search, guide__arrival=arrival)
+        from ..certificate.success import success_bound
         from ..pilot import runs_needed
         from ..planning import plan
         from ..study import simulate as sample
 
         if runs is not None and half_width is not None:
             raise WrongInput("--runs and --half-width: give one of them")
-        folder = Folder("simulate", chosen, out, figures, RESUME)
-        say("planning", quiet)
-        guide = plan(chosen)
+        folder = Folder("simulate", chosen, out, figures, RESUME, width, dpi)
+        guide = plan(chosen, progress=lambda start: say(f"planning: {start}", quiet))
         made = named_policies(policies)
         if half_width is not None:
             runs = runs_needed(chosen, made, half_width, seed, guide=guide, solver=solver)
@@ -109,6 +124,7 @@ def simulate(
             stack.enter_context(executor(workers, dask)),
             guide=guide,
             solver=solver,
+            traces=keep,
             progress=None if quiet else _bars(stack),
             folder=folder.path,
             resume=resume,
@@ -119,11 +135,13 @@ def simulate(
         "runs": int(study.summary["runs"].iloc[0]),
         "half_width": half_width,
         "seed": seed,
+        "keep": keep,
         "workers": workers,
         "solver": solver,
     }
-    content = _write(folder, study, inputs)
-    click.echo(json_text(content) if as_json else _words(study))
+    bound = success_bound(chosen)
+    content = _write(folder, study, bound, inputs)
+    click.echo(json_text(content) if as_json else f"{_words(study)}\n\n{bound}")
     say(folder.closing(), quiet)
 
 
@@ -143,23 +161,31 @@ def _bars(stack: ExitStack) -> Progress:
     return tell
 
 
-def _write(folder: Folder, study: Study, inputs: dict[str, Any]) -> dict[str, Any]:
-    from ..figures import success_chart, swarm_map
+def _write(
+    folder: Folder, study: Study, bound: SuccessBound, inputs: dict[str, Any]
+) -> dict[str, Any]:
+    from ..gallery import simulated
+    from ..tables import guide_table, trace_table
 
-    scenario = study.scenario
+    scenario, guide = study.scenario, study.guide
     folder.table("summary", study.summary)
     if len(study.paired):
         folder.table("paired", study.paired)
     folder.table("runs", study.runs)
-    folder.figure("success", success_chart(study.summary, scenario.name))
-    for policy, traces in study.traces.items():
-        title = f"{scenario.name}, {policy}, run 0"
-        folder.figure(f"run-{policy}", swarm_map(scenario, traces[0], study.guide, title))
+    folder.table("guide", guide_table(guide))
+    folder.table("traces", trace_table(study.traces))
+    folder.draw(simulated(scenario, guide, study.summary, study.paired, study.traces))
     result = {
         "summary": study.summary.to_dict("records"),
         "paired": study.paired.to_dict("records"),
         "effort": study.effort.to_dict("records"),
-        "guide": {"risk": study.guide.risk, "survival": study.guide.survival},
+        "guide": {
+            "risk": guide.risk,
+            "survival": guide.survival,
+            "risk_bound": guide.risk_bound,
+            "solution": guide.solution.as_row(),
+        },
+        "success_bound": bound.as_dict(),
     }
     return folder.record(result, inputs)
 

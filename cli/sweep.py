@@ -14,6 +14,7 @@ from .common import (
     Failure,
     WrongInput,
     executor,
+    figure_options,
     load,
     named_policies,
     policy_option,
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @scenario_options
+@figure_options
 @policy_option
 @click.option(
     "--exact", is_flag=True, help="Exact laws, as casswarm evaluate gives them. [default]"
@@ -56,6 +58,8 @@ def sweep(
     figures: str,
     as_json: bool,
     quiet: bool,
+    width: str,
+    dpi: int,
     policies: tuple[str, ...],
     exact: bool,
     runs: int | None,
@@ -95,7 +99,7 @@ def sweep(
             raise WrongInput("--exact and --runs: give one of them")
         from ..sweeping import sweep as over
 
-        folder = Folder("sweep", chosen, out, figures, RESUME)
+        folder = Folder("sweep", chosen, out, figures, RESUME, width, dpi)
         found = over(
             chosen,
             grid,
@@ -184,18 +188,11 @@ def _bar(stack: ExitStack) -> Progress:
 
 
 def _write(folder: Folder, found: Sweep, inputs: dict[str, Any]) -> dict[str, Any]:
-    from ..figures import sweep_heat_map, sweep_lines
+    from ..gallery import swept
 
     folder.table("sweep", found.table)
     folder.table("effort", found.effort)
-    name = found.scenario.name
-    varied = [key for key in found.keys if found.table[key].nunique() > 1]
-    for key in varied:
-        others = [other for other in varied if other != key]
-        drawn = sweep_lines(found.table, key, name, others)
-        folder.figure(f"over-{key.replace('.', '-')}", drawn)
-    if len(varied) == 2:
-        folder.figure("heat-map", sweep_heat_map(found.table, varied, name))
+    folder.draw(swept(found.scenario.name, found.table, found.keys))
     return folder.record(
         {"failures": found.failures, "sweep": found.table.to_dict("records")}, inputs
     )

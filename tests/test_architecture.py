@@ -20,8 +20,9 @@ FOLDERS = {"casswarm": ROOT / "casswarm", "casswarm.problems": ROOT / "problems"
 FOLDERS["casswarm.cli"] = ROOT / "cli"
 
 LAYERS = (
-    ("errors", "constants", "arrays", "compiling", "planar_core"),
-    ("sets", "hazard"),
+    ("errors", "constants", "arrays", "compiling", "planar_core", "subsets", "templates"),
+    ("path_core", "barrier_core", "barrier_batch_core"),
+    ("sets", "paths", "hazard"),
     ("scenario",),
     ("parameters",),
     ("nlp", "solution", "residuals"),
@@ -29,11 +30,12 @@ LAYERS = (
     ("problems",),
     ("guide", "starts", "certificate"),
     ("search", "planning"),
+    ("swarm",),
     ("policies",),
     ("statistics", "store", "workers"),
     ("chain",),
     ("shares", "study", "pilot", "evaluation", "tables", "figures", "comparison"),
-    ("cells", "sweeping"),
+    ("cells", "sweeping", "gallery", "saved"),
     ("cli",),
 )
 """Each imports from its own row and the rows above. A new module finds its row here."""

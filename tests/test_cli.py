@@ -26,7 +26,16 @@ def simulated(tmp_path_factory):
 def test_help_shows_where_to_begin(tmp_path):
     out = casswarm(tmp_path, "--help").stdout
     assert "casswarm plan paper-1" in out
-    for command in ("plan", "simulate", "evaluate", "sweep", "compare", "scenarios", "solvers"):
+    for command in (
+        "plan",
+        "simulate",
+        "evaluate",
+        "sweep",
+        "compare",
+        "plot",
+        "scenarios",
+        "solvers",
+    ):
         assert f"  {command} " in out
 
 
@@ -44,6 +53,7 @@ def test_help_shows_where_to_begin(tmp_path):
         ("evaluate",),
         ("sweep",),
         ("compare",),
+        ("plot",),
     ],
 )
 def test_every_command_has_help(tmp_path, command):
@@ -58,6 +68,7 @@ def test_no_help_text_shows_a_control_sequence(tmp_path):
         ["evaluate"],
         ["sweep"],
         ["compare"],
+        ["plot"],
         ["scenarios", "new"],
     ):
         out = casswarm(tmp_path, *command, "--help").stdout
@@ -76,8 +87,11 @@ def test_files_of_an_earlier_run_do_not_stay_beside_new_ones(tmp_path):
         "run.json",
         "runs.csv",
         "summary.csv",
+        "guide.csv",
+        "traces.csv",
         "success.pdf",
         "run-leader.pdf",
+        "formation-leader.pdf",
         *KEPT,
     }
     cells = {path.name for path in (tmp_path / "here" / "cells").glob("*.npz")}
@@ -113,6 +127,7 @@ def test_plan_leaves_tables_figure_and_record(planned):
     assert {path.name for path in results.iterdir()} == {
         "guide.csv",
         "candidates.csv",
+        "paths.csv",
         "guide.png",
         "run.json",
     }
@@ -228,7 +243,8 @@ def test_results_that_cannot_be_written_fail_with_code_1(tmp_path):
 
 
 def test_simulate_prints_a_row_a_policy_with_its_interval(simulated):
-    _, summary, paired = simulated[1].stdout.split("\n\n")
+    _, summary, paired, bound = simulated[1].stdout.split("\n\n")
+    assert bound.startswith("no policy can exceed 0.99")
     rows = [line.split() for line in summary.splitlines()[1:]]
     assert [row[0] for row in rows] == ["naive", "constrained", "leader"]
     for row in rows:
@@ -243,14 +259,16 @@ def test_simulate_prints_a_row_a_policy_with_its_interval(simulated):
 def test_simulate_leaves_tables_figures_and_record(simulated):
     results = simulated[0] / "results" / "simulate-paper-1"
     names = {path.name for path in results.iterdir()}
+    summary_policies = ("naive", "constrained", "leader")
     assert names == {
         "summary.csv",
         "paired.csv",
         "runs.csv",
+        "guide.csv",
+        "traces.csv",
         "success.png",
-        "run-naive.png",
-        "run-constrained.png",
-        "run-leader.png",
+        "differences.png",
+        *(f"{kind}-{row}.png" for kind in ("run", "formation") for row in summary_policies),
         "run.json",
         *KEPT,
     }
@@ -265,6 +283,7 @@ def test_simulate_leaves_tables_figures_and_record(simulated):
         "runs": 40,
         "half_width": None,
         "seed": 5,
+        "keep": 5,
         "workers": 1,
         "solver": "auto",
     }
@@ -297,7 +316,7 @@ def test_no_success_prints_an_upper_bound_and_not_zero(tmp_path):
         "--set",
         "hazard.alpha_1=400.0",
     )
-    row = done.stdout.splitlines()[-1].split()
+    row = done.stdout.split("\n\n")[1].splitlines()[-1].split()
     assert row[:3] == ["naive", "10", "none"]
     assert float(row[5]) > 0.2
 

@@ -68,6 +68,15 @@ def test_folder_holds_tables_figures_report_and_record(compared):
     assert taken["solved"].all()
 
 
+def test_figures_are_drawn_again_from_the_cells(compared, tmp_path):
+    results = compared[0] / "results" / "compare"
+    done = casswarm(tmp_path, "plot", results, "--figure", "data-guides-cold", "--out", "here")
+    assert done.stdout == "here/data-guides-cold.png\n"
+    assert (tmp_path / done.stdout.strip()).read_bytes() == (
+        results / "data-guides-cold.png"
+    ).read_bytes()
+
+
 def test_report_can_be_read_by_somebody_who_was_not_there(compared):
     results = compared[0] / "results" / "compare"
     text = (results / "report.md").read_text()

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from scenario_messages import message
+from test_scenario import BUILTIN
 
 from casswarm.scenario import (
     Scenario,
@@ -12,17 +13,6 @@ from casswarm.scenario import (
     save_scenario,
 )
 from casswarm.scenario.messages import fields, subtable
-
-BUILTIN = [
-    "crossfire",
-    "gauntlet",
-    "large-swarm",
-    "paper-1",
-    "paper-2",
-    "ring",
-    "single-agent",
-    "wall",
-]
 
 
 @pytest.fixture

@@ -86,6 +86,12 @@ class Law:
         high = low + self.unknown * (self.population.shape[1] - 1)
         return low, np.minimum.accumulate(high)
 
+    @property
+    def anybody(self) -> tuple[Floats, Floats]:
+        """Brackets (N+1,) of the probability that somebody is alive at every step."""
+        low = self.population[:, 1:].sum(axis=1)
+        return low, np.minimum.accumulate(np.minimum(1.0, low + self.unknown))
+
     def __str__(self) -> str:
         low, high = self.success
         merged = "" if self.proven else f", states within {self.merging:g} of each other merged"

@@ -78,6 +78,7 @@ class Runs:
         found |= {"first": np.array(self.first), "states": np.array(self.states)}
         for place, trace in enumerate(self.traces):
             found[f"positions-{place}"], found[f"alive-{place}"] = trace.positions, trace.alive
+            found[f"leaders-{place}"] = trace.leaders
         return found
 
     @classmethod
@@ -88,7 +89,8 @@ class Runs:
             first=int(arrays["first"]),
             states=int(arrays["states"]),
             traces=tuple(
-                Trace(arrays[f"positions-{k}"], arrays[f"alive-{k}"]) for k in range(number)
+                Trace(*(arrays[f"{part}-{k}"] for part in ("positions", "alive", "leaders")))
+                for k in range(number)
             ),
             **{name: arrays[name] for name in _COUNTS},
         )
@@ -107,10 +109,25 @@ _COUNTS = (
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """The way of one run: positions (T+1, n, 2), where the destroyed stay, and alive (T+1, n)."""
+    """The way of one run.
+
+    Parameters
+    ----------
+    positions : (T+1, n, 2)
+        The destroyed stay where they fell.
+    alive : (T+1, n) bool
+    leaders : (T,) int
+        Who leads from step t to t + 1, -1 where the policy has no leaders.
+    """
 
     positions: Floats
     alive: Booleans
+    leaders: Counts
+
+    def last_steps(self) -> Counts:
+        """The step (n,) at which every member fell, or the last one."""
+        steps = len(self.alive) - 1
+        return np.where(self.alive[-1], steps, np.argmin(self.alive, axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +245,7 @@ class _Swarms:
             resolved=zeros.copy(),
             clipped=zeros.copy(),
             states=0,
-            tracer=_Tracer([states.positions[:traces].copy()], [states.alive[:traces].copy()]),
+            tracer=_Tracer([states.positions[:traces].copy()], [states.alive[:traces].copy()], []),
         )
 
     def advance(
@@ -244,6 +261,7 @@ class _Swarms:
         survives = alive[back] & (draws < move.survival[back])
         arrived = (survives & move.inside[back]).any(axis=1)
         self.states += len(rows)
+        self.tracer.lead(active, policy, step, self.positions, self.previous, self.alive)
         self.shortfalls[active] += move.shortfalls[back]
         self.failures[active] += move.failures[back]
         self.resolved[active] += move.resolved[back]
@@ -278,6 +296,23 @@ class _Tracer:
 
     positions: list[Floats]
     alive: list[Booleans]
+    leaders: list[Counts]
+
+    def lead(
+        self,
+        active: Counts,
+        policy: Policy,
+        step: int,
+        positions: Floats,
+        previous: Floats,
+        alive: Booleans,
+    ) -> None:
+        """Append who leads the active runs from here; states are those before the step."""
+        rows = active[active < len(self.positions[0])]
+        found = np.full(len(self.positions[0]), -1)
+        if rows.size:
+            found[rows] = policy.leaders(step, positions[rows], previous[rows], alive[rows])
+        self.leaders.append(found)
 
     def record(self, active: Counts, following: Floats, alive: Booleans) -> None:
         """Append where the active runs are now; the destroyed stay where they fell."""
@@ -290,7 +325,12 @@ class _Tracer:
 
     def traces(self, steps: Counts) -> tuple[Trace, ...]:
         positions, alive = np.stack(self.positions, axis=1), np.stack(self.alive, axis=1)
+        leaders = np.array(self.leaders, np.int64).reshape(len(self.leaders), len(positions)).T
         return tuple(
-            Trace(positions[run, : steps[run] + 1], alive[run, : steps[run] + 1])
+            Trace(
+                positions[run, : steps[run] + 1],
+                alive[run, : steps[run] + 1],
+                leaders[run, : steps[run]],
+            )
             for run in range(len(positions))
         )

@@ -94,7 +94,7 @@ def _markdown(block: Block, ending: str) -> str:
         case Text():
             return block.text
         case Picture():
-            alt = block.figure.get_suptitle() or block.name
+            alt = " ".join(block.figure.get_suptitle().split()) or block.name
             return f"![{alt}]({block.name}.{ending})\n\n*{block.caption}*"
         case Table():
             head, *rows = block.rows()

@@ -65,6 +65,12 @@ def make_report(comparison: Comparison) -> Report:
     return Report(tuple(blocks), tables)
 
 
+def pictures(comparison: Comparison) -> dict[str, Figure]:
+    """The report's figures by name; the traits of the problems are not needed for them."""
+    blocks = [block for group in _groups(comparison) for block in _group(comparison, *group)]
+    return {block.name: block.figure for block in blocks if isinstance(block, Picture)}
+
+
 def _groups(comparison: Comparison) -> list[tuple[str, str]]:
     table = comparison.summary[["family", "start"]].drop_duplicates()
     return [(str(family), str(start)) for family, start in table.itertuples(index=False)]

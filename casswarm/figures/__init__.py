@@ -1,22 +1,38 @@
-"""Figures: arrays and tables in, a matplotlib Figure out; nothing is shown or written."""
+"""Figures: arrays and tables in, a matplotlib Figure out; nothing is shown or written.
 
-from .bars import success_chart
-from .laws import arrival_chart, population_chart
+Each is drawn in the look of its context, ``with look("column"): ...``: see `LOOKS`.
+"""
+
+from .animation import animate
+from .bars import difference_chart, success_chart
+from .formations import formation_chart
+from .frames import player, save_gif
+from .joint import joint_map
+from .laws import arrival_chart, population_chart, survival_chart
 from .maps import comparison_map, guide_map, risk_map, swarm_map
 from .profiles import pair_chart, profile_chart, win_chart
-from .style import save
+from .style import LOOKS, look, save
 from .sweeps import sweep_heat_map, sweep_lines
 
 __all__ = [
+    "LOOKS",
+    "animate",
     "arrival_chart",
     "comparison_map",
+    "difference_chart",
+    "formation_chart",
     "guide_map",
+    "joint_map",
+    "look",
     "pair_chart",
+    "player",
     "population_chart",
     "profile_chart",
     "risk_map",
     "save",
+    "save_gif",
     "success_chart",
+    "survival_chart",
     "swarm_map",
     "sweep_heat_map",
     "sweep_lines",

@@ -1,61 +1,78 @@
-"""Exact laws: when the swarm has arrived, and with how many."""
+"""Exact laws: when the swarm has arrived, how many are alive, and whether anybody is."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..arrays import Floats
 from ..chain.law import Law
-from .style import MEMBERS, POLICIES, figure, tidy
+from .style import drawn, figure, headline, line, marks, tidy
 
 
+@drawn
 def arrival_chart(laws: Sequence[Law], title: str = "") -> Figure:
     """Probability of having arrived by every step, a band a policy as wide as its bracket."""
-    fig, axes = figure(6.4, 4.2)
-    for place, law in enumerate(laws):
-        color = POLICIES.get(law.policy, MEMBERS[place % len(MEMBERS)])
-        low = np.cumsum(law.arrival)
-        steps = np.arange(len(low))
-        axes.fill_between(
-            steps, low, np.minimum(1.0, low + law.unknown), step="post", color=color, alpha=0.3
-        )
-        first, last = law.success
+    curves = {}
+    for law in laws:
+        low, (first, last) = np.cumsum(law.arrival), law.success
+        label = f"{law.policy}: {first:.4f} to {last:.4f}"
+        curves[label] = (law.policy, low, np.minimum(1.0, low + law.unknown))
+    fig, axes = _chart(curves, title)
+    axes.set(ylabel="probability of arrival so far", ylim=(0, 1.02))
+    axes.legend(loc="upper left")
+    return fig
+
+
+@drawn
+def population_chart(laws: Sequence[Law], members: int, title: str = "") -> Figure:
+    """Mean number of members alive at every step, a band a policy as wide as its bracket."""
+    curves = {}
+    for law in laws:
+        low, high = law.population_mean
+        curves[law.policy] = (law.policy, low, np.minimum(members, high))
+    fig, axes = _chart(curves, title)
+    axes.set(ylabel="members alive, mean", ylim=(0, 1.02 * members))
+    axes.legend(loc="lower left")
+    return fig
+
+
+@drawn
+def survival_chart(laws: Sequence[Law], title: str = "") -> Figure:
+    """Probability that somebody is alive at every step, a band a policy as wide as its bracket.
+
+    A run that has arrived keeps the number of members that arrived.
+    """
+    curves = {}
+    for law in laws:
+        low, high = law.anybody
+        curves[law.policy] = (law.policy, low, high)
+    fig, axes = _chart(curves, title)
+    axes.set(ylabel="probability that somebody is alive", ylim=(0, 1.02))
+    axes.legend(loc="lower left")
+    return fig
+
+
+def _chart(curves: dict[str, tuple[str, Floats, Floats]], title: str) -> tuple[Figure, Axes]:
+    """Step curves over time: label to policy, low end and high end, (N+1,) each."""
+    fig, axes = figure()
+    looks = marks(policy for policy, *_ in curves.values())
+    for label, (policy, low, high) in curves.items():
+        mark, steps = looks[policy], np.arange(len(low))
+        axes.fill_between(steps, low, high, step="post", color=mark.color, alpha=0.3, linewidth=0)
         axes.step(
             steps,
             low,
             where="post",
-            color=color,
-            linewidth=2,
-            linestyle=("-", "--", "-.", ":")[place % 4],
-            label=f"{law.policy}: {first:.4f} to {last:.4f}",
+            color=mark.color,
+            linewidth=line(1.8),
+            linestyle=mark.dashes,
+            label=label,
         )
-    axes.set(xlabel="step", ylabel="probability of arrival so far", ylim=(0, 1))
-    axes.set_xlim(0, len(laws[0].arrival) - 1)
-    axes.set_title(f"{title}: exact law".removeprefix(": "), fontsize=11)
-    axes.legend(loc="upper left", frameon=False)
+    axes.set(xlabel="step", xlim=(0, max(len(low) for _, low, _ in curves.values()) - 1))
+    headline(fig, title, "exact law")
     tidy(axes)
-    return fig
-
-
-def population_chart(laws: Sequence[Law], members: int, title: str = "") -> Figure:
-    """Mean number of members alive at every step, a band a policy as wide as its bracket."""
-    fig, axes = figure(6.4, 4.2)
-    for place, law in enumerate(laws):
-        color = POLICIES.get(law.policy, MEMBERS[place % len(MEMBERS)])
-        low, high = law.population_mean
-        steps = np.arange(len(low))
-        axes.fill_between(
-            steps, low, np.minimum(members, high), step="post", color=color, alpha=0.3
-        )
-        style = ("-", "--", "-.", ":")[place % 4]
-        axes.step(
-            steps, low, where="post", color=color, linewidth=2, linestyle=style, label=law.policy
-        )
-    axes.set(xlabel="step", ylabel="members alive, mean", ylim=(0, 1.02 * members))
-    axes.set_xlim(0, len(laws[0].arrival) - 1)
-    axes.set_title(f"{title}: exact law".removeprefix(": "), fontsize=11)
-    axes.legend(loc="lower left", frameon=False)
-    tidy(axes)
-    return fig
+    return fig, axes

@@ -9,43 +9,49 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
+from matplotlib.image import AxesImage
+from matplotlib.patches import Circle, Rectangle
 
 from ..arrays import Floats
+from ..certificate.outlook import Outlook
 from ..certificate.value import ValueFunction
 from ..chain.simulate import Trace
 from ..guide import Candidate, Guide, path_of, rounded_up
 from ..scenario import Scenario
-from .style import BLUE, INK, MEMBERS, VERMILION, figure
+from .style import BLUE, INK, MEMBERS, SKY, VERMILION, drawn, figure, headline, key, line, upright
 
 _PIXELS = 300
 _CAP = 0.995  # quantile of the rates at which the shades end: radars are not the whole story
-_WIDTH = 6.6  # of the map without its colour bar, inches
-_GREYS = LinearSegmentedColormap.from_list("greys", colormaps["Greys"](np.linspace(0.0, 0.72, 256)))
+GREYS = LinearSegmentedColormap.from_list("greys", colormaps["Greys"](np.linspace(0.0, 0.72, 256)))
 
 
-def guide_map(scenario: Scenario, guide: Guide, others: Sequence[Candidate] = ()) -> Figure:
-    """The guide over the map of a lone member's rates.
+@drawn
+def guide_map(
+    scenario: Scenario, guide: Guide, others: Sequence[Candidate | Floats] = ()
+) -> Figure:
+    """The guide over the map of a lone member's rates, with its corridor.
 
     Parameters
     ----------
     scenario : Scenario
     guide : Guide
-    others : sequence of Candidate
+    others : sequence of Candidate, or of paths (T+1, 2)
         Drawn thin and dashed, without the guide itself.
     """
-    others = [candidate for candidate in others if candidate.solution is not guide.solution]
-    paths = [path_of(guide.positions[0], c.velocities, guide.dt) for c in others]
-    fig, axes = _map(scenario, [guide.positions, scenario.positions, *paths])
+    paths = [_path(guide, other) for other in others]
+    paths = [path for path in paths if not _same(path, guide.positions)]
+    fig, axes, _ = lone_map(scenario, [guide.positions, scenario.positions, *paths])
     for number, path in enumerate(paths):
         label = "other ways tried" if number == 0 else None
-        axes.plot(*path.T, color=INK, linewidth=0.9, linestyle=(0, (4, 3)), zorder=3, label=label)
+        axes.plot(*path.T, color=INK, lw=line(0.9), ls=(0, (4, 3)), zorder=3, label=label)
+    if scenario.n > 1:
+        corridor(axes, guide.positions, scenario.formation.rho)
     axes.plot(
         *guide.positions.T,
         color=BLUE,
         marker="o",
-        markersize=3.4,
-        linewidth=1.8,
+        markersize=line(3.2),
+        linewidth=line(1.6),
         zorder=4,
         label=f"guide, {guide.arrival} steps",
     )
@@ -53,188 +59,261 @@ def guide_map(scenario: Scenario, guide: Guide, others: Sequence[Candidate] = ()
         *scenario.positions.T,
         linestyle="",
         marker="o",
-        markersize=4.5,
+        markersize=line(4.5),
         markerfacecolor="white",
         markeredgecolor=INK,
+        markeredgewidth=line(1.0),
         zorder=3.5,
-        label="members at the start",
+        label="members at the start" if scenario.n > 1 else "start",
     )
-    _finish(fig, axes, f"{scenario.name}: guide, survival of a lone member {guide.survival:.3g}")
+    key(fig, axes)
+    headline(fig, scenario.name, f"guide, survival of a lone member {guide.survival:.3g}")
     return fig
 
 
+@drawn
 def comparison_map(scenario: Scenario, guides: Mapping[str, Guide]) -> Figure:
     """Several guides over the map of a lone member's rates, with what each survives."""
-    fig, axes = _map(scenario, [guide.positions for guide in guides.values()])
-    for (name, guide), color in zip(guides.items(), MEMBERS[1::-1], strict=False):
+    fig, axes, _ = lone_map(scenario, [guide.positions for guide in guides.values()])
+    colors = (MEMBERS[1], MEMBERS[0], *MEMBERS[2:])
+    for place, (name, guide) in enumerate(guides.items()):
         axes.plot(
             *guide.positions.T,
-            color=color,
-            marker="o",
-            markersize=3.4,
-            linewidth=1.8,
+            color=colors[place % len(colors)],
+            marker="os^Dv"[place % 5],
+            markersize=line(3.4),
+            linewidth=line(1.6),
             zorder=4,
-            label=f"{name}, survival {guide.survival:.3g}",
+            label=f"{name},\nsurvival {guide.survival:.3g}",
         )
+    key(fig, axes)
     bounds = [g.survival_bound for g in guides.values() if g.survival_bound is not None]
     told = f"; none exceeds {rounded_up(min(bounds)):.4f}" if bounds else ""
-    _finish(fig, axes, f"{scenario.name}: guides of a lone member{told}")
+    headline(fig, scenario.name, f"guides of a lone member{told}")
     return fig
 
 
-def risk_map(scenario: Scenario, value: ValueFunction, guide: Guide, step: int = 0) -> Figure:
+@drawn
+def risk_map(
+    scenario: Scenario, value: ValueFunction | Outlook, guide: Guide, step: int = 0
+) -> Figure:
     """Survival from every place on at a step, along the best path there is, and its directions.
 
     What is drawn is what `ValueFunction.velocities` attains; limits of acceleration do not count.
+    An `Outlook` has its own step.
     """
-    contents = [guide.positions, scenario.positions, scenario.hazard.radar_positions]
-    low, high = _extent(scenario, contents)
-    fig, axes = _axes(low, high)
-    east, north = (np.linspace(low[axis], high[axis], _PIXELS // 2) for axis in (0, 1))
-    places = np.stack(np.meshgrid(east, north), axis=-1)
-    survival = np.exp(-value.bounds(step, places)[1])
+    low, high = extent(scenario, [guide.positions, scenario.positions])
+    outlook = value if isinstance(value, Outlook) else Outlook.of(value, low, high, step)
+    fig, axes = field_axes(low, high)
     image = axes.imshow(
-        np.where(survival > 0, survival, np.nan),
+        np.where(outlook.survival > 0, outlook.survival, np.nan),
         cmap="viridis",
         norm=Normalize(0.0, 1.0),
-        extent=(low[0], high[0], low[1], high[1]),
+        extent=(outlook.low[0], outlook.high[0], outlook.low[1], outlook.high[1]),
         origin="lower",
         interpolation="bilinear",
     )
-    fig.colorbar(image, ax=axes, label="survival of a lone member from here")
-    coarse = places[4::9, 4::9].reshape(-1, 2)
-    arrows = value.velocities(step, coarse)
-    moving = np.hypot(*arrows.T) > 0
-    axes.quiver(*coarse[moving].T, *arrows[moving].T, color="white", alpha=0.7, zorder=3)
-    axes.plot(*guide.positions.T, color=VERMILION, linewidth=1.8, zorder=4, label="guide")
-    _landmarks(axes, scenario)
-    _finish(fig, axes, f"{scenario.name}: the way on from every place at step {step}")
+    fig.colorbar(image, ax=axes, label=upright("survival of a lone member from here"))
+    moving = np.hypot(*outlook.velocities.T) > 0
+    places, arrows = outlook.places[moving], outlook.velocities[moving]
+    axes.quiver(*places.T, *arrows.T, color="white", alpha=0.75, zorder=3)
+    axes.plot(*guide.positions.T, color=VERMILION, lw=line(1.8), zorder=4, label="guide")
+    landmarks(axes, scenario, radars="white")
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    key(fig, axes)
+    headline(fig, scenario.name, f"the way on from every place at step {outlook.step}")
     return fig
 
 
+@drawn
 def swarm_map(
-    scenario: Scenario, trace: Trace, guide: Guide | None = None, title: str = ""
+    scenario: Scenario,
+    trace: Trace,
+    guide: Guide | None = None,
+    title: str = "",
+    corridors: bool = False,
 ) -> Figure:
-    """The way of one run's members, with crosses where they were destroyed.
+    """The way of one run's members, with crosses and numbers where they were destroyed.
 
     Members often share a path: the first is drawn widest and lowest, so that all stay visible.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    trace : Trace
+    guide : Guide, optional
+        Drawn dotted.
+    title : str
+    corridors : bool
+        Whether to draw the corridor around the guide.
     """
     contents = [trace.positions.reshape(-1, 2)]
-    fig, axes = _map(scenario, contents if guide is None else [*contents, guide.positions])
+    fig, axes, _ = lone_map(scenario, contents if guide is None else [*contents, guide.positions])
     members = trace.positions.shape[1]
     few = members <= len(MEMBERS)
-    fallen = []
-    for member in range(members):
-        alive = trace.alive[:, member]
-        last = len(alive) if alive.all() else int(np.argmin(alive)) + 1
-        path = trace.positions[:last, member]
-        width = 1.4 * (members - member) if few else 0.8
+    ends = trace.last_steps()
+    for member, end in enumerate(ends):
+        width = 1.3 * (members - member) if few else 0.6
         axes.plot(
-            *path.T,
-            color=MEMBERS[member % len(MEMBERS)],
-            marker="o",
-            markersize=width + 1.2,
-            linewidth=width,
+            *trace.positions[: end + 1, member].T,
+            color=MEMBERS[member] if few else BLUE,
+            alpha=1.0 if few else 0.55,
+            marker="o" if few else "",
+            markersize=line(width + 1.0),
+            linewidth=line(width),
             solid_capstyle="round",
             zorder=4,
-            label=f"member {member + 1}" if few else None,
+            label=f"member {member + 1}" if few else ("members" if member == 0 else None),
         )
-        if not alive.all():
-            fallen.append(path[-1])
     if guide is not None:
-        axes.plot(*guide.positions.T, color=INK, linewidth=0.9, ls=":", zorder=5, label="guide")
-    if fallen:
-        places, counts = np.unique(np.round(fallen, 6), axis=0, return_counts=True)
-        axes.plot(
-            *places.T,
-            marker="X",
-            markersize=11,
-            color="white",
-            markeredgecolor=INK,
-            linestyle="",
-            zorder=6,
-            label="destroyed",
-        )
-        for place, count in zip(places[counts > 1], counts[counts > 1], strict=True):
-            axes.annotate(f"{count}", place, (7, 5), textcoords="offset points", zorder=7)
+        if corridors:
+            corridor(axes, guide.positions, scenario.formation.rho)
+        axes.plot(*guide.positions.T, color=INK, lw=line(0.9), ls=":", zorder=5, label="guide")
+    _graves(axes, trace, few)
+    key(fig, axes)
     steps, survivors = len(trace.alive) - 1, int(trace.alive[-1].sum())
-    _finish(
-        fig,
-        axes,
-        f"{title or scenario.name}: {survivors} of {members} alive after {steps} steps",
-    )
+    headline(fig, title or scenario.name, f"{survivors} of {members} alive after {steps} steps")
     return fig
 
 
-def _map(scenario: Scenario, contents: Sequence[Floats]) -> tuple[Figure, Axes]:
+def _graves(axes: Axes, trace: Trace, few: bool) -> None:
+    """Crosses where members were destroyed; who, or how many, where they are many."""
+    lost = np.flatnonzero(~trace.alive[-1])
+    if not lost.size:
+        return
+    ends = trace.last_steps()
+    fallen = np.array([trace.positions[ends[member], member] for member in lost])
+    places, which = np.unique(np.round(fallen, 6), axis=0, return_inverse=True)
+    axes.plot(
+        *places.T,
+        marker="X",
+        markersize=line(9.0 if few else 6.0),
+        color="white",
+        markeredgecolor=INK,
+        markeredgewidth=line(1.0),
+        linestyle="",
+        zorder=6,
+        label="destroyed",
+    )
+    for number, place in enumerate(places):
+        here = lost[which.reshape(-1) == number] + 1
+        text = ", ".join(map(str, here)) if few else f"{len(here)}" * (len(here) > 1)
+        axes.annotate(
+            text, place, (line(6), line(-9)), textcoords="offset points", fontsize="small", zorder=7
+        )
+
+
+def lone_map(scenario: Scenario, contents: Sequence[Floats]) -> tuple[Figure, Axes, AxesImage]:
     """Rates of a lone member as shades, radars and target; the extent holds all `contents`."""
-    low, high = _extent(scenario, [*contents, scenario.hazard.radar_positions])
-    fig, axes = _axes(low, high)
-    _shades(fig, axes, scenario, low, high)
-    _landmarks(axes, scenario)
-    return fig, axes
+    low, high = extent(scenario, contents)
+    fig, axes = field_axes(low, high)
+    image = lone_shades(axes, scenario)
+    label = upright("rate of a lone member, per unit time")
+    fig.colorbar(image, ax=axes, label=label, extend="max")
+    landmarks(axes, scenario)
+    return fig, axes, image
 
 
-def _extent(scenario: Scenario, contents: Sequence[Floats]) -> tuple[Floats, Floats]:
-    """Corners of a map that holds all `contents` and the target."""
-    points = np.vstack([*contents, np.asarray(scenario.target.center)[None]])
+def extent(scenario: Scenario, contents: Sequence[Floats]) -> tuple[Floats, Floats]:
+    """Corners of a map that holds all `contents`, the target and the radars."""
+    center = np.asarray(scenario.target.center)[None]
+    points = np.vstack([*contents, center, scenario.hazard.radar_positions])
     low, high = points.min(axis=0), points.max(axis=0)
     pad = 0.06 * float(np.max(high - low)) + scenario.target.radius
     return low - pad, high + pad
 
 
-def _axes(low: Floats, high: Floats) -> tuple[Figure, Axes]:
-    size = high - low
-    scale = _WIDTH / max(size[0], 0.9 * size[1])
-    fig, axes = figure(max(4.0, scale * size[0]) + 1.2, scale * size[1] + 1.2)
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x", ylabel="y")
+def field_axes(low: Floats, high: Floats) -> tuple[Figure, Axes]:
+    """A figure with a map of these corners."""
+    fig, axes = figure()
+    frame(axes, low, high)
     return fig, axes
 
 
-def _landmarks(axes: Axes, scenario: Scenario) -> None:
-    target, radars = scenario.target, scenario.hazard.radar_positions
-    axes.add_patch(
-        Circle(
-            target.center,
-            target.radius,
-            facecolor="white",
-            edgecolor=INK,
-            linewidth=1.3,
-            hatch="////",
-            zorder=2,
-            label="target",
-        )
+def frame(axes: Axes, low: Floats, high: Floats) -> None:
+    """Make axes a map of these corners."""
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x", ylabel="y")
+
+
+def landmarks(axes: Axes, scenario: Scenario, radars: str = VERMILION) -> None:
+    """Target and radars."""
+    target, places = scenario.target, scenario.hazard.radar_positions
+    zone = Circle(
+        target.center,
+        target.radius,
+        facecolor="white",
+        edgecolor=INK,
+        hatch="////",
+        zorder=2,
+        label="target",
     )
-    if len(radars):
+    axes.add_patch(zone)
+    if len(places):
         axes.plot(
-            *radars.T,
-            color=VERMILION,
+            *places.T,
+            color=radars,
             marker="^",
-            markersize=10,
+            markersize=line(9.0),
             linestyle="",
-            markeredgecolor="white",
+            markeredgecolor="white" if radars != "white" else INK,
+            markeredgewidth=line(1.0),
             zorder=5,
             label="radar",
         )
 
 
-def _shades(fig: Figure, axes: Axes, scenario: Scenario, low: Floats, high: Floats) -> None:
-    east, north = (np.linspace(low[axis], high[axis], _PIXELS) for axis in (0, 1))
-    rates = scenario.hazard.lone_rates(np.stack(np.meshgrid(east, north), axis=-1))
+def pixels(low: Floats, high: Floats, number: int = _PIXELS) -> Floats:
+    """Centres (number, number, 2) of a map's pixels, row by row from below."""
+    size = (high - low) / number
+    axis = np.arange(number) + 0.5
+    return np.stack(np.meshgrid(*(low[k] + size[k] * axis for k in (0, 1))), axis=-1)
+
+
+def corners(axes: Axes) -> tuple[Floats, Floats]:
+    """Corners of a map."""
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    return np.array([west, south]), np.array([east, north])
+
+
+def lone_norm(scenario: Scenario, low: Floats, high: Floats) -> LogNorm:
+    """Shades of the rates of a lone member between these corners; radars end them."""
+    rates = scenario.hazard.lone_rates(pixels(low, high))
     least = max(float(rates.min()), 1e-12)
-    most = max(float(np.quantile(rates, _CAP)), least * 1.01)
-    image = axes.imshow(
-        np.maximum(rates, least),
-        norm=LogNorm(least, most),
-        cmap=_GREYS,
+    return LogNorm(least, max(float(np.quantile(rates, _CAP)), least * 1.01))
+
+
+def lone_shades(axes: Axes, scenario: Scenario) -> AxesImage:
+    """The rates of a lone member over a map."""
+    low, high = corners(axes)
+    norm = lone_norm(scenario, low, high)
+    return axes.imshow(
+        np.maximum(scenario.hazard.lone_rates(pixels(low, high)), norm.vmin or 0.0),
+        norm=norm,
+        cmap=GREYS,
         extent=(low[0], high[0], low[1], high[1]),
         origin="lower",
         interpolation="bilinear",
     )
-    fig.colorbar(image, ax=axes, label="rate of a lone member, per unit time", extend="max")
 
 
-def _finish(fig: Figure, axes: Axes, title: str) -> None:
-    axes.set_title(title, fontsize=11)
-    handles, labels = axes.get_legend_handles_labels()
-    fig.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+def corridor(axes: Axes, places: Floats, rho: float) -> None:
+    """The places within the root of `rho` of one of `places` (T, 2)."""
+    pad = 1.1 * np.sqrt(rho)
+    low, high = places.min(axis=0) - pad, places.max(axis=0) + pad
+    nodes = pixels(low, high, 2 * _PIXELS)
+    nearest = np.full(nodes.shape[:2], np.inf)
+    for place in places:
+        np.minimum(nearest, ((nodes - place) ** 2).sum(axis=-1), out=nearest)
+    east, north = nodes[0, :, 0], nodes[:, 0, 1]
+    axes.contourf(east, north, nearest, [-1.0, rho], colors=SKY, alpha=0.45, zorder=2.5)
+    axes.add_patch(Rectangle(places[0], 0, 0, color=SKY, alpha=0.45, linewidth=0, label="corridor"))
+
+
+def _path(guide: Guide, other: Candidate | Floats) -> Floats:
+    if isinstance(other, Candidate):
+        return path_of(guide.positions[0], other.velocities, guide.dt)
+    return other
+
+
+def _same(path: Floats, other: Floats) -> bool:
+    return path.shape == other.shape and bool(np.allclose(path, other, rtol=0, atol=1e-12))

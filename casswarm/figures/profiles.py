@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -12,15 +13,16 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator
 
 from ..arrays import Floats
-from .style import INK, MEMBERS, figure, panels, tidy
+from .style import GREY, INK, MEMBERS, current, drawn, figure, headline, line, panels, tidy
 
-_COLORS = (*MEMBERS, INK, "#8C8C8C")
+_COLORS = (*MEMBERS, INK, GREY)
 _DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (7, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 1)))
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", "H", ">", "p")
-_ROOM = 0.062  # between two labels, in shares of the axis
+_ROOM = 1.15  # between two labels, in letters
 _DECADES = 20  # powers of two that an axis shows at the most
 
 
+@drawn
 def profile_chart(
     profiles: Mapping[str, pd.DataFrame], xlabel: str, title: str = "", order: Sequence[str] = ()
 ) -> Figure:
@@ -34,46 +36,51 @@ def profile_chart(
     order : sequence of str
         All solvers there are: gives each its colour, whoever takes part in a panel.
     """
-    fig, axes = panels(len(profiles), 1, 5.8, 4.3)
+    across = 1 if current().width < 5 else len(profiles)
+    down = -(-len(profiles) // across)
+    fig, axes = panels(across, down, 0.72 * down if across == 1 else 0.9 / across + 0.04)
     names = list(order) or list(next(iter(profiles.values())).columns)
     for place, (name, profile) in zip(axes, profiles.items(), strict=True):
         _curves(place, profile, names)
-        place.set_title(name, fontsize=10)
+        place.set_title(fill(name, int(90 * current().width / current().letters / across)))
         place.set_xlabel(xlabel)
-    axes[0].set_ylabel("share of problems")
-    fig.suptitle(title, fontsize=11)
+        place.set_ylabel("share of problems")
+        place.label_outer()
+    headline(fig, title)
     return fig
 
 
+@drawn
 def pair_chart(
     profiles: Mapping[tuple[str, str], pd.DataFrame], title: str = "", order: Sequence[str] = ()
 ) -> Figure:
     """Performance profiles of pairs of solvers, a panel a pair."""
-    columns = min(4, max(1, len(profiles)))
-    fig, axes = panels(columns, -(-len(profiles) // columns), 3.3, 2.9)
+    columns = min(2 if current().width < 5 else 4, max(1, len(profiles)))
+    rows = -(-len(profiles) // columns)
+    fig, axes = panels(columns, rows, min(0.6, 0.95 / columns + 0.08) * rows)
     names = list(order) or sorted({name for pair in profiles for name in pair})
     for place, profile in zip(axes, profiles.values(), strict=False):
         _curves(place, profile, names, labels=False)
         place.legend(
-            fontsize=8,
             loc="lower center",
             bbox_to_anchor=(0.5, 1.0),
-            ncols=2,
-            frameon=False,
-            handlelength=2.6,
+            ncols=1,
+            borderpad=0.1,
+            labelspacing=0.2,
         )
     for place in axes[len(profiles) :]:
         place.set_visible(False)
-    fig.supxlabel("factor of the faster one of the two", fontsize=9)
-    fig.supylabel("share of problems", fontsize=9)
-    fig.suptitle(title, fontsize=11)
+    fig.supxlabel("factor of the faster one of the two", fontsize="medium")
+    fig.supylabel("share of problems", fontsize="medium")
+    headline(fig, title)
     return fig
 
 
+@drawn
 def win_chart(wins: pd.DataFrame, title: str = "") -> Figure:
     """Share of problems in which the row's solver is faster than the column's, as a matrix."""
     size = len(wins)
-    fig, axes = figure(2.4 + 0.75 * size, 1.6 + 0.55 * size)
+    fig, axes = figure(min(1.1, 0.18 + 0.055 * line() * size * 7.16 / current().width))
     values = wins.to_numpy(dtype=float)
     axes.imshow(np.nan_to_num(values), cmap="Blues", vmin=0, vmax=1.25, aspect="auto")
     for row, column in np.argwhere(np.isfinite(values)):
@@ -84,13 +91,13 @@ def win_chart(wins: pd.DataFrame, title: str = "") -> Figure:
             f"{100 * share:.0f} %",
             ha="center",
             va="center",
-            fontsize=9,
+            fontsize="small" if size <= 6 else "x-small",
             color="white" if share > 0.7 else INK,
         )
-    axes.set_xticks(range(size), list(wins.columns), rotation=30, ha="right", fontsize=9)
-    axes.set_yticks(range(size), list(wins.index), fontsize=9)
+    axes.set_xticks(range(size), list(wins.columns), rotation=30, ha="right")
+    axes.set_yticks(range(size), list(wins.index))
     axes.set(xlabel="... than this one", ylabel="this one is faster ...")
-    fig.suptitle(title, fontsize=11)
+    headline(fig, title)
     return fig
 
 
@@ -109,7 +116,7 @@ def _curves(axes: Axes, profile: pd.DataFrame, names: Sequence[str], labels: boo
             np.concatenate([[0.0], shares[:, column], shares[-1:, column] if len(points) else [0]]),
             where="post",
             # what lies over others is drawn narrower, so that all are seen
-            linewidth=3.2 - 2.0 * column / max(1, len(profile.columns) - 1),
+            linewidth=line(2.8 - 1.7 * column / max(1, len(profile.columns) - 1)),
             # in shares of the axes, so that no two curves have theirs at the same places
             markevery=(0.03 + 0.021 * (number % 9), 0.19),
             label=name,
@@ -130,7 +137,7 @@ def _look(number: int) -> dict[str, Any]:
         "color": _COLORS[number % len(_COLORS)],
         "linestyle": _DASHES[number % len(_DASHES)],
         "marker": _MARKERS[number % len(_MARKERS)],
-        "markersize": 5.5,
+        "markersize": line(4.8),
         "markeredgecolor": "white",
         "markeredgewidth": 0.5,
     }
@@ -140,7 +147,10 @@ def _end_labels(axes: Axes, profile: pd.DataFrame, names: Sequence[str]) -> None
     """Names at the right of the curves' ends, moved apart where they would overlap."""
     ends = profile.iloc[-1].to_numpy(dtype=float)
     order = np.argsort(-ends, kind="stable")
-    places = _apart((ends[order] + 0.02) / 1.05)
+    root = axes.get_figure(root=True)
+    assert root is not None
+    height = 72 * axes.get_position().height * root.get_figheight()
+    places = _apart((ends[order] + 0.02) / 1.05, _ROOM * 0.83 * current().letters / height)
     for column, place in zip(order, places, strict=True):
         name = str(profile.columns[column])
         look = _look(names.index(name))
@@ -154,28 +164,28 @@ def _end_labels(axes: Axes, profile: pd.DataFrame, names: Sequence[str]) -> None
             name,
             transform=axes.transAxes,
             color=look["color"],
-            fontsize=9,
+            fontsize="small",
             va="center",
         )
         axes.plot(
             [1.0, 1.045],
             [(ends[column] + 0.02) / 1.05, place],
             color="#bbbbbb",
-            linewidth=0.7,
+            linewidth=line(0.7),
             transform=axes.transAxes,
             clip_on=False,
         )
 
 
-def _apart(places: Floats) -> Floats:
-    """Falling places, moved down so that neighbours are `_ROOM` apart, and up again if too low."""
+def _apart(places: Floats, room: float) -> Floats:
+    """Falling places, moved down so that neighbours are `room` apart, and up again if too low."""
     moved = places.copy()
     for i in range(1, len(moved)):
-        moved[i] = min(moved[i], moved[i - 1] - _ROOM)
+        moved[i] = min(moved[i], moved[i - 1] - room)
     if len(moved) and moved[-1] < 0:
         moved[-1] = 0.0
         for i in range(len(moved) - 2, -1, -1):
-            moved[i] = max(moved[i], moved[i + 1] + _ROOM)
+            moved[i] = max(moved[i], moved[i + 1] + room)
     return moved
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Booleans, Counts, Floats
 from ..errors import PolicyError
@@ -64,6 +64,16 @@ class Policy(ABC):
             X(t) and V(t-1).
         alive : (B, n) bool
         """
+
+    def leaders(
+        self,
+        step: int,  # noqa: ARG002
+        positions: Floats,  # noqa: ARG002
+        previous: Floats,  # noqa: ARG002
+        alive: Booleans,
+    ) -> NDArray[np.integer[Any]]:
+        """Who leads in every state, (B,): what pictures mark; -1 where nobody does."""
+        return np.full(len(alive), -1)
 
     def velocities(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Floats:
         """Velocities (B, n, 2) alone; see `decide`."""

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +53,12 @@ class FeedbackPolicy(Policy):
     motion: Motion
     value: ValueFunction
     solver: Solver
+
+    def leaders(
+        self, step: int, positions: Floats, previous: Floats, alive: Booleans
+    ) -> NDArray[np.integer[Any]]:
+        """Who shows the way in every state, (B,)."""
+        return self.pathfinders(step, positions, previous, alive)[0]
 
     def pathfinders(
         self, step: int, positions: Floats, previous: Floats, alive: Booleans

@@ -6,8 +6,10 @@ import logging
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import Booleans, Floats
 from ..guide import Guide
@@ -67,6 +69,14 @@ class LeaderPolicy(FormationPolicy):
     succession: str = "nearest"
     name: str = "leader"
 
+    def leaders(
+        self, step: int, positions: Floats, previous: Floats, alive: Booleans
+    ) -> NDArray[np.integer[Any]]:
+        """Who leads in every state, (B,), by the rule of succession."""
+        goal, place = self.guide.reference(step + 1), self.guide.reference(step)
+        data = Step(self.hazard, self.motion, positions, previous, alive, goal)
+        return SUCCESSIONS[self.succession](data, place)
+
     def _formation(self, data: Step, place: Floats) -> Formation:
         return leader_formation(data, SUCCESSIONS[self.succession](data, place))
 
@@ -110,11 +120,12 @@ def solved(formation: Formation, solver: Solver) -> Decision:
         )
         good = np.asarray(found.success & (found.stationarity <= HONEST))
         failures[open_], resolved[open_] = ~good, found.resolved
-        _tell_failures(solver.name, formation.nlp.name, found, good)
+        tell_failures(solver.name, formation.nlp.name, found, good)
     return Decision(velocities, formation.shortfalls.sum(axis=1), failures, resolved)
 
 
-def _tell_failures(solver: str, problem: str, found: BatchSolution, good: Booleans) -> None:
+def tell_failures(solver: str, problem: str, found: BatchSolution, good: Booleans) -> None:
+    """Log why answers are not good, once for every solver, problem and reason."""
     for row in np.flatnonzero(~good):
         words = "not solved" if found.words is None else str(found.words[row])
         _tell_once(solver, problem, words + (", but not stationary" if found.success[row] else ""))

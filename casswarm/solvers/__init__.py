@@ -55,8 +55,8 @@ def make_solver(solver: str | Solver, **options: Any) -> Solver:
     Examples
     --------
     >>> import casswarm as cs
-    >>> cs.make_solver("ipopt", tolerance=1e-9)
-    Ipopt(tolerance=1e-09, max_iterations=500, max_seconds=60.0, hessian='exact')
+    >>> cs.make_solver("sqp", tolerance=1e-9).tolerance
+    1e-09
     """
     if isinstance(solver, Solver):
         return solver

@@ -1,0 +1,360 @@
+"""The formation close up: who leads, who is lost, and how well they protect each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, SupportsInt
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Colormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
+from matplotlib.transforms import ScaledTranslation
+
+from ..arrays import Booleans, Floats
+from ..chain.simulate import Trace
+from ..guide import Guide
+from ..hazard import Hazard
+from ..scenario import Scenario
+from .maps import frame, pixels
+from .style import BLUE, GREY, INK, MEMBERS, VERMILION, current, drawn, headline, line, panels
+
+_PIXELS = 60
+_NEAR = 0.2  # of a window's half width: members that near share a label
+OVER = "#E8A987"  # where members endanger each other
+SHARES = Normalize(0.0, 1.0)
+"""Of a lone member's rate: nobody is protected at 1; above it, members endanger each other."""
+
+
+def shades() -> Colormap:
+    """Colours of `SHARES`: the better the protection, the lighter."""
+    return colormaps["Greys"].resampled(256).with_extremes(over=OVER)
+
+
+def shares(hazard: Hazard, places: Floats, positions: Floats, alive: Booleans) -> Floats:
+    """Rates that one more member would have at places (..., 2), as shares of a lone member's.
+
+    Parameters
+    ----------
+    hazard : Hazard
+    places : (..., 2)
+    positions : (n, 2)
+        Of the swarm.
+    alive : (n,) bool
+    """
+    lone = hazard.lone_rates(places)
+    found = np.ones_like(lone)
+    return np.divide(guest_rates(hazard, places, positions, alive), lone, out=found, where=lone > 0)
+
+
+def guest_rates(hazard: Hazard, places: Floats, positions: Floats, alive: Booleans) -> Floats:
+    """Rates (...) that one more member would have at places (..., 2), given a swarm."""
+    flat = places.reshape(-1, 2)
+    others = np.broadcast_to(positions[alive], (len(flat), int(alive.sum()), 2))
+    states = np.concatenate([flat[:, None], others], axis=1)
+    return np.asarray(hazard.rates(states)[:, 0].reshape(places.shape[:-1]))
+
+
+@drawn
+def formation_chart(
+    scenario: Scenario,
+    trace: Trace,
+    guide: Guide | None = None,
+    title: str = "",
+    *,
+    steps: Sequence[int] | None = None,
+    corridors: bool = False,
+) -> Figure:
+    """The formation close up at some steps, around where the guide is then.
+
+    Shades tell how well the swarm protects: the rate that one more member would have at a place, as
+    a share of a lone member's. Members that stand together share a label.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    trace : Trace
+    guide : Guide, optional
+        Its point is the middle of every panel; without it, the mean of the living is.
+    title : str
+    steps : sequence of int, optional
+        By default the first and the last, those at which members are lost, and some between.
+    corridors : bool
+        Whether to draw the corridor around the guide.
+
+    Raises
+    ------
+    ValueError
+        A step beyond the end of the run.
+    """
+    across = _columns()
+    number = 6 if across == 3 else 8
+    chosen = telling_steps(trace, number) if steps is None else list(steps)
+    if not chosen or min(chosen) < 0 or max(chosen) >= len(trace.alive):
+        raise ValueError(f"steps = {chosen}; allowed: from 0 to {len(trace.alive) - 1}, at least 1")
+    narrow = current().width < 5
+    columns = min(across, len(chosen))
+    rows = -(-len(chosen) // columns)
+    shape = 1.05 * rows / columns + 0.16 if narrow else 0.95 * rows / columns + 0.06
+    fig, places = panels(columns, rows, shape, sharex=True, sharey=True)
+    half = window(trace, guide)
+    for axes, step in zip(places, chosen, strict=False):
+        closeup = Closeup(axes, scenario, trace, guide, half, corridors)
+        closeup.show(step)
+        axes.set_title(caption(trace, step), fontsize="small")
+        axes.label_outer()
+    for axes in places[len(chosen) :]:
+        axes.set_visible(False)
+    side: dict[str, Any] = (
+        {"location": "bottom", "pad": 0.015} if narrow else {"location": "right", "pad": 0.02}
+    )
+    mappable = ScalarMappable(SHARES, shades())
+    bar = fig.colorbar(mappable, ax=places, extend="max", **side)
+    bar.set_label("rate of one more member,\nas a share of a lone member's")
+    handles = legend_handles(guide is not None, corridors, bool((trace.leaders >= 0).any()))
+    fig.legend(handles=handles, loc="outside lower center", ncols=2 if narrow else len(handles))
+    headline(fig, title or scenario.name, "the formation around the guide" if guide else "")
+    return fig
+
+
+def _columns() -> int:
+    """Panels side by side whose captions have room."""
+    chosen = current()
+    caption = 23 * 0.58 * 0.83 * chosen.letters / 72
+    return max(2, min(4, int(0.86 * chosen.width / caption)))
+
+
+class Closeup:
+    """Axes that show the formation of a run at a step, and can be shown another one.
+
+    Parameters
+    ----------
+    axes : Axes
+    scenario : Scenario
+    trace : Trace
+    guide : Guide or None
+    half : float
+        Half the width of the window.
+    corridors : bool
+    """
+
+    def __init__(
+        self,
+        axes: Axes,
+        scenario: Scenario,
+        trace: Trace,
+        guide: Guide | None,
+        half: float,
+        corridors: bool,
+    ) -> None:
+        self.axes, self.hazard, self.trace = axes, scenario.hazard, trace
+        self.guide, self.half = guide, half
+        corner = np.full(2, half)
+        frame(axes, -corner, corner)
+        tick = float(f"{0.7 * half:.1g}")
+        axes.set(xticks=[-tick, 0, tick], yticks=[-tick, 0, tick])
+        self.nodes = pixels(-corner, corner, _PIXELS)
+        self.image: AxesImage = axes.imshow(
+            np.ones((_PIXELS, _PIXELS)),
+            norm=SHARES,
+            cmap=shades(),
+            extent=(-half, half, -half, half),
+            origin="lower",
+            interpolation="bilinear",
+        )
+        if guide is not None:
+            axes.plot(0, 0, marker="+", color=BLUE, markersize=line(9), zorder=3)
+        if corridors:
+            radius = float(np.sqrt(scenario.formation.rho))
+            axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor=BLUE, zorder=3))
+        self.drawn: list[Artist] = []
+        root = axes.get_figure(root=True)
+        assert root is not None
+        self._scale = root.dpi_scale_trans
+
+    def show(self, step: int) -> None:
+        """Show a step instead of what is shown."""
+        for artist in self.drawn:
+            artist.remove()
+        self.drawn = []
+        alive, center = self.trace.alive[step], middle(self.trace, self.guide, step)
+        positions = self.trace.positions[step]
+        self.image.set_data(shares(self.hazard, self.nodes + center, positions, alive))
+        before = self.trace.alive[step - 1] if step else alive
+        offsets = positions - center
+        self._members(offsets, alive, leader_at(self.trace, step))
+        lost = before & ~alive
+        self._lost(offsets, alive, lost)
+        self._labels(offsets, alive, crowded=bool(lost.any()))
+        self._labels(offsets, lost, below=True)
+
+    def _members(self, offsets: Floats, alive: Booleans, leader: int) -> None:
+        few = len(alive) <= len(MEMBERS)
+        for member in np.flatnonzero(alive):
+            color = MEMBERS[member] if few else BLUE
+            leads = member == leader
+            self.drawn += self.axes.plot(
+                *offsets[member],
+                marker="*" if leads else "o",
+                color=VERMILION if leads and not few else color,
+                markeredgecolor=INK if leads else "white",
+                markeredgewidth=line(0.8 if leads else 0.5),
+                markersize=line(12 if leads else (6.5 if few else 3.5)),
+                zorder=6 if leads else 5,
+            )
+
+    def _lost(self, offsets: Floats, alive: Booleans, lost: Booleans) -> None:
+        """Crosses, beside the living where these stand at the same place."""
+        for member in np.flatnonzero(lost):
+            away = np.hypot(*(offsets[alive] - offsets[member]).T)
+            away_by = -line(7) / 72 if (away < _NEAR * self.half).any() else 0.0
+            shift = ScaledTranslation(away_by, away_by, self._scale)
+            self.drawn += self.axes.plot(
+                *offsets[member],
+                marker="X",
+                color="white",
+                markeredgecolor=INK,
+                markeredgewidth=line(0.9),
+                markersize=line(7.0),
+                transform=self.axes.transData + shift,
+                zorder=7,
+            )
+            self.drawn[-1].set_clip_on(True)
+
+    def _labels(
+        self, offsets: Floats, members: Booleans, below: bool = False, crowded: bool = False
+    ) -> None:
+        """Numbers of members, once for all that stand together."""
+        if len(members) > len(MEMBERS):
+            return
+        inside = np.abs(offsets).max(axis=1) < self.half
+        left = list(np.flatnonzero(members & inside))
+        while left:
+            near = [
+                m for m in left if np.hypot(*(offsets[m] - offsets[left[0]])) < _NEAR * self.half
+            ]
+            left = [member for member in left if member not in near]
+            place = offsets[near].mean(axis=0)
+            side, under = self._label_side(place, below, crowded)
+            self.drawn.append(
+                self.axes.annotate(
+                    _numbers(near),
+                    place,
+                    (side * line(12 if below else 6), line(-8 if below else -5 if under else 5)),
+                    textcoords="offset points",
+                    ha="left" if side > 0 else "right",
+                    va="top" if under else "bottom",
+                    fontsize="small",
+                    zorder=8,
+                )
+            )
+
+    def _label_side(self, place: Floats, below: bool, crowded: bool) -> tuple[int, bool]:
+        """On which side of a place its label is, and whether below: away from the middle, inside.
+
+        Crosses have theirs below on the left; the living, where there are any, above.
+        """
+        if below:
+            return -1, True
+        x, y = place / self.half
+        left = x > 0.4 or (-0.6 < x < -0.05 and not crowded)
+        return -1 if left else 1, bool(y > 0.6 or -0.6 < y < -0.05)
+
+
+def _numbers(members: Iterable[SupportsInt]) -> str:
+    """Members as they are counted from 1, neighbours as a range: 1, 3–5."""
+    runs: list[list[int]] = []
+    for member in map(int, members):
+        if runs and member == runs[-1][-1] + 1:
+            runs[-1].append(member)
+        else:
+            runs.append([member])
+    return ", ".join(f"{run[0] + 1}–{run[-1] + 1}" if run[1:] else f"{run[0] + 1}" for run in runs)
+
+
+def middle(trace: Trace, guide: Guide | None, step: int) -> Floats:
+    """The point (2,) in the middle of the formation at a step: the guide's, or a mean."""
+    if guide is not None:
+        return guide.reference(step)
+    alive = trace.alive[step] if trace.alive[step].any() else trace.alive[max(0, step - 1)]
+    return np.asarray(trace.positions[step][alive].mean(axis=0))
+
+
+def follows(trace: Trace, guide: Guide, rho: float) -> bool:
+    """Whether a swarm keeps near a guide: within twice the root of `rho` at most steps."""
+    away = [
+        np.hypot(*(trace.positions[step][alive] - guide.reference(step)).T).min()
+        for step, alive in enumerate(trace.alive)
+        if alive.any()
+    ]
+    return bool(np.median(away) <= 2 * np.sqrt(rho))
+
+
+def leader_at(trace: Trace, step: int) -> int:
+    """Who leads at a step, -1 if nobody: at the last one, who led there if alive."""
+    if not len(trace.leaders):
+        return -1
+    leader = int(trace.leaders[min(step, len(trace.leaders) - 1)])
+    return leader if leader >= 0 and trace.alive[step, leader] else -1
+
+
+def window(trace: Trace, guide: Guide | None) -> float:
+    """Half the width of a window around the formation in which nearly everybody is, always."""
+    away = [
+        np.abs(trace.positions[step][trace.alive[step]] - middle(trace, guide, step)).max(axis=1)
+        for step in range(len(trace.alive))
+    ]
+    return 1.25 * max(0.05, float(np.quantile(np.concatenate(away), 0.98)))
+
+
+def telling_steps(trace: Trace, number: int) -> list[int]:
+    """The first and the last step, those of losses, and others between, as evenly as can be."""
+    last = len(trace.alive) - 1
+    losses = np.flatnonzero((trace.alive[:-1] & ~trace.alive[1:]).any(axis=1)) + 1
+    if len(losses) > number - 2:
+        losses = losses[np.linspace(0, len(losses) - 1, number - 2).round().astype(int)]
+    chosen = {0, last, *map(int, losses)}
+    while len(chosen) < min(number, last + 1):
+        steps = sorted(chosen)
+        gaps = np.diff(steps)
+        widest = int(np.argmax(gaps))
+        chosen.add(steps[widest] + int(gaps[widest]) // 2)
+    return sorted(chosen)
+
+
+def caption(trace: Trace, step: int) -> str:
+    """What a step is: its number, and how many are alive."""
+    return f"step {step}: {int(trace.alive[step].sum())} of {trace.alive.shape[1]} alive"
+
+
+def legend_handles(guide: bool, corridors: bool, leads: bool) -> list[Line2D]:
+    """What the signs of a close-up mean."""
+    signs = {
+        "leads": ("*", GREY, INK, 11) if leads else None,
+        "alive": ("o", GREY, "white", 6.5),
+        "lost in this step": ("X", "white", INK, 7.5),
+        "guide": ("+", BLUE, BLUE, 9) if guide else None,
+    }
+    handles = [
+        Line2D(
+            [],
+            [],
+            linestyle="",
+            marker=sign[0],
+            color=sign[1],
+            markeredgecolor=sign[2],
+            markersize=line(sign[3]),
+            label=name,
+        )
+        for name, sign in signs.items()
+        if sign is not None
+    ]
+    if corridors:
+        handles.append(Line2D([], [], color=BLUE, lw=line(0.8), label="corridor"))
+    return handles

@@ -1,0 +1,113 @@
+"""Which figures a command leaves, by the names of their files: made from results, drawn later."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from .arrays import Floats
+from .certificate.outlook import Outlook
+from .chain.law import Law
+from .chain.simulate import Trace
+from .figures import (
+    arrival_chart,
+    comparison_map,
+    difference_chart,
+    formation_chart,
+    guide_map,
+    joint_map,
+    population_chart,
+    risk_map,
+    success_chart,
+    survival_chart,
+    swarm_map,
+    sweep_heat_map,
+    sweep_lines,
+)
+from .figures.formations import follows
+from .guide import Candidate, Guide
+from .scenario import Scenario
+
+Gallery = dict[str, Callable[[], Figure]]
+"""Functions that draw a figure in the look of their context, by the figure's name."""
+
+
+def planned(
+    scenario: Scenario,
+    guide: Guide,
+    others: Sequence[Candidate | Floats] = (),
+    rivals: Mapping[str, Guide] | None = None,
+    outlook: Outlook | None = None,
+) -> Gallery:
+    """Of a plan: the guide among the other ways, its rivals, and the way on from everywhere."""
+    found: Gallery = {"guide": partial(guide_map, scenario, guide, others)}
+    if rivals:
+        found["comparison"] = partial(comparison_map, scenario, rivals)
+    if outlook is not None:
+        found["risk-to-go"] = partial(risk_map, scenario, outlook, guide)
+    return found
+
+
+def planned_jointly(
+    scenario: Scenario, positions: Floats, survival: Floats | None, success: str, bound: str
+) -> Gallery:
+    """Of a joint plan; `success` and `bound` are said in its title."""
+    title = "; ".join(part for part in (f"joint plan, success {success}", bound) if part)
+    return {"joint": partial(joint_map, scenario, positions, survival, title)}
+
+
+def simulated(
+    scenario: Scenario,
+    guide: Guide,
+    summary: pd.DataFrame,
+    paired: pd.DataFrame,
+    traces: Mapping[str, Sequence[Trace]],
+    run: int = 0,
+) -> Gallery:
+    """Of a simulation: success, differences, and of one run of every policy map and close-ups."""
+    found: Gallery = {"success": partial(success_chart, summary, scenario.name)}
+    if len(paired):
+        found["differences"] = partial(difference_chart, paired, scenario.name)
+    for policy, kept in traces.items():
+        if run >= len(kept):
+            continue
+        title = f"{scenario.name}, {policy}, run {run}"
+        near = guide if follows(kept[run], guide, scenario.formation.rho) else None
+        look: dict[str, Any] = {
+            "title": title,
+            "corridors": near is not None and "constrained" in policy,
+        }
+        found[f"run-{policy}"] = partial(swarm_map, scenario, kept[run], guide, **look)
+        if scenario.n > 1:
+            found[f"formation-{policy}"] = partial(
+                formation_chart, scenario, kept[run], near, **look
+            )
+    return found
+
+
+def evaluated(scenario: Scenario, laws: Sequence[Law], successes: pd.DataFrame) -> Gallery:
+    """Of exact laws; `successes` is the table of the laws, or of estimates where there are any."""
+    name = scenario.name
+    return {
+        "success": partial(success_chart, successes, name),
+        "arrival": partial(arrival_chart, laws, name),
+        "population": partial(population_chart, laws, scenario.n, name),
+        "survival": partial(survival_chart, laws, name),
+    }
+
+
+def swept(name: str, table: pd.DataFrame, keys: Sequence[str]) -> Gallery:
+    """Of a sweep: lines over every parameter of several values, a heat map where there are two."""
+    found: Gallery = {}
+    varied = [key for key in keys if table[key].nunique() > 1]
+    for key in varied:
+        others = [other for other in varied if other != key]
+        drawn: Any = partial(sweep_lines, table, key, name, others)
+        found[f"over-{key.replace('.', '-')}"] = drawn
+    if len(varied) == 2:
+        found["heat-map"] = partial(sweep_heat_map, table, varied, name)
+    return found

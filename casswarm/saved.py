@@ -1,0 +1,350 @@
+"""Results that a command left in a folder, read back: what figures and pages are made from."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from .arrays import Floats
+from .certificate.outlook import Outlook
+from .chain.law import Law
+from .chain.simulate import Trace
+from .errors import StoreError
+from .guide import Guide
+from .solution import Residuals, Solution, Status
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from .comparison import Comparison
+    from .gallery import Gallery
+    from .scenario import Scenario
+
+COMMANDS = ("plan", "plan-joint", "simulate", "evaluate", "sweep", "compare")
+"""Commands whose folders can be drawn again."""
+
+
+@dataclass(frozen=True, eq=False)
+class Saved:
+    """The folder of a command and its record, run.json."""
+
+    folder: Path
+    record: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, folder: Path) -> Saved:
+        """The results in a folder.
+
+        Raises
+        ------
+        StoreError
+            It is no folder, or none that casswarm left.
+        """
+        ours = f"give one that {', '.join(COMMANDS[:-1])} or {COMMANDS[-1]} left"
+        example = "such as results/simulate-paper-1"
+        if not folder.is_dir():
+            raise StoreError(f"{folder} is no folder: {ours}, {example}")
+        try:
+            record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise StoreError(
+                f"{folder} has no run.json, so it holds no finished results of casswarm: "
+                f"{ours}, {example}"
+            ) from None
+        except (OSError, ValueError) as error:
+            raise StoreError(f"{folder / 'run.json'} cannot be read ({error}): {ours}") from None
+        command = record.get("command") if isinstance(record, dict) else None
+        if command not in COMMANDS:
+            raise StoreError(
+                f"{folder / 'run.json'} is of "
+                + ("nothing that casswarm knows" if command is None else f"casswarm {command}")
+                + f", which has no figures to draw again: {ours}"
+            )
+        return cls(folder, record)
+
+    @property
+    def command(self) -> str:
+        """What left the folder."""
+        return str(self.record["command"])
+
+    @cached_property
+    def scenario(self) -> Scenario:
+        """The scenario of the record; a user's rates are imported from the current folder.
+
+        Raises
+        ------
+        ScenarioError
+            The rates cannot be imported.
+        """
+        from .scenario import Scenario
+
+        data = tomllib.loads(self._part("scenario"))
+        source = f"the scenario in {self.folder / 'run.json'}"
+        return Scenario.from_data(data, source=source, folder=Path.cwd())
+
+    def table(self, name: str) -> pd.DataFrame:
+        """The table NAME.csv, its numbers as they were written.
+
+        Raises
+        ------
+        StoreError
+            It is not there, or cannot be read.
+        """
+        try:
+            table: pd.DataFrame = pd.read_csv(self.folder / f"{name}.csv", **_exactly())
+        except FileNotFoundError:
+            raise StoreError(
+                f"{self.folder} has no {name}.csv: an older casswarm left it, or it was removed; "
+                f"run casswarm {self.command} again"
+            ) from None
+        except (OSError, ValueError) as error:
+            raise StoreError(f"{self.folder / name}.csv cannot be read: {error}") from None
+        return table
+
+    def has(self, name: str) -> bool:
+        """Whether a file of this name is there."""
+        return (self.folder / name).is_file()
+
+    @cached_property
+    def guide(self) -> Guide:
+        """The guide of guide.csv, without its candidates."""
+        table = self.table("guide")
+        result = self._part("result")
+        told = result if self.command == "plan" else result.get("guide", {})
+        return self._guide(
+            table[["x", "y"]].to_numpy(float),
+            table[["vx", "vy"]].to_numpy(float)[:-1],
+            told.get("solution"),
+            told.get("risk_bound"),
+        )
+
+    @cached_property
+    def traces(self) -> dict[str, tuple[Trace, ...]]:
+        """The ways of the first runs of every policy."""
+        return traces_of(self.table("traces"))
+
+    @cached_property
+    def laws(self) -> list[Law]:
+        """The exact laws of laws.csv and the tables beside it."""
+        tables = {name: self.table(name) for name in LAW_TABLES}
+        return laws_of(tables, float(self.record["inputs"]["tolerance"]))
+
+    @cached_property
+    def comparison(self) -> Comparison:
+        """The comparison of solvers, without the traits of its problems."""
+        from .comparison import Comparison, Tolerances
+
+        inputs = dict(self._part("inputs"))
+        tolerances = Tolerances(**inputs["tolerances"])
+        return Comparison(self.table("cells"), pd.DataFrame(), inputs, tolerances)
+
+    def gallery(self, run: int = 0) -> Gallery:
+        """The figures that the command left; of simulated runs, number `run`.
+
+        Raises
+        ------
+        StoreError
+            A table is missing, or the run was not kept.
+        """
+        try:
+            return self._gallery(run)
+        except KeyError as error:
+            raise StoreError(
+                f"the tables in {self.folder} lack {error}: one of them is damaged, or an older "
+                f"casswarm left them; run casswarm {self.command} again"
+            ) from None
+
+    def _gallery(self, run: int) -> Gallery:
+        from . import gallery
+
+        if self.command == "compare":
+            from .comparison.report import pictures
+
+            return {name: partial(_same, fig) for name, fig in pictures(self.comparison).items()}
+        if self.command == "plan":
+            return gallery.planned(self.scenario, self.guide, *self._plan())
+        if self.command == "plan-joint":
+            return gallery.planned_jointly(
+                self.scenario, *self._joint(), *self._part("result")["told"]
+            )
+        if self.command == "evaluate":
+            estimated = self.has("estimates.csv")
+            successes = self.table("estimates" if estimated else "laws")
+            return gallery.evaluated(self.scenario, self.laws, successes)
+        if self.command == "sweep":
+            keys = list(self.record["inputs"]["settings"])
+            return gallery.swept(self.scenario.name, self.table("sweep"), keys)
+        for policy in self.traces:
+            self.trace(policy, run)
+        paired = self.table("paired") if self.has("paired.csv") else pd.DataFrame()
+        return gallery.simulated(
+            self.scenario, self.guide, self.table("summary"), paired, self.traces, run
+        )
+
+    def trace(self, policy: str | None = None, run: int = 0) -> tuple[str, Trace]:
+        """The policy, the last one by default, and the way of one of its runs.
+
+        Raises
+        ------
+        StoreError
+            There are no such runs.
+        """
+        from .errors import among
+
+        if self.command != "simulate":
+            raise StoreError(
+                f"{self.folder} was left by casswarm {self.command}, which keeps no runs: "
+                "give one that casswarm simulate left"
+            )
+        name = policy or list(self.traces)[-1]
+        if name not in self.traces:
+            raise StoreError(
+                f"no runs of {name!r} are kept in {self.folder}{among(name, self.traces)}"
+            )
+        kept = self.traces[name]
+        if not 0 <= run < len(kept):
+            raise StoreError(
+                f"run {run} of {name} is not kept in {self.folder}; kept: 0 to {len(kept) - 1}. "
+                f"casswarm simulate --keep {run + 1} keeps it"
+            )
+        return name, kept[run]
+
+    def _plan(self) -> tuple[list[Floats], dict[str, Guide], Outlook | None]:
+        """Other ways, rivals, and the way on from everywhere."""
+        paths = self.table("paths")
+        groups = {
+            kind: {
+                str(name): part[["x", "y"]].to_numpy(float)
+                for name, part in own.groupby("name", sort=False)
+            }
+            for kind, own in paths.groupby("kind", sort=False)
+        }
+        bound = self._part("result").get("risk_bound")
+        rivals = {
+            name: self._guide(path, np.diff(path, axis=0) / self.scenario.time.dt, None, bound)
+            for name, path in groups.get("rival", {}).items()
+        }
+        outlook = None
+        if self.has("risk-to-go.npz"):
+            with np.load(self.folder / "risk-to-go.npz", allow_pickle=False) as arrays:
+                outlook = Outlook.of_arrays(dict(arrays))
+        return list(groups.get("way", {}).values()), rivals, outlook
+
+    def _joint(self) -> tuple[Floats, Floats | None]:
+        """Members' ways (T+1, n, 2) and their survival (T+1, n), where it is known."""
+        table = self.table("joint")
+        shape = (-1, int(table["member"].max()) + 1)
+        survival = table["survival"].to_numpy(float).reshape(shape)
+        known = bool(np.isfinite(survival).all())
+        return table[["x", "y"]].to_numpy(float).reshape(*shape, 2), survival if known else None
+
+    def _guide(
+        self, positions: Floats, velocities: Floats, solution: Any, bound: float | None
+    ) -> Guide:
+        scenario = self.scenario
+        center = np.asarray(scenario.target.center, float)
+        away = float(np.hypot(*(positions[-1] - center)))
+        return Guide(
+            positions,
+            velocities,
+            scenario.hazard.lone_rates(positions[1:]),
+            scenario.time.dt,
+            center,
+            away <= scenario.target.radius * (1 + 1e-9),
+            _solution(solution),
+            risk_bound=bound,
+        )
+
+    def _part(self, name: str) -> Any:
+        try:
+            return self.record[name]
+        except KeyError:
+            raise StoreError(
+                f"{self.folder / 'run.json'} has no {name!r}: it is damaged; "
+                f"run casswarm {self.command} again"
+            ) from None
+
+
+def _exactly() -> dict[str, Any]:
+    """What makes pandas read numbers to the last bit; from 3.1 on it does, and knows no option."""
+    version = tuple(map(int, pd.__version__.split(".")[:2]))
+    return {} if version >= (3, 1) else {"float_precision": "round_trip"}
+
+
+def _same(figure: Figure) -> Figure:
+    return figure
+
+
+LAW_TABLES = ("laws", "arrival", "survivors", "members", "population")
+
+
+def laws_of(tables: Mapping[str, pd.DataFrame], tolerance: float) -> list[Law]:
+    """The laws of the tables that `casswarm.tables` makes of them."""
+    found = []
+    members = len(tables["members"])
+    for row in tables["laws"].to_dict("records"):
+        name = str(row["policy"])
+        columns = [f"{name}_{k}" for k in range(members + 1)]
+        found.append(
+            Law(
+                policy=name,
+                arrival=tables["arrival"][name].to_numpy(float),
+                survivors=tables["survivors"][name].to_numpy(float),
+                members=tables["members"][f"{name}_low"].to_numpy(float),
+                population=tables["population"][columns].to_numpy(float),
+                unknown=tables["arrival"][f"{name}_unknown"].to_numpy(float),
+                unresolved=float(row["unresolved"]),
+                states=int(row["states"]),
+                shortfalls=float(row["shortfalls_mean"]),
+                failures=float(row["solver_failures_mean"]),
+                tolerance=tolerance,
+                merging=float(row["merging"]),
+            )
+        )
+    return found
+
+
+def traces_of(table: pd.DataFrame) -> dict[str, tuple[Trace, ...]]:
+    """The ways of runs of the table that `casswarm.tables.trace_table` makes of them."""
+    found: dict[str, list[Trace]] = {}
+    for (policy, _), part in table.groupby(["policy", "run"], sort=False):
+        members = int(part["member"].max()) + 1
+        shape = (len(part) // members, members)
+        leads = part["leads"].to_numpy(bool).reshape(shape)[:-1]
+        leaders = np.where(leads.any(axis=1), leads.argmax(axis=1), -1)
+        positions = part[["x", "y"]].to_numpy(float).reshape(*shape, 2)
+        alive = part["alive"].to_numpy(bool).reshape(shape)
+        found.setdefault(str(policy), []).append(Trace(positions, alive, leaders))
+    return {policy: tuple(traces) for policy, traces in found.items()}
+
+
+def _solution(row: Mapping[str, Any] | None) -> Solution:
+    """How a guide was solved, without its variables."""
+    told = dict(row or {})
+    nan = float("nan")
+    residuals = Residuals(
+        told.get("violation", nan),
+        told.get("stationarity", nan),
+        told.get("complementarity", nan),
+        told.get("worst", ""),
+    )
+    return Solution(
+        x=np.empty(0),
+        objective=told.get("objective", nan),
+        status=Status(told.get("status", Status.FAILED)),
+        message=told.get("message", "not kept"),
+        solver=told.get("solver", "unknown"),
+        residuals=residuals,
+        iterations=told.get("iterations", 0),
+        evaluations=told.get("evaluations", 0),
+        build_seconds=told.get("build_seconds", nan),
+        solve_seconds=told.get("solve_seconds", nan),
+    )

@@ -1,0 +1,105 @@
+"""Tiny data of which figures are made: no solving, no sampling."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from small_scenarios import DT, small
+
+from casswarm import Guide, Law, Residuals, Solution, Status
+from casswarm.chain.simulate import Trace
+
+SCENARIO = small([(0.0, 0.0), (0.3, 0.2), (-0.2, 0.3)], (3.0, 0.0), [(1.5, 0.8)], 12)
+
+PATH = np.array([[0.0, 0.0], [0.6, -0.3], [1.2, -0.5], [2.0, -0.3], [2.8, 0.0]])
+GUIDE = Guide(
+    positions=PATH,
+    velocities=np.diff(PATH, axis=0) / DT,
+    rates=SCENARIO.hazard.lone_rates(PATH[1:]),
+    dt=DT,
+    center=np.array([3.0, 0.0]),
+    arrives=True,
+    solution=Solution(
+        np.empty(0), 0.0, Status.SOLVED, "by hand", "none", Residuals(0.0, 0.0, 0.0), 0, 0, 0.0, 0.0
+    ),
+    risk_bound=0.1,
+)
+
+
+def trace(steps: int = 3) -> Trace:
+    """Three members close up along the guide; the second falls at step 2."""
+    offsets = np.array([[0.0, 0.0], [0.3, 0.2], [-0.2, 0.3]])
+    positions = np.stack([PATH[t] + offsets / (1 + t) ** 2 for t in range(steps + 1)])
+    positions[3:, 1] = positions[2, 1]
+    alive = np.ones((steps + 1, 3), bool)
+    alive[2:, 1] = False
+    return Trace(positions, alive, np.array([1, 1, 0])[:steps])
+
+
+TRACE = trace()
+
+SUMMARY = pd.DataFrame(
+    {
+        "policy": ["naive", "leader"],
+        "runs": [10, 10],
+        "success": [0.3, 0.7],
+        "success_low": [0.2, 0.6],
+        "success_high": [0.4, 0.8],
+    }
+)
+PAIRED = pd.DataFrame(
+    {
+        "first": ["naive"],
+        "second": ["leader"],
+        "difference": [-0.4],
+        "difference_low": [-0.5],
+        "difference_high": [-0.2],
+    }
+)
+
+
+def law(policy: str, arrival: tuple[float, float]) -> Law:
+    """A law over three steps: arrivals at steps 2 and 3, a little unknown."""
+    alive = np.array([1.0, 0.9, 0.8, 0.7])
+    unknown = np.array([0.0, 0.0, 0.01, 0.02])
+    population = np.zeros((4, 4))
+    population[:, 3] = alive - unknown
+    population[:, 0] = 1 - alive
+    return Law(
+        policy=policy,
+        arrival=np.array([0.0, 0.0, *arrival]),
+        survivors=population[-1],
+        members=np.full(3, 0.68),
+        population=population,
+        unknown=unknown,
+        unresolved=0.02,
+        states=7,
+        shortfalls=0.5,
+        failures=0.0,
+        tolerance=0.05,
+        merging=0.0,
+    )
+
+
+LAWS = [law("naive", (0.1, 0.2)), law("leader", (0.3, 0.4))]
+
+
+def sweep_table() -> pd.DataFrame:
+    """Two policies on four cells each, one of which failed."""
+    rows = []
+    for policy, base in (("naive", 0.1), ("leader", 0.5)):
+        for number, (n, rho) in enumerate(((1, 0.1), (1, 0.2), (3, 0.1), (3, 0.2))):
+            failed = policy == "leader" and number == 3
+            success = np.nan if failed else base + 0.1 * number
+            rows.append(
+                {
+                    "n": n,
+                    "rho": rho,
+                    "policy": policy,
+                    "success": success,
+                    "success_low": success - 0.05,
+                    "success_high": success + 0.05,
+                    "status": "failed" if failed else "ok",
+                }
+            )
+    return pd.DataFrame(rows)

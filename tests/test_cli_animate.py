@@ -1,0 +1,185 @@
+"""Runs that move: frames, colours, sizes, and players that load nothing."""
+
+from __future__ import annotations
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from browser import opened, references
+from commands import casswarm
+from figure_cases import GUIDE, SCENARIO, TRACE
+from matplotlib.animation import FuncAnimation
+from matplotlib.colors import to_rgb
+from PIL import Image
+
+import casswarm as cs
+from casswarm.figures import player, save_gif
+from casswarm.figures.animation import Stage
+from casswarm.figures.formations import guest_rates
+from casswarm.figures.style import MEMBERS
+from casswarm.tables import guide_table, trace_table
+
+FRAMES = 4
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A results folder of two policies, made by hand."""
+    folder = tmp_path_factory.mktemp("animate")
+    trace_table({"naive": (TRACE,), "leader": (TRACE, TRACE)}).to_csv(
+        folder / "traces.csv", index=False
+    )
+    guide_table(GUIDE).to_csv(folder / "guide.csv", index=False)
+    from casswarm.cli.output import json_text
+
+    record = {"command": "simulate", "inputs": {}, "result": {}, "scenario": SCENARIO.to_toml()}
+    (folder / "run.json").write_text(json_text(record))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def gif(folder):
+    """The default animation of that folder."""
+    done = casswarm(folder.parent, "animate", folder.name, "--fps", 5)
+    assert done.stdout == f"{folder.name}/animation-leader-0.gif\n"
+    assert f"{FRAMES} frames" in done.stderr
+    return folder / "animation-leader-0.gif"
+
+
+@pytest.fixture(scope="module")
+def page():
+    """The same run as a page, by the library."""
+    moving = cs.animate(SCENARIO, TRACE, GUIDE, frames_per_second=50)
+    return player(moving, 60, title="a <run>", page=True)
+
+
+def test_a_gif_has_a_frame_a_step_repeats_and_rests_at_the_end(gif):
+    with Image.open(gif) as image:
+        assert image.n_frames == FRAMES
+        assert image.info["loop"] == 0
+        durations = []
+        for number in range(FRAMES):
+            image.seek(number)
+            durations.append(image.info["duration"])
+    assert durations == [200, 200, 200, 1200]
+    assert gif.stat().st_size < 1e6
+    assert "animation-leader-0.gif" in (gif.parent / "run.json").read_text()
+
+
+def test_colours_of_members_stay_what_they_are(gif):
+    wanted = np.round(255 * np.array([to_rgb(color) for color in MEMBERS[:3]]))
+    with Image.open(gif) as image:
+        pixels = np.asarray(image.convert("RGB")).reshape(-1, 3)
+    for color in wanted:
+        assert (np.abs(pixels - color).max(axis=1) <= 1).any()
+
+
+def test_frames_differ_and_what_stays_does_not_flicker(gif):
+    frames = []
+    with Image.open(gif) as image:
+        for number in range(FRAMES):
+            image.seek(number)
+            frames.append(np.asarray(image.convert("RGB")).astype(int))
+    assert all((frames[k] != frames[k + 1]).any() for k in range(FRAMES - 1))
+    height = frames[0].shape[0]
+    for frame in frames[1:]:  # scales and legend
+        np.testing.assert_array_equal(frame[int(0.8 * height) :], frames[0][int(0.8 * height) :])
+
+
+def test_a_stage_shows_rates_members_leaders_and_the_lost_of_a_step():
+    stage = Stage(SCENARIO, TRACE, GUIDE, "mine")
+    limits = stage.image.get_clim()
+    for step in (0, 3, 1, 2):
+        stage.show(step)
+        rates = guest_rates(SCENARIO.hazard, stage.nodes, TRACE.positions[step], TRACE.alive[step])
+        np.testing.assert_array_equal(stage.image.get_array(), rates)
+        assert stage.image.get_clim() == limits
+    assert stage.heading.get_text() == "mine: step 2: 2 of 3 alive"
+    ends = [line for line in stage.drawn if len(line.get_xdata()) == 1]
+    assert [line.get_marker() for line in ends] == ["*", "X", "o"]
+    for member, line in enumerate(ends):
+        np.testing.assert_array_equal(np.ravel(line.get_data()), TRACE.positions[2, member])
+    assert len(stage.map.get_lines()) == 2 + 2 * 3  # guide and radar, ways and members
+
+
+def test_animate_returns_what_notebooks_know():
+    moving = cs.animate(SCENARIO, TRACE, GUIDE)
+    assert isinstance(moving, FuncAnimation)
+    assert moving.event_source.interval == 250
+    with mpl.rc_context({"animation.embed_limit": 50}):
+        assert moving.to_jshtml().count("data:image/png;base64,") == FRAMES
+    with pytest.raises(ValueError, match="frames_per_second = 0; allowed: above 0"):
+        cs.animate(SCENARIO, TRACE, frames_per_second=0)
+
+
+def test_an_animation_without_a_guide_or_leaders_is_one_too(tmp_path):
+    nobody = type(TRACE)(TRACE.positions, TRACE.alive, np.full(3, -1))
+    path = save_gif(cs.animate(SCENARIO, nobody), tmp_path / "run.gif", 40)
+    with Image.open(path) as image:
+        assert image.n_frames == FRAMES
+
+
+def test_a_player_holds_its_frames_and_loads_nothing(page):
+    assert page.count("data:image/png;base64,") == FRAMES + 1  # the first is shown from the start
+    assert references(page) == []
+    assert "a &lt;run&gt;" in page
+    assert "<run>" not in page
+
+
+def test_references_are_found_where_there_are_any():
+    for text in (
+        '<img src="a.png">',
+        "<img src=b.png>",
+        '<link rel="stylesheet" href="https://example.org/x.css">',
+        "<style>@import url(x.css);</style>",
+        '<p style="background: url(y.png)">',
+        '<script>fetch("/data")</script>',
+        '<script src="x.js"></script>',
+    ):
+        assert references(f"<html><head></head>{text}</html>"), text
+    assert not references('<img src="data:image/png;base64,AA=="><a href="#top">top</a>')
+
+
+def test_a_player_plays_in_a_browser(page, tmp_path):
+    script = """
+      const slider = document.querySelector("input");
+      document.querySelector("[data-do=on]").click();
+      const second = [slider.value, document.querySelector("img").src];
+      document.querySelector(".casswarm-player").dispatchEvent(
+        new KeyboardEvent("keydown", {key: "ArrowRight"}));
+      const third = [slider.value, document.querySelector("img").src];
+      window.answer = [second[0], third[0], second[1] !== third[1]];
+    """
+    found = opened(page, tmp_path, script)
+    assert found["mistakes"] == []
+    assert found["requests"] == []
+    assert found["answer"] == ["1", "2", True]
+    assert [image[0] > 100 for image in found["images"]] == [True]
+
+
+def test_a_page_of_the_command_is_one_file(folder, tmp_path):
+    options = ("--html", "--policy", "naive", "--dpi", 40, "--quiet", "--out", "run.html")
+    assert casswarm(tmp_path, "animate", folder, *options).stdout == "run.html\n"
+    text = (tmp_path / "run.html").read_text()
+    assert references(text) == []
+    assert "small, naive, run 0" in text
+    assert {path.name for path in tmp_path.iterdir()} == {"run.html"}
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--policy", "leder"), "did you mean 'leader'"),
+        (("--policy", "naive", "--run", 1), "kept: 0 to 0. casswarm simulate --keep 2 keeps it"),
+        (("--out", "run.mp4"), "must end in .gif"),
+        (("--out", "run.gif", "--html"), "must end in .html"),
+    ],
+)
+def test_wrong_wishes_are_answered_with_code_2(folder, options, words):
+    assert words in casswarm(folder.parent, "animate", folder.name, *options, code=2).stderr
+
+
+def test_only_folders_of_simulate_hold_runs(tmp_path):
+    (tmp_path / "run.json").write_text('{"command": "plan"}')
+    done = casswarm(tmp_path, "animate", ".", code=2)
+    assert "casswarm plan, which keeps no runs: give one that casswarm simulate left" in done.stderr
