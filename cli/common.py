@@ -59,8 +59,8 @@ policy_option = click.option(
     "policies",
     multiple=True,
     metavar="NAME",
-    help="naive, constrained, leader, constrained-feedback, leader-feedback, or your own as "
-    "module:function; repeatable. [default: the first three]",
+    help="naive, constrained, leader, constrained-feedback, leader-feedback, joint, "
+    "joint-feedback, or your own as module:function; repeatable. [default: the first three]",
 )
 """Which policies a command works on."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import pickle
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -258,6 +259,16 @@ def test_members_keep_their_distance_where_asked() -> None:
     assert close.least_distance < 0.1
     assert apart.least_distance >= 0.3 - 1e-5
     assert apart.value < close.value
+
+
+def test_members_that_do_not_fit_into_the_target_together_arrive_one_by_one() -> None:
+    positions = [(0.0, 0.0), (1.0, 0.0), (0.5, 1.0)]
+    scenario = small(positions, (3.0, 0.2), RADARS, 6)
+    best = plan_swarm(scenario, starts=["formations"], min_distance=0.95)
+    assert best.least_distance >= 0.949
+    assert len(set(best.arrivals.tolist())) == 3
+    assert "COME WITHIN" not in str(best)
+    assert "COME WITHIN 0.95" in str(replace(best, min_distance=2.0))
 
 
 def test_arrivals_come_together_and_survivors_may_not() -> None:

@@ -12,6 +12,9 @@ from ..problems.formation import Motion
 from ..solution import Solution
 from .law import PlanLaw
 
+NEARLY = 1 - 1e-4
+"""Share of a least distance that counts as it, for what a solver's tolerance leaves."""
+
 
 @dataclass(frozen=True, eq=False)
 class SwarmOutcome:
@@ -30,6 +33,8 @@ class SwarmOutcome:
     solution : Solution
         Of the solver; its objective is the log-odds of the cost.
     seconds : float
+    apart : bool
+        Whether the members keep the distance that was asked for.
     """
 
     origin: str
@@ -38,6 +43,7 @@ class SwarmOutcome:
     value: float
     solution: Solution
     seconds: float
+    apart: bool = True
 
     def as_row(self) -> dict[str, object]:
         """Plain values for a table."""
@@ -47,6 +53,7 @@ class SwarmOutcome:
             "first_arrival": min(filter(None, steps), default=0),
             "last_arrival": max(steps),
             "value": self.value,
+            "apart": self.apart,
         } | self.solution.as_row()
 
 
@@ -73,7 +80,7 @@ class SwarmPlan:
     value : float
         What was maximised: exact, or the mean field's.
     law : PlanLaw or None
-        The exact law; None for swarms of more than `casswarm.swarm.planning.MOST_EXACT` members.
+        The exact law; None for swarms of more than `casswarm.swarm.solving.MOST_EXACT` members.
     solution : Solution
         Of the start that this plan came from.
     outcomes : tuple of SwarmOutcome
@@ -121,15 +128,15 @@ class SwarmPlan:
     @property
     def least_distance(self) -> float:
         """Least distance of any two members at steps 1..T; infinite for one member."""
-        i, j = np.triu_indices(self.n, 1)
-        apart = self.positions[1:, i] - self.positions[1:, j]
-        return float(np.hypot(apart[..., 0], apart[..., 1]).min(initial=np.inf))
+        return least_distance(self.positions[1:])
 
     def __str__(self) -> str:
         arriving = self.arrivals[self.arrivals > 0]
         end = f"to step {self.steps}"
         if len(arriving) < self.n:
             end += f", {self.n - len(arriving)} of {self.n} members DO NOT ARRIVE"
+        if self.min_distance is not None and self.least_distance < self.min_distance * NEARLY:
+            end += f", members COME WITHIN {self.least_distance:.4g} of each other"
         if self.law is None:
             told = f"{self.objective} {self.value:.4f} by the mean field"
         else:
@@ -139,3 +146,10 @@ class SwarmPlan:
                 told += f", {self.value:.4f} {self.objective} in the mean"
         bound = "" if self.bound is None else f"; {self.bound}"
         return f"joint plan {end}: {told}{bound}"
+
+
+def least_distance(positions: Floats) -> float:
+    """Least distance of any two members at the same step of positions (T, n, 2)."""
+    i, j = np.triu_indices(positions.shape[1], 1)
+    apart = positions[:, i] - positions[:, j]
+    return float(np.hypot(apart[..., 0], apart[..., 1]).min(initial=np.inf))

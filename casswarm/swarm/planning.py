@@ -20,14 +20,14 @@ from ..problems.joint import OBJECTIVES, JointForm, JointTask
 from ..solvers import Ipopt, Solver, make_solver
 from .law import PlanLaw
 from .plan import SwarmOutcome, SwarmPlan
-from .solving import JointProblem, first_steps
+from .solving import MOST_EXACT, JointProblem, first_steps
 from .starts import SwarmStart, initial_plans, lone_guide, perturbed
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
-MOST_EXACT = 10
-"""Members up to which plans maximise the exact probability; beyond, the mean field."""
+EXACT_STARTS = 7
+"""Members up to which starts maximise the exact probability too; beyond, the mean field first."""
 
 STARTS = ("formations", "own", "perturbed")
 """Kinds of starts."""
@@ -41,11 +41,16 @@ PERTURBED = 2
 FIRST, POLISHED = 100, 500
 """Iterations of a start, and of the best ones after it."""
 
+FIRST_ROUGH, POLISHED_LARGE = 300, 200
+"""The same where starts are solved by the mean field: those are cheap, the exact ones dear."""
+
 TOLERANCE = 1e-5
 """Ipopt's, of log-odds: a relative difference in the probability of failure."""
 
 BEST = 2
-"""Outcomes that are made better."""
+"""Outcomes that are made better; one in swarms of more than `EXACT_STARTS`."""
+
+_SECONDS = 3600.0  # of one solve: iterations end it, so that answers do not depend on the machine
 
 
 def plan_swarm(
@@ -90,7 +95,7 @@ def plan_swarm(
     -------
     SwarmPlan
         The best outcome of all starts by its exact value, whatever its solver's status; with more
-        than 10 members by the mean field's.
+        than 10 members by the mean field's. Of outcomes that keep `min_distance` if any does.
 
     Raises
     ------
@@ -113,8 +118,15 @@ def plan_swarm(
     form = JointForm(
         scenario.n, scenario.n_steps, scenario.n <= MOST_EXACT, objective, distance > 0
     )
-    problem = JointProblem(scenario, task, form)
-    search = _Search(problem, _backends(solver), progress or (lambda _: None))
+    rough = JointForm(
+        scenario.n, scenario.n_steps, scenario.n <= EXACT_STARTS, objective, distance > 0
+    )
+    search = _Search(
+        JointProblem(scenario, task, form),
+        JointProblem(scenario, task, rough),
+        _backends(solver, scenario.n),
+        progress or (lambda _: None),
+    )
     deadline = math.inf if time_limit is None else started + time_limit
     best = search.run(starts, seed, deadline)
     return search.result(best, time.perf_counter() - started, min_distance)
@@ -161,20 +173,25 @@ def _checked_distance(scenario: Scenario, given: float | None) -> float:
     return given
 
 
-def _backends(solver: str | Solver) -> tuple[Solver, Solver]:
+def _backends(solver: str | Solver, n: int) -> tuple[Solver, Solver]:
     """What solves starts, and what makes the best of them better."""
     if solver != "ipopt":
         backend = make_solver(solver)
         return backend, backend
+    small = n <= EXACT_STARTS
     first, polished = (
         Ipopt(
             tolerance=TOLERANCE,
             max_iterations=most,
+            max_seconds=_SECONDS,
             hessian="limited-memory",
             memory=20,
             feasibility=1e-8,
         )
-        for most in (FIRST, POLISHED)
+        for most in (
+            FIRST if small else FIRST_ROUGH,
+            POLISHED if small or n > MOST_EXACT else POLISHED_LARGE,
+        )
     )
     return first, polished
 
@@ -185,13 +202,15 @@ class _Search:
 
     Parameters
     ----------
-    problem : JointProblem
+    problem, rough : JointProblem
+        The problem, and the one that starts are solved with: in larger swarms by the mean field.
     solvers : pair of Solver
         For starts, and to make the best better.
     progress : callable
     """
 
     problem: JointProblem
+    rough: JointProblem
     solvers: tuple[Solver, Solver]
     progress: Callable[[str], None]
     outcomes: list[SwarmOutcome] = field(default_factory=list)
@@ -199,10 +218,11 @@ class _Search:
     def run(self, kinds: Sequence[str], seed: int, deadline: float) -> SwarmOutcome:
         """The best outcome of all starts; always one at least."""
         for start in self._initial(kinds):
-            self._solved(start, self.solvers[0])
+            self._solved(start)
             if time.perf_counter() > deadline:
                 return self.best
-        for outcome in sorted(self.outcomes, key=lambda o: -o.value)[:BEST]:
+        order = sorted(self.outcomes, key=lambda o: (not o.apart, -o.value))
+        for outcome in order[: BEST if self.problem.form == self.rough.form else 1]:
             self._polish(outcome, deadline)
         if "perturbed" in kinds:
             rng = np.random.default_rng(seed)
@@ -211,15 +231,15 @@ class _Search:
                     break
                 best = self.best
                 start = perturbed(self.problem.again(best), self.problem.task, rng)
-                found = self._solved(start, self.solvers[0])
+                found = self._solved(start)
                 if found.value > best.value:
                     self._polish(found, deadline)
         return self.best
 
     @property
     def best(self) -> SwarmOutcome:
-        """By value; a solved one before its equals."""
-        return max(self.outcomes, key=lambda o: (o.value, o.solution.status.success))
+        """By value, of those that keep their distance; a solved one before its equals."""
+        return max(self.outcomes, key=lambda o: (o.apart, o.value, o.solution.status.success))
 
     def _initial(self, kinds: Sequence[str]) -> Iterator[SwarmStart]:
         scenario, task = self.problem.scenario, self.problem.task
@@ -229,22 +249,24 @@ class _Search:
             if start.origin == "own guides" or "formations" in kinds or not own:
                 yield start
 
-    def _solved(self, start: SwarmStart, solver: Solver) -> SwarmOutcome:
+    def _solved(self, start: SwarmStart, polish: bool = False) -> SwarmOutcome:
         self.progress(start.origin)
-        self.outcomes.append(self.problem.solved(start, solver))
+        problem = self.problem if polish else self.rough
+        self.outcomes.append(problem.solved(start, self.solvers[polish]))
         return self.outcomes[-1]
 
     def _polish(self, outcome: SwarmOutcome, deadline: float) -> None:
         """Solve on from an outcome, with the arrival steps that it has, until both agree."""
+        exact = self.problem.form == self.rough.form
         for _ in range(3):
             again = self.problem.again(outcome)
-            settled = np.array_equal(again.arrivals, outcome.arrivals)
+            settled = exact and np.array_equal(again.arrivals, outcome.arrivals)
             if (settled and outcome.solution.status.success) or time.perf_counter() > deadline:
                 return
-            found = self._solved(again, self.solvers[1])
+            found = self._solved(again, polish=True)
             if settled and found.value <= outcome.value:
                 return
-            outcome = found
+            outcome, exact = found, True
 
     def result(self, best: SwarmOutcome, seconds: float, min_distance: float | None) -> SwarmPlan:
         """The plan of the best outcome."""

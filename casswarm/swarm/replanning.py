@@ -26,8 +26,8 @@ from ..problems.joint import JointForm, JointTask
 from ..solvers import Ipopt, Solver
 from .law import PlanLaw
 from .plan import SwarmPlan
-from .planning import MOST_EXACT, joint_task
-from .solving import JointProblem, first_steps
+from .planning import joint_task
+from .solving import MOST_EXACT, JointProblem, first_steps
 from .starts import SwarmStart
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ class Branch:
             return 0.0
         lost = self.law.lost[at][-1]
         stays = np.isin(self.members, members)
-        return self.mass * self.law.masses[at, -1] * float(np.where(stays, 1 - lost, lost).prod())
+        return float(self.mass * self.law.masses[at, -1] * np.where(stays, 1 - lost, lost).prod())
 
     def _rows(self, members: Members) -> list[int]:
         return [self.members.index(member) for member in members]
@@ -249,7 +249,7 @@ class PlanTree:
         if not found.solution.status.success:
             self.failures += 1
             self._failed.add(key)
-        if found.value <= problem.value(rest, real):
+        if not found.apart or found.value <= problem.value(rest, real):
             return branch
         positions = problem.positions(found.velocities)
         law = PlanLaw.of(self.scenario, positions)

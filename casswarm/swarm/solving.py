@@ -14,11 +14,14 @@ from ..problems.formation import motion_of
 from ..problems.joint import JointForm, JointTask, joint_instance, joint_nlp
 from ..solvers import Solver
 from .law import PlanLaw
-from .plan import SwarmOutcome
+from .plan import NEARLY, SwarmOutcome, least_distance
 from .starts import SwarmStart, follow
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
+
+MOST_EXACT = 10
+"""Members up to which plans are priced exactly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +62,9 @@ class JointProblem:
         velocities = self.flown(wanted)
         value = self.value(velocities, arrivals)
         seconds = time.perf_counter() - begun
-        return SwarmOutcome(start.origin, arrivals, velocities, value, solution, seconds)
+        nearest = least_distance(self.positions(velocities)[1:])
+        apart = nearest >= NEARLY * self.task.distance
+        return SwarmOutcome(start.origin, arrivals, velocities, value, solution, seconds, apart)
 
     def again(self, outcome: SwarmOutcome) -> SwarmStart:
         """A start from an outcome, at the steps at which its members really arrive."""
@@ -103,7 +108,7 @@ class JointProblem:
     def value(self, velocities: Floats, arrivals: Counts) -> float:
         """What is maximised, of velocities (T, n, 2): exactly where that can be."""
         share = 1.0 if self.form.objective == "success" else self.form.n
-        if self.form.exact:
+        if self.form.n <= MOST_EXACT:
             law = PlanLaw.of(self.scenario, self.positions(velocities))
             return share * (1.0 - law.cost(self.form.objective))
         instance = joint_instance(self.nlp, self.form, self.task, arrivals, velocities)

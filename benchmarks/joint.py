@@ -1,0 +1,225 @@
+"""Joint plans: how good, how alike from every seed, and how long they take.
+
+Run with the installed package::
+
+    python benchmarks/joint.py            # half an hour
+    python benchmarks/joint.py --quick    # some minutes: less of everything
+    python benchmarks/joint.py members    # one table
+
+Prints Markdown tables. Seconds of CPU are those of this process, which uses one core; they depend
+less on what else the machine does than seconds by the clock.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+
+import numpy as np
+
+import casswarm as cs
+from casswarm import Scenario, SwarmPlan
+from casswarm.policies import JointFeedbackPolicy, JointPolicy
+from casswarm.problems.joint import JointForm, joint_instance, joint_nlp
+from casswarm.solvers import Ipopt
+from casswarm.swarm.law import PlanLaw
+from casswarm.swarm.planning import joint_task
+from casswarm.swarm.replanning import PlanTree
+from casswarm.swarm.solving import JointProblem
+from casswarm.swarm.starts import SwarmStart
+
+SCENARIOS = ("paper-1", "paper-2", "ring", "wall", "crossfire", "gauntlet", "single-agent")
+Row = Sequence[object]
+
+
+def printed(title: str, head: Sequence[str], rows: Iterable[Row]) -> None:
+    print(f"\n{title}\n\n| {' | '.join(head)} |\n|{' --- |' * len(head)}", flush=True)
+    for row in rows:
+        print(f"| {' | '.join(map(str, row))} |", flush=True)
+
+
+def timed(work: Callable[[], SwarmPlan]) -> tuple[SwarmPlan, float, float]:
+    """What it gave, seconds by the clock, and of CPU."""
+    clock, used = time.perf_counter(), time.process_time()
+    found = work()
+    return found, time.perf_counter() - clock, time.process_time() - used
+
+
+def around(name: str, n: int) -> Scenario:
+    """A built-in scenario with n members on a circle."""
+    angles = 2 * np.pi * np.arange(n) / n
+    positions = [[0.5 * math.cos(angle), 0.5 * math.sin(angle)] for angle in angles]
+    return cs.load_scenario(name).with_values({"swarm.positions": positions})
+
+
+def seeds(quick: bool) -> Iterable[Row]:
+    """The least and the greatest success over seeds, and the time of a plan."""
+    for name in SCENARIOS[:2] if quick else SCENARIOS:
+        scenario = cs.load_scenario(name)
+        count = 2 if quick or not name.startswith("paper") else 5
+        plans = [timed(partial(cs.plan_swarm, scenario, seed=seed)) for seed in range(count)]
+        values = [found.value for found, _, _ in plans]
+        clock, cpu = (float(np.median([row[k] for row in plans])) for k in (1, 2))
+        best = plans[0][0]
+        assert best.bound is not None
+        leader = cs.evaluate(scenario, "leader", 1e-3, merging=1e-6).success
+        yield (
+            name,
+            f"{leader[0]:.4f}",
+            f"{min(values):.6f}",
+            f"{max(values):.6f}",
+            str(best.bound).removeprefix("no policy can exceed "),
+            f"{clock:.1f} s ({cpu:.1f})",
+        )
+
+
+def sizes(quick: bool) -> Iterable[Row]:
+    """Planning against the number of members, 30 steps."""
+    for name in ("paper-1", "paper-2"):
+        for n in (2, 3, 4, 5) if quick else (2, 3, 4, 5, 6, 7, 8, 9, 10):
+            scenario = around(name, n)
+            found, clock, cpu = timed(partial(cs.plan_swarm, scenario))
+            assert found.law is not None
+            yield (
+                name,
+                n,
+                f"{found.law.failure:.3g}",
+                f"{found.bound.failure:.3g}" if found.bound else "-",
+                found.solution.status,
+                f"{1000 * gradient_seconds(scenario):.2f} ms",
+                f"{clock:.1f} s ({cpu:.1f})",
+            )
+
+
+def gradient_seconds(scenario: Scenario) -> float:
+    """Of the exact objective with its gradient."""
+    form = JointForm(scenario.n, scenario.n_steps)
+    nlp = joint_nlp(scenario.hazard, form)
+    task = joint_task(scenario, np.zeros((scenario.n, 2)))
+    arrivals = np.full(scenario.n, scenario.n_steps)
+    ways = np.full((scenario.n_steps, scenario.n, 2), 0.8)
+    instance = joint_instance(nlp, form, task, arrivals, ways)
+    seconds = []
+    for _ in range(6):
+        begun = time.process_time()
+        nlp.gradient(instance.start[0], instance.parameters[0])
+        seconds.append(time.process_time() - begun)
+    return float(np.median(seconds[1:]))
+
+
+def horizons(quick: bool) -> Iterable[Row]:
+    """Planning against the number of steps, in the same time, five members."""
+    for steps in (15, 30, 60) if quick else (15, 30, 60, 120):
+        for name in ("paper-1", "paper-2"):
+            given = cs.load_scenario(name)
+            share = 30 / steps  # per step, a change of velocity that much smaller
+            values = {"time.dt": 9.9 / steps, "swarm.a_max": given.swarm.a_max * share**2}
+            values |= {"guide.a_max": given.guide_a_max * share**2}
+            scenario = given.with_values(values)
+            found, clock, cpu = timed(partial(cs.plan_swarm, scenario))
+            yield (
+                name,
+                steps,
+                f"{found.value:.6f}",
+                found.solution.status,
+                f"{clock:.1f} s ({cpu:.1f})",
+            )
+
+
+def surrogate(quick: bool) -> Iterable[Row]:
+    """The mean field against the exact law: on the same plan, and what its own plan is worth."""
+    for name in ("paper-1", "paper-2"):
+        for n in (2, 5) if quick else (2, 4, 6, 8, 10):
+            scenario = around(name, n).with_values({"hazard.alpha_1": 12.0})
+            exact = cs.plan_swarm(scenario, starts=["formations"])
+            told, worth = by_mean_field(scenario, exact)
+            yield name, n, f"{exact.value:.5f}", f"{told:.5f}", f"{worth:.5f}"
+
+
+def by_mean_field(scenario: Scenario, exact: SwarmPlan) -> tuple[float, float]:
+    """What the mean field says of a plan, and what maximising it from there is worth exactly."""
+    form = JointForm(scenario.n, scenario.n_steps, False)
+    task = joint_task(scenario, exact.before)
+    problem = JointProblem(scenario, task, form)
+    instance = joint_instance(problem.nlp, form, task, exact.arrivals, exact.velocities)
+    odds = float(problem.nlp.evaluate(instance.start[0], instance.parameters[0])[0])
+    solver = Ipopt(1e-5, 500, hessian="limited-memory", memory=20, feasibility=1e-8)
+    start = SwarmStart("", exact.arrivals, exact.velocities)
+    found = problem.solved(start, solver)
+    law = PlanLaw.of(scenario, problem.positions(found.velocities))
+    return 1 / (1 + math.exp(odds)), 1 - law.failure
+
+
+def feedback(quick: bool) -> Iterable[Row]:
+    """Open loop against planning again for survivors."""
+    for name in ("gauntlet",) if quick else ("paper-1", "paper-2", "ring", "wall", "gauntlet"):
+        scenario = cs.load_scenario(name)
+        first = cs.plan_swarm(scenario)
+        tree = PlanTree.of(scenario, first)
+        used = time.process_time()
+        law = cs.evaluate(scenario, JointFeedbackPolicy(tree, JointPolicy.of(first)), 1e-4)
+        yield (
+            name,
+            f"{first.value:.6f}",
+            f"{law.success[0]:.6f} to {law.success[1]:.6f}",
+            tree.solves,
+            len({id(branch) for branch in tree.branches.values()}),
+            tree.failures,
+            f"{time.process_time() - used:.0f} s",
+        )
+
+
+def bounds(quick: bool) -> Iterable[Row]:
+    """The bound against the number of nodes."""
+    for name in SCENARIOS[:3] if quick else SCENARIOS:
+        scenario = cs.load_scenario(name)
+        cells = []
+        for nodes in (100_000, 1_000_000, 10_000_000):
+            used = time.process_time()
+            bound = cs.success_bound(scenario, nodes)
+            cells.append(f"{bound.failure:.4g} ({1000 * (time.process_time() - used):.0f} ms)")
+        yield name, *cells
+
+
+TABLES: dict[str, tuple[Sequence[str], Callable[[bool], Iterable[Row]]]] = {
+    "Success": (
+        (
+            "scenario",
+            "leader",
+            "joint, least of seeds",
+            "greatest",
+            "no policy exceeds",
+            "time (CPU)",
+        ),
+        seeds,
+    ),
+    "Members": (
+        ("scenario", "n", "failure", "its bound", "status", "gradient", "time (CPU)"),
+        sizes,
+    ),
+    "Steps": (("scenario", "steps", "success", "status", "time (CPU)"), horizons),
+    "Mean field": (
+        ("scenario", "n", "joint plan, exact", "by the mean field", "mean field's plan, exact"),
+        surrogate,
+    ),
+    "Feedback": (
+        ("scenario", "open loop", "feedback", "solves", "plans", "failed", "CPU"),
+        feedback,
+    ),
+    "Bound": (("scenario", "100,000 nodes", "1,000,000", "10,000,000"), bounds),
+}
+
+
+def main() -> None:
+    quick = "--quick" in sys.argv
+    chosen = [name for name in sys.argv[1:] if not name.startswith("-")]
+    for title, (head, rows) in TABLES.items():
+        if not chosen or title.lower() in chosen:
+            printed(title, head, rows(quick))
+
+
+if __name__ == "__main__":
+    main()
