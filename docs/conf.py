@@ -7,7 +7,11 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
+from notebook_pages import fingerprint
+
 from casswarm import __version__
+
+HERE = Path(__file__).resolve().parent
 
 project = "casswarm"
 author = "The casswarm developers"
@@ -42,9 +46,10 @@ myst_heading_anchors = 3  # links to sections, as GitHub names them
 copybutton_prompt_text = r"\$ |>>> |\.\.\. "
 copybutton_prompt_is_regexp = True
 
-# --- notebooks: the scripts in notebooks/, executed once and kept until they change
+# --- notebooks: the scripts in notebooks/, executed once and kept until they or casswarm change
 
 nb_execution_mode = "cache"
+nb_execution_cache_path = str(HERE / "_build" / ".jupyter_cache" / fingerprint(HERE.parent))
 nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120

@@ -117,8 +117,8 @@ class GuideOptions(Table):
     )
     a_max: Positive | None = Field(
         None,
-        description="The guide's own bound on ||V(t) - V(t-1)||^2, below the members' so that they "
-        "can follow it; by default the members'.",
+        description="The guide's own bound on ||V(t) - V(t-1)||^2, in squared units of velocity, "
+        "below the members' so that they can follow it; by default the members'.",
     )
     flyable: Switch = Field(
         True,
@@ -133,7 +133,9 @@ class GuideOptions(Table):
         "those who follow the guide in its corridor arrive too; for a lone member 1e-6 radius.",
     )
     gamma: Positive = Field(
-        10.0, description="Weight of the distance to the target in the paper's penalised form."
+        10.0,
+        description="Weight of the distance to the target in the paper's penalised form, per unit "
+        "of length.",
     )
     learning_rate: Positive = Field(
         0.05, description="Step size of the paper's projected gradient for the guide."

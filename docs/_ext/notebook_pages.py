@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,16 @@ def convert_notebooks(app: Sphinx, _config: object) -> None:
         path = target / name
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
+
+
+def fingerprint(root: Path) -> str:
+    """A name for the state of the package: what notebooks show depends on it."""
+    digest = hashlib.sha256()
+    for folder in ("casswarm", "problems"):
+        for path in sorted((root / folder).rglob("*")):
+            if path.suffix in {".py", ".toml"}:
+                digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def as_ipynb(path: Path) -> str:

@@ -24,11 +24,13 @@ SUBJECTS = {
     "scenarios": ("scenario",),
     "hazards": ("hazard",),
     "guides": ("planning", "guide", "certificate.refinement", "certificate.value"),
+    "swarms": ("swarm", "certificate.success"),
     "policies": ("policies",),
     "studies": ("study", "pilot", "sweeping"),
     "laws": ("evaluation", "chain.law", "chain.hybrid"),
     "solvers": ("solvers", "solution"),
     "comparison": ("comparison",),
+    "figures": ("figures.animation",),
     "errors": ("errors",),
 }
 """Modules by subject, as `casswarm._HOME` names them."""
