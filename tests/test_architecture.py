@@ -33,7 +33,7 @@ LAYERS = (
     ("statistics", "store", "workers"),
     ("chain",),
     ("shares", "study", "pilot", "evaluation", "tables", "figures", "comparison"),
-    ("cells", "sweeping", "gallery", "saved"),
+    ("cells", "sweeping", "gallery", "saved", "reporting"),
     ("cli",),
 )
 """Each imports from its own row and the rows above. A new module finds its row here."""

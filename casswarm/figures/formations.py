@@ -23,7 +23,7 @@ from ..guide import Guide
 from ..hazard import Hazard
 from ..scenario import Scenario
 from .maps import frame, pixels
-from .style import BLUE, GREY, INK, MEMBERS, VERMILION, current, drawn, headline, line, panels
+from .style import BLUE, GREY, INK, MEMBERS, VERMILION, current, drawn, halo, headline, line, panels
 
 _PIXELS = 60
 _NEAR = 0.2  # of a window's half width: members that near share a label
@@ -119,7 +119,11 @@ def formation_chart(
     bar.set_label("rate of one more member,\nas a share of a lone member's")
     handles = legend_handles(guide is not None, corridors, bool((trace.leaders >= 0).any()))
     fig.legend(handles=handles, loc="outside lower center", ncols=2 if narrow else len(handles))
-    headline(fig, title or scenario.name, "the formation around the guide" if guide else "")
+    headline(
+        fig,
+        title or scenario.name,
+        f"the formation around {'the guide' if guide else 'its middle'}",
+    )
     return fig
 
 
@@ -251,6 +255,7 @@ class Closeup:
                     ha="left" if side > 0 else "right",
                     va="top" if under else "bottom",
                     fontsize="small",
+                    path_effects=halo(),
                     zorder=8,
                 )
             )

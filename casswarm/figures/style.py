@@ -22,6 +22,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
+from matplotlib.patheffects import withStroke
 
 P = ParamSpec("P")
 
@@ -214,6 +215,11 @@ def key(fig: Figure, axes: Axes) -> Legend:
     letters = 0.58 * longest + 5.4  # widths of an M, of which sign and gaps take the latter
     fitting = int(chosen.width / (letters * 0.83 * chosen.letters / 72))
     return fig.legend(handles, labels, loc="outside lower center", ncols=max(1, fitting))
+
+
+def halo() -> list[withStroke]:
+    """What makes small words readable on any ground."""
+    return [withStroke(linewidth=line(1.8), foreground="white", alpha=0.85)]
 
 
 def tidy(axes: Axes) -> None:
