@@ -276,11 +276,12 @@ def shown(value: object) -> str:
     return f"{value:g}" if number else str(value)
 
 
-def save(fig: Figure, path: Path, dpi: int = DPI) -> Path:
+def save(fig: Figure, path: Path | str, dpi: int = DPI) -> Path:
     """Write a figure at its own width; the file's ending names the format (png, pdf, svg, ...).
 
     The same figure gives the same file, byte for byte: nothing tells when it was written.
     """
+    path = Path(path)
     ending = path.suffix.lower()
     dates = {".pdf": "CreationDate", ".svg": "Date"}
     metadata = {dates[ending]: None} if ending in dates else None
