@@ -187,37 +187,40 @@ def versus(quick: bool) -> Rows:
 
 def hybrid(quick: bool) -> Rows:
     """The head exactly and the rest sampled against plain runs: widths at as many solved states."""
-    number, rows = 500 if quick else 5_000, []
-    swarm = cs.load_scenario("large-swarm")
-    cases = [(cs.load_scenario(n), p) for n in ("paper-1", "paper-2") for p in PAPER_POLICIES[1:]]
-    cases += [(with_parameters(swarm, {"n": n}), "leader") for n in (10, 50)]
-    for scenario, policy in cases:
+    numbers, rows = (100, 500) if quick else (100, 1000, 5000), []
+    seeds, swarm = range(3 if quick else 7), cs.load_scenario("large-swarm")
+    small = [(cs.load_scenario(n), p) for n in ("paper-1", "paper-2") for p in PAPER_POLICIES[1:]]
+    cases = [(*case, number) for case in small for number in numbers]
+    cases += [(with_parameters(swarm, {"n": n}), "leader", numbers[1]) for n in (10, 50)]
+    for scenario, policy, runs in cases:
         guide = cs.plan(scenario, certify=False)
-        runs = number if scenario.n <= 10 else number // 10
-        found, _, cpu = timed(
-            lambda s=scenario, p=policy, r=runs, g=guide: cs.estimate(s, p, r, guide=g)
-        )
+        found = [cs.estimate(scenario, policy, runs, seed, guide=guide) for seed in seeds]
+        states = float(np.median([one.states for one in found]))
         more, solved = runs, 0
-        while solved < found.states and more < 60 * number:
+        while solved < states and more < 60 * numbers[-1]:
             plain = cs.simulate(scenario, [policy], more, guide=guide, traces=0)
             solved, done = int(plain.effort["states"][0]), more
-            more = math.ceil(more * max(1.05, found.states / solved))
-        row = plain.summary.iloc[0]
-        own, others = found.success[1] - found.success[0], row.success_high - row.success_low
+            more = math.ceil(more * max(1.05, states / solved))
+        others = [
+            cs.simulate(scenario, [policy], done, seed, guide=guide, traces=0).summary.iloc[0]
+            for seed in seeds
+        ]
+        own = float(np.median([one.success[1] - one.success[0] for one in found]))
+        wide = float(np.median([row.success_high - row.success_low for row in others]))
+        width = wide * math.sqrt(solved / states)  # of exactly as many states
         rows.append(
             {
                 "scenario": scenario.name,
                 "n": scenario.n,
                 "policy": policy,
-                "runs": found.runs,
-                "mass sampled": found.sampled,
-                "states": found.states,
+                "runs": runs,
+                "mass sampled": found[0].sampled,
+                "states": states,
                 "width": own,
                 "plain runs": done,
                 "plain states": solved,
-                "plain width": others,
-                "ratio": others / own,
-                "processor": cpu,
+                "plain width": width,
+                "ratio": width / own,
             }
         )
     return rows

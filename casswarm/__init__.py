@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .certificate.refinement import Certificate
+    from .certificate.success import SuccessBound, success_bound
     from .certificate.value import ValueFunction
     from .chain.hybrid import Estimate
     from .chain.law import Law
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
         ScenarioError,
         SolverError,
         StoreError,
+        WorkerError,
     )
     from .evaluation import estimate, evaluate
     from .figures.animation import animate
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
     from .solution import Residuals, Solution, Status
     from .solvers import Solver, make_solver
     from .study import Study, simulate
+    from .swarm import SwarmOutcome, SwarmPlan, plan_swarm
     from .sweeping import Sweep, sweep
 
 __version__ = version("casswarm")
@@ -48,6 +51,7 @@ if not (_FOLDER / "problems").exists() and (_FOLDER.parent / "problems").exists(
 
 _HOME = {
     "certificate.refinement": ("Certificate",),
+    "certificate.success": ("SuccessBound", "success_bound"),
     "certificate.value": ("ValueFunction",),
     "comparison": ("Comparison", "Problem", "Tolerances", "compare"),
     "chain.hybrid": ("Estimate",),
@@ -62,6 +66,7 @@ _HOME = {
         "ScenarioError",
         "SolverError",
         "StoreError",
+        "WorkerError",
     ),
     "figures.animation": ("animate",),
     "guide": ("Candidate", "Guide"),
@@ -73,6 +78,7 @@ _HOME = {
     "solution": ("Residuals", "Solution", "Status"),
     "solvers": ("Solver", "make_solver"),
     "study": ("Study", "simulate"),
+    "swarm": ("SwarmOutcome", "SwarmPlan", "plan_swarm"),
     "sweeping": ("Sweep", "sweep"),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
@@ -106,9 +112,13 @@ __all__ = [
     "Status",
     "StoreError",
     "Study",
+    "SuccessBound",
+    "SwarmOutcome",
+    "SwarmPlan",
     "Sweep",
     "Tolerances",
     "ValueFunction",
+    "WorkerError",
     "animate",
     "as_policy",
     "builtin_scenarios",
@@ -119,9 +129,11 @@ __all__ = [
     "make_policy",
     "make_solver",
     "plan",
+    "plan_swarm",
     "runs_needed",
     "save_scenario",
     "simulate",
+    "success_bound",
     "sweep",
 ]
 

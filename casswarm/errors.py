@@ -38,6 +38,10 @@ class StoreError(CasswarmError, RuntimeError):
     """A results folder that is in use, was made with other inputs, or holds unfinished work."""
 
 
+class WorkerError(CasswarmError, RuntimeError):
+    """Processes that were to do the work died again and again; what was done before is kept."""
+
+
 def among(word: str, known: Iterable[str]) -> str:
     """The end of a message about an unknown word: the known word nearest to it, and all of them."""
     words = list(known)

@@ -72,6 +72,14 @@ def evaluate(
         No guide was found.
     ValueError
         A tolerance outside [0, 1), fewer than one state, or a negative `merging`.
+
+    Examples
+    --------
+    >>> import casswarm as cs
+    >>> law = cs.evaluate(cs.load_scenario("paper-1"), "leader", tolerance=1e-3)
+    >>> low, high = law.success
+    >>> 0 <= low <= high <= low + 1e-3
+    True
     """
     return _head(scenario, policy, tolerance, most_states, merging, guide, solver, progress)[
         0

@@ -19,6 +19,7 @@ from .figures import (
     difference_chart,
     formation_chart,
     guide_map,
+    joint_map,
     population_chart,
     risk_map,
     success_chart,
@@ -49,6 +50,14 @@ def planned(
     if outlook is not None:
         found["risk-to-go"] = partial(risk_map, scenario, outlook, guide)
     return found
+
+
+def planned_jointly(
+    scenario: Scenario, positions: Floats, survival: Floats | None, success: str, bound: str
+) -> Gallery:
+    """Of a joint plan; `success` and `bound` are said in its title."""
+    title = "; ".join(part for part in (f"joint plan, success {success}", bound) if part)
+    return {"joint": partial(joint_map, scenario, positions, survival, title)}
 
 
 def simulated(

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .arrays import Expression, Floats
 from .errors import SolverError
+from .paths import PathSets
 from .sets import PlanarSets
 
 
@@ -204,6 +205,9 @@ class Instances:
         projection methods work on.
     units : (B, 2), optional
         A typical length of x and a typical value of f: what tolerances are relative to.
+    paths : PathSets of B states, optional
+        Where lbx, ubx and g describe paths within limits: those sets. x are the advances, and the
+        objective is the sum of `Nlp.compiled` over the steps.
     """
 
     start: Floats
@@ -214,6 +218,7 @@ class Instances:
     upper_g: Floats
     sets: PlanarSets | None = None
     units: Floats | None = None
+    paths: PathSets | None = None
 
     def __post_init__(self) -> None:
         batch = self.start.shape[0]
@@ -240,6 +245,7 @@ class Instances:
             self.upper_g[rows],
             None if self.sets is None else self.sets[rows],
             None if self.units is None else self.units[rows],
+            None if self.paths is None else self.paths[rows],
         )
 
     def restarted(self, start: Floats) -> Instances:

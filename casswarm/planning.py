@@ -79,6 +79,15 @@ def plan(
         A solver that is unknown, or cannot take the guide problem.
     ValueError
         A gap or time limit out of range.
+
+    Examples
+    --------
+    >>> import casswarm as cs
+    >>> guide = cs.plan(cs.load_scenario("single-agent"))
+    >>> guide.positions.shape, guide.velocities.shape
+    ((31, 2), (30, 2))
+    >>> bool(guide.risk_bound <= guide.risk)
+    True
     """
     if not 0 < gap < 1:
         raise ValueError(f"gap = {gap!r}; allowed: above 0, below 1 (0.01 is one percent)")
@@ -101,6 +110,13 @@ def plan(
     if certificate is None:
         return guide
     return replace(guide, risk_bound=certificate.bound, certificate=certificate)
+
+
+def initial_velocities(scenario: Scenario, guide: Guide) -> Floats:
+    """V(-1) of every member, (n, 2): the scenario's, or the guide's first velocity."""
+    given = scenario.swarm.velocity
+    first = guide.velocities[0] if given == "guide" else np.asarray(given, float)
+    return np.tile(first, (scenario.n, 1))
 
 
 def certificate_of(

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from .gallery import Gallery
     from .scenario import Scenario
 
-COMMANDS = ("plan", "simulate", "evaluate", "sweep", "compare")
+COMMANDS = ("plan", "plan-joint", "simulate", "evaluate", "sweep", "compare")
 """Commands whose folders can be drawn again."""
 
 
@@ -171,6 +171,10 @@ class Saved:
             return {name: partial(_same, fig) for name, fig in pictures(self.comparison).items()}
         if self.command == "plan":
             return gallery.planned(self.scenario, self.guide, *self._plan())
+        if self.command == "plan-joint":
+            return gallery.planned_jointly(
+                self.scenario, *self._joint(), *self._part("result")["told"]
+            )
         if self.command == "evaluate":
             estimated = self.has("estimates.csv")
             successes = self.table("estimates" if estimated else "laws")
@@ -233,6 +237,14 @@ class Saved:
             with np.load(self.folder / "risk-to-go.npz", allow_pickle=False) as arrays:
                 outlook = Outlook.of_arrays(dict(arrays))
         return list(groups.get("way", {}).values()), rivals, outlook
+
+    def _joint(self) -> tuple[Floats, Floats | None]:
+        """Members' ways (T+1, n, 2) and their survival (T+1, n), where it is known."""
+        table = self.table("joint")
+        shape = (-1, int(table["member"].max()) + 1)
+        survival = table["survival"].to_numpy(float).reshape(shape)
+        known = bool(np.isfinite(survival).all())
+        return table[["x", "y"]].to_numpy(float).reshape(*shape, 2), survival if known else None
 
     def _guide(
         self, positions: Floats, velocities: Floats, solution: Any, bound: float | None

@@ -5,27 +5,62 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from scipy.stats import binomtest
+from scipy.stats import binomtest, norm
+
+from .arrays import Booleans
 
 LEVEL = 0.95
 """Confidence level of every interval that casswarm prints, unless it says otherwise."""
 
 
-def wilson(successes: int, runs: int, level: float = LEVEL) -> tuple[float, float]:
+def wilson(successes: float, runs: float, level: float = LEVEL) -> tuple[float, float]:
     """Wilson's score interval (J. Amer. Statist. Assoc. 22, 1927) for a probability.
 
     Parameters
     ----------
-    successes, runs : int
-        0 <= successes <= runs, runs >= 1.
+    successes, runs : float
+        0 <= successes <= runs, runs > 0; no whole numbers where `runs` is an effective number.
     level : float
 
     Returns
     -------
     low, high : float
     """
-    interval = binomtest(successes, runs).proportion_ci(level, method="wilson")
-    return float(interval.low), float(interval.high)
+    z, mean = float(norm.ppf((1 + level) / 2)), successes / runs
+    scale = 1 + z**2 / runs
+    middle = (mean + z**2 / (2 * runs)) / scale
+    half = z * math.sqrt(mean * (1 - mean) / runs + (z / (2 * runs)) ** 2) / scale
+    return max(0.0, middle - half) if successes else 0.0, (
+        min(1.0, middle + half) if successes < runs else 1.0
+    )
+
+
+def effective_runs(outcomes: Booleans) -> float:
+    """How many independent runs are as good as one run from each of R strata of equal mass.
+
+    The variance of the sum of outcomes is at most the binomial's (Hoeffding, Ann. Math. Statist.
+    27, 1956), and less by as much as strata differ. Neighbours show how much: the squared
+    differences of pairs of them sum, in the mean, to no less than the variance (collapsed strata:
+    Cochran, Sampling Techniques, 3rd ed. 1977, section 5A.12). One discordant pair is added, so
+    that few of them are not taken for none. An interval of a proportion with the effective number
+    in the place of R is Korn and Graubard's way (Survey Methodology 24, 1998).
+
+    Parameters
+    ----------
+    outcomes : (R,) bool
+        In the order of the strata, R >= 1; the more alike neighbours are, the better.
+
+    Returns
+    -------
+    float
+        At least R.
+    """
+    runs, pairs = len(outcomes), len(outcomes) // 2
+    mean = float(outcomes.mean())
+    if not 0 < mean < 1 or not pairs:
+        return float(runs)
+    discordant = int((outcomes[: 2 * pairs : 2] != outcomes[1 : 2 * pairs : 2]).sum())
+    return runs * max(1.0, mean * (1 - mean) / ((discordant + 1) / (2 * pairs)))
 
 
 def exact_interval(successes: int, runs: int, level: float = LEVEL) -> tuple[float, float]:

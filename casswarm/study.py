@@ -138,6 +138,16 @@ def simulate(
         The folder is in use, was made with other inputs, or holds an unfinished study.
     ValueError
         Fewer than one run or worker, or a negative seed.
+
+    Examples
+    --------
+    >>> import casswarm as cs
+    >>> study = cs.simulate(cs.load_scenario("paper-1"), ["leader"], runs=50)
+    >>> study.runs.columns[:5].tolist()
+    ['policy', 'run', 'success', 'survivors', 'arrival_step']
+    >>> row = study.summary.loc[0]
+    >>> bool(row["success_low"] < row["success"] < row["success_high"])
+    True
     """
     for name, value, least in (("runs", runs, 1), ("seed", seed, 0)):
         if not isinstance(value, Integral) or value < least:

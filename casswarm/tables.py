@@ -14,6 +14,7 @@ from .chain.law import Law
 from .chain.simulate import Runs, Trace
 from .guide import Guide
 from .statistics import Paired, wilson
+from .swarm import SwarmPlan
 
 
 def guide_table(guide: Guide) -> pd.DataFrame:
@@ -88,6 +89,35 @@ def trace_table(traces: Mapping[str, Sequence[Trace]]) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
+def joint_table(plan: SwarmPlan) -> pd.DataFrame:
+    """A row a step t = 0..T and member: place, velocity, survival so far.
+
+    V(T) is missing. Survival is the probability that the member is alive at step t or was when its
+    run ended; missing for swarms whose law is not known exactly.
+    """
+    steps, n = plan.steps, plan.n
+    velocities = np.concatenate([plan.velocities, np.full((1, n, 2), np.nan)])
+    survival = np.full((steps + 1, n), np.nan) if plan.law is None else plan.law.survival
+    return pd.DataFrame(
+        {
+            "step": np.repeat(np.arange(steps + 1), n),
+            "member": np.tile(np.arange(n), steps + 1),
+            "x": plan.positions[..., 0].ravel(),
+            "y": plan.positions[..., 1].ravel(),
+            "vx": velocities[..., 0].ravel(),
+            "vy": velocities[..., 1].ravel(),
+            "survival": survival.ravel(),
+        }
+    )
+
+
+def outcome_table(plan: SwarmPlan) -> pd.DataFrame:
+    """A row a start of a joint plan: what it attained, and how the solve ended."""
+    return pd.DataFrame(
+        outcome.as_row() | {"seconds": outcome.seconds} for outcome in plan.outcomes
+    )
+
+
 def rival_table(guides: Mapping[str, Guide]) -> pd.DataFrame:
     """A row a guide: risk, survival, arrival step, the proven bound and the gap to it, seconds."""
     return pd.DataFrame(
@@ -144,6 +174,7 @@ def estimate_table(estimates: Sequence[Estimate]) -> pd.DataFrame:
             "light_mass": found.light,
             "runs": found.runs,
             "successes": found.successes,
+            "effective_runs": found.effective,
             "states": found.states,
         }
         for found in estimates

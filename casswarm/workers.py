@@ -6,13 +6,19 @@ import multiprocessing
 import pickle
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Future,
+    ProcessPoolExecutor,
+    as_completed,
+)
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from numbers import Integral
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
-from .errors import PolicyError
+from .errors import PolicyError, WorkerError
 from .solvers.interrupts import begin_child, blocked, interruptible
 
 T = TypeVar("T")
@@ -68,13 +74,18 @@ def done_jobs(jobs: Sequence[Callable[[], T]], workers: Workers) -> Iterator[tup
 
     Raises
     ------
-    PolicyError
-        Processes died again and again without finishing a job.
+    WorkerError
+        Processes died again and again without finishing a job, or the executor lost its workers.
     Exception
         What a job raises.
     """
     if isinstance(workers, SubmitsJobs):
-        yield from _gathered(workers, dict(enumerate(jobs)))
+        try:
+            yield from _gathered(workers, dict(enumerate(jobs)))
+        except Exception as error:
+            if not _lost(error):
+                raise
+            raise WorkerError(f"the executor lost its workers: {error or type(error)}") from error
     elif workers == 1:
         for place, job in enumerate(jobs):
             with interruptible():  # CasADi loses an interrupt that comes while it builds
@@ -112,6 +123,12 @@ def _gathered(pool: SubmitsJobs, jobs: dict[int, Callable[[], T]]) -> Iterator[t
             future.cancel()
 
 
+def _lost(error: Exception) -> bool:
+    """Whether an executor failed, and not a job: of the standard library's errors, or Dask's."""
+    theirs = type(error).__module__.partition(".")[0] == "distributed"
+    return theirs or isinstance(error, BrokenExecutor | CancelledError)
+
+
 def _call(job: Callable[[], T]) -> T:
     with _ONE_AT_A_TIME:
         return job()
@@ -133,7 +150,7 @@ def _in_processes(jobs: Sequence[Callable[[], T]], workers: int) -> Iterator[tup
             _end(pool)
             fruitless += 1
             if fruitless >= _FRUITLESS:
-                raise PolicyError(
+                raise WorkerError(
                     f"a worker process died, and the next one too: {_GUARD}"
                 ) from error
         except BaseException:  # nobody waits for work that nobody will read

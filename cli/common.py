@@ -37,14 +37,14 @@ RESUME = "; what was done is kept: once there is room, go on with --resume"
 @contextmanager
 def reported_errors(resumes: bool = False) -> Iterator[None]:
     """Turn the library's errors into messages and exit codes; studies may be resumed."""
-    from ..errors import CasswarmError, PlanningError
+    from ..errors import CasswarmError, PlanningError, WorkerError
 
     try:
         yield
     except KeyboardInterrupt as error:
         kept = "; what was done is kept: go on with --resume" if resumes else ""
         raise Failure(f"interrupted{kept}") from error
-    except PlanningError as error:
+    except (PlanningError, WorkerError) as error:
         raise Failure(str(error)) from error
     except CasswarmError as error:
         raise WrongInput(str(error)) from error
@@ -134,7 +134,7 @@ def study_options(command: F) -> F:
                 "--dask",
                 metavar="ADDRESS",
                 help="Send the work to a Dask cluster, such as tcp://127.0.0.1:8786, instead. "
-                "Needs the extra: pip install 'casswarm[distributed]'.",
+                "Needs the extra: pip install 'casswarm[dask]'.",
             ),
             click.option(
                 "--resume",
@@ -159,7 +159,7 @@ def executor(workers: int, dask: str | None) -> Iterator[Any]:
     try:
         from dask.distributed import Client
     except ImportError as error:
-        raise WrongInput("--dask needs Dask: pip install 'casswarm[distributed]'") from error
+        raise WrongInput("--dask needs Dask: pip install 'casswarm[dask]'") from error
     try:
         client = Client(dask, timeout=10, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:

@@ -20,6 +20,7 @@ from .common import (
 from .output import Folder, aligned, json_text, say
 
 if TYPE_CHECKING:
+    from ..certificate.success import SuccessBound
     from ..chain.hybrid import Estimate
     from ..chain.law import Law
     from ..scenario import Scenario
@@ -92,6 +93,7 @@ def evaluate(
     """
     with reported_errors():
         chosen = load(scenario, settings)
+        from ..certificate.success import success_bound
         from ..evaluation import estimate
         from ..evaluation import evaluate as exact_law
         from ..planning import plan
@@ -123,8 +125,10 @@ def evaluate(
         "seed": seed,
         "solver": solver,
     }
-    content = _write(folder, chosen, laws, estimates, inputs)
+    bound = success_bound(chosen)
+    content = _write(folder, chosen, laws, estimates, bound, inputs)
     words = [_words(chosen, laws)] if not estimates else [str(found) for found in estimates]
+    words += ["", str(bound)]
     click.echo(json_text(content) if as_json else "\n".join(words))
     say(folder.closing(), quiet)
 
@@ -140,6 +144,7 @@ def _write(
     scenario: Scenario,
     laws: list[Law],
     estimates: list[Estimate],
+    bound: SuccessBound,
     inputs: dict[str, Any],
 ) -> dict[str, Any]:
     from ..gallery import evaluated
@@ -153,7 +158,7 @@ def _write(
     )
 
     table = successes = law_table(laws)
-    result: dict[str, Any] = {"laws": table.to_dict("records")}
+    result: dict[str, Any] = {"laws": table.to_dict("records"), "success_bound": bound.as_dict()}
     if estimates:
         successes = estimate_table(estimates)
         folder.table("estimates", successes)

@@ -10,6 +10,7 @@ import click
 
 from .common import WrongInput, figure_options, load, reported_errors, scenario_options
 from .output import Folder, json_text, say
+from .plan_joint import plan_joint
 
 if TYPE_CHECKING:
     from ..certificate.outlook import Outlook
@@ -59,6 +60,27 @@ _WAYS = 6  # that are printed; candidates.csv has them all
     help="Seconds that the proof may take.",
 )
 @click.option("--map", "with_map", is_flag=True, help="Draw the risk to go from every place, too.")
+@click.option("--joint", is_flag=True, help="Plan the ways of all members at once.")
+@click.option(
+    "--objective",
+    type=click.Choice(["success", "arrivals", "survivors"]),
+    default="success",
+    show_default=True,
+    help="Of the joint plan: probability that somebody arrives, mean number who do, or mean number "
+    "alive at the end.",
+)
+@click.option(
+    "--min-distance",
+    type=click.FloatRange(0.0, min_open=True),
+    help="Of the joint plan: least distance of any two members.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    help="Of the joint plan's perturbed starts.",
+)
 def plan(
     scenario: str,
     settings: tuple[str, ...],
@@ -76,12 +98,20 @@ def plan(
     gap: float,
     time_limit: float,
     with_map: bool,
+    joint: bool,
+    objective: str,
+    min_distance: float | None,
+    seed: int,
 ) -> None:
     """Find the least risky path of a lone agent: the guide that the swarm follows.
 
     Writes guide.csv (a row a step), candidates.csv (every start's outcome), paths.csv (other ways),
     guide.png and run.json; casswarm plot draws the folder again.
     The paper's projected gradient is set beside a global search: comparison.csv, comparison.png.
+
+    With --joint, find the ways of all members that maximise the swarm's own success, and what no
+    policy whatever can exceed: joint.csv (a row a step and member), outcomes.csv, joint.png and
+    run.json. --time-limit is then that of the search: no further start is tried after it.
 
     \b
     Examples:
@@ -90,7 +120,9 @@ def plan(
       casswarm plan paper-1 --solver projected-gradient
       casswarm plan single-agent --map
       casswarm plan my-scenario.toml --set guide.a_max=0.3 --json
+      casswarm plan paper-2 --joint --min-distance 0.1
     """
+    _require_apt(joint)
     if solver == "projected-gradient" and (search, arrival, flyable) != (None, None, None):
         raise WrongInput(
             "the paper's projected gradient starts from the straight line, takes all the time and "
@@ -106,6 +138,19 @@ def plan(
         )
         from ..planning import plan as find_guide
 
+        if joint:
+            plan_joint(
+                chosen,
+                Folder("plan-joint", chosen, out, figures, width=width, dpi=dpi),
+                objective=objective,
+                solver=solver,
+                seed=seed,
+                min_distance=min_distance,
+                time_limit=time_limit if _given("time_limit") else None,
+                as_json=as_json,
+                quiet=quiet,
+            )
+            return
         folder = Folder("plan", chosen, out, figures, width=width, dpi=dpi)
         value = _value(chosen) if with_map else None  # first: it may need too many nodes
         guide = find_guide(
@@ -120,6 +165,25 @@ def plan(
         content = _write(folder, chosen, guide, rival, value, {"solver": solver})
     click.echo(json_text(content) if as_json else _words(chosen, guide, rival))
     say(folder.closing(), quiet)
+
+
+_LONE = {"certify": "--no-certify", "gap": "--gap", "with_map": "--map"}
+_JOINT = {"objective": "--objective", "min_distance": "--min-distance", "seed": "--seed"}
+
+
+def _require_apt(joint: bool) -> None:
+    """Refuse options of the guide's proof with --joint, and those of the joint plan without."""
+    wrong = [word for name, word in (_LONE if joint else _JOINT).items() if _given(name)]
+    if wrong and joint:
+        raise WrongInput(f"{', '.join(wrong)}: of the guide alone, not of --joint")
+    if wrong:
+        raise WrongInput(f"{', '.join(wrong)}: of the joint plan alone, give --joint too")
+
+
+def _given(name: str) -> bool:
+    """Whether an option was given on the command line."""
+    source = click.get_current_context().get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
 
 
 def _rival(scenario: Scenario, guide: Guide) -> Guide:
@@ -201,7 +265,7 @@ def _words(scenario: Scenario, guide: Guide, rival: Guide | None) -> str:
         f"{scenario.name}: {_counted(scenario.n, 'member')}, {_counted(radars, 'radar')}, "
         f"{scenario.n_steps} steps of {scenario.time.dt:g}",
         f"{guide}, risk {guide.risk:.4f}",
-        *_proof(guide),
+        *(_proof(guide) or _unproven(scenario)),
         f"{guide.solution}",
         f"solves: {told}",
         *_ways(guide),
@@ -233,6 +297,17 @@ def _ways(guide: Guide) -> list[str]:
     if len(ways) > _WAYS:
         lines.append(f"  and {len(ways) - _WAYS} more in candidates.csv")
     return lines
+
+
+def _unproven(scenario: Scenario) -> list[str]:
+    """What is missing for a proof, where it is the user's to give."""
+    start = scenario.guide_start
+    if scenario.hazard.least_lone_rate(start, start) is not None:
+        return []
+    return [
+        "not certified: that needs a lower bound of your rates over boxes; give them a "
+        "least_lone_rate (docs: rates of your own)"
+    ]
 
 
 def _proof(guide: Guide) -> list[str]:

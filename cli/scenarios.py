@@ -41,7 +41,7 @@ def show(scenario: str) -> None:
 )
 @click.option("--force", is_flag=True, help="Replace a file that exists.")
 def new(path: Path, source: str, force: bool) -> None:
-    """Write a scenario file at PATH, to be edited.
+    """Write a scenario file at PATH, to be edited, with what every key means as comments.
 
     \b
     Example:
@@ -54,8 +54,8 @@ def new(path: Path, source: str, force: bool) -> None:
     if path.exists() and not force:
         raise WrongInput(f"{path} exists; choose another name, or replace it with --force")
     with reported_errors():
-        scenario = load_scenario(source).with_values({"name": path.stem})
-        save_scenario(scenario, path)
+        own = {"name": path.stem, "description": f"made from {source}"}
+        save_scenario(load_scenario(source).with_values(own), path, comments=True)
     click.echo(f"wrote {path}; edit it, then: casswarm scenarios check {path}")
 
 

@@ -26,6 +26,7 @@ from .output import Folder, aligned, json_text, say
 if TYPE_CHECKING:
     import pandas as pd
 
+    from ..certificate.success import SuccessBound
     from ..shares import Progress
     from ..study import Study
 
@@ -107,6 +108,7 @@ def simulate(
     """
     with reported_errors(resumes=True), ExitStack() as stack:
         chosen = load(scenario, settings, guide__search=search, guide__arrival=arrival)
+        from ..certificate.success import success_bound
         from ..pilot import runs_needed
         from ..planning import plan
         from ..study import simulate as sample
@@ -142,10 +144,11 @@ def simulate(
         "workers": workers,
         "solver": solver,
     }
-    content = _write(folder, study, inputs)
+    bound = success_bound(chosen)
+    content = _write(folder, study, bound, inputs)
     if report:
         _report(folder, quiet)
-    click.echo(json_text(content) if as_json else _words(study))
+    click.echo(json_text(content) if as_json else f"{_words(study)}\n\n{bound}")
     say(folder.closing(), quiet)
 
 
@@ -165,7 +168,9 @@ def _bars(stack: ExitStack) -> Progress:
     return tell
 
 
-def _write(folder: Folder, study: Study, inputs: dict[str, Any]) -> dict[str, Any]:
+def _write(
+    folder: Folder, study: Study, bound: SuccessBound, inputs: dict[str, Any]
+) -> dict[str, Any]:
     from ..gallery import simulated
     from ..tables import guide_table, trace_table
 
@@ -187,6 +192,7 @@ def _write(folder: Folder, study: Study, inputs: dict[str, Any]) -> dict[str, An
             "risk_bound": guide.risk_bound,
             "solution": guide.solution.as_row(),
         },
+        "success_bound": bound.as_dict(),
     }
     return folder.record(result, inputs)
 

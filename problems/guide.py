@@ -172,12 +172,12 @@ def guide_instance(
         ),
         upper_g=nlp.pack_constraints(
             dynamics=np.zeros((horizon, 2)),
-            acceleration=_within(a_max)[:, None],
-            arrival=_within(np.array([[task.radius**2]])),
+            acceleration=within(a_max)[:, None],
+            arrival=within(np.array([[task.radius**2]])),
         ),
     )
 
 
-def _within(limit: Floats) -> Floats:
+def within(limit: Floats) -> Floats:
     """Squared limits, less `ROOM`, or less a hundredth where they are small; infinite ones stay."""
     return np.asarray(limit * (1 - np.minimum(0.01, ROOM * np.maximum(1.0, 1.0 / limit))))

@@ -20,8 +20,9 @@ FOLDERS = {"casswarm": ROOT / "casswarm", "casswarm.problems": ROOT / "problems"
 FOLDERS["casswarm.cli"] = ROOT / "cli"
 
 LAYERS = (
-    ("errors", "constants", "arrays", "compiling", "planar_core", "templates"),
-    ("sets", "hazard"),
+    ("errors", "constants", "arrays", "compiling", "planar_core", "subsets", "templates"),
+    ("path_core", "barrier_core", "barrier_batch_core"),
+    ("sets", "paths", "hazard"),
     ("scenario",),
     ("parameters",),
     ("nlp", "solution", "residuals"),
@@ -29,6 +30,7 @@ LAYERS = (
     ("problems",),
     ("guide", "starts", "certificate"),
     ("search", "planning"),
+    ("swarm",),
     ("policies",),
     ("statistics", "store", "workers"),
     ("chain",),

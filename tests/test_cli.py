@@ -246,7 +246,8 @@ def test_results_that_cannot_be_written_fail_with_code_1(tmp_path):
 
 
 def test_simulate_prints_a_row_a_policy_with_its_interval(simulated):
-    _, summary, paired = simulated[1].stdout.split("\n\n")
+    _, summary, paired, bound = simulated[1].stdout.split("\n\n")
+    assert bound.startswith("no policy can exceed 0.99")
     rows = [line.split() for line in summary.splitlines()[1:]]
     assert [row[0] for row in rows] == ["naive", "constrained", "leader"]
     for row in rows:
@@ -318,7 +319,7 @@ def test_no_success_prints_an_upper_bound_and_not_zero(tmp_path):
         "--set",
         "hazard.alpha_1=400.0",
     )
-    row = done.stdout.splitlines()[-1].split()
+    row = done.stdout.split("\n\n")[1].splitlines()[-1].split()
     assert row[:3] == ["naive", "10", "none"]
     assert float(row[5]) > 0.2
 
@@ -367,7 +368,10 @@ def test_shown_scenario_is_a_valid_file(tmp_path):
 
 def test_new_scenario_is_named_checked_and_never_overwritten(tmp_path):
     casswarm(tmp_path, "scenarios", "new", "mine.toml", "--from", "ring")
-    assert 'name = "mine"' in (tmp_path / "mine.toml").read_text()
+    text = (tmp_path / "mine.toml").read_text()
+    assert 'name = "mine"' in text
+    assert 'description = "made from ring"' in text  # not what the ring is described as
+    assert "# Radius of the target zone, in units of length.\nradius = " in text
     assert "mine.toml" in casswarm(tmp_path, "scenarios", "check", "mine.toml").stdout
     done = casswarm(tmp_path, "scenarios", "new", "mine.toml", code=2)
     assert "--force" in done.stderr
@@ -395,3 +399,5 @@ def test_rates_of_a_users_module_beside_the_file_are_used(tmp_path):
     )
     done = casswarm(tmp_path, "simulate", "own.toml", "--runs", 20, "--workers", 2)
     assert "leader" in done.stdout
+    told = casswarm(tmp_path, "plan", "own.toml").stdout
+    assert "not certified: that needs a lower bound of your rates" in told

@@ -1,4 +1,4 @@
-"""The notebook on solvers, run as it is: its family is small."""
+"""Notebooks, run as they are, and what their text says held against their numbers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-NOTEBOOK = Path(__file__).parents[1] / "notebooks" / "solver_comparison.py"
+import pytest
+
+NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
+NOTEBOOK = NOTEBOOKS / "solver_comparison.py"
 
 # not as a script: the processes that solvers run in would import and run it again
 RUN = f"""
@@ -47,3 +50,39 @@ def test_solver_comparison_runs_and_shows_what_its_text_says(tmp_path: Path) -> 
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "done 80"
+
+
+CLAIMS = {
+    "quickstart": """
+assert guide.survival < around.survival <= around.survival_bound
+rates = study.summary.set_index("policy")["success"]
+assert rates["homing"] < rates["naive"] < rates["leader"]
+for law in laws:
+    assert abs(rates[law.policy] - law.success[0]) < 0.12, "3 deviations of 200 runs"
+""",
+    "own_hazard_and_policy": """
+rates = study.summary.set_index("policy")["success"]
+assert rates["leader"] < rates["constrained"] < rates["naive"], "protecting is the worst"
+assert guide.risk_bound <= guide.risk
+first, second = guide.ways()[:2]
+assert first.sides != second.sides and second.risk < 1.05 * first.risk, "nearly as good"
+lost = study.traces["leader"][0].positions[-1][~study.traces["leader"][0].alive[-1]]
+towers_at = np.array(scenario.hazard.radars)
+assert len(lost) and np.hypot(*(lost[:, None] - towers_at).T).min(axis=0).max() < 2.0
+""",
+}
+"""What the text says of the numbers beside it."""
+
+
+@pytest.mark.parametrize("name", CLAIMS)
+def test_notebook_runs_and_its_text_is_true(name: str, tmp_path: Path) -> None:
+    text = (NOTEBOOKS / f"{name}.py").read_text(encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", f"{text}\n{CLAIMS[name]}"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        env=os.environ | {"MPLBACKEND": "agg"},
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr

@@ -24,6 +24,8 @@ from casswarm.scenario import (
 )
 
 BUILTIN = [
+    "alley",
+    "barricade",
     "crossfire",
     "gauntlet",
     "large-swarm",

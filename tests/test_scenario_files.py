@@ -5,23 +5,14 @@ from pathlib import Path
 
 import pytest
 from scenario_messages import message
+from test_scenario import BUILTIN
 
 from casswarm.scenario import (
     Scenario,
     load_scenario,
     save_scenario,
 )
-
-BUILTIN = [
-    "crossfire",
-    "gauntlet",
-    "large-swarm",
-    "paper-1",
-    "paper-2",
-    "ring",
-    "single-agent",
-    "wall",
-]
+from casswarm.scenario.messages import fields, subtable
 
 
 @pytest.fixture
@@ -165,3 +156,17 @@ def test_a_file_that_cannot_be_written_says_so(paper: Scenario, tmp_path: Path) 
     path = tmp_path / "no" / "such" / "folder.toml"
     text = message(save_scenario, paper, path)
     assert text == f"cannot write the scenario file {path}: No such file or directory"
+
+
+@pytest.mark.parametrize("name", BUILTIN)
+def test_comments_say_what_every_key_means_and_change_nothing(name: str, tmp_path: Path) -> None:
+    scenario = load_scenario(name)
+    save_scenario(scenario, tmp_path / "told.toml", comments=True)
+    assert load_scenario(tmp_path / "told.toml") == scenario
+    text = (tmp_path / "told.toml").read_text(encoding="utf-8")
+    lines = text.splitlines()
+    told = " ".join(line.removeprefix("# ") for line in lines if line.startswith("# "))
+    models = [Scenario, *filter(None, map(subtable, fields(Scenario).values()))]
+    known = [item for model in models for item in fields(model).items()]
+    for key in (line.split(" = ")[0] for line in lines if " = " in line and line[0] != "#"):
+        assert any(name == key and str(field.description) in told for name, field in known), key

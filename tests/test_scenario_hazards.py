@@ -5,13 +5,15 @@ import math
 import pickle
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import pytest
 from scenario_messages import message
 
-from casswarm.hazard import CustomHazard
+from casswarm.hazard import CustomHazard, KernelHazard
 from casswarm.scenario import (
     Scenario,
     load_scenario,
@@ -189,3 +191,46 @@ def test_collision_rates_that_overflow_are_refused() -> None:
 
 def test_no_saturation_is_allowed(paper: Scenario) -> None:
     assert paper.with_values({"hazard.alpha_2": 0}).hazard_table.alpha_2 == 0
+
+
+# --- classes of the user's own
+
+
+@dataclass(frozen=True)
+class Gaussian(KernelHazard):
+    height: float = 1.0
+
+    def source(self, squared_distance: Any) -> Any:
+        return self.height * ca.exp(-squared_distance)
+
+    def density(self, squared_distance: Any) -> Any:
+        return 0 * squared_distance
+
+    def collision(self, squared_distance: Any) -> Any:
+        return 0 * squared_distance
+
+    def combine(self, source: Any, density: Any, collision: Any) -> Any:
+        return source + density + collision
+
+
+def test_a_class_of_hazards_is_made_of_radars_and_parameters(
+    paper: Scenario, tmp_path: Path
+) -> None:
+    scenario = paper.with_hazard(Gaussian, radars=[(3, 4)], height=0.5, strengths=[2.0])
+    assert scenario.hazard == Gaussian(radars=((3.0, 4.0),), strengths=(2.0,), height=0.5)
+    assert scenario.hazard.rates([[3.0, 4.0]]).tolist() == [1.0]
+    assert pickle.loads(pickle.dumps(scenario)) == scenario
+    save_scenario(scenario, tmp_path / "kernels.toml")
+    assert load_scenario(tmp_path / "kernels.toml").hazard == scenario.hazard
+
+
+def test_a_class_that_cannot_be_made_says_why(paper: Scenario) -> None:
+    text = message(paper.with_hazard, Gaussian, radars=[(3, 4)], width=2.0)
+    assert "Gaussian cannot be made" in text
+    assert "width" in text
+    assert "radars are empty" in message(paper.with_hazard, Gaussian)
+
+
+def test_parameters_at_the_wrong_place_are_sent_to_the_right_one(file: Callable[..., Path]) -> None:
+    path = file(('kind = "saturation"', 'kind = "mine:rates"\nwidth = 3'))
+    assert "[hazard.parameters]" in message(load_scenario, path)

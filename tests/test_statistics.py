@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import binom, binomtest
 
-from casswarm.statistics import Paired, exact_interval, runs_for, wilson
+from casswarm.statistics import Paired, effective_runs, exact_interval, runs_for, wilson
 
 
 def test_newcombes_interval_is_that_of_the_literature() -> None:
@@ -79,3 +80,35 @@ def test_exact_interval_has_known_values() -> None:
     """0 of 10 ends at 1 - 0.025^(1/10); 13 of 16 as in Fagerland et al. (2017, chapter 2)."""
     assert exact_interval(0, 10) == pytest.approx((0.0, 1 - 0.025**0.1))
     assert exact_interval(13, 16) == pytest.approx((0.5435, 0.9595), abs=5e-5)
+
+
+# --- strata
+
+
+def test_wilsons_interval_is_scipys() -> None:
+    for successes, runs in ((0, 10), (3, 10), (10, 10), (517, 1000)):
+        interval = binomtest(successes, runs).proportion_ci(0.95, method="wilson")
+        assert wilson(successes, runs) == pytest.approx((interval.low, interval.high), abs=1e-14)
+
+
+def test_effective_runs_of_a_case_by_hand() -> None:
+    """Ten strata, five that succeed and five that do not: one pair differs, one more is added."""
+    outcomes = np.array([True] * 5 + [False] * 5)
+    assert effective_runs(outcomes) == pytest.approx(10 * 0.25 / (2 / 10))
+    assert effective_runs(np.array([True, False] * 5)) == 10.0  # never fewer than there are
+    assert effective_runs(np.ones(7, bool)) == 7.0
+    assert effective_runs(np.array([True])) == 1.0
+
+
+@pytest.mark.parametrize("runs", [50, 401])
+def test_intervals_of_strata_cover_as_often_as_they_say(runs: int) -> None:
+    draws, chances = np.random.default_rng(1), np.linspace(0.02, 0.6, runs) ** 2
+    covered, narrower = 0, 0.0
+    for _ in range(2000):
+        outcomes = draws.random(runs) < chances
+        effective, mean = effective_runs(outcomes), outcomes.mean()
+        low, high = wilson(mean * effective, effective)
+        covered += low <= chances.mean() <= high
+        narrower += runs / effective
+    assert covered >= binom(2000, 0.95).ppf(0.001)
+    assert narrower / 2000 < 0.98

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import pandas as pd
 import pytest
+import slow_policy
+from commands import casswarm
 from slow_policy import fatal_once, toward
 from test_sweep import GRID, SMALL
 
 import casswarm as cs
-from casswarm.errors import PolicyError
+from casswarm.errors import WorkerError
 from casswarm.workers import done_jobs
 
 
@@ -52,8 +56,36 @@ def test_a_worker_that_dies_costs_time_and_no_result(
 
 
 def test_workers_that_always_die_are_an_error() -> None:
-    with pytest.raises(PolicyError, match="a worker process died"):
+    with pytest.raises(WorkerError, match="a worker process died"):
         list(done_jobs([exit_at_once, exit_at_once], 2))
+
+
+def test_an_executor_whose_workers_die_is_an_error() -> None:
+    with (
+        ProcessPoolExecutor(1, get_context("spawn")) as pool,
+        pytest.raises(WorkerError, match="lost its workers"),
+    ):
+        list(done_jobs([exit_at_once], pool))
+
+
+def test_a_jobs_own_error_stays_what_it_is() -> None:
+    with (
+        ProcessPoolExecutor(1, get_context("spawn")) as pool,
+        pytest.raises(ZeroDivisionError),
+    ):
+        list(done_jobs([divide], pool))
+
+
+def test_the_command_says_that_workers_died_and_ends_with_1(tmp_path: Path) -> None:
+    cs.save_scenario(SMALL, tmp_path / "small.toml")
+    shutil.copy(slow_policy.__file__, tmp_path)
+    fatal = ("simulate", "small.toml", "--policy", "slow_policy:fatal", "--runs", 4)
+    done = casswarm(tmp_path, *fatal, "--workers", 2, code=1)
+    assert "a worker process died, and the next one too" in done.stderr
+
+
+def divide() -> float:
+    return 1 / 0
 
 
 def exit_at_once() -> None:
@@ -65,7 +97,7 @@ def exit_at_once() -> None:
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    pytest.importorskip("distributed", reason="the extra 'distributed' is not installed")
+    pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
     folder = tmp_path_factory.mktemp("dask")
     place = folder / "scheduler.json"
     died = folder / "died"
@@ -112,11 +144,26 @@ def test_dask_gives_the_numbers_of_one_process_though_a_worker_dies(cluster: str
 
 def test_the_command_sends_its_work_to_the_cluster(cluster: str, tmp_path: Path) -> None:
     cs.save_scenario(SMALL, tmp_path / "small.toml")
-    command = [Path(sys.executable).parent / "casswarm", "sweep", "small.toml", "--runs", "9"]
-    command += ["--set", "n=1,2,3", "--policy", "leader"]
+    arguments = ("sweep", "small.toml", "--runs", 9, "--set", "n=1,2,3", "--policy", "leader")
     for name, more in (("here", []), ("there", ["--dask", cluster])):
-        subprocess.run(
-            [*command, "--out", name, *more], cwd=tmp_path, check=True, capture_output=True
-        )
+        casswarm(tmp_path, *arguments, "--out", name, *more)
     here, there = ((tmp_path / name / "sweep.csv").read_bytes() for name in ("here", "there"))
     assert here == there
+
+
+def test_simulate_sends_its_work_to_the_cluster(cluster: str, tmp_path: Path) -> None:
+    cs.save_scenario(SMALL, tmp_path / "small.toml")
+    arguments = ["simulate", "small.toml", "--runs", 50, "--policy", "leader", "--policy", "naive"]
+    for name, more in (("here", []), ("there", ["--dask", cluster])):
+        casswarm(tmp_path, *arguments, "--out", name, *more)
+    for table in ("runs.csv", "summary.csv"):
+        here, there = ((tmp_path / name / table).read_bytes() for name in ("here", "there"))
+        assert here == there
+
+
+def test_a_cluster_that_loses_every_worker_ends_with_1(cluster: str, tmp_path: Path) -> None:
+    cs.save_scenario(SMALL, tmp_path / "small.toml")
+    shutil.copy(slow_policy.__file__, tmp_path)
+    fatal = ("simulate", "small.toml", "--policy", "slow_policy:fatal", "--runs", 4)
+    done = casswarm(tmp_path, *fatal, "--dask", cluster, code=1)
+    assert "the executor lost its workers" in done.stderr

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -147,6 +148,40 @@ class Grid:
     def everywhere(cls, task: Relaxation, reach: int) -> Grid:
         """All nodes from which the target can be reached in time, wherever the start is."""
         return cls._of_ranges(task, 1, reach, _ranges(task, 1, reach, from_start=False))
+
+    @classmethod
+    def around(cls, task: Relaxation, starts: Floats, most: int) -> Grid:
+        """As `whole`, of paths from any of `starts` (n, 2): the finest of at most `most` nodes.
+
+        Steps are merged where they must be.
+        """
+
+        def ranges(merged: int, reach: int) -> list[tuple[np.ndarray, np.ndarray]]:
+            apart = (starts - task.start) * (reach / (merged * task.step))
+            spread = (np.floor(apart.min(axis=0)), np.ceil(apart.max(axis=0)))
+            return [
+                (
+                    np.maximum(low, spread[0].astype(int) - out),
+                    np.minimum(high, spread[1].astype(int) + out),
+                )
+                for out, (low, high) in zip(
+                    itertools.count(reach, reach),
+                    _ranges(task, merged, reach, from_start=False),
+                    strict=False,
+                )
+            ]
+
+        def size(merged: int, reach: int) -> int:
+            return int(
+                sum(np.prod(np.maximum(high - low + 1, 0)) for low, high in ranges(merged, reach))
+            )
+
+        merged = reach = 1
+        while size(merged, 1) > most and merged < task.steps:
+            merged *= 2
+        while reach < 64 and size(merged, 2 * reach) <= most:
+            reach *= 2
+        return cls._of_ranges(task, merged, reach, iter(ranges(merged, reach)))
 
     @classmethod
     def _of_ranges(cls, task: Relaxation, merged: int, reach: int, ranges: Ranges) -> Grid:

@@ -1,18 +1,19 @@
 """The head of a law exactly, and the rest sampled: for swarms whose law cannot be closed.
 
 `propagate` leaves states that wait, of total mass M. These are cut into R parts of equal mass, and
-one run is sampled from every part, independently. The number of successes S then is a sum of R
-independent trials with unequal probabilities, whose variance is no greater and whose tails are no
-heavier than the binomial's of the same mean (Hoeffding, Ann. Math. Statist. 27, 1956, theorem 4),
-so that Wilson's interval for S of R covers its mean about as often as that of plain runs covers
-theirs, and M times it covers what the rest adds to the success.
+one run is sampled from every part, independently. States are ordered by who is left and by step, so
+that neighbouring parts are alike; how much that saves is seen from pairs of neighbours
+(`effective_runs`), and Wilson's interval with the effective number of runs covers the mean of the
+rest's successes about as often as that of plain runs covers theirs. M times it is what the rest
+adds to the success.
 
-Why that is no worse than plain sampling, up to a few percent: a state of probability w is visited
+Why that is narrower than plain sampling with as many solves: a state of probability w is visited
 by R plain runs with probability 1 - (1 - w)^R, 0.86 at w = `VISITS` / R, so that what the
 head solves, they would solve too. Below the head R / M plain runs solve as much as R of
 these; their variance is
-p (1 - p) M / R, the hybrid's M^2 q (1 - q) / R with q the success below the head, and
-p (1 - p) >= M q (1 - q), by the law of total variance.
+p (1 - p) M / R, the hybrid's at most M^2 q (1 - q) / R with q the success below the head, and
+p (1 - p) >= M q (1 - q), by the law of total variance. Where no state but the first is heavy
+enough, M is 1 and the two are the same.
 
 Outcomes that were too light to be kept count as a bracket, [0, their mass]; a state in which they
 would weigh more than `MOST_LIGHT` of it is not split but sampled as it is.
@@ -24,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..statistics import LEVEL, wilson
+from ..statistics import LEVEL, effective_runs, wilson
 from .evaluate import Head
 from .law import Law
 from .random import uniforms
@@ -53,6 +54,8 @@ class Estimate:
         Mass that was neither followed nor sampled; the interval is wider by it.
     runs, successes : int
         Of the sample.
+    effective : float
+        Independent runs that are as good as these, at least `runs`.
     seed : int
     states : int
         Distinct states solved, head and sample together.
@@ -65,6 +68,7 @@ class Estimate:
     light: float
     runs: int
     successes: int
+    effective: float
     seed: int
     states: int
     level: float = LEVEL
@@ -75,7 +79,8 @@ class Estimate:
         low = self.head.success[0]
         if not self.runs:
             return self.head.success
-        bottom, top = wilson(self.successes, self.runs, self.level)
+        mean = self.successes / self.runs
+        bottom, top = wilson(mean * self.effective, self.effective, self.level)
         return low + self.sampled * bottom, min(1.0, low + self.sampled * top + self.light)
 
     @property
@@ -113,21 +118,24 @@ def sample_rest(head: Head, chain: Chain, runs: int, level: float = LEVEL) -> Es
         for part in parts
     ]
     if not parts:
-        return Estimate(law, 0.0, light, 0, 0, chain.seed, head.states, level)
+        return Estimate(law, 0.0, light, 0, 0, 0.0, chain.seed, head.states, level)
     states = States.joined([part for _, part in parts])
     steps = np.concatenate([np.full(len(part), step) for step, part in parts])
+    order = np.lexsort((steps, states.alive.sum(axis=1)))
+    states, steps = states[order], steps[order]
     ends = np.cumsum(states.weights)
     jitter = uniforms(chain.seed, _STEP_OF_CHOICE, 0, runs, 1)[:, 0]
     places = (np.arange(runs) + jitter) / runs * ends[-1]
     chosen = np.minimum(np.searchsorted(ends, places, side="right"), len(states) - 1)
     found = chain.finish(head.policy, states[chosen], steps[chosen])
-    successes = int((found.arrival >= 0).sum())
+    outcomes = found.arrival >= 0
     return Estimate(
         law,
         float(ends[-1]),
         light,
         runs,
-        successes,
+        int(outcomes.sum()),
+        effective_runs(outcomes) if len(states) > 1 else float(runs),
         chain.seed,
         head.states + found.states,
         level,

@@ -7,6 +7,7 @@ from .animation import animate
 from .bars import difference_chart, success_chart
 from .formations import formation_chart
 from .frames import player, save_gif
+from .joint import joint_map
 from .laws import arrival_chart, population_chart, survival_chart
 from .maps import comparison_map, guide_map, risk_map, swarm_map
 from .profiles import pair_chart, profile_chart, win_chart
@@ -21,6 +22,7 @@ __all__ = [
     "difference_chart",
     "formation_chart",
     "guide_map",
+    "joint_map",
     "look",
     "pair_chart",
     "player",

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Booleans, Expression, Floats
 from ..errors import HazardError
+from .protection import LeastRate
 
 
 class Hazard(ABC):
@@ -40,6 +42,26 @@ class Hazard(ABC):
             lambda_i; for the destroyed, whom `rates` masks, whatever the formula gives.
         """
 
+    def expressions(self, positions: Expression, sets: Expression) -> Expression:
+        """Rates of all members as `expression` gives them, in each of m sets of the living.
+
+        Parameters
+        ----------
+        positions : MX of shape (2, n)
+        sets : MX or DM of shape (m, n)
+            A row a set, 1 for the living. A mean field gives probabilities of being alive instead.
+
+        Returns
+        -------
+        MX of shape (m, n)
+        """
+        sets = ca.MX(sets)
+        count, n = sets.shape
+        x, living = ca.MX.sym("positions", 2, n), ca.MX.sym("alive", 1, n)
+        rates = ca.Function("rates", [x, living], [self.expression(x, living)])
+        found = rates.map(count)(ca.repmat(positions, 1, count), ca.reshape(sets.T, 1, count * n))
+        return ca.reshape(found, n, count).T
+
     @abstractmethod
     def lone_expression(self, points: Expression) -> Expression:
         """Rate lambda-bar of a lone member at each of m points: (2, m) to (1, m)."""
@@ -67,6 +89,17 @@ class Hazard(ABC):
         HazardError
             Wrong shapes, positions that are not finite, or (for rates written by users) a rate
             that is negative or not finite.
+
+        Examples
+        --------
+        The rate of a member at distance 1 from a radar, alone and with another in its place:
+
+        >>> import casswarm as cs
+        >>> hazard = cs.Saturation(radars=[(0, 0)], alpha_1=4.0, alpha_2=3.0, alpha_3=4.0)
+        >>> hazard.rates([[1, 0]])
+        array([1.])
+        >>> hazard.rates([[1, 0], [1, 0]]).round(4)
+        array([0.5714, 0.5714])
         """
         x = np.asarray(positions, dtype=float)
         if x.ndim not in (2, 3) or x.shape[-1] != 2 or x.shape[-2] == 0:
@@ -107,6 +140,14 @@ class Hazard(ABC):
         Returns
         -------
         ndarray of shape (...), or None
+        """
+        return None
+
+    def least_rate(self, n: int) -> LeastRate | None:  # noqa: ARG002
+        """Least rate of a member of a swarm of n by its lone rate, None where nobody knows it.
+
+        Hazards that offer it and `lone_rates_below` have success certified: see
+        `casswarm.certificate.success`.
         """
         return None
 

@@ -145,6 +145,37 @@ class CustomHazard(Hazard):
         return f"hazard {getattr(self.function, '__qualname__', self.function)!r}"
 
 
+def user_hazard(
+    kind: str | Callable[..., Any],
+    folder: Path | None,
+    radars: tuple[tuple[float, float], ...],
+    parameters: Mapping[str, Any],
+) -> Hazard:
+    """Hazard that a user wrote: of a function, or of a class derived from `Hazard`.
+
+    Parameters
+    ----------
+    kind : str or callable
+        ``module:name``, looked for in `folder` first, or the function or class itself.
+    folder : Path, optional
+    radars : k pairs (x, y)
+    parameters : mapping
+        Keyword arguments; a class gets them, and the radars, when it is made.
+
+    Raises
+    ------
+    HazardError
+        What cannot be imported or made, or does not work.
+    """
+    found = _import_function(kind, folder) if isinstance(kind, str) else kind
+    if not (isinstance(found, type) and issubclass(found, Hazard)):
+        return CustomHazard(found, radars, parameters)
+    try:
+        return found(**{"radars": radars} | dict(parameters))
+    except TypeError as error:
+        raise HazardError(f"{found.__name__} cannot be made: {error}") from error
+
+
 @lru_cache(maxsize=64)
 def rate_function(hazard: CustomHazard, n: int) -> Expression:
     """CasADi Function (2, n), (1, n) -> (1, n) of a user's rates.

@@ -112,14 +112,20 @@ class KernelHazard(Hazard):
 
     def expression(self, positions: Expression, alive: Expression) -> Expression:
         """Rates of all members, matrix form: (2, n), (1, n) to (1, n)."""
-        n = positions.shape[1]
+        return self.expressions(positions, alive)
+
+    def expressions(self, positions: Expression, sets: Expression) -> Expression:
+        """Rates of all members in m sets of the living: (2, n), (m, n) to (m, n)."""
+        n, count = positions.shape[1], sets.shape[0]
         east, north = (ca.repmat(positions[axis, :].T, 1, n) for axis in (0, 1))
         pairs = (east - east.T) ** 2 + (north - north.T) ** 2
-        living = alive.T
         others = 1 - ca.DM.eye(n)
-        density = ca.mtimes(_everywhere(self.density(pairs), pairs), living)
-        collision = ca.mtimes(self.collision(pairs) * others, living)
-        return self.combine(self._sources(positions), density.T, collision.T)
+        density = ca.mtimes(sets, _everywhere(self.density(pairs), pairs))
+        collision = ca.mtimes(sets, self.collision(pairs) * others)
+        sources = self._sources(positions)
+        return self.combine(
+            sources if count == 1 else ca.repmat(sources, count, 1), density, collision
+        )
 
     def lone_expression(self, points: Expression) -> Expression:
         """Rate of a lone member at each of m points: (2, m) to (1, m)."""

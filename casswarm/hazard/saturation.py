@@ -11,7 +11,8 @@ import numpy as np
 from ..arrays import Expression, Floats
 from ..errors import HazardError
 from .bounds import inverse_squares_below, least_inverse_squares
-from .kernels import KernelHazard, regular
+from .kernels import KernelHazard, lowered_kernels, regular
+from .protection import LeastRate, saturated, saturated_apart
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,10 @@ class Saturation(KernelHazard):
         radars, strengths = self.radar_positions, self.radar_strengths
         return self._alone * inverse_squares_below(east, north, spacing, radars, strengths)
 
+    def least_rate(self, n: int) -> LeastRate | None:
+        """With all n members in one place; see `casswarm.hazard.protection`."""
+        return saturated(n, self.alpha_2) if type(self) is Saturation else None
+
     @property
     def _is_the_papers(self) -> bool:
         """Whether a subclass has left the kernels of a lone member as they are."""
@@ -104,6 +109,13 @@ class SaturationCollision(Saturation):
     def collision(self, squared_distance: Expression) -> Expression:
         """(beta_1 / r)^beta_2, of squared distances; as an exponential, whose slope is cheap."""
         return ca.exp(0.5 * self.beta_2 * ca.log(self.beta_1**2 / regular(squared_distance)))
+
+    def least_rate(self, n: int) -> LeastRate | None:
+        """With the neighbours where saturation and collisions balance best."""
+        if type(self) is not SaturationCollision:
+            return None
+        kernel = lowered_kernels(self)[2]
+        return saturated_apart(n, self.alpha_2, lambda h: kernel((1.0 / h - 1.0) / self.alpha_3))
 
 
 def _require_finite(

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from ..certificate.value import ValueFunction
 from ..errors import PolicyError, among
 from ..guide import Guide
-from ..planning import plan, plan_from
+from ..planning import initial_velocities, plan, plan_from
 from ..problems.formation import motion_of
 from ..solvers import ProjectedGradient, Solver, make_solver
+from ..swarm import plan_swarm
+from ..swarm.replanning import PlanTree
 from .base import Decision, Policy, UserPolicy, as_policy
 from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy
+from .joint import JointPolicy
+from .joint_feedback import JointFeedbackPolicy
+from .lookahead import ConstrainedAheadPolicy, LeaderAheadPolicy
 from .naive import NaivePolicy
 from .succession import SUCCESSIONS
 
@@ -28,8 +32,14 @@ POLICIES = {
     "leader": "one member follows the guide, the others protect it",
     "constrained-feedback": "constrained, along the best way on from where the swarm is",
     "leader-feedback": "leader, who finds the best way on from where it is",
+    "joint": "the ways of all members that maximise the swarm's success, planned at once",
+    "joint-feedback": "joint, and survivors plan again",
+    "constrained-ahead-3": "constrained, with the next 3 steps in view, or any other number",
+    "leader-ahead-3": "leader, with the next 3 steps in view, or any other number",
 }
 """Names that `make_policy` takes, each with what it does."""
+
+_AHEAD = re.compile(r"(constrained|leader)-ahead-(\d+)")
 
 
 def make_policy(
@@ -38,45 +48,107 @@ def make_policy(
     guide: Guide | None = None,
     solver: str | Solver = "auto",
     succession: str = "nearest",
+    look_ahead: int = 1,
 ) -> Policy:
     """Policy of a name.
 
     Parameters
     ----------
-    name : {"naive", "constrained", "leader", "constrained-feedback", "leader-feedback"}
+    name : str
+        One of `POLICIES`: ``"naive"``, ``"constrained"``, ``"leader"``, ``"constrained-feedback"``,
+        ``"leader-feedback"``, ``"joint"``, ``"joint-feedback"``; or ``"constrained"`` and
+        ``"leader"`` with their look-ahead, such as ``"leader-ahead-3"``.
     scenario : Scenario
     guide : Guide, optional
-        Planned from the scenario by default; the policies with feedback need none.
+        Planned from the scenario by default; the policies with feedback along the guide's best way
+        on need none.
     solver : str or Solver
         Of the formation problems: a name of `casswarm.solvers.SOLVERS`, by default ``"auto"``.
     succession : {"nearest", "first", "safest"}
         Who leads, for ``"leader"``.
+    look_ahead : int
+        Steps that ``"leader"`` and ``"constrained"`` look ahead; with 1 they are the paper's.
 
     Raises
     ------
     PolicyError
-        An unknown name or rule of succession, or a guide of another scenario.
+        An unknown name or rule of succession, a look-ahead that is none, or a guide of another
+        scenario.
     PlanningError
         No guide was found.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import casswarm as cs
+    >>> scenario = cs.load_scenario("paper-1")
+    >>> policy = cs.make_policy("naive", scenario)
+    >>> X = scenario.positions[None]  # a batch of one state
+    >>> policy.velocities(0, X, np.zeros_like(X), np.ones((1, 5), bool)).shape
+    (1, 5, 2)
     """
-    _require_known("policy", name, POLICIES)
+    kind, look_ahead = _ahead(name, look_ahead)
     _require_known("succession", succession, SUCCESSIONS)
-    motion, options = motion_of(scenario), scenario.formation
+    options = scenario.formation
     paper = {"step": options.learning_rate, "iterations": options.iterations, "start": "zero"}
     backend = make_solver(solver, **(paper if solver == ProjectedGradient.name else {}))
     if guide is not None:
         _require_fitting(scenario, guide)
-    if name.endswith("-feedback"):
-        value = ValueFunction.of(scenario, certified=False)
-        if name.startswith("leader"):
-            return LeaderFeedbackPolicy(scenario.hazard, motion, value, backend)
-        return ConstrainedFeedbackPolicy(scenario.hazard, motion, value, backend, options.rho)
+    if kind in ("leader-feedback", "constrained-feedback"):
+        return _feedback(kind, scenario, backend)
     guide = plan(scenario, certify=False) if guide is None else guide
-    if name == "naive":
-        return NaivePolicy(motion, member_guides(scenario, guide))
-    if name == "leader":
-        return LeaderPolicy(scenario.hazard, motion, guide, backend, succession)
-    return ConstrainedPolicy(scenario.hazard, motion, guide, backend, options.rho)
+    if kind == "naive":
+        return NaivePolicy(motion_of(scenario), member_guides(scenario, guide))
+    if kind.startswith("joint"):
+        return _joint(kind, scenario, guide)
+    return _formation(kind, scenario, guide, backend, succession, look_ahead)
+
+
+def _feedback(kind: str, scenario: Scenario, backend: Solver) -> Policy:
+    shared = (
+        scenario.hazard,
+        motion_of(scenario),
+        ValueFunction.of(scenario, certified=False),
+        backend,
+    )
+    if kind == "leader-feedback":
+        return LeaderFeedbackPolicy(*shared)
+    return ConstrainedFeedbackPolicy(*shared, scenario.formation.rho)
+
+
+def _joint(kind: str, scenario: Scenario, guide: Guide) -> Policy:
+    found = plan_swarm(scenario, guide=guide)
+    blind = JointPolicy.of(found)
+    if kind == "joint":
+        return blind
+    return JointFeedbackPolicy(PlanTree.of(scenario, found), blind)
+
+
+def _formation(
+    kind: str, scenario: Scenario, guide: Guide, backend: Solver, succession: str, look_ahead: int
+) -> Policy:
+    shared = (scenario.hazard, motion_of(scenario), guide, backend)
+    rho, called = scenario.formation.rho, f"{kind}-ahead-{look_ahead}"
+    if look_ahead == 1:
+        leads = kind == "leader"
+        return LeaderPolicy(*shared, succession) if leads else ConstrainedPolicy(*shared, rho)
+    if kind == "leader":
+        return LeaderAheadPolicy(*shared, succession, name=called, look_ahead=look_ahead)
+    return ConstrainedAheadPolicy(*shared, rho, name=called, look_ahead=look_ahead)
+
+
+def _ahead(name: str, look_ahead: int) -> tuple[str, int]:
+    """A policy's name without its look-ahead, and that."""
+    if found := _AHEAD.fullmatch(name):
+        if look_ahead != 1:
+            raise PolicyError(f"policy {name!r} names its look-ahead: leave out look_ahead")
+        name, look_ahead = found[1], int(found[2])
+    _require_known("policy", name, POLICIES)
+    if not isinstance(look_ahead, int) or look_ahead < 1:
+        raise PolicyError(f"look_ahead = {look_ahead!r}; allowed: whole numbers from 1")
+    if look_ahead > 1 and name not in ("leader", "constrained"):
+        raise PolicyError(f"policy {name!r} has no look-ahead; leader and constrained have")
+    return name, look_ahead
 
 
 def _require_fitting(scenario: Scenario, guide: Guide) -> None:
@@ -86,13 +158,6 @@ def _require_fitting(scenario: Scenario, guide: Guide) -> None:
             f"{scenario.name!r} has its target at {scenario.target.center} and dt "
             f"{scenario.time.dt}: plan a guide for this scenario"
         )
-
-
-def initial_velocities(scenario: Scenario, guide: Guide) -> np.ndarray:
-    """V(-1) of every member, (n, 2): the scenario's, or the guide's first velocity."""
-    given = scenario.swarm.velocity
-    first = guide.velocities[0] if given == "guide" else np.asarray(given, float)
-    return np.tile(first, (scenario.n, 1))
 
 
 def member_guides(scenario: Scenario, guide: Guide) -> tuple[Guide, ...]:
@@ -122,9 +187,13 @@ def _require_known(kind: str, name: str, known: Mapping[str, object]) -> None:
 __all__ = [
     "POLICIES",
     "SUCCESSIONS",
+    "ConstrainedAheadPolicy",
     "ConstrainedFeedbackPolicy",
     "ConstrainedPolicy",
     "Decision",
+    "JointFeedbackPolicy",
+    "JointPolicy",
+    "LeaderAheadPolicy",
     "LeaderFeedbackPolicy",
     "LeaderPolicy",
     "NaivePolicy",

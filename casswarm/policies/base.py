@@ -125,6 +125,14 @@ def checked_velocities(name: str, step: int, velocities: ArrayLike, alive: Boole
 def as_policy(policy: Any, name: str | None = None) -> Policy:
     """A policy of what a user wrote: a `Policy`, an object with `velocities`, or a function.
 
+    Parameters
+    ----------
+    policy : Policy, object or function
+        Of (step, positions, previous, alive), of shapes (B, n, 2), (B, n, 2) and (B, n); its
+        velocities have shape (B, n, 2).
+    name : str, optional
+        What tables call it; by default the name it has.
+
     Raises
     ------
     PolicyError

@@ -120,11 +120,12 @@ def solved(formation: Formation, solver: Solver) -> Decision:
         )
         good = np.asarray(found.success & (found.stationarity <= HONEST))
         failures[open_], resolved[open_] = ~good, found.resolved
-        _tell_failures(solver.name, formation.nlp.name, found, good)
+        tell_failures(solver.name, formation.nlp.name, found, good)
     return Decision(velocities, formation.shortfalls.sum(axis=1), failures, resolved)
 
 
-def _tell_failures(solver: str, problem: str, found: BatchSolution, good: Booleans) -> None:
+def tell_failures(solver: str, problem: str, found: BatchSolution, good: Booleans) -> None:
+    """Log why answers are not good, once for every solver, problem and reason."""
     for row in np.flatnonzero(~good):
         words = "not solved" if found.words is None else str(found.words[row])
         _tell_once(solver, problem, words + (", but not stationary" if found.success[row] else ""))

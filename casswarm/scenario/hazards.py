@@ -31,8 +31,8 @@ class HazardTable(Table):
         Allowed(KINDS),
     ] = Field(
         description="'saturation' (Scenario I of the paper), 'saturation+collision' (Scenario II), "
-        "or 'module:function', a function of your own; the module is looked for in the folder of "
-        "the scenario file first."
+        "or 'module:function', a function (or a class derived from Hazard) of your own; the "
+        "module is looked for in the folder of the scenario file first."
     )
     radars: Annotated[
         tuple[Point, ...], Allowed("a list of [x, y] pairs of numbers, one for each radar")
@@ -102,12 +102,11 @@ class HazardTable(Table):
             A function that cannot be imported, or that does not work.
         """
         # CasADi takes its time to import, and listing scenarios needs no hazards
-        from ..hazard import CustomHazard, Saturation, SaturationCollision
+        from ..hazard import Saturation, SaturationCollision
+        from ..hazard.custom import user_hazard
 
-        if isinstance(self.kind, str) and self.is_custom:
-            return CustomHazard.from_name(self.kind, folder, self.radars, dict(self.parameters))
-        if not isinstance(self.kind, str):
-            return CustomHazard(self.kind, self.radars, dict(self.parameters))
+        if not isinstance(self.kind, str) or self.is_custom:
+            return user_hazard(self.kind, folder, self.radars, dict(self.parameters))
         constants = {key: getattr(self, key) for key in CONSTANTS[self.kind]}
         hazard = SaturationCollision if self.kind == "saturation+collision" else Saturation
         return hazard(radars=self.radars, strengths=self.strengths, **constants)

@@ -157,7 +157,8 @@ def unknown_key(key: str, model: type[BaseModel]) -> str:
     if meant:
         return f"unknown key '{key}'; did you mean '{meant}'?"
     names = ", ".join(other.rpartition(".")[2] for other in siblings or known)
-    return f"unknown key '{key}'; the keys {f'of [{table}]' if table else 'here'} are {names}"
+    own = "; those of a 'module:function' stand in [hazard.parameters]" if table == "hazard" else ""
+    return f"unknown key '{key}'; the keys {f'of [{table}]' if table else 'here'} are {names}{own}"
 
 
 def _nearest_leaf(leaf: str, keys: Iterable[str]) -> str | None:

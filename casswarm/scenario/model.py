@@ -18,7 +18,7 @@ from .fields import Allowed, Text, plain
 from .hazards import HazardTable
 from .messages import known_keys, problems, report, shown, unknown_key, wrong
 from .tables import FormationOptions, GuideOptions, Swarm, Table, Target, Time
-from .writing import toml_text
+from .writing import annotated, toml_text
 
 if TYPE_CHECKING:
     from ..hazard import Hazard
@@ -155,6 +155,13 @@ class Scenario(Table):
         ------
         ScenarioError
             Unknown keys, or values that are wrong, alone or together.
+
+        Examples
+        --------
+        >>> import casswarm as cs
+        >>> wide = cs.load_scenario("paper-1").with_values({"formation.rho": 0.1})
+        >>> wide.formation.rho
+        0.1
         """
         known = known_keys(type(self))
         unknown = [key for key in values if key not in known and not key.startswith(_PARAMETERS)]
@@ -180,7 +187,8 @@ class Scenario(Table):
         Parameters
         ----------
         function : callable, or str ``module:function``
-            The rates, as `casswarm.hazard.CustomHazard` takes them.
+            The rates, as `casswarm.hazard.CustomHazard` takes them; or a class derived from
+            `casswarm.hazard.Hazard`, made of the radars and parameters.
         radars : k pairs (x, y), optional
             Drawn on maps, and handed to the function as ``radars=`` if given.
         **parameters
@@ -203,15 +211,21 @@ class Scenario(Table):
             folder=self._folder,
         )
 
-    def to_toml(self) -> str:
+    def to_toml(self, comments: bool = False) -> str:
         """Text of a scenario file; loading it gives an equal scenario.
+
+        Parameters
+        ----------
+        comments : bool
+            Whether to say above every key what it means.
 
         Raises
         ------
         ScenarioError
             The hazard is a function that no file can name.
         """
-        return toml_text(self._data())
+        text = toml_text(self._data())
+        return annotated(text, type(self)) if comments else text
 
     def model_copy(
         self, *, update: Mapping[str, Any] | None = None, deep: bool = False

@@ -28,6 +28,12 @@ def load_scenario(source: str | os.PathLike[str]) -> Scenario:
     ScenarioError
         No such scenario, a file that cannot be read, or one that is wrong: the message names the
         file and has a line for each wrong key, with what was given and what is allowed.
+
+    Examples
+    --------
+    >>> import casswarm as cs
+    >>> cs.load_scenario("paper-1")
+    <Scenario 'paper-1': 5 members, 2 radars, saturation hazard, 30 steps>
     """
     texts = _builtin_texts()
     if isinstance(source, str) and source in texts:
@@ -39,15 +45,22 @@ def load_scenario(source: str | os.PathLike[str]) -> Scenario:
     return Scenario.from_data(data, source=label, folder=path.resolve().parent)
 
 
-def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
+def save_scenario(scenario: Scenario, path: str | os.PathLike[str], comments: bool = False) -> None:
     """Write a scenario file that loads as an equal scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    path : str or path
+    comments : bool
+        Whether to say above every key what it means.
 
     Raises
     ------
     ScenarioError
         The file cannot be written, or no file can name the scenario's hazard.
     """
-    text = scenario.to_toml()
+    text = scenario.to_toml(comments)
     try:
         Path(path).write_text(text, encoding="utf-8", newline="\n")
     except (OSError, ValueError) as error:

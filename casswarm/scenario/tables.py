@@ -94,7 +94,7 @@ class Time(Table):
     """The clock: steps of dt until t_f."""
 
     dt: Positive = Field(description="Length of a step, in units of time.")
-    t_f: Positive = Field(description="Time at which a run ends at the latest.")
+    t_f: Positive = Field(description="Time at which a run ends at the latest, in units of time.")
 
     @property
     def steps(self) -> int:

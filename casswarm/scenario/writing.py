@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import tomli_w
+from pydantic import BaseModel
 
 from ..errors import ScenarioError
 from .kinds import importable_name
+from .messages import fields, subtable
 
 # tomli_w escapes line breaks in texts, so that a bracket before a line break opens an array
 _SCALARS = re.compile(r"\[\n((?: +[^\[\]\"{},\n]+,\n)+) *\]")
@@ -39,3 +42,25 @@ def toml_text(data: Mapping[str, Any]) -> str:
 def _on_one_line(array: re.Match[str]) -> str:
     items = (line.strip().removesuffix(",") for line in array[1].splitlines())
     return f"[{', '.join(items)}]"
+
+
+def annotated(text: str, model: type[BaseModel]) -> str:
+    """Text of a scenario file with what every table and key of `model` means as comments."""
+    return "\n".join(_annotated_lines(text.splitlines(), model)) + "\n"
+
+
+def _annotated_lines(lines: list[str], model: type[BaseModel]) -> Iterator[str]:
+    known = fields(model)
+    for line in lines:
+        table, key = re.fullmatch(r"\[(\w+)\]", line), re.match(r"(\w+) = ", line)
+        said: str | None = None
+        if table and table[1] in fields(model):
+            field = fields(model)[table[1]]
+            known = fields(subtable(field) or model)
+            said = field.description
+        elif line.startswith("["):
+            known = {}  # the tables in a table are the user's
+        elif key and key[1] in known:
+            said = known[key[1]].description
+        yield from (f"# {part}" for part in textwrap.wrap(said or "", 96))
+        yield line

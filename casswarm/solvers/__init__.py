@@ -39,11 +39,24 @@ SOLVERS: dict[str, type[Solver]] = {
 def make_solver(solver: str | Solver, **options: Any) -> Solver:
     """Solver of a name, with options; a solver is returned as it is.
 
+    Parameters
+    ----------
+    solver : str or Solver
+        A name of `casswarm.solvers.SOLVERS`, which ``casswarm solvers`` lists.
+    **options
+        Fields of the solver's class.
+
     Raises
     ------
     SolverError
         An unknown name or option; the message names the nearest known one. A solver that is left
         out, or cannot run in this installation; the message says why.
+
+    Examples
+    --------
+    >>> import casswarm as cs
+    >>> cs.make_solver("sqp", tolerance=1e-9).tolerance
+    1e-09
     """
     if isinstance(solver, Solver):
         return solver

@@ -11,6 +11,7 @@ import numpy as np
 from ..arrays import Floats
 from ..nlp import Instances, Nlp
 from ..solution import BatchSolution
+from .barrier import Barrier, BarrierRun
 from .base import Abilities, Answer, Solver
 from .ipopt import Ipopt
 from .spectral import Run, SpectralProjectedGradient
@@ -18,7 +19,7 @@ from .spectral import Run, SpectralProjectedGradient
 
 @dataclass(frozen=True)
 class Auto(Solver):
-    """`SpectralProjectedGradient` where it applies, and `Ipopt` for everything else.
+    """The batch solver that applies, and `Ipopt` for everything else.
 
     What counts is an answer's recomputed residuals, not what the batch solver says of it: one that
     is above tolerance is solved again by Ipopt from there, and counted as resolved. Problems that
@@ -29,11 +30,14 @@ class Auto(Solver):
     stationarity : float
         Residual up to which an answer of the batch solver is accepted.
     batch : SpectralProjectedGradient
+    paths : Barrier
+        The batch solver of problems over paths.
     judge : Ipopt
     """
 
     stationarity: float = 1e-6
     batch: SpectralProjectedGradient = field(default_factory=SpectralProjectedGradient)
+    paths: Barrier = field(default_factory=Barrier)
     judge: Ipopt = field(default_factory=Ipopt)
 
     name: ClassVar[str] = "auto"
@@ -44,9 +48,10 @@ class Auto(Solver):
         """Nothing: each of the two builds what it needs when it is needed."""
 
     def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        if not self.batch.can_take(nlp, instances):
+        batch = self._batch(nlp, instances)
+        if batch is None:
             return self.judge._answers(nlp, instances)
-        run = self.batch.run(nlp, instances)
+        run = batch.run(nlp, instances)
         found = self._accepted(run)
         return [
             answer
@@ -57,16 +62,23 @@ class Auto(Solver):
 
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
         """Solve every instance; `BatchSolution.resolved` tells which needed Ipopt."""
-        if not self.batch.can_take(nlp, instances):
+        batch = self._batch(nlp, instances)
+        if batch is None:
             return self.judge.solve_batch(nlp, instances)
-        found = self._accepted(self.batch.run(nlp, instances))
+        found = self._accepted(batch.run(nlp, instances))
         left = np.flatnonzero(~found.success)
         if not left.size:
             return found
         again = self.judge.solve_batch(nlp, _restarted(instances[left], found.x[left]))
         return found.with_rows(left, replace(again, resolved=np.ones(left.size, bool)))
 
-    def _accepted(self, run: Run) -> BatchSolution:
+    def _batch(self, nlp: Nlp, instances: Instances) -> SpectralProjectedGradient | Barrier | None:
+        """The batch solver that can take the problem, None where none can."""
+        if self.batch.can_take(nlp, instances):
+            return self.batch
+        return self.paths if self.paths.can_take(nlp, instances) else None
+
+    def _accepted(self, run: Run | BarrierRun) -> BatchSolution:
         """The batch's answers, a success where the residuals are small, whatever it says."""
         return run.solution(run.judged[:, 2] <= self.stationarity)
 

@@ -43,8 +43,9 @@ class Abilities:
 
     Parameters
     ----------
-    problems : {"any", "product sets"}
-        Any `Nlp`, or only those whose constraints are a product of boxes and discs.
+    problems : {"any", "product sets", "paths"}
+        Any `Nlp`, or only those whose constraints are a product of boxes and discs, or limits of
+        paths over some steps.
     batch : bool
         Whether thousands of instances advance together.
     multipliers : bool
@@ -53,7 +54,7 @@ class Abilities:
         Whether a solve can be given a limit of time.
     """
 
-    problems: Literal["any", "product sets"] = "any"
+    problems: Literal["any", "product sets", "paths"] = "any"
     batch: bool = False
     multipliers: bool = False
     time_limit: bool = False

@@ -35,12 +35,18 @@ class Ipopt(NlpsolSolver):
     max_seconds : float
         Wall time of one solve.
     hessian : {"exact", "limited-memory"}
+    memory : int
+        Steps that the limited-memory approximation remembers.
+    feasibility : float, optional
+        Ipopt's ``constr_viol_tol``, where it is not to be that of ``tol``.
     """
 
     tolerance: float = 1e-8
     max_iterations: int = 500
     max_seconds: float = 60.0
     hessian: Literal["exact", "limited-memory"] = "exact"
+    memory: int = 6
+    feasibility: float | None = None
 
     name: ClassVar[str] = "ipopt"
     summary: ClassVar[str] = "interior point, exact derivatives; any problem"
@@ -53,15 +59,18 @@ class Ipopt(NlpsolSolver):
         require(self, "max_iterations", self.max_iterations >= 0, "zero or above")
         require(self, "max_seconds", self.max_seconds > 0, "above zero")
         require(self, "hessian", self.hessian in HESSIANS, " or ".join(map(repr, HESSIANS)))
+        require(self, "memory", self.memory >= 1, "one or above")
+        require(self, "feasibility", (self.feasibility or 1.0) > 0, "above zero, or None")
 
     def _options(self) -> dict[str, Any]:
         return {
             "ipopt": {
                 "tol": self.tolerance,
-                "constr_viol_tol": self.tolerance,
+                "constr_viol_tol": self.feasibility or self.tolerance,
                 "max_iter": self.max_iterations,
                 "max_wall_time": self.max_seconds,
                 "hessian_approximation": self.hessian,
+                "limited_memory_max_history": self.memory,
                 "honor_original_bounds": "yes",
                 "print_level": 0,
                 "sb": "yes",

@@ -155,7 +155,7 @@ class Run:
             def share(first: int, last: int) -> None:
                 minimise(first, last, *given, tolerance, iterations, *results)
 
-            _shared_out(share, len(self.x))
+            shared_out(share, len(self.x), _SHARE)
         elif len(self.x):
             batch = spectral_mapped.Batch(self.nlp, self.parameters, self.product, self.units)
             self.x, self.judged, self.outcome, self.counts = spectral_mapped.minimise_batch(
@@ -201,8 +201,9 @@ def _pool(process: int) -> ThreadPoolExecutor:  # noqa: ARG001  (threads do not 
     return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="casswarm")
 
 
-def _shared_out(work: Callable[[int, int], None], size: int) -> None:
-    threads = min(os.cpu_count() or 1, size // _SHARE)
+def shared_out(work: Callable[[int, int], None], size: int, share: int) -> None:
+    """Work on instances `first` to `last` - 1, on threads of at least `share` instances."""
+    threads = min(os.cpu_count() or 1, size // share)
     if threads < 2:
         work(0, size)
         return

@@ -1,0 +1,113 @@
+"""All policies where no detour is a way out: exact success, the bound, and the time they need.
+
+Run with the installed package::
+
+    python benchmarks/policies.py            # some minutes
+    python benchmarks/policies.py --quick    # two scenarios, wider brackets
+
+Prints a Markdown table a scenario. Success is a proven bracket, where the budget of states suffices
+for one of width 0.01, and otherwise (marked ~) an interval with 95 % confidence, what the states
+leave being sampled. *Plan* is the time until the policy can be asked (guide included), *decide*
+that of a step per distinct state, the chain's own work included, both in processor time. Policies
+that follow a guide get one that members can follow: its own limit on acceleration is a fifth of
+theirs.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import casswarm as cs
+from casswarm import Guide, Scenario
+
+WIDE = 0.01
+GENTLE = {"guide.a_max": 0.1, "guide.search": "global", "guide.arrival": "any"}
+
+Maker = Callable[[Scenario, Guide], Any]
+
+
+def cases() -> dict[str, Scenario]:
+    """Scenarios in which every way leads past radars, none much safer than the others."""
+    hurried = GENTLE | {"time.t_f": 5.0}
+    return {
+        "alley": cs.load_scenario("alley"),
+        "barricade": cs.load_scenario("barricade"),
+        "ring, three times as strong, 8 time units": cs.load_scenario("ring").with_values(
+            GENTLE | {"hazard.alpha_1": 9.0, "time.t_f": 8.0}
+        ),
+        "gauntlet": cs.load_scenario("gauntlet").with_values(GENTLE),
+        "paper-1, three times as strong, 5 time units": cs.load_scenario("paper-1").with_values(
+            hurried | {"hazard.alpha_1": 12.0}
+        ),
+        "paper-2, twice as strong, 5 time units": cs.load_scenario("paper-2").with_values(
+            hurried | {"hazard.alpha_1": 8.0}
+        ),
+    }
+
+
+def makers() -> dict[str, Maker]:
+    """How every policy is made."""
+
+    def named(name: str, scenario: Scenario, guide: Guide, **options: Any) -> Any:
+        return cs.make_policy(name, scenario, guide, **options)
+
+    rules = {
+        f"leader, {rule}": partial(named, "leader", succession=rule) for rule in ("first", "safest")
+    }
+    names = ("naive", "constrained", "leader", "constrained-feedback", "leader-feedback")
+    return {name: partial(named, name) for name in names} | rules
+
+
+def decided(scenario: Scenario, policy: Any, guide: Guide) -> float:
+    """Microseconds of processor time a step and distinct state, in a thousand runs."""
+    options: dict[str, Any] = {"guide": guide, "traces": 0}
+    cs.simulate(scenario, [policy], 10, **options)  # compiled before the clock starts
+    started = time.process_time()
+    study = cs.simulate(scenario, [policy], 1000, **options)
+    return 1e6 * (time.process_time() - started) / float(study.effort["states"].sum())
+
+
+def row(
+    scenario: Scenario, guide: Guide, planned: float, make: Maker, options: dict[str, Any]
+) -> dict[str, Any]:
+    """What the table says of a policy."""
+    started = time.process_time()
+    policy = make(scenario, guide)
+    planned += time.process_time() - started
+    law = cs.evaluate(scenario, policy, guide=guide, **options)
+    (low, high), proven = law.success, True
+    if high - low > WIDE:
+        (low, high), proven = cs.estimate(scenario, policy, 4000, guide=guide).success, False
+    return {
+        "success": f"{'' if proven else '~ '}{low:.4f} to {high:.4f}",
+        "survivors": f"{law.survivors_mean[0]:.2f}",
+        "shortfalls": f"{law.shortfalls:.1f}",
+        "failures": f"{law.failures:.3g}",
+        "plan, s": f"{planned:.2f}",
+        "decide, us": f"{decided(scenario, policy, guide):.1f}",
+    }
+
+
+def main() -> None:
+    """Print the tables."""
+    quick = "--quick" in sys.argv
+    options: dict[str, Any] = {"tolerance": 1e-2 if quick else 1e-3, "most_states": 100_000}
+    for name, scenario in list(cases().items())[: 2 if quick else None]:
+        started = time.process_time()
+        guide = cs.plan(scenario)
+        planned = time.process_time() - started
+        print(f"\n{name}: a lone agent survives with {guide.survival:.4f}\n")
+        for place, (policy, make) in enumerate(makers().items()):
+            found = row(scenario, guide, planned, make, options)
+            if not place:
+                print("| policy | " + " | ".join(found) + " |")
+                print("| --- " * (1 + len(found)) + "|")
+            print(f"| {policy} | " + " | ".join(found.values()) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,49 @@
+"""The joint plan with feedback: after losses the survivors plan again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Booleans, Floats
+from ..swarm.replanning import PlanTree
+from .base import Decision, Policy
+from .joint import JointPolicy
+
+
+@dataclass(frozen=True, eq=False)
+class JointFeedbackPolicy(Policy):
+    """Members follow a joint plan; where some were lost, a new one for the others.
+
+    See `casswarm.swarm.replanning` for which situations are planned for. A state that no plan leads
+    to, such as one made up by a caller, is steered back to the first plan.
+
+    Parameters
+    ----------
+    tree : PlanTree
+        Remembers every plan; states that it knows are solved once.
+    blind : JointPolicy
+        Of the first plan.
+    """
+
+    tree: PlanTree
+    blind: JointPolicy
+    name: str = "joint-feedback"
+
+    def decide(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Decision:
+        """On along the plan of every state; `Decision.resolved` tells which were planned anew."""
+        blind = self.blind.decide(step, positions, previous, alive)
+        velocities, shortfalls = blind.velocities.copy(), blind.shortfalls.copy()
+        failures, resolved = np.zeros((2, len(alive)), np.int64)
+        for state, living in enumerate(alive):
+            members = tuple(np.flatnonzero(living).tolist())
+            if not members:
+                continue
+            found = self.tree.follow(
+                step, members, positions[state, living], previous[state, living]
+            )
+            if found is not None:
+                velocities[state, living], resolved[state], failures[state] = found
+                shortfalls[state] = 0
+        return Decision(velocities, shortfalls, failures, resolved)

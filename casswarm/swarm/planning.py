@@ -1,0 +1,268 @@
+"""From a scenario to a joint plan: many starts, the best of them made better."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arrays import Floats
+from ..certificate.success import success_bound
+from ..errors import ScenarioError, SolverError, among
+from ..guide import Guide
+from ..planning import initial_velocities, plan
+from ..problems.formation import motion_of
+from ..problems.joint import OBJECTIVES, JointForm, JointTask
+from ..solvers import Ipopt, Solver, make_solver
+from .law import PlanLaw
+from .plan import SwarmOutcome, SwarmPlan
+from .solving import JointProblem, first_steps
+from .starts import SwarmStart, initial_plans, lone_guide, perturbed
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+MOST_EXACT = 10
+"""Members up to which plans maximise the exact probability; beyond, the mean field."""
+
+STARTS = ("formations", "own", "perturbed")
+"""Kinds of starts."""
+
+MARGIN = 1e-5
+"""Of the radius: how deep in the target the members arrive, for what a solver leaves."""
+
+PERTURBED = 2
+"""Seeded perturbations of the best plan."""
+
+FIRST, POLISHED = 100, 500
+"""Iterations of a start, and of the best ones after it."""
+
+TOLERANCE = 1e-5
+"""Ipopt's, of log-odds: a relative difference in the probability of failure."""
+
+BEST = 2
+"""Outcomes that are made better."""
+
+
+def plan_swarm(
+    scenario: Scenario,
+    objective: str = "success",
+    solver: str | Solver = "ipopt",
+    *,
+    starts: Sequence[str] = STARTS,
+    seed: int = 0,
+    min_distance: float | None = None,
+    time_limit: float | None = None,
+    guide: Guide | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> SwarmPlan:
+    """Ways of all members that maximise the swarm's own probability of success.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    objective : {"success", "arrivals", "survivors"}
+        The probability that some member arrives alive by t_f, or the mean number of living members
+        in the target, or alive anywhere, when the run ends: at the first arrival. With
+        ``"arrivals"`` members stay out of the target until the common arrival step.
+    solver : str or Solver
+        By default Ipopt, with a limited-memory Hessian: an exact one takes longer than all else.
+    starts : sequence of str
+        Of ``"formations"`` along the ways of a lone agent, ``"own"`` guides of the members (in
+        swarms of at most 10), and ``"perturbed"``: the best plan, disturbed at random.
+    seed : int
+        Of the perturbations.
+    min_distance : float, optional
+        Least distance of any two members at every step after the first.
+    time_limit : float, optional
+        Seconds after which no further start is tried. The answer then depends on the machine.
+    guide : Guide, optional
+        Gives V(-1) where the scenario leaves that to the guide; planned from the scenario by
+        default, as everywhere, so that every policy begins with the same velocity.
+    progress : callable, optional
+        Called with the name of every start.
+
+    Returns
+    -------
+    SwarmPlan
+        The best outcome of all starts by its exact value, whatever its solver's status; with more
+        than 10 members by the mean field's.
+
+    Raises
+    ------
+    SolverError
+        An unknown objective, kind of start or solver.
+    PlanningError
+        No guide was found that would give V(-1).
+    ScenarioError
+        Members that are nearer to each other than `min_distance` from the start.
+    ValueError
+        A distance or time limit out of range.
+    """
+    started = time.perf_counter()
+    _require_known(objective, starts)
+    distance = _checked_distance(scenario, min_distance)
+    if time_limit is not None and not time_limit > 0:
+        raise ValueError(f"time_limit = {time_limit!r}; allowed: seconds above 0")
+    guide = plan(scenario, certify=False) if guide is None else guide
+    task = joint_task(scenario, initial_velocities(scenario, guide), distance)
+    form = JointForm(
+        scenario.n, scenario.n_steps, scenario.n <= MOST_EXACT, objective, distance > 0
+    )
+    problem = JointProblem(scenario, task, form)
+    search = _Search(problem, _backends(solver), progress or (lambda _: None))
+    deadline = math.inf if time_limit is None else started + time_limit
+    best = search.run(starts, seed, deadline)
+    return search.result(best, time.perf_counter() - started, min_distance)
+
+
+def joint_task(scenario: Scenario, before: Floats, distance: float = 0.0) -> JointTask:
+    """What the members of a scenario are to do, from V(-1) `before` (n, 2)."""
+    return JointTask(
+        start=scenario.positions,
+        before=before,
+        center=np.asarray(scenario.target.center, float),
+        radius=scenario.target.radius,
+        margin=MARGIN * scenario.target.radius,
+        v_max=scenario.swarm.v_max,
+        a_max=scenario.swarm.a_max,
+        dt=scenario.time.dt,
+        steps=scenario.n_steps,
+        distance=distance,
+    )
+
+
+def _require_known(objective: str, starts: Sequence[str]) -> None:
+    if objective not in OBJECTIVES:
+        raise SolverError(f"objective {objective!r} is unknown{among(objective, OBJECTIVES)}")
+    if isinstance(starts, str) or not starts:
+        raise SolverError(f"starts = {starts!r}; expected a list of {', '.join(STARTS)}")
+    for kind in starts:
+        if kind not in STARTS:
+            raise SolverError(f"kind of start {kind!r} is unknown{among(kind, STARTS)}")
+
+
+def _checked_distance(scenario: Scenario, given: float | None) -> float:
+    if given is None:
+        return 0.0
+    if not 0 < given < math.inf:
+        raise ValueError(f"min_distance = {given!r}; allowed: a finite number above 0, or None")
+    i, j = np.triu_indices(scenario.n, 1)
+    apart = np.hypot(*(scenario.positions[i] - scenario.positions[j]).T)
+    if apart.size and apart.min() < given:
+        raise ScenarioError(
+            f"min_distance = {given!r}, but members start {apart.min():g} apart; "
+            "give less, or place them further apart (swarm.positions)"
+        )
+    return given
+
+
+def _backends(solver: str | Solver) -> tuple[Solver, Solver]:
+    """What solves starts, and what makes the best of them better."""
+    if solver != "ipopt":
+        backend = make_solver(solver)
+        return backend, backend
+    first, polished = (
+        Ipopt(
+            tolerance=TOLERANCE,
+            max_iterations=most,
+            hessian="limited-memory",
+            memory=20,
+            feasibility=1e-8,
+        )
+        for most in (FIRST, POLISHED)
+    )
+    return first, polished
+
+
+@dataclass
+class _Search:
+    """The solves of one joint plan.
+
+    Parameters
+    ----------
+    problem : JointProblem
+    solvers : pair of Solver
+        For starts, and to make the best better.
+    progress : callable
+    """
+
+    problem: JointProblem
+    solvers: tuple[Solver, Solver]
+    progress: Callable[[str], None]
+    outcomes: list[SwarmOutcome] = field(default_factory=list)
+
+    def run(self, kinds: Sequence[str], seed: int, deadline: float) -> SwarmOutcome:
+        """The best outcome of all starts; always one at least."""
+        for start in self._initial(kinds):
+            self._solved(start, self.solvers[0])
+            if time.perf_counter() > deadline:
+                return self.best
+        for outcome in sorted(self.outcomes, key=lambda o: -o.value)[:BEST]:
+            self._polish(outcome, deadline)
+        if "perturbed" in kinds:
+            rng = np.random.default_rng(seed)
+            for _ in range(PERTURBED):
+                if time.perf_counter() > deadline:
+                    break
+                best = self.best
+                start = perturbed(self.problem.again(best), self.problem.task, rng)
+                found = self._solved(start, self.solvers[0])
+                if found.value > best.value:
+                    self._polish(found, deadline)
+        return self.best
+
+    @property
+    def best(self) -> SwarmOutcome:
+        """By value; a solved one before its equals."""
+        return max(self.outcomes, key=lambda o: (o.value, o.solution.status.success))
+
+    def _initial(self, kinds: Sequence[str]) -> Iterator[SwarmStart]:
+        scenario, task = self.problem.scenario, self.problem.task
+        guide = lone_guide(scenario, task.before[0])
+        own = "own" in kinds and scenario.n <= MOST_EXACT
+        for start in initial_plans(scenario, task, guide, own):
+            if start.origin == "own guides" or "formations" in kinds or not own:
+                yield start
+
+    def _solved(self, start: SwarmStart, solver: Solver) -> SwarmOutcome:
+        self.progress(start.origin)
+        self.outcomes.append(self.problem.solved(start, solver))
+        return self.outcomes[-1]
+
+    def _polish(self, outcome: SwarmOutcome, deadline: float) -> None:
+        """Solve on from an outcome, with the arrival steps that it has, until both agree."""
+        for _ in range(3):
+            again = self.problem.again(outcome)
+            settled = np.array_equal(again.arrivals, outcome.arrivals)
+            if (settled and outcome.solution.status.success) or time.perf_counter() > deadline:
+                return
+            found = self._solved(again, self.solvers[1])
+            if settled and found.value <= outcome.value:
+                return
+            outcome = found
+
+    def result(self, best: SwarmOutcome, seconds: float, min_distance: float | None) -> SwarmPlan:
+        """The plan of the best outcome."""
+        problem = self.problem
+        scenario, positions = problem.scenario, problem.positions(best.velocities)
+        return SwarmPlan(
+            scenario=scenario.name,
+            objective=problem.form.objective,
+            positions=positions,
+            velocities=best.velocities,
+            before=problem.task.before,
+            motion=motion_of(scenario),
+            arrivals=first_steps(scenario, positions),
+            value=best.value,
+            law=PlanLaw.of(scenario, positions) if problem.form.exact else None,
+            solution=best.solution,
+            outcomes=tuple(self.outcomes),
+            bound=success_bound(scenario),
+            min_distance=min_distance,
+            seconds=seconds,
+        )

@@ -1,0 +1,132 @@
+"""The scenario file, key by key, from the schema that reads it: nothing here is written twice.
+
+``{scenario-keys}`` makes a section a table of the file, with every key's limits, default and
+meaning; ``{builtin-scenarios}`` a table of the scenarios that come with casswarm.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+from docutils import nodes
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+from casswarm.scenario import Scenario, builtin_scenarios, load_scenario
+from casswarm.scenario.kinds import CONSTANTS
+from casswarm.scenario.messages import allowed, fields, subtable
+
+HEAD = ("Key", "Allowed", "Default", "Meaning")
+
+
+def tables() -> Iterator[tuple[str, type[BaseModel]]]:
+    """The tables of a file by name, in its order; the keys above all tables are named ''."""
+    yield "", Scenario
+    for key, field in fields(Scenario).items():
+        model = subtable(field)
+        if model is not None:
+            yield key, model
+
+
+def rows(table: str, model: type[BaseModel]) -> list[tuple[str, str, str, str]]:
+    """Key, limits, default and meaning of every key of a table, as Markdown."""
+    return [
+        (f"`{key}`", marked(allowed(field)), default(table, key, field), marked(meaning(field)))
+        for key, field in fields(model).items()
+        if subtable(field) is None
+    ]
+
+
+def meaning(field: FieldInfo) -> str:
+    """What a key means, with its unit."""
+    if not field.description:
+        raise ValueError(f"a field of the schema has no description: {field}")
+    return field.description
+
+
+def default(table: str, key: str, field: FieldInfo) -> str:
+    """Default of a key as it would be written, or who needs it."""
+    if field.is_required():
+        return "must be given"
+    kinds = [kind for kind, needed in CONSTANTS.items() if table == "hazard" and key in needed]
+    if kinds:
+        every = len(kinds) == len(CONSTANTS)
+        needing = "every built-in kind" if every else " and ".join(f'`"{k}"`' for k in kinds)
+        return f"needed by {needing}"
+    value = field.get_default(call_default_factory=True)
+    if value is None or value in ({}, ()):
+        return "left out"
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    return f'`"{value}"`' if isinstance(value, str) else f"`{value:g}`"
+
+
+def marked(text: str) -> str:
+    """Plain text as Markdown: quoted words as values, nothing else of it special."""
+    escaped = re.sub(r"([\\*_\[\]$<>`|])", r"\\\1", text)
+    return re.sub(
+        r"'([\w:+\\-]+)'", lambda word: '`"{}"`'.format(word[1].replace("\\", "")), escaped
+    )
+
+
+def list_table(head: Sequence[str], lines: Iterable[Sequence[str]], widths: str) -> str:
+    """A table as MyST Markdown."""
+    cells = [
+        f"{'* -' if column == 0 else '  -'} {cell}"
+        for line in [head, *lines]
+        for column, cell in enumerate(line)
+    ]
+    options = [":header-rows: 1", f":widths: {widths}", ":class: reference"]
+    return "\n".join(["```{list-table}", *options, "", *cells, "```", ""])
+
+
+def reference() -> str:
+    """All tables, a section each."""
+    parts = []
+    for name, model in tables():
+        said = "The keys that come before all tables."
+        if name:
+            said = (model.__doc__ or "").split("\n\n")[0]
+            optional = not fields(Scenario)[name].is_required()
+            said += " The table may be left out." if optional else ""
+        title = f"`[{name}]`" if name else "Name and description"
+        parts += [f"## {title}", "", said, "", list_table(HEAD, rows(name, model), "14 24 16 46")]
+    return "\n".join(parts)
+
+
+def builtin() -> str:
+    """The scenarios that come with casswarm."""
+    found = []
+    for name, description in builtin_scenarios().items():
+        scenario = load_scenario(name)
+        radars = len(scenario.hazard.radar_positions)
+        found.append((f"`{name}`", str(scenario.n), str(radars), str(scenario.n_steps)))
+        found[-1] += (marked(description),)
+    return list_table(("Name", "Members", "Radars", "Steps", "What it is"), found, "16 9 9 9 57")
+
+
+class ScenarioKeys(SphinxDirective):
+    """``{scenario-keys}``."""
+
+    def run(self) -> list[nodes.Node]:
+        """The sections."""
+        return self.parse_text_to_nodes(reference(), allow_section_headings=True)
+
+
+class BuiltinScenarios(SphinxDirective):
+    """``{builtin-scenarios}``."""
+
+    def run(self) -> list[nodes.Node]:
+        """The table."""
+        return self.parse_text_to_nodes(builtin())
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Both directives."""
+    app.add_directive("scenario-keys", ScenarioKeys)
+    app.add_directive("builtin-scenarios", BuiltinScenarios)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

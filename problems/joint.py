@@ -1,0 +1,338 @@
+"""The joint plan: the ways of all members at once, for the success of the swarm itself.
+
+The paper calls this problem too complex to compute, and turns to a guide and formations around it.
+An open-loop plan X_i(1..T) of all n members, with arrival steps T_i, has an exact success
+probability. With d the set of the living, F_t(d) the probability that from step t on nobody
+arrives, and q_i(t, d) = 1 - exp(-dt lambda_i(X(t), d)),
+
+    F_t(d) = sum over d' of d of  prod_{i in d'} (1 - q_i) prod_{i in d - d'} q_i  f_{t+1}(d'),
+             q_i = q_i(t+1, d),
+    f_t(d') = 0 if some i in d' has T_i = t, for the run ends there, else F_t(d'),
+    F_N(d) = 1.
+
+The sum is contracted member by member (`casswarm.subsets`). In general a run that ends at step t
+with d' alive costs c_t(d') in [0, 1]: nothing for ``"success"``; the share of members that are not
+in the target then for ``"arrivals"``; the share of the destroyed for ``"survivors"``. The program:
+
+    minimise    log F - log(1 - F),  F = F_0(everybody)
+    over        V_i(0..T-1)
+    subject to  -v_max <= V_i(t) <= v_max                       equation (4)
+                ||V_i(t) - V_i(t-1)||^2 <= a_max                 equation (5)
+                ||X_i(T_i) - c||^2 <= (radius - margin)^2
+                ||X_i(t) - c||^2 >= radius^2, t < T_i            where asked
+                ||X_i(t) - X_j(t)||^2 >= distance^2, t >= 1       where asked
+
+with X_i(t+1) = X_i(t) + dt V_i(t) eliminated. Log-odds are well scaled where F is nearly 0 and
+where it is nearly 1. A member that passes through the target before T_i arrives there, which F does
+not know: for success and survivors it is then an upper bound of the plan's cost, for an earlier end
+of a run never costs more. For arrivals it would: there the members must stay outside until T_i.
+
+**Mean field.** For large swarms, whose 2^n sets are too many, every member i has a probability
+s_i(t) of being alive, s_i(0) = 1, and meets the others as a field of that density:
+
+    s_i(t) = s_i(t-1) exp(-dt lambda_i(X(t), s(t-1) with s_i = 1)),    t <= T_i,
+    F = prod_i (1 - s_i(T_i)) for success,    1 - sum_i s_i(T_i) / n for the other two.
+
+It takes the members' fates for independent and the density for its mean: a surrogate, neither a
+bound nor exact (but for n = 1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from ..arrays import Booleans, Counts, Expression, Floats
+from ..hazard import Hazard
+from ..nlp import Instances, Nlp
+from ..subsets import subsets
+from .guide import within
+
+OBJECTIVES = ("success", "arrivals", "survivors")
+
+_TINY, _CERTAIN = 1e-30, 1e-13
+"""What keeps the log-odds finite at a cost of 0 and of 1."""
+
+
+@dataclass(frozen=True)
+class JointForm:
+    """Which of the joint plan's programs.
+
+    Parameters
+    ----------
+    n, horizon : int
+        Members, and steps N.
+    exact : bool
+        By the recursion over sets, or by the mean field.
+    objective : {"success", "arrivals", "survivors"}
+    apart : bool
+        Whether members keep a distance.
+    """
+
+    n: int
+    horizon: int
+    exact: bool = True
+    objective: str = "success"
+    apart: bool = False
+
+    @property
+    def outside(self) -> bool:
+        """Whether members stay out of the target until they arrive."""
+        return self.objective == "arrivals"
+
+
+@dataclass(frozen=True, eq=False)
+class JointTask:
+    """What the members of a swarm are to do.
+
+    Parameters
+    ----------
+    start, before : (n, 2)
+        X(0) and V(-1).
+    center : (2,)
+    radius, margin : float
+        Of the target; members arrive at most ``radius - margin`` from its centre.
+    v_max, a_max, dt : float
+    steps : int
+        Left until t_f.
+    distance : float
+        Between members; 0 where none is asked for.
+    """
+
+    start: Floats
+    before: Floats
+    center: Floats
+    radius: float
+    margin: float
+    v_max: float
+    a_max: float
+    dt: float
+    steps: int
+    distance: float = 0.0
+
+
+@lru_cache(maxsize=64)
+def joint_nlp(hazard: Hazard, form: JointForm) -> Nlp:
+    """The program above, in steps and in lengths of a step at v_max.
+
+    Blocks have a column a step; those of points hold (x_1, y_1, ..., x_n, y_n).
+    """
+    n, steps = form.n, form.horizon
+    V = ca.MX.sym("velocities", 2 * n, steps)
+    begin, before = ca.MX.sym("begin", 2 * n), ca.MX.sym("before", 2 * n)
+    center, origin = ca.MX.sym("center", 2), ca.MX.sym("origin", 2)
+    length, clock = ca.MX.sym("length"), ca.MX.sym("clock")
+    arrivals = ca.MX.sym("arrivals", n, steps)
+    X = ca.repmat(begin, 1, steps) + ca.mtimes(V, ca.DM.ones(ca.Sparsity.upper(steps)))
+    places = ca.repmat(origin, n, steps) + length * X
+    if form.exact:
+        weights, objective = _recursion(hazard, form, places, clock)
+    else:
+        weights, objective = {}, _mean_field(hazard, form, places, clock, arrivals)
+    away = _squares(X - ca.repmat(center, n, steps))
+    constraints = {
+        "acceleration": _squares(V - ca.horzcat(before, V[:, :-1])),
+        "arrival": ca.sum2(arrivals * away).T,
+    }
+    if form.outside:
+        constraints["outside"] = away
+    if form.apart and n > 1:
+        constraints["apart"] = _squares(ca.mtimes(_differences(n), X))
+    return Nlp(
+        name=f"joint[{n}, {steps}, {form.objective}{'' if form.exact else ', mean field'}]",
+        variables={"velocities": V},
+        parameters={
+            **weights,
+            "arrivals": arrivals,
+            "begin": begin,
+            "before": before,
+            "center": center,
+            "origin": origin,
+            "length": length,
+            "clock": clock,
+        },
+        objective=objective,
+        constraints=constraints,
+    )
+
+
+def _recursion(
+    hazard: Hazard, form: JointForm, places: Expression, clock: Expression
+) -> tuple[dict[str, Expression], Expression]:
+    """Parameters of the ends of runs, and the log-odds of F_0(everybody)."""
+    count, steps = 2**form.n, form.horizon
+    goes_on = ca.MX.sym("goes_on", count, steps)
+    costs = ca.MX.sym("costs", count, steps)
+    last = ca.MX.sym("last", count)
+    step = _step(hazard, form.n)
+    backwards = step.mapaccum("recursion", steps)
+    values = backwards(
+        last,
+        places[:, ::-1],
+        goes_on[:, ::-1],
+        costs[:, ::-1],
+        ca.repmat(clock, 1, steps),
+    )
+    failure = values[count - 1, steps - 1]
+    parameters = {"goes_on": goes_on, "costs": costs, "last": last}
+    return parameters, ca.log(failure + _TINY) - ca.log(1.0 - failure + _CERTAIN)
+
+
+def _step(hazard: Hazard, n: int) -> Expression:
+    """CasADi Function of a step of the recursion: F_{t+1} and X(t+1) to F_t."""
+    pairs = subsets(n)
+    count = len(pairs.members)
+    value, x = ca.MX.sym("value", count), ca.MX.sym("x", 2 * n)
+    goes_on, cost = ca.MX.sym("goes_on", count), ca.MX.sym("cost", count)
+    clock = ca.MX.sym("clock")
+    rates = hazard.expressions(ca.reshape(x, 2, n), ca.DM(pairs.members.astype(float)))
+    lost = -ca.expm1(-clock * rates)
+    found = (cost + goes_on * value)[pairs.survivors.tolist()].T
+    for i, masks in enumerate(pairs.before):
+        outside, dead, alive = ca.horzsplit(found, masks.shape[1])
+        q = ca.reshape(lost[:, i][masks.ravel(order="F").tolist()], *masks.shape)
+        found = ca.vertcat(outside, alive + q * (dead - alive))
+    return ca.Function("step", [value, x, goes_on, cost, clock], [found])
+
+
+def _mean_field(
+    hazard: Hazard,
+    form: JointForm,
+    places: Expression,
+    clock: Expression,
+    arrivals: Expression,
+) -> Expression:
+    """Log-odds of the surrogate's F."""
+    n, steps = form.n, form.horizon
+    alive, x, under_way = ca.MX.sym("alive", n), ca.MX.sym("x", 2 * n), ca.MX.sym("under_way", n)
+    time = ca.MX.sym("clock")
+    own = ca.DM.eye(n)
+    field = ca.repmat(alive.T, n, 1) * (1 - own) + own
+    rates = ca.diag(hazard.expressions(ca.reshape(x, 2, n), field))
+    following = alive * ca.exp(-time * under_way * rates)
+    step = ca.Function("step", [alive, x, under_way, time], [following])
+    # under way until the arrival step: the sum of what is still to come
+    to_come = ca.mtimes(arrivals, ca.DM.ones(ca.Sparsity.lower(steps)))
+    clocks = ca.repmat(clock, 1, steps)
+    survival = step.mapaccum("field", steps)(ca.DM.ones(n), places, to_come, clocks)[:, -1]
+    survival = survival * ca.sum2(arrivals)  # who never arrives does not succeed
+    if form.objective != "success":
+        failure = 1.0 - ca.sum1(survival) / n
+        return ca.log(failure + _TINY) - ca.log(1.0 - failure + _CERTAIN)
+    logarithm = ca.sum1(ca.log1p(-survival + _CERTAIN))
+    return logarithm - ca.log(_CERTAIN - ca.expm1(logarithm))
+
+
+def _squares(vectors: Expression) -> Expression:
+    """Squared lengths (m, c) of points in the plane (2 m, c)."""
+    return ca.mtimes(_pairing(vectors.shape[0] // 2), vectors**2)
+
+
+def _pairing(count: int) -> Expression:
+    return ca.kron(ca.DM.eye(count), ca.DM.ones(1, 2))
+
+
+def _differences(n: int) -> Expression:
+    """Matrix (n (n-1), 2 n) from members' places to the differences of all pairs."""
+    first, second = np.triu_indices(n, 1)
+    rows = np.zeros((len(first), n))
+    rows[np.arange(len(first)), first], rows[np.arange(len(first)), second] = 1.0, -1.0
+    return ca.kron(ca.sparsify(ca.DM(rows)), ca.DM.eye(2))
+
+
+def joint_instance(
+    nlp: Nlp, form: JointForm, task: JointTask, arrivals: Counts, velocities: Floats
+) -> Instances:
+    """Instance with arrival steps `arrivals` (n,), 0 for none, started from `velocities` (T, n, 2).
+
+    Members of a swarm that all arrive at step T or before stop there.
+    """
+    n, steps = form.n, form.horizon
+    length = task.dt * task.v_max
+    at = np.arange(1, steps + 1)[:, None] == arrivals  # (N, n)
+    last = int(arrivals.max()) if arrivals.all() else task.steps
+    moving = np.arange(steps) < last
+    guess = np.zeros((steps, n, 2))
+    known = min(len(velocities), last)
+    guess[:known] = np.clip(velocities[:known] / task.v_max, -1.0, 1.0)
+    limit = np.where(moving[:, None], 1.0, 0.0) * np.ones(2 * n)
+    origin = task.start.mean(axis=0)
+    squared = np.where(moving[:, None], task.a_max / task.v_max**2, np.inf) * np.ones(n)
+    arriving = np.array([((task.radius - task.margin) / length) ** 2])
+    lower = {
+        "acceleration": np.full((steps, n), -np.inf),
+        "arrival": np.full((n, 1), -np.inf),
+    }
+    upper = {
+        "acceleration": within(squared),
+        "arrival": within(arriving)[None] * np.ones((n, 1)),
+    }
+    if "outside" in nlp.constraints:
+        to_come = at[::-1].cumsum(axis=0)[::-1] > at
+        lower["outside"] = np.where(to_come, ((task.radius + task.margin) / length) ** 2, -np.inf)
+        upper["outside"] = np.full((steps, n), np.inf)
+    if "apart" in nlp.constraints:
+        pairs = n * (n - 1) // 2
+        least = (task.distance / length) ** 2
+        lower["apart"] = np.where(moving[:, None], least, -np.inf) * np.ones(pairs)
+        upper["apart"] = np.full((steps, pairs), np.inf)
+    return Instances(
+        start=nlp.pack_variables(velocities=guess.reshape(steps, 2 * n)),
+        parameters=nlp.pack_parameters(
+            **(_ends(form, at) if form.exact else {}),
+            arrivals=at.astype(float),
+            begin=((task.start - origin) / length).reshape(1, -1),
+            before=(task.before / task.v_max).reshape(1, -1),
+            center=((task.center - origin) / length)[None],
+            origin=origin[None],
+            length=[[length]],
+            clock=[[task.dt]],
+        ),
+        lower=nlp.pack_variables(velocities=-limit),
+        upper=nlp.pack_variables(velocities=limit),
+        lower_g=nlp.pack_constraints(**lower),
+        upper_g=nlp.pack_constraints(**upper),
+    )
+
+
+def _ends(form: JointForm, at: Booleans) -> dict[str, Floats]:
+    """Where runs go on and what their ends cost, (N, 2^n) each, and the rest's cost (1, 2^n)."""
+    costs, ending = end_costs(form.objective, form.n, at)
+    last = _share_lost(form.n) if form.objective == "survivors" else np.ones(2**form.n)
+    return {
+        "goes_on": (~ending).astype(float),
+        "costs": np.where(ending, costs, 0.0),
+        "last": last[None],
+    }
+
+
+def end_costs(objective: str, n: int, inside: Booleans) -> tuple[Floats, Booleans]:
+    """What a run costs that ends at step t with d alive, and whether it ends there.
+
+    Parameters
+    ----------
+    objective : {"success", "arrivals", "survivors"}
+    n : int
+    inside : (N, n) bool
+        Who is in the target at steps 1..N.
+
+    Returns
+    -------
+    costs, ending : (N, 2^n)
+    """
+    members = subsets(n).members
+    arriving = inside.astype(float) @ members.T
+    if objective == "success":
+        costs = np.zeros_like(arriving)
+    elif objective == "arrivals":
+        costs = 1.0 - arriving / n
+    else:
+        costs = np.broadcast_to(_share_lost(n), arriving.shape)
+    return np.asarray(costs, float), np.asarray(arriving > 0)
+
+
+def _share_lost(n: int) -> Floats:
+    return np.asarray(1.0 - subsets(n).members.mean(axis=1))

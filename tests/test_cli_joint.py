@@ -1,0 +1,88 @@
+"""The command line: joint plans, and the bound beside every probability."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from pathlib import Path
+
+import pytest
+from commands import PNG, casswarm
+
+PAIR = ("paper-1", "--set", "swarm.positions=[[0.0, 0.0], [0.4, 0.1]]", "--set", "time.t_f=8.0")
+BOUND = re.compile(r"^no policy can exceed (0\.\d+)$", re.M)
+
+
+def test_plan_joint_prints_its_success_and_the_bound(tmp_path: Path) -> None:
+    printed = casswarm(tmp_path, "plan", *PAIR, "--joint", "--seed", "3").stdout
+    told = re.search(r"success (0\.\d+) .*no policy can exceed (0\.\d+)", printed)
+    assert told
+    assert 0.5 < float(told[1]) < float(told[2]) < 1.0
+    assert "formation" in printed
+    assert "alive at the end" in printed
+    folder = tmp_path / "results" / "plan-joint-paper-1"
+    assert (folder / "joint.png").read_bytes().startswith(PNG)
+    record = json.loads((folder / "run.json").read_text())
+    result = record["result"]
+    low, high = result["success"]
+    assert low <= result["value"] <= high <= result["success_bound"]["bound"]
+    assert len(result["success_bound"]["risks"]) == 2
+    assert record["inputs"]["seed"] == 3
+    with (folder / "joint.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 2 * len(result["positions"])
+    assert float(rows[-1]["survival"]) < float(rows[0]["survival"]) == 1.0
+    with (folder / "outcomes.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == len(result["outcomes"])
+
+
+def test_plan_joint_of_a_large_swarm_is_estimated(tmp_path: Path) -> None:
+    positions = json.dumps([[0.1 * i, 0.1 * (i % 3)] for i in range(11)])
+    settings = ("--set", f"swarm.positions={positions}", "--set", "hazard.alpha_1=30.0")
+    command = (
+        "plan",
+        "paper-1",
+        *settings,
+        "--set",
+        "time.t_f=7.0",
+        "--joint",
+        "--time-limit",
+        "1",
+    )
+    printed = casswarm(tmp_path, *command).stdout
+    assert "by the mean field" in printed
+    assert "95% confidence" in printed
+    record = tmp_path / "results" / "plan-joint-paper-1" / "run.json"
+    estimate = json.loads(record.read_text())["result"]["estimate"]
+    assert 0 <= estimate["success_low"] < estimate["success_high"] <= 1
+
+
+def test_the_bound_stands_beside_every_success_probability(tmp_path: Path) -> None:
+    for command in (
+        ("evaluate", *PAIR, "--policy", "naive"),
+        ("evaluate", *PAIR, "--policy", "naive", "--runs", "200"),
+        ("simulate", *PAIR, "--policy", "naive", "--runs", "20"),
+    ):
+        done = casswarm(tmp_path, *command)
+        found = BOUND.search(done.stdout)
+        assert found, done.stdout
+        record = tmp_path / "results" / f"{command[0]}-paper-1" / "run.json"
+        told = json.loads(record.read_text())["result"]["success_bound"]
+        assert told["certified"]
+        assert told["bound"] <= float(found[1]) <= told["bound"] + 1e-4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--joint", "--map", "--gap", "0.1"), "--gap, --map: of the guide alone"),
+        (("--min-distance", "0.1"), "--min-distance: of the joint plan alone, give --joint too"),
+        (("--joint", "--min-distance", "2"), "members start 0.412311 apart; give less"),
+        (("--joint", "--objective", "arrival"), "arrivals"),
+    ],
+)
+def test_options_that_do_not_go_together_are_wrong_input(
+    tmp_path: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    assert message in casswarm(tmp_path, "plan", *PAIR, *arguments, code=2).stderr
