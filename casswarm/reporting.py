@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from . import gallery
+from .certificate.success import SuccessBound
 from .figures import look
 from .saved import Saved
 from .templates import rendered
@@ -84,12 +85,20 @@ def simulation_page(
         failures=int(summary["solver_failures"].sum()),
         shortfalls=int(summary["shortfalls"].sum()),
         guide=saved.guide,
+        bound=success_bound_of(record["result"].get("success_bound")),
         pictures=pictures,
         run=run,
         command=f"casswarm {shlex.join(map(str, record['arguments']))}",
         text=record["scenario"],
         record=record,
     )
+
+
+def success_bound_of(told: Mapping[str, Any] | None) -> SuccessBound | None:
+    """The bound of a record; None where there is none."""
+    if told is None:
+        return None
+    return SuccessBound(float(told["failure"]), tuple(told["risks"]), str(told["reason"]))
 
 
 def picture(name: str, figure: Figure) -> Picture:

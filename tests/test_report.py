@@ -55,6 +55,13 @@ def test_the_page_has_the_tables_of_the_folder(folder, page):
         assert " ".join(row.values()) in text
 
 
+def test_the_page_tells_what_no_policy_can_exceed(folder, page):
+    bound = json.loads((folder / "run.json").read_text())["result"]["success_bound"]
+    assert bound["certified"]
+    told = float(re.search(r"No policy can exceed (0\.\d+): proven", plain(page))[1])
+    assert 0 <= told - bound["bound"] < 1e-3
+
+
 def test_the_page_has_every_figure_with_words_for_who_cannot_see_it(page):
     images = re.findall(r'<img src="data:image/svg\+xml;base64,[^"]+" [^>]*alt="([^"]*)"', page)
     assert images == [
