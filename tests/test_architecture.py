@@ -198,7 +198,7 @@ def test_no_module_imports_itself_in_a_circle() -> None:
 
 # --- what imports cost
 
-HEAVY = {"casadi", "pandas", "matplotlib", "scipy", "numba", "pydantic"}
+HEAVY = {"casadi", "pandas", "matplotlib", "scipy", "numba", "pydantic", "jinja2", "PIL"}
 
 
 def loaded_after(code: str) -> set[str]:
