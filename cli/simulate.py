@@ -51,6 +51,9 @@ if TYPE_CHECKING:
     show_default=True,
     help="First runs of every policy whose way is kept, for casswarm plot and animate.",
 )
+@click.option(
+    "--report", is_flag=True, help="Leave report.html, too: one page with all of it, to be sent."
+)
 @study_options
 @solver_option
 @click.option(
@@ -77,6 +80,7 @@ def simulate(
     half_width: float | None,
     seed: int,
     keep: int,
+    report: bool,
     workers: int,
     dask: str | None,
     resume: bool,
@@ -97,6 +101,7 @@ def simulate(
     \b
     Examples:
       casswarm simulate paper-1
+      casswarm simulate paper-1 --report
       casswarm simulate paper-1 --policy leader --runs 5000 --seed 7 --workers 2
       casswarm simulate paper-1 --half-width 0.005 --workers 2
       casswarm simulate my-scenario.toml --set formation.rho=0.1 --policy my_module:my_policy
@@ -141,6 +146,8 @@ def simulate(
     }
     bound = success_bound(chosen)
     content = _write(folder, study, bound, inputs)
+    if report:
+        _report(folder, quiet)
     click.echo(json_text(content) if as_json else f"{_words(study)}\n\n{bound}")
     say(folder.closing(), quiet)
 
@@ -188,6 +195,16 @@ def _write(
         "success_bound": bound.as_dict(),
     }
     return folder.record(result, inputs)
+
+
+def _report(folder: Folder, quiet: bool) -> None:
+    """The page, made from what is in the folder."""
+    from ..reporting import simulation_page
+    from ..saved import Saved
+
+    say("report", quiet)
+    folder.text("report.html", simulation_page(Saved.of(folder.path)))
+    folder.add_to_record()
 
 
 def _words(study: Study) -> str:

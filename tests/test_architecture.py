@@ -35,7 +35,7 @@ LAYERS = (
     ("statistics", "store", "workers"),
     ("chain",),
     ("shares", "study", "pilot", "evaluation", "tables", "figures", "comparison"),
-    ("cells", "sweeping", "gallery", "saved"),
+    ("cells", "sweeping", "gallery", "saved", "reporting"),
     ("cli",),
 )
 """Each imports from its own row and the rows above. A new module finds its row here."""
@@ -198,7 +198,7 @@ def test_no_module_imports_itself_in_a_circle() -> None:
 
 # --- what imports cost
 
-HEAVY = {"casadi", "pandas", "matplotlib", "scipy", "numba", "pydantic"}
+HEAVY = {"casadi", "pandas", "matplotlib", "scipy", "numba", "pydantic", "jinja2", "PIL"}
 
 
 def loaded_after(code: str) -> set[str]:

@@ -33,6 +33,7 @@ def test_help_shows_where_to_begin(tmp_path):
         "sweep",
         "compare",
         "plot",
+        "animate",
         "scenarios",
         "solvers",
     ):
@@ -54,6 +55,7 @@ def test_help_shows_where_to_begin(tmp_path):
         ("sweep",),
         ("compare",),
         ("plot",),
+        ("animate",),
     ],
 )
 def test_every_command_has_help(tmp_path, command):
@@ -69,6 +71,7 @@ def test_no_help_text_shows_a_control_sequence(tmp_path):
         ["sweep"],
         ["compare"],
         ["plot"],
+        ["animate"],
         ["scenarios", "new"],
     ):
         out = casswarm(tmp_path, *command, "--help").stdout

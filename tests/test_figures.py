@@ -181,6 +181,9 @@ def test_policies_of_users_have_looks_that_nobody_else_has() -> None:
     assert len(set(found.values())) == 5
     assert found["naive"] == POLICIES["naive"]
     assert marks(["mine"])["mine"] == found["mine"]  # whoever else is there
+    ahead = marks(["leader", "leader-ahead-3", "leader-ahead-5"])
+    assert ahead["leader-ahead-3"] == marks(["leader-ahead-7"])["leader-ahead-7"]
+    assert len(set(ahead.values())) == 3
     assert set(marks(map(str, range(50)))) == set(map(str, range(50)))
 
 

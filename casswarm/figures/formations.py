@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 from typing import Any, SupportsInt
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -22,10 +21,11 @@ from ..chain.simulate import Trace
 from ..guide import Guide
 from ..hazard import Hazard
 from ..scenario import Scenario
-from .maps import frame, pixels
-from .style import BLUE, GREY, INK, MEMBERS, VERMILION, current, drawn, headline, line, panels
+from .maps import GREYS, frame, pixels
+from .style import BLUE, GREY, INK, MEMBERS, VERMILION, current, drawn, halo, headline, line, panels
 
-_PIXELS = 60
+_PIXELS = 80
+_MOST = 1.5  # share to which the edge of the danger is drawn smooth
 _NEAR = 0.2  # of a window's half width: members that near share a label
 OVER = "#E8A987"  # where members endanger each other
 SHARES = Normalize(0.0, 1.0)
@@ -34,7 +34,7 @@ SHARES = Normalize(0.0, 1.0)
 
 def shades() -> Colormap:
     """Colours of `SHARES`: the better the protection, the lighter."""
-    return colormaps["Greys"].resampled(256).with_extremes(over=OVER)
+    return GREYS.with_extremes(over=OVER)
 
 
 def shares(hazard: Hazard, places: Floats, positions: Floats, alive: Booleans) -> Floats:
@@ -119,7 +119,11 @@ def formation_chart(
     bar.set_label("rate of one more member,\nas a share of a lone member's")
     handles = legend_handles(guide is not None, corridors, bool((trace.leaders >= 0).any()))
     fig.legend(handles=handles, loc="outside lower center", ncols=2 if narrow else len(handles))
-    headline(fig, title or scenario.name, "the formation around the guide" if guide else "")
+    headline(
+        fig,
+        title or scenario.name,
+        f"the formation around {'the guide' if guide else 'its middle'}",
+    )
     return fig
 
 
@@ -185,14 +189,15 @@ class Closeup:
         self.drawn = []
         alive, center = self.trace.alive[step], middle(self.trace, self.guide, step)
         positions = self.trace.positions[step]
-        self.image.set_data(shares(self.hazard, self.nodes + center, positions, alive))
+        found = shares(self.hazard, self.nodes + center, positions, alive)
+        self.image.set_data(np.minimum(found, _MOST))  # rates of collisions have no end
         before = self.trace.alive[step - 1] if step else alive
         offsets = positions - center
         self._members(offsets, alive, leader_at(self.trace, step))
         lost = before & ~alive
         self._lost(offsets, alive, lost)
-        self._labels(offsets, alive, crowded=bool(lost.any()))
-        self._labels(offsets, lost, below=True)
+        self._labels(offsets, alive, lost)
+        self._labels(offsets, lost, alive, crosses=True)
 
     def _members(self, offsets: Floats, alive: Booleans, leader: int) -> None:
         few = len(alive) <= len(MEMBERS)
@@ -212,8 +217,8 @@ class Closeup:
     def _lost(self, offsets: Floats, alive: Booleans, lost: Booleans) -> None:
         """Crosses, beside the living where these stand at the same place."""
         for member in np.flatnonzero(lost):
-            away = np.hypot(*(offsets[alive] - offsets[member]).T)
-            away_by = -line(7) / 72 if (away < _NEAR * self.half).any() else 0.0
+            beside = self._near(offsets, offsets[member], list(np.flatnonzero(alive)))
+            away_by = -line(7) / 72 if beside else 0.0
             shift = ScaledTranslation(away_by, away_by, self._scale)
             self.drawn += self.axes.plot(
                 *offsets[member],
@@ -228,43 +233,42 @@ class Closeup:
             self.drawn[-1].set_clip_on(True)
 
     def _labels(
-        self, offsets: Floats, members: Booleans, below: bool = False, crowded: bool = False
+        self, offsets: Floats, members: Booleans, others: Booleans, crosses: bool = False
     ) -> None:
-        """Numbers of members, once for all that stand together."""
+        """Numbers of members, once for all that stand together, clear of the others and theirs."""
         if len(members) > len(MEMBERS):
             return
         inside = np.abs(offsets).max(axis=1) < self.half
         left = list(np.flatnonzero(members & inside))
         while left:
-            near = [
-                m for m in left if np.hypot(*(offsets[m] - offsets[left[0]])) < _NEAR * self.half
-            ]
+            near = self._near(offsets, offsets[left[0]], left)
             left = [member for member in left if member not in near]
             place = offsets[near].mean(axis=0)
-            side, under = self._label_side(place, below, crowded)
+            x, y = place / self.half
+            right, above = not (x > 0.4 or -0.6 < x < -0.05), not (y > 0.6 or -0.6 < y < -0.05)
+            beside = self._near(offsets, place, list(np.flatnonzero(others)))
+            if crosses:  # have theirs below them on the left, if there is room
+                right, above = bool(x < -0.6), bool(y < -0.6)
+            elif beside:
+                right, above = bool(x < 0.6), bool(y < 0.6)
+            gap = 13.0 if crosses and beside else 6.0
             self.drawn.append(
                 self.axes.annotate(
                     _numbers(near),
                     place,
-                    (side * line(12 if below else 6), line(-8 if below else -5 if under else 5)),
+                    ((gap if right else -gap) * line(), (gap - 1) * line(1 if above else -1)),
                     textcoords="offset points",
-                    ha="left" if side > 0 else "right",
-                    va="top" if under else "bottom",
+                    ha="left" if right else "right",
+                    va="bottom" if above else "top",
                     fontsize="small",
+                    path_effects=halo(),
                     zorder=8,
                 )
             )
 
-    def _label_side(self, place: Floats, below: bool, crowded: bool) -> tuple[int, bool]:
-        """On which side of a place its label is, and whether below: away from the middle, inside.
-
-        Crosses have theirs below on the left; the living, where there are any, above.
-        """
-        if below:
-            return -1, True
-        x, y = place / self.half
-        left = x > 0.4 or (-0.6 < x < -0.05 and not crowded)
-        return -1 if left else 1, bool(y > 0.6 or -0.6 < y < -0.05)
+    def _near(self, offsets: Floats, place: Floats, members: list[Any]) -> list[Any]:
+        """Those of `members` that stand near a place."""
+        return [m for m in members if np.hypot(*(offsets[m] - place)) < _NEAR * self.half]
 
 
 def _numbers(members: Iterable[SupportsInt]) -> str:

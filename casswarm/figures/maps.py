@@ -18,7 +18,20 @@ from ..certificate.value import ValueFunction
 from ..chain.simulate import Trace
 from ..guide import Candidate, Guide, path_of, rounded_up
 from ..scenario import Scenario
-from .style import BLUE, INK, MEMBERS, SKY, VERMILION, drawn, figure, headline, key, line, upright
+from .style import (
+    BLUE,
+    INK,
+    MEMBERS,
+    SKY,
+    VERMILION,
+    drawn,
+    figure,
+    halo,
+    headline,
+    key,
+    line,
+    upright,
+)
 
 _PIXELS = 300
 _CAP = 0.995  # quantile of the rates at which the shades end: radars are not the whole story
@@ -199,7 +212,13 @@ def _graves(axes: Axes, trace: Trace, few: bool) -> None:
         here = lost[which.reshape(-1) == number] + 1
         text = ", ".join(map(str, here)) if few else f"{len(here)}" * (len(here) > 1)
         axes.annotate(
-            text, place, (line(6), line(-9)), textcoords="offset points", fontsize="small", zorder=7
+            text,
+            place,
+            (line(6), line(-9)),
+            textcoords="offset points",
+            fontsize="small",
+            path_effects=halo(),
+            zorder=7,
         )
 
 

@@ -6,6 +6,7 @@ of the context, `look`, a page's unless another one is chosen, and saved at exac
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -22,6 +23,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
+from matplotlib.patheffects import withStroke
 
 P = ParamSpec("P")
 
@@ -216,6 +218,11 @@ def key(fig: Figure, axes: Axes) -> Legend:
     return fig.legend(handles, labels, loc="outside lower center", ncols=max(1, fitting))
 
 
+def halo() -> list[withStroke]:
+    """What makes small words readable on any ground."""
+    return [withStroke(linewidth=line(1.8), foreground="white", alpha=0.85)]
+
+
 def tidy(axes: Axes) -> None:
     """Plain frame and quiet grid."""
     axes.spines[["top", "right"]].set_visible(False)
@@ -238,11 +245,14 @@ POLICIES = {
     "leader": Mark(BLUE, (0, (6, 1.5, 1, 1.5)), "D"),
     "constrained-feedback": Mark(ORANGE, (0, (3, 1)), "^"),
     "leader-feedback": Mark(SKY, (0, (2, 1, 1, 1)), "v"),
+    "joint": Mark(PURPLE, (0, (1, 1)), "P"),
+    "joint-feedback": Mark("#882255", (0, (4, 1, 1, 1)), "p"),  # the last three: darker kin
+    "constrained-ahead": Mark("#00573F", (0, (8, 1.5, 1, 1.5)), "d"),
+    "leader-ahead": Mark("#003B6F", (0, (3, 1, 1, 1, 1, 1)), "*"),
 }
-"""The policies that casswarm brings; the same in every figure."""
+"""The policies that casswarm brings; the same in every figure. Look-ahead of any length is one."""
 
 _OTHERS = (
-    Mark(PURPLE, (0, (1, 1)), "P"),
     Mark(INK, (0, (8, 2)), "X"),
     Mark(GREY, (0, (4, 1, 1, 1, 1, 1)), "h"),
     Mark("#7A5195", (0, (1, 2)), "<"),
@@ -260,7 +270,8 @@ def marks(names: Iterable[str]) -> dict[str, Mark]:
         first = crc32(name.encode()) % len(_OTHERS)
         order = [_OTHERS[(first + k) % len(_OTHERS)] for k in range(len(_OTHERS))]
         free = [mark for mark in order if mark not in found.values()]
-        found[name] = POLICIES.get(name) or (free or order)[0]
+        known = POLICIES.get(re.sub(r"-ahead-\d+$", "-ahead", name))
+        found[name] = known if known and known not in found.values() else (free or order)[0]
     return found
 
 
@@ -270,7 +281,7 @@ def shown(value: object) -> str:
     return f"{value:g}" if number else str(value)
 
 
-def save(fig: Figure, path: str | Path, dpi: int = DPI) -> Path:
+def save(fig: Figure, path: Path | str, dpi: int = DPI) -> Path:
     """Write a figure at its own width; the file's ending names the format (png, pdf, svg, ...).
 
     The same figure gives the same file, byte for byte: nothing tells when it was written.
