@@ -22,6 +22,7 @@ from functools import partial
 from typing import Any
 
 import casswarm as cs
+import casswarm.policies
 from casswarm import Guide, Scenario
 
 WIDE = 0.01
@@ -58,7 +59,8 @@ def makers() -> dict[str, Maker]:
     rules = {
         f"leader, {rule}": partial(named, "leader", succession=rule) for rule in ("first", "safest")
     }
-    names = ("naive", "constrained", "leader", "constrained-feedback", "leader-feedback")
+    names = [name for name in cs.policies.POLICIES if "ahead" not in name]
+    names += [f"{name}-ahead-{steps}" for name in ("constrained", "leader") for steps in (3, 8)]
     return {name: partial(named, name) for name in names} | rules
 
 
@@ -100,7 +102,8 @@ def main() -> None:
         started = time.process_time()
         guide = cs.plan(scenario)
         planned = time.process_time() - started
-        print(f"\n{name}: a lone agent survives with {guide.survival:.4f}\n")
+        bound = cs.success_bound(scenario)
+        print(f"\n{name}: a lone agent survives with {guide.survival:.4f}; {bound}\n")
         for place, (policy, make) in enumerate(makers().items()):
             found = row(scenario, guide, planned, make, options)
             if not place:
