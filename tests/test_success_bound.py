@@ -90,7 +90,7 @@ def test_no_ways_exceed_the_bound_in_hundreds_of_scenarios(n: int, collides: boo
     assert near > 0  # the bound is not just 1
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_no_policy_exceeds_the_bound(seed: int) -> None:
     rng = np.random.default_rng(seed)
     scenario = some_scenario(rng, 1 + seed % 3, 6, seed % 2 == 1)
@@ -120,7 +120,7 @@ def test_lone_member_has_the_bound_of_its_guide() -> None:
     task = Relaxation.of(scenario)
     guide = plan(scenario, search="global")
     certified = certify(task, guide.risk, gap=1e-4, time_limit=10.0).bound
-    bound = success_bound(scenario, 4_000_000)
+    bound = success_bound(scenario, 2_000_000)
     assert bound.risks[0] == pytest.approx(certified, rel=5e-3)
     assert bound.value == pytest.approx(math.exp(-bound.risks[0]), abs=1e-12)
     assert bound.value >= guide.survival
