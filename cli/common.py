@@ -59,8 +59,9 @@ policy_option = click.option(
     "policies",
     multiple=True,
     metavar="NAME",
-    help="naive, constrained, leader, constrained-feedback, leader-feedback, or your own as "
-    "module:function; repeatable. [default: the first three]",
+    help="naive, constrained, leader, constrained-feedback, leader-feedback, with H steps in view "
+    "leader-ahead-H and constrained-ahead-H (H a number), or your own as module:function; "
+    "repeatable. [default: the first three]",
 )
 """Which policies a command works on."""
 
