@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 import pickle
 from dataclasses import replace
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
+import pandas as pd
 import pytest
+from commands import casswarm
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 from small_scenarios import Array, rate_by_hand
@@ -16,6 +19,7 @@ from small_scenarios import Array, rate_by_hand
 import casswarm as cs
 from casswarm import Saturation, SaturationCollision, make_solver
 from casswarm.errors import PolicyError, SolverError
+from casswarm.figures import look_ahead_chart
 from casswarm.policies import LeaderAheadPolicy, LeaderPolicy, make_policy
 from casswarm.policies.lookahead import flown
 from casswarm.problems.formation import (
@@ -503,3 +507,35 @@ def test_leader_ahead_is_a_leader() -> None:
     assert isinstance(policy, LeaderAheadPolicy)
     assert isinstance(policy, LeaderPolicy)
     assert policy.succession == "first"
+
+
+def test_commands_take_several_look_aheads_side_by_side(tmp_path: Path) -> None:
+    names = ["leader", "leader-ahead-2", "constrained-ahead-3"]
+    policies = [word for name in names for word in ("--policy", name)]
+    told = casswarm(tmp_path, "simulate", "paper-1", *policies, "--runs", 20, "--quiet").stdout
+    assert all(f"\n{name} " in told for name in names)
+    told = casswarm(
+        tmp_path, "evaluate", "paper-1", *policies[2:], "--tolerance", 0.2, "--merge", 1e-6
+    ).stdout
+    assert "leader-ahead-2 " in told
+    assert "constrained-ahead-3 " in told
+    words = ("simulate", "paper-1", "--policy", "leader-ahead-x", "--runs", 5)
+    assert "leader-ahead-3" in casswarm(tmp_path, *words, code=2).stderr
+
+
+def test_chart_has_success_above_and_shortfalls_below_for_every_scenario() -> None:
+    table = pd.DataFrame(
+        {
+            "scenario": ["a", "a", "b", "b"],
+            "policy": ["leader"] * 4,
+            "look_ahead": [1, 3, 1, 3],
+            "success": [0.2, 0.5, 0.1, 0.4],
+            "success_low": [0.1, 0.4, 0.1, 0.3],
+            "success_high": [0.3, 0.6, 0.1, 0.5],
+            "shortfalls": [8.0, 1.0, 4.0, 0.0],
+        }
+    )
+    axes = look_ahead_chart(table).axes
+    assert [panel.get_title() for panel in axes] == ["a", "b", "", ""]
+    np.testing.assert_array_equal(axes[2].lines[0].get_xydata(), [[1, 8], [3, 1]])
+    np.testing.assert_array_equal(axes[1].lines[0].get_xydata(), [[1, 0.1], [3, 0.4]])

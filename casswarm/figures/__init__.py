@@ -1,5 +1,6 @@
 """Figures: arrays and tables in, a matplotlib Figure out; nothing is shown or written."""
 
+from .ahead import look_ahead_chart
 from .bars import success_chart
 from .laws import arrival_chart, population_chart
 from .maps import comparison_map, guide_map, risk_map, swarm_map
@@ -11,6 +12,7 @@ __all__ = [
     "arrival_chart",
     "comparison_map",
     "guide_map",
+    "look_ahead_chart",
     "pair_chart",
     "population_chart",
     "profile_chart",
