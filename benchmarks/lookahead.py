@@ -143,7 +143,7 @@ def measured(scenario: cs.Scenario, guide: cs.Guide, name: str, quick: bool) -> 
     law = cs.evaluate(scenario, policy, 5e-3, **options)
     (low, high), mark, states = law.success, "", law.states
     if high - low > WIDE:
-        runs = (200 if quick else 1000) if collides else (500 if quick else 2000)
+        runs = (100 if quick else 500) if collides else (500 if quick else 2000)
         study = cs.simulate(scenario, [policy], runs, guide=guide, traces=0)
         row = study.summary.iloc[0]
         low, high, mark = row["success_low"], row["success_high"], "~ "

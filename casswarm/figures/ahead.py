@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pandas as pd
 from matplotlib.figure import Figure
 
@@ -29,7 +31,7 @@ def look_ahead_chart(table: pd.DataFrame, title: str = "") -> Figure:
             x = rows["look_ahead"].to_numpy(float)
             y = rows["success"].to_numpy(float)
             low, high = rows["success_low"].to_numpy(float), rows["success_high"].to_numpy(float)
-            look = {
+            look: dict[str, Any] = {
                 "color": POLICIES.get(policy, MEMBERS[place % len(MEMBERS)]),
                 "marker": "osD^v"[place % 5],
                 "markersize": 4,
