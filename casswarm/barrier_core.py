@@ -32,7 +32,7 @@ if "compiled" not in globals():
     )
     from casswarm.planar_core import compiled
 
-DIFFERENCE = 1e-6  # length of the gradient's differences
+DIFFERENCE = 1e-7  # length of the gradient's differences
 SUFFICIENT = 1e-4  # decrease, as a part of what the slope promises
 TRIALS = 40  # of a step's length
 CONVERGED, EXHAUSTED, STALLED, NOT_FINITE, NO_INSIDE = 0, 1, 2, 3, 4
@@ -159,7 +159,7 @@ def newton_direction(pulled, band, kept, ridge, step):
                 step[c] = -pulled[c]
             solve(band, step)
             return add
-        add = max(ridge / 3.0, 1e-10 * most, 1e-8) if add == 0.0 else 8.0 * add
+        add = max(ridge / 3.0, 2.0**-48 * most, 1e-8) if add == 0.0 else 8.0 * add
         copy_rows(kept, band)
         for r in range(band.shape[0]):
             band[r, band.shape[1] - 1] += add
@@ -199,7 +199,7 @@ def minimise(
         if not (math.isfinite(value) and math.isfinite(residuals(pulled, z, slack, 0.0)[0])):
             return value, NOT_FINITE
         largest, apart = residuals(pulled, z, slack, mu)
-        while mu > finest and max(largest, apart) <= 10.0 * mu:
+        while mu > finest and largest <= max(10.0 * mu, tolerance) and apart <= 10.0 * mu:
             mu = max(finest, min(0.2 * mu, mu**1.5))
             apart = residuals(pulled, z, slack, mu)[1]
         if mu <= finest and largest <= tolerance and apart <= 10.0 * mu:

@@ -60,7 +60,8 @@ policy_option = click.option(
     multiple=True,
     metavar="NAME",
     help="naive, constrained, leader, constrained-feedback, leader-feedback, joint, "
-    "joint-feedback, or your own as module:function; repeatable. [default: the first three]",
+    "joint-feedback, with H steps in view leader-ahead-H and constrained-ahead-H (H a number), or "
+    "your own as module:function; repeatable. [default: the first three]",
 )
 """Which policies a command works on."""
 

@@ -21,7 +21,9 @@ SETTINGS = {
 @pytest.mark.parametrize("name", ["paper-1", "paper-2"])
 @pytest.mark.parametrize("objective", ["success", "arrivals", "survivors"])
 @pytest.mark.parametrize("apart", [False, True])
-def test_hessians_are_what_automatic_differentiation_gives(name: str, objective: str, apart: bool) -> None:
+def test_hessians_are_what_automatic_differentiation_gives(
+    name: str, objective: str, apart: bool
+) -> None:
     scenario = cs.load_scenario(name).with_values(SETTINGS)
     form = JointForm(3, scenario.n_steps, True, objective, apart)
     nlp = joint_nlp(scenario.hazard, form)

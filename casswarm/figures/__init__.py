@@ -3,6 +3,7 @@
 Each is drawn in the look of its context, ``with look("column"): ...``: see `LOOKS`.
 """
 
+from .ahead import look_ahead_chart
 from .animation import animate
 from .bars import difference_chart, success_chart
 from .formations import formation_chart
@@ -24,6 +25,7 @@ __all__ = [
     "guide_map",
     "joint_map",
     "look",
+    "look_ahead_chart",
     "pair_chart",
     "player",
     "population_chart",

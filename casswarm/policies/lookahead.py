@@ -9,7 +9,8 @@ import numpy as np
 
 from ..arrays import Booleans, Floats
 from ..problems.formation import Step
-from ..problems.lookahead import LookAhead, Window, corridor_ahead, leader_ahead
+from ..problems.lookahead import LookAhead, Window
+from ..problems.lookahead_windows import corridor_ahead, leader_ahead
 from ..solvers import Solver
 from .base import Decision
 from .formation import HONEST, ConstrainedPolicy, FormationPolicy, LeaderPolicy, tell_failures

@@ -8,6 +8,7 @@ from typing import Any
 from ..errors import SolverError, among
 from .alpaqa import Alpaqa
 from .auto import Auto
+from .barrier import Barrier
 from .base import Abilities, Answer, Solver
 from .ipopt import Ipopt
 from .isolated import Isolated
@@ -81,6 +82,7 @@ __all__ = [
     "Alpaqa",
     "Answer",
     "Auto",
+    "Barrier",
     "Ipopt",
     "Isolated",
     "ProjectedGradient",

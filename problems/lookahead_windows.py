@@ -1,0 +1,174 @@
+"""Look-ahead problems from windows: wishes first, then the instances of the program.
+
+See `casswarm.problems.lookahead` for the mathematics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Booleans, Floats
+from ..hazard import KernelHazard
+from ..nlp import Instances, Nlp
+from ..paths import PathSets, distances, part_within
+from ..sets import PlanarSets
+from .lookahead import LookAhead, Window, lookahead_nlp
+
+MARGIN = 1e-4
+"""By how much a corridor is narrower for every step ahead, as a part of its radius."""
+
+
+def leader_ahead(window: Window, leaders: NDArray[np.intp]) -> LookAhead:
+    """Leader protection over the window; `leaders` (B,) are the indices of living members."""
+    batch, n = window.alive.shape
+    rows = np.arange(batch)
+    leads = (np.arange(n) == leaders[:, None]) & window.alive
+    path, failed = window.limits.following(
+        window.previous[rows, leaders], window.targets[rows, leaders], np.zeros(window.steps)
+    )
+    inside = window.limits.slowing(window.previous, window.steps)
+    inside[rows, leaders] = path
+    place = window.positions[rows, leaders][:, None] + window.motion.dt * path
+    to_leader = (place[:, None] - window.positions[:, :, None]) / window.motion.dt
+    free = window.alive & ~leads
+    guess = inside.copy()
+    guess[free] = window.limits.greedy(window.previous[free], to_leader[free])
+    if isinstance(window.hazard, KernelHazard) and window.hazard.gathers:
+        # nothing is better than to be with the leader all the time: who can, is done
+        there = free & (distances(guess, to_leader) <= 1e-12 * window.limits.speed).all(axis=-1)
+        inside[there], free = guess[there], free & ~there
+    none = np.full((*window.alive.shape, window.steps), np.inf)
+    first = _first(window, ~free, inside[:, :, 0], none[..., 0])
+    return _problem(window, leads, free, leads, none, inside, guess, first, failed, 0.0)
+
+
+def corridor_ahead(window: Window, rho: float) -> LookAhead:
+    """Constrained trajectory over the window; `rho` is the paper's bound of the corridor."""
+    radius = np.sqrt(rho) / window.motion.dt
+    margin, living, targets = MARGIN * radius, window.alive, window.targets
+    narrow = np.maximum(0.0, radius - margin * np.arange(1, window.steps + 1))
+    slowing = window.limits.slowing(window.previous, window.steps)
+    nearest, failed = slowing.copy(), np.zeros_like(living)
+    nearest[living], failed[living] = window.limits.following(
+        window.previous[living], targets[living], narrow
+    )
+    excess = np.maximum(0.0, distances(nearest, targets) - narrow)
+    radii = np.where(living[..., None], narrow + margin + excess, np.inf)
+    part = part_within(nearest, slowing, targets, radii)[..., None, None]
+    inside = nearest + part * (slowing - nearest)
+    # the step that is flown: the paper's corridor to the letter, where it can be met
+    wide = np.where(excess[..., 0] > margin, radii[..., 0], radius)
+    wide = np.where(living, wide, np.inf)
+    nobody = np.zeros_like(living)
+    first = _first(window, nobody, window.previous, wide)
+    return _problem(
+        window,
+        living,
+        living,
+        living,
+        radii,
+        inside,
+        nearest,
+        first,
+        np.asarray(failed.any(axis=1)),
+        float(np.sqrt(rho)),
+    )
+
+
+def _first(window: Window, given: Booleans, velocities: Floats, radii: Floats) -> PlanarSets:
+    """Sets of the velocities to be flown; those of `given` members, and of the dead, are points."""
+    physical = window.motion.sets(window.previous)
+    living = window.alive[..., None]
+    known = np.where(
+        living, physical.project(np.broadcast_to(velocities, window.previous.shape)), 0
+    )
+    free = living & ~given[..., None]
+    to_goal = (window.goals[0] - window.positions) / window.motion.dt
+    return PlanarSets(
+        np.where(free, physical.lower, known),
+        np.where(free, physical.upper, known),
+        np.stack([window.previous, to_goal], axis=-2),
+        np.where(
+            free,
+            np.stack([np.broadcast_to(physical.radii[..., 0], radii.shape), radii], -1),
+            np.inf,
+        ),
+    )
+
+
+def _problem(
+    window: Window,
+    weights: Booleans,
+    free: Booleans,
+    wished: Booleans,
+    radii: Floats,
+    inside: Floats,
+    guess: Floats,
+    first: PlanarSets,
+    failed: Booleans,
+    radius: float,
+) -> LookAhead:
+    """The batch; `inside` and `guess` are advances (B, n, H, 2), 0 for the destroyed."""
+    batch, n = window.alive.shape
+    steps, motion = window.steps, window.motion
+    corridor = radius > 0.0
+    nlp = lookahead_nlp(window.hazard, n, steps, corridor)
+    living = window.alive[..., None, None]
+    inside, guess = (
+        np.ascontiguousarray(np.where(living, path, 0.0).transpose(0, 2, 1, 3))
+        for path in (inside, guess)
+    )
+    bound = np.full((batch, steps, n, 2), np.inf)
+    bound[:, 0] = motion.v_max
+    fixed = ~free[:, None, :, None]
+    blocks: dict[str, Floats] = {"acceleration": np.full((batch, steps, n), motion.a_max)}
+    if steps > 1:
+        blocks["speed"] = np.full((batch, steps - 1, n, 2), motion.v_max)
+    if corridor:
+        blocks["corridor"] = (motion.dt * radii.transpose(0, 2, 1)) ** 2
+    upper = _rows(nlp, blocks, free)
+    lower = -_rows(
+        nlp, {k: v if k == "speed" else np.full_like(v, np.inf) for k, v in blocks.items()}, free
+    )
+    targets = np.where(np.isfinite(radii)[..., None], window.targets, 0.0)
+    alone = (weights * window.hazard.lone_rates(window.positions)).sum(axis=1)
+    parameters: dict[str, Floats] = {
+        "positions": window.positions,
+        "previous": window.previous,
+        "alive": window.alive[..., None].astype(float),
+        "weights": weights[..., None].astype(float),
+        "goal": window.goals[None, :1],
+        "dt": np.array([[motion.dt]]),
+    }
+    if steps > 1:
+        parameters["later"] = window.goals[None, 1:]
+    instances = Instances(
+        start=guess.reshape(batch, -1),
+        parameters=nlp.pack_parameters(**parameters),
+        lower=np.where(fixed, inside, -bound).reshape(batch, -1),
+        upper=np.where(fixed, inside, bound).reshape(batch, -1),
+        lower_g=lower,
+        upper_g=upper,
+        units=np.stack(
+            [np.full(batch, motion.v_max), steps * np.where(alone > 0, alone, 1.0)], axis=1
+        ),
+        paths=PathSets(
+            window.previous, targets, radii, free, inside, window.limits.speed, window.limits.change
+        ),
+    )
+    return LookAhead(
+        nlp, instances, free, first, wished, radius, failed.astype(np.int64), inside[:, 0]
+    )
+
+
+def _rows(nlp: Nlp, blocks: Mapping[str, Floats], free: Booleans) -> Floats:
+    """Bounds of g (B, ng) from blocks (B, steps, n, ...); none for members who are not free."""
+    columns = []
+    for name in nlp.constraints:
+        block = blocks[name]
+        mask = free[:, None, :].reshape(len(free), 1, free.shape[1], *[1] * (block.ndim - 3))
+        columns.append(np.where(mask, block, np.inf).reshape(len(free), -1))
+    return np.concatenate(columns, axis=1)
