@@ -13,6 +13,7 @@ from .. import __version__
 from .compare import compare
 from .evaluate import evaluate
 from .plan import plan
+from .reproduce import reproduce
 from .scenarios import scenarios
 from .simulate import simulate
 from .solvers import solvers
@@ -32,6 +33,7 @@ def main() -> None:
       casswarm evaluate paper-1          the same without sampling, exactly
       casswarm compare --family quick    which solver solves what, and how fast
       casswarm sweep paper-1 --set n=2,3,4,5     the same over parameters
+      casswarm reproduce                 the paper's tables and figures, made again
 
     SCENARIO is always the name of a built-in scenario or the path of a TOML file.
 
@@ -44,5 +46,5 @@ def main() -> None:
         log.addHandler(logging.StreamHandler())  # standard error
 
 
-for command in (plan, simulate, evaluate, sweep, compare, scenarios, solvers):
+for command in (plan, simulate, evaluate, sweep, compare, reproduce, scenarios, solvers):
     main.add_command(command)

@@ -19,9 +19,9 @@
 # touched. The result is a calibration, not the paper's figure.
 #
 # As it stands the script judges the geometry of `paper-1` and one other by a few small changes, in
-# half a minute. With `CASSWARM_CALIBRATION=500` in the environment, or the number as the argument of
-# the script, it first searches among so many random candidates (about a second each) and then judges
-# all of them by all changes. `docs/paper.md` shows what such a search gave.
+# half a minute. With `CASSWARM_CALIBRATION=500` in the environment, or the number as the argument
+# of the script, it first searches among so many random candidates (about a second each) and then
+# judges the best by all changes. `docs/paper.md` shows what such a search gave.
 
 # %%
 import itertools
@@ -108,7 +108,7 @@ def successes(scenario, tolerance=1e-2, most_states=20_000, policies=tuple(PAPER
 
 
 def deviation(success):
-    """Largest distance from the paper's numbers, in half intervals; 3 where the order is another."""
+    """Largest distance from the paper's numbers, in half intervals; 3 more in another order."""
     worst = 0.0
     for name, value in success.items():
         low, high = INTERVALS[name]
@@ -207,7 +207,7 @@ CANDIDATES = {
 
 
 def row_of(values, thorough):
-    """What is to be known of a candidate: its robustness, scenario II, and the paper's own guide."""
+    """What is to be known of a candidate: robustness, scenario II, the paper's own guide."""
     scenario = first.with_values(values)
     guide = cs.plan(scenario, certify=False)
     row = judged(first, values) if thorough else judged(first, values, limit=-1)
@@ -249,7 +249,7 @@ moved = {"as it is": successes(first)} | {
 pd.DataFrame(moved).T.round(3)
 
 # %% [markdown]
-# The candidate "straight" is steadier, and there the paper's own projected gradient finds nearly the
-# same guide. But its guide flies at v_max from start to target, so that members who have once fallen
-# behind the corridor never catch up: four of five are outside it at every step, while the paper
-# tells of a formation that is reached quickly. So `paper-1` stayed as it is.
+# The candidate "straight" is steadier, and there the paper's own projected gradient finds nearly
+# the same guide. But its guide flies at v_max from start to target, so that members who have once
+# fallen behind the corridor never catch up: four of five are outside it at every step, while the
+# paper tells of a formation that is reached quickly. So `paper-1` is the other one.
