@@ -20,7 +20,7 @@
 #
 # As it stands the script judges the geometry of `paper-1` and one other by a few small changes, in
 # half a minute. With `CASSWARM_CALIBRATION=500` in the environment, or the number as the argument
-# of the script, it first searches among so many random candidates (about a second each) and then
+# of the script, it first searches among so many random candidates (some seconds each) and then
 # judges the best by all changes. `docs/paper.md` shows what such a search gave.
 
 # %%

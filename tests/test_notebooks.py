@@ -1,4 +1,4 @@
-"""The notebook on solvers, run as it is: its family is small."""
+"""Notebooks, run as they are; that on solvers has a small family."""
 
 from __future__ import annotations
 
@@ -47,3 +47,17 @@ def test_solver_comparison_runs_and_shows_what_its_text_says(tmp_path: Path) -> 
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "done 80"
+
+
+def test_the_paper_reproduced_runs(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-W", "error", NOTEBOOK.parent / "paper.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=500,
+        env=os.environ | {"MPLBACKEND": "agg"},
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "leader: success between 0.999" in done.stdout
