@@ -15,6 +15,7 @@ from .compare import compare
 from .evaluate import evaluate
 from .plan import plan
 from .plot import plot
+from .reproduce import reproduce
 from .scenarios import scenarios
 from .simulate import simulate
 from .solvers import solvers
@@ -36,6 +37,7 @@ def main() -> None:
       casswarm sweep paper-1 --set n=2,3,4,5     the same over parameters
       casswarm plot results/simulate-paper-1 --format pdf --width column    figures again
       casswarm animate results/simulate-paper-1     a run that moves
+      casswarm reproduce                 the paper's tables and figures, made again
 
     SCENARIO is always the name of a built-in scenario or the path of a TOML file.
 
@@ -48,5 +50,16 @@ def main() -> None:
         log.addHandler(logging.StreamHandler())  # standard error
 
 
-for command in (plan, simulate, evaluate, sweep, compare, plot, animate, scenarios, solvers):
+for command in (
+    plan,
+    simulate,
+    evaluate,
+    sweep,
+    compare,
+    reproduce,
+    plot,
+    animate,
+    scenarios,
+    solvers,
+):
     main.add_command(command)

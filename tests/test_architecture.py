@@ -36,6 +36,7 @@ LAYERS = (
     ("chain",),
     ("shares", "study", "pilot", "evaluation", "tables", "figures", "comparison"),
     ("cells", "sweeping", "gallery", "saved", "reporting"),
+    ("reproduction",),
     ("cli",),
 )
 """Each imports from its own row and the rows above. A new module finds its row here."""

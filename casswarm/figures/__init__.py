@@ -11,6 +11,14 @@ from .frames import player, save_gif
 from .joint import joint_map
 from .laws import arrival_chart, population_chart, survival_chart
 from .maps import comparison_map, guide_map, risk_map, swarm_map
+from .paper import (
+    beyond_chart,
+    convergence_chart,
+    guides_map,
+    sensitivity_chart,
+    shortfall_chart,
+    table_2_chart,
+)
 from .profiles import pair_chart, profile_chart, win_chart
 from .style import LOOKS, look, save
 from .sweeps import sweep_heat_map, sweep_lines
@@ -19,10 +27,13 @@ __all__ = [
     "LOOKS",
     "animate",
     "arrival_chart",
+    "beyond_chart",
     "comparison_map",
+    "convergence_chart",
     "difference_chart",
     "formation_chart",
     "guide_map",
+    "guides_map",
     "joint_map",
     "look",
     "look_ahead_chart",
@@ -33,10 +44,13 @@ __all__ = [
     "risk_map",
     "save",
     "save_gif",
+    "sensitivity_chart",
+    "shortfall_chart",
     "success_chart",
     "survival_chart",
     "swarm_map",
     "sweep_heat_map",
     "sweep_lines",
+    "table_2_chart",
     "win_chart",
 ]

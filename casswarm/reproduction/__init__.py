@@ -1,0 +1,17 @@
+"""The paper reproduced: its tables and figures once more, and what follows from them."""
+
+from .making import FIGURES, TABLES, Reproduction, reproduce
+from .page import page
+from .paper import PAPER_RUNS, PAPER_SUCCESS, readings, table_1
+
+__all__ = [
+    "FIGURES",
+    "PAPER_RUNS",
+    "PAPER_SUCCESS",
+    "TABLES",
+    "Reproduction",
+    "page",
+    "readings",
+    "reproduce",
+    "table_1",
+]

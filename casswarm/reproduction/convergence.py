@@ -1,0 +1,186 @@
+"""How the paper's projected gradient converges, on its two problems.
+
+With a fixed step the method has no memory: k iterations from the iterate of m are the iterate of
+m + k. So it is followed by solving again and again from where it stopped, by the solver itself, and
+every iterate is judged as any answer is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+
+from ..arrays import Floats
+from ..guide import Guide, path_of
+from ..nlp import Instances, Nlp
+from ..policies import initial_velocities, make_policy
+from ..policies.succession import nearest
+from ..problems.formation import Step, corridor_formation, leader_formation, motion_of
+from ..problems.guide import GuideTask
+from ..problems.guide_penalised import penalised_guide_instance, penalised_guide_nlp
+from ..scenario import Scenario
+from ..solution import Solution
+from ..solvers import ProjectedGradient, make_solver
+from ..starts import resampled, straight
+
+POINTS = (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 3000, 4000, 5000, 6000)
+"""Iterations at which iterates are judged."""
+
+
+def iterates(
+    nlp: Nlp, instances: Instances, step: float, points: Sequence[int], start: str = "given"
+) -> Iterator[tuple[int, list[Solution]]]:
+    """Iterates of the projected gradient after so many iterations, for every instance."""
+    first = ProjectedGradient(step=step, iterations=points[0], start=start)  # type: ignore[arg-type]
+    found = first.solve(nlp, instances)
+    yield points[0], found
+    for before, after in pairwise(points):
+        x = np.stack([solution.x for solution in found])
+        solver = ProjectedGradient(step=step, iterations=after - before)
+        found = solver.solve(nlp, instances.restarted(x))
+        yield after, found
+
+
+def guide_convergence(scenario: Scenario, points: Sequence[int] = POINTS) -> pd.DataFrame:
+    """The paper's penalised form of the guide, from the straight line, by its projected gradient.
+
+    A row a number of iterations: iteration, objective, residual (stationarity, recomputed), risk
+    and survival of the path up to its arrival (missing where it does not arrive), and the distance
+    of its last point from the target zone.
+    """
+    task = GuideTask(
+        start=scenario.guide_start,
+        center=np.asarray(scenario.target.center, float),
+        radius=scenario.target.radius,
+        before=np.zeros(2),
+        a_max=np.inf,
+        a_max_first=np.inf,
+        v_max=scenario.swarm.v_max,
+        dt=scenario.time.dt,
+    )
+    nlp = penalised_guide_nlp(scenario.hazard, scenario.n_steps)
+    line = resampled(straight(task.start, task.center), scenario.n_steps, task.dt)
+    instance = penalised_guide_instance(nlp, task, scenario.guide.gamma, line)
+    up_to = [k for k in points if k <= scenario.guide.iterations]
+    rows = []
+    for iteration, (solution,) in iterates(nlp, instance, scenario.guide.learning_rate, up_to):
+        velocities = np.clip(nlp.variable("velocities", solution.x), -task.v_max, task.v_max)
+        path = path_of(task.start, velocities, task.dt)
+        risk = _risk(scenario, path)
+        away = scenario.target.distances(path[-1:])[0] - scenario.target.radius
+        rows.append(
+            {
+                "iteration": iteration,
+                "objective": solution.objective,
+                "residual": solution.residuals.stationarity,
+                "risk": risk,
+                "survival": np.exp(-risk),
+                "distance": max(0.0, float(away)),
+            }
+        )
+    return _rounded(pd.DataFrame(rows))
+
+
+def _risk(scenario: Scenario, path: Floats) -> float:
+    """Risk of a path up to its first arrival; not a number where it does not arrive."""
+    inside = scenario.target.contains(path[1:])
+    if not inside.any():
+        return float("nan")
+    rates = scenario.hazard.lone_rates(path[1 : 2 + int(inside.argmax())])
+    return float(scenario.time.dt * rates.sum())
+
+
+def whole_swarm(scenario: Scenario, policy: str, guide: Guide) -> Step:
+    """The steps of the run in which nobody is lost, as a batch of formation problems' data."""
+    made = make_policy(policy, scenario, guide)
+    positions = [scenario.positions]
+    previous = [initial_velocities(scenario, guide)]
+    alive = np.ones((1, scenario.n), bool)
+    for step in range(guide.arrival - 1):
+        taken = made.decide(step, positions[-1][None], previous[-1][None], alive).velocities[0]
+        positions.append(positions[-1] + scenario.time.dt * taken)
+        previous.append(taken)
+    return Step(
+        scenario.hazard,
+        motion_of(scenario),
+        np.stack(positions),
+        np.stack(previous),
+        np.repeat(alive, guide.arrival, axis=0),
+        guide.positions[1:],
+    )
+
+
+def formation_convergence(
+    scenario: Scenario, policy: str, guide: Guide, points: Sequence[int] = POINTS
+) -> pd.DataFrame:
+    """The formation problems of the run in which nobody is lost, by the paper's projected gradient.
+
+    It starts from zero, projected. A row a step and number of iterations, those steps in which
+    somebody is free to choose: step, iteration, objective (a rate per unit time), best (of the
+    default solver), gap ((objective - best) / best), residual (stationarity, recomputed, in units
+    of the scenario), converged (whether the method had stopped by itself).
+    """
+    options, data = scenario.formation, whole_swarm(scenario, policy, guide)
+    if policy == "leader":
+        formation = leader_formation(data, nearest(data, guide.positions[:-1, None]))
+    else:
+        formation = corridor_formation(data, options.rho)
+    steps = np.flatnonzero(formation.free.any(axis=1))
+    nlp, instances = formation.nlp, formation.instances[steps]
+    best = make_solver("auto").solve_batch(nlp, instances).objective
+    units = np.ones((len(steps), 2)) if instances.units is None else instances.units
+    up_to = [k for k in points if k <= options.iterations]
+    rows = []
+    for iteration, found in iterates(nlp, instances, options.learning_rate, up_to, "zero"):
+        for place, solution in enumerate(found):
+            residual = solution.residuals.stationarity * units[place, 0] / units[place, 1]
+            rows.append(
+                {
+                    "step": int(steps[place]),
+                    "iteration": iteration,
+                    "objective": solution.objective,
+                    "best": float(best[place]),
+                    "gap": solution.objective / float(best[place]) - 1.0,
+                    "residual": float(residual),
+                    "converged": solution.status.success,
+                }
+            )
+    return _rounded(pd.DataFrame(rows))
+
+
+def condensed(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """Formation problems over iterations: a row a kind of problem and number of iterations.
+
+    Columns: problems, iteration, count, converged (how many had stopped by themselves), and the
+    median and largest gap and residual.
+    """
+    rows = []
+    for name, table in tables.items():
+        for iteration, part in table.groupby("iteration"):
+            rows.append(
+                {
+                    "problems": name,
+                    "iteration": iteration,
+                    "count": len(part),
+                    "converged": int(part["converged"].sum()),
+                    "gap_median": float(part["gap"].median()),
+                    "gap_largest": float(part["gap"].max()),
+                    "residual_median": float(part["residual"].median()),
+                    "residual_largest": float(part["residual"].max()),
+                }
+            )
+    return _rounded(pd.DataFrame(rows))
+
+
+def _rounded(table: pd.DataFrame) -> pd.DataFrame:
+    """To four significant digits, and to nothing below 1e-9: the rest is rounding."""
+    return table.map(
+        lambda value: (
+            float(f"{value if abs(value) >= 1e-9 else 0.0:.4g}")
+            if isinstance(value, float)
+            else value
+        )
+    )

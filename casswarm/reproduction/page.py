@@ -1,0 +1,213 @@
+"""The page that ties tables and figures together, in words made of their numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import pandas as pd
+
+from ..comparison.rendering import Block, Heading, Picture, Table, Text, markdown
+from .making import TABLES, Reproduction
+from .paper import PAPER_RUNS
+
+
+def page(found: Reproduction, ending: str = "png") -> str:
+    """Markdown text that shows every table and figure with its caption.
+
+    Figures are links to files NAME.ENDING in its folder.
+    """
+    blocks: list[Block] = [
+        Heading("The paper reproduced", 1),
+        Text(
+            "Written by `casswarm reproduce`, which makes everything here again. What it means is "
+            "told in `docs/paper.md`. The paper shows the places of radars, target and members as "
+            "a picture only: those used here are a calibration, not the paper's figure."
+        ),
+        *_tables(found),
+        *_paper_figures(found),
+        *_convergence(found),
+        *_empty(found),
+        *_beyond(found),
+        Heading("Slips and silences"),
+        Text(f"{TABLES['readings']}. *Letter*: how to have what the paper writes instead."),
+        Table(found.tables["readings"]),
+    ]
+    return markdown(blocks, ending)
+
+
+def _tables(found: Reproduction) -> list[Block]:
+    inside = found.tables["table-2"]["inside"]
+    return [
+        Heading("Table I"),
+        Text(f"{TABLES['table-1']} (`table-1.csv`)."),
+        Table(_shown(found.tables["table-1"], {"paper": "{:g}", "used": "{:g}"})),
+        Text(f"{TABLES['geometry']} (`geometry.csv`)."),
+        Table(_shown(found.tables["geometry"], {"x": "{:g}", "y": "{:g}"})),
+        Heading("Table II"),
+        Text(
+            f"{TABLES['table-2']} (`table-2.csv`). Intervals are Wilson's, of 95 %; exact brackets "
+            f"are proven. {int(inside.sum())} of the {len(inside)} brackets lie in the paper's "
+            "interval."
+        ),
+        Table(table_2_words(found.tables["table-2"], found.runs)),
+        Picture(
+            "table-2",
+            found.figures["table-2"],
+            f"Table II: the paper's numbers with the interval that {PAPER_RUNS} runs leave, as "
+            "many runs of casswarm, more of them, and the exact values.",
+        ),
+        Text(
+            f"{TABLES['sensitivity']} (`sensitivity.csv`): the exact values, brackets at most 0.01 "
+            "wide, and the risk and arrival step of the guide."
+        ),
+        Picture(
+            "sensitivity",
+            found.figures["sensitivity"],
+            "How the exact values move with the geometry; dotted: as calibrated. Leader and "
+            "corridor hardly move, the naive policy does: when each of its members passes the gate "
+            "is nearly indifferent to that member, but not to the others.",
+        ),
+    ]
+
+
+def _paper_figures(found: Reproduction) -> list[Block]:
+    told = {
+        "figure-1": "Figure 1: leader protection. The leader follows the guide through the gate "
+        "between the radars, the others close up to it.",
+        "figure-2": "Figure 2: constrained trajectory. All keep to the corridor around the guide.",
+        "figure-3": "Figure 3: leader protection with collisions. Members keep their distance, and "
+        "rearrange when one is lost.",
+        "figure-4": "Figure 4: the guides that the members follow under the naive policy, each the "
+        "least risky path that a local search finds from the straight line.",
+    }
+    return [
+        Heading("Figures 1 to 4"),
+        Text(
+            "The runs shown are the first that succeed and lose two members, as the paper tells of "
+            "its own; where none does among 200, the first that succeeds."
+        ),
+        *(Picture(name, found.figures[name], caption) for name, caption in told.items()),
+    ]
+
+
+def _convergence(found: Reproduction) -> list[Block]:
+    last = found.tables["formation-convergence"].groupby("problems", sort=False).tail(1)
+    columns = {
+        "gap_median": "{:.2g}",
+        "gap_largest": "{:.2g}",
+        "residual_median": "{:.1g}",
+        "residual_largest": "{:.1g}",
+    }
+    guide = found.tables["guide-convergence"].iloc[-1]
+    return [
+        Heading("Convergence of the projected gradient"),
+        Text(
+            f"{TABLES['guide-convergence']} (`guide-convergence.csv`): after "
+            f"{guide['iteration']:.0f} iterations at the paper's learning rate the path survives "
+            f"with {guide['survival']:.2g}; Ipopt's from the same straight line, within a_max, "
+            f"with {found.guide.survival:.2g}. The objective exp(-risk) is flat where the risk is "
+            "large."
+        ),
+        Text(
+            f"{TABLES['formation-convergence']} (`formation-convergence.csv`), at the learning "
+            "rate of Table I, after its last iteration, over the steps of the run in which nobody "
+            "is lost. *Gap*: of the objective, relative to the default solver's."
+        ),
+        Table(_shown(last, columns)),
+        Picture(
+            "convergence",
+            found.figures["convergence"],
+            "The projected gradient with the paper's learning rates and numbers of iterations, on "
+            "the guide (above) and on the formation problems (below, medians over the steps).",
+        ),
+    ]
+
+
+def _empty(found: Reproduction) -> list[Block]:
+    return [
+        Heading("Empty constraint sets"),
+        Text(
+            f"{TABLES['shortfalls']} (`shortfalls.csv`): a member at the edge of the corridor with "
+            "the wrong velocity cannot stay in it, and a leader that was elsewhere cannot be on "
+            "the guide at once. casswarm then moves it as near as v_max and a_max allow."
+        ),
+        Picture(
+            "shortfalls",
+            found.figures["shortfalls"],
+            "Members alive (line), and how many of them have an empty constraint set (bars), in "
+            "500 runs of scenario I.",
+        ),
+        Text(
+            f"{TABLES['empty-sets']} (`empty-sets.csv`): success where a_max and rho are larger, "
+            "along the same guide. Brackets are proven; shortfalls are means of a run."
+        ),
+        Table(_bracketed(found.tables["empty-sets"])),
+    ]
+
+
+def _beyond(found: Reproduction) -> list[Block]:
+    table = found.tables["beyond"]
+    sides = "sides: on which side of the guide each radar lies, left or right"
+    return [
+        Heading("Beyond the paper"),
+        Text(
+            f"{TABLES['beyond']} (`beyond.csv`). The guide's survival is that of a lone member; "
+            f"{sides}. Where the law needs too many states its head is proven and the rest "
+            "sampled: a 95 % interval."
+        ),
+        Table(_bracketed(_shown(table, {"guide_survival": "{:.4f}"}))),
+        Picture(
+            "beyond",
+            found.figures["beyond"],
+            "Success of the three policies with other guides, in other scenarios, and with "
+            "collisions; bars where the value is not known to the width of a symbol.",
+        ),
+    ]
+
+
+def table_2_words(table: pd.DataFrame, runs: int) -> pd.DataFrame:
+    """Table II for reading: numbers with their intervals as texts."""
+    columns: dict[str, Callable[[pd.Series], str]] = {
+        "policy": lambda row: str(row["policy"]),
+        f"paper, {PAPER_RUNS} runs": lambda row: _with_interval(row, "paper"),
+        "exact": lambda row: f"{row['exact_low']:.4f} to {row['exact_high']:.4f}",
+        f"casswarm, {PAPER_RUNS} runs": lambda row: _with_interval(row, f"runs_{PAPER_RUNS}"),
+        f"casswarm, {runs} runs": lambda row: _with_interval(row, f"runs_{runs}", 4),
+    }
+    return pd.DataFrame(
+        [{name: text(row) for name, text in columns.items()} for _, row in table.iterrows()]
+    )
+
+
+def _with_interval(row: pd.Series, name: str, digits: int = 2) -> str:
+    low, high = row[f"{name}_low"], row[f"{name}_high"]
+    ends = max(3, digits)
+    return f"{row[name]:.{digits}f} ({low:.{ends}f} to {high:.{ends}f})"
+
+
+def _bracketed(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with its success bracket as one column of text."""
+    ends = zip(table["success_low"], table["success_high"], strict=True)
+    success = [f"{low:.4f} to {high:.4f}" for low, high in ends]
+    place = list(table.columns).index("success_low")
+    shown = table.drop(columns=["success_low", "success_high"])
+    shown.insert(place, "success", success)
+    return shown
+
+
+def _shown(table: pd.DataFrame, formats: Mapping[str, str]) -> pd.DataFrame:
+    """The table with columns written in the given formats."""
+    texts = {name: [text.format(value) for value in table[name]] for name, text in formats.items()}
+    return table.assign(**texts)
+
+
+def words(found: Reproduction, name: str) -> Sequence[tuple[str, ...]]:
+    """A table for a terminal: rows of texts, the first of them the columns' names."""
+    table = found.tables[name]
+    if name == "table-1":
+        table = _shown(table, {"paper": "{:g}", "used": "{:g}"})
+    elif name == "table-2":
+        table = table_2_words(table, found.runs)
+    elif "success_low" in table:
+        table = _bracketed(table)
+    return [tuple(map(str, table.columns)), *[tuple(map(str, row)) for row in table.to_numpy()]]

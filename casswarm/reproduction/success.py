@@ -1,0 +1,169 @@
+"""Success probabilities: the paper's, exact ones, sampled ones, and those of other scenarios."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from ..evaluation import estimate, evaluate
+from ..guide import Guide, sides_of
+from ..planning import plan
+from ..scenario import Scenario, load_scenario
+from ..statistics import wilson
+from ..study import PAPER_POLICIES, simulate
+from .paper import PAPER_RUNS, PAPER_SUCCESS
+
+WIDTH = 1e-3
+"""Width of the exact brackets of Table II."""
+
+STATES, RUNS = 150_000, 2000
+"""Elsewhere: states after which the rest of a law is sampled, and runs that do that."""
+
+Tell = Callable[[str], None]
+
+DIGITS = 6  # of probabilities in tables: more differ between processors
+
+
+def table_2(
+    scenario: Scenario, guide: Guide, runs: int = 10_000, seed: int = 0, tolerance: float = WIDTH
+) -> pd.DataFrame:
+    """Table II four times over, a row a policy.
+
+    Columns: policy; the paper's number and its Wilson interval (of 50 runs); the exact bracket, no
+    wider than `tolerance`; the paper's method once more (50 runs of plain Monte Carlo), and `runs`
+    of them, each with its Wilson interval; whether the exact bracket lies in the paper's interval.
+    """
+    few = simulate(scenario, PAPER_POLICIES, PAPER_RUNS, seed, guide=guide, traces=0).summary
+    many = simulate(scenario, PAPER_POLICIES, runs, seed, guide=guide, traces=0).summary
+    rows = []
+    for place, policy in enumerate(PAPER_POLICIES):
+        paper = PAPER_SUCCESS[policy]
+        low, high = wilson(round(paper * PAPER_RUNS), PAPER_RUNS)
+        exact = evaluate(scenario, policy, tolerance, guide=guide).success
+        rows.append(
+            {"policy": policy, "paper": paper, "paper_low": low, "paper_high": high}
+            | {"exact_low": exact[0], "exact_high": exact[1]}
+            | _sampled(few.iloc[place], PAPER_RUNS)
+            | _sampled(many.iloc[place], runs)
+            | {"inside": low <= exact[0] and exact[1] <= high}
+        )
+    return pd.DataFrame(rows).round(DIGITS)
+
+
+def _sampled(row: pd.Series, runs: int) -> dict[str, float]:
+    return {
+        f"runs_{runs}{ending}": float(row[f"success{ending}"]) for ending in ("", "_low", "_high")
+    }
+
+
+def variants() -> dict[str, Scenario]:
+    """Scenarios beyond the paper's, by what they show."""
+    first, second = load_scenario("paper-1"), load_scenario("paper-2")
+    best = {"guide.search": "global", "guide.arrival": "any"}
+    short = {**best, "time.t_f": 4.0}
+    return {
+        "I: the paper's, local guide": first,
+        "I: global guide": first.with_values(best),
+        "I: no time to go around, t_f = 4": first.with_values(short),
+        "I: wall": load_scenario("wall"),
+        "I: ring": load_scenario("ring"),
+        "II: the paper's, local guide": second,
+        "II: global guide": second.with_values(best),
+        "II: no time to go around, t_f = 4": second.with_values(short),
+    }
+
+
+def beyond(
+    scenarios: Mapping[str, Scenario],
+    tell: Tell,
+    *,
+    states: int = STATES,
+    runs: int = RUNS,
+    seed: int = 0,
+) -> pd.DataFrame:
+    """Success of the paper's policies in other scenarios, a row a scenario and policy.
+
+    Columns: scenario; policy; the guide's arrival step, survival, and the sides on which it passes
+    the radars; success_low and success_high; kind: "proven" where the law was followed to a width
+    of `WIDTH`, else "95 %": the head proven and the rest sampled; shortfalls in a run, mean (of
+    what was followed).
+    """
+    rows = []
+    for name, scenario in scenarios.items():
+        tell(name)
+        guide = plan(scenario, certify=False)
+        sides = sides_of(guide.positions, scenario.hazard.radar_positions)
+        for policy in PAPER_POLICIES:
+            low, high, kind, shortfalls = _bracket(scenario, policy, guide, states, runs, seed)
+            rows.append(
+                {
+                    "scenario": name,
+                    "policy": policy,
+                    "arrival": guide.arrival,
+                    "guide_survival": guide.survival,
+                    "sides": sides,
+                    "success_low": low,
+                    "success_high": high,
+                    "kind": kind,
+                    "shortfalls": round(shortfalls, 2),
+                }
+            )
+    return pd.DataFrame(rows).round(DIGITS)
+
+
+def _bracket(
+    scenario: Scenario, policy: str, guide: Guide, states: int, runs: int, seed: int
+) -> tuple[float, float, str, float]:
+    law = evaluate(scenario, policy, WIDTH, most_states=states, guide=guide)
+    if law.complete:
+        return *law.success, "proven", law.shortfalls
+    found = estimate(scenario, policy, runs, seed, most_states=states // 15, guide=guide)
+    return *found.success, "95 %", found.head.shortfalls
+
+
+def small_changes(scenario: Scenario) -> Iterator[tuple[str, dict[str, object]]]:
+    """Changes of a calibrated geometry that should not matter much: a name, and values."""
+    yield "as calibrated", {}
+    for margin in (0.05, 0.1, 0.15, 0.3):
+        yield f"guide.margin = {margin}", {"guide.margin": margin}
+    for factor in (0.8, 1.25):
+        a_max = round(factor * scenario.guide_a_max, 6)
+        yield f"guide.a_max = {a_max:g}", {"guide.a_max": a_max}
+    radars = scenario.hazard.radar_positions
+    gate = radars[0] - radars[-1]
+    along = gate / np.hypot(*gate)
+    for word, shift in (("wider", 0.05), ("narrower", -0.05)):
+        moved = radars + np.outer([shift, *[0.0] * (len(radars) - 2), -shift], along)
+        yield f"gate 0.1 {word}", {"hazard.radars": moved.tolist()}
+    for name, offset in {
+        "right": (0.05, 0.0),
+        "left": (-0.05, 0.0),
+        "up": (0.0, 0.05),
+        "down": (0.0, -0.05),
+    }.items():
+        yield f"radars 0.05 {name}", {"hazard.radars": (radars + offset).tolist()}
+
+
+def sensitivity(
+    scenario: Scenario, tell: Tell, policies: Sequence[str] = PAPER_POLICIES
+) -> pd.DataFrame:
+    """Exact success where the geometry is moved a little: a row a change, middles of brackets.
+
+    Columns: change, the guide's risk and arrival step, a column a policy, and a column NAME_within
+    that says whether it lies in the paper's interval. Brackets are at most 0.01 wide.
+    """
+    rows = []
+    for name, change in small_changes(scenario):
+        tell(f"change: {name}")
+        moved = scenario.with_values(change) if change else scenario
+        guide = plan(moved, certify=False)
+        row: dict[str, object] = {"change": name, "risk": guide.risk, "arrival": guide.arrival}
+        for policy in policies:
+            law = evaluate(moved, policy, 10 * WIDTH, guide=guide)
+            low, high = wilson(round(PAPER_SUCCESS[policy] * PAPER_RUNS), PAPER_RUNS)
+            row[policy] = sum(law.success) / 2
+            row[f"{policy}_within"] = low <= law.success[0] and law.success[1] <= high
+        rows.append(row)
+    return pd.DataFrame(rows).round(4)

@@ -1,0 +1,255 @@
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # Calibration: a geometry for the paper's scenarios
+#
+# The paper shows where radars, target and members are in a picture only. This script looks for
+# round numbers with which the exact success probabilities of its three policies come close to the
+# paper's, and stay there when the geometry is moved a little. Parameters of Table I are never
+# touched. The result is a calibration, not the paper's figure.
+#
+# As it stands the script judges the geometry of `paper-1` and one other by a few small changes, in
+# half a minute. With `CASSWARM_CALIBRATION=500` in the environment, or the number as the argument
+# of the script, it first searches among so many random candidates (some seconds each) and then
+# judges the best by all changes. `docs/paper.md` shows what such a search gave.
+
+# %%
+import itertools
+import os
+import sys
+
+import numpy as np
+import pandas as pd
+
+import casswarm as cs
+from casswarm.statistics import wilson
+
+SEARCHED = int(os.environ.get("CASSWARM_CALIBRATION", "0"))
+if __name__ == "__main__" and sys.argv[1:] and sys.argv[1].isdigit():
+    SEARCHED = int(sys.argv[1])
+
+PAPER = {"naive": 0.32, "constrained": 0.64, "leader": 0.68}
+INTERVALS = {name: wilson(round(50 * value), 50) for name, value in PAPER.items()}
+INTERVALS
+
+# %% [markdown]
+# ## What is varied
+#
+# Five members in a cross (or a square with one in its middle) around the origin; a target; two
+# radars on both sides of the straight line to it, at a fraction `along` of the way, each `aside`
+# from it, one `skew` further along than the other; and the guide's own a_max. All are round.
+
+# %%
+PATTERNS = {
+    "cross": [[0, 0], [1, 0], [0, 1], [-1, 0], [0, -1]],
+    "square": [[0, 0], [1, 1], [-1, 1], [-1, -1], [1, -1]],
+}
+GRID = {
+    "target": [(8, 6), (8, 6.5), (9, 6), (10, 6), (10, 7), (10, 8), (12, 8), (12, 9)],
+    "pattern": ["cross", "square"],
+    "spacing": [0.3, 0.4, 0.5, 0.6],
+    "along": [0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5],
+    "aside": [0.5, 0.6, 0.7, 0.8, 0.9, 1.0],
+    "skew": [-0.6, -0.3, 0.0, 0.3, 0.6],
+    "a_max": [0.1, 0.2, 0.3, 0.5],
+    "arrival": ["horizon", "any"],
+}
+
+
+def radars_of(target, along, aside, skew):
+    """Two radars (2, 2) beside the straight line, to one decimal."""
+    way = np.array(target, float)
+    ahead = way / np.hypot(*way)
+    left = np.array([-ahead[1], ahead[0]])
+    middle = along * way
+    gate = [middle + aside * left + skew / 2 * ahead, middle - aside * left - skew / 2 * ahead]
+    return np.round(gate, 1)
+
+
+def values_of(row):
+    """Scenario values of a candidate."""
+    radars = radars_of(row["target"], row["along"], row["aside"], row["skew"])
+    positions = row["spacing"] * np.array(PATTERNS[row["pattern"]], float)
+    return {
+        "target.center": row["target"],
+        "swarm.positions": np.round(positions, 3).tolist(),
+        "hazard.radars": radars.tolist(),
+        "guide.a_max": row["a_max"],
+        "guide.arrival": row["arrival"],
+        "guide.search": "local",
+    }
+
+
+# %% [markdown]
+# ## How a candidate is judged
+#
+# By its *deviation*: the largest distance of an exact probability from the paper's, over its three
+# policies, in units of the 95 % interval of 50 runs (its half on that side). 1 is the interval's
+# end. Then by its *worst deviation* over small changes that should not matter: by how much the
+# guide enters the target (`guide.margin`), its a_max, and radars moved by 0.05.
+
+
+# %%
+def successes(scenario, tolerance=1e-2, most_states=20_000, policies=tuple(PAPER)):
+    """Exact success probabilities (middles of the brackets)."""
+    guide = cs.plan(scenario, certify=False)
+    options = {"tolerance": tolerance, "most_states": most_states, "guide": guide}
+    return {name: np.mean(cs.evaluate(scenario, name, **options).success) for name in policies}
+
+
+def deviation(success):
+    """Largest distance from the paper's numbers, in half intervals; 3 more in another order."""
+    worst = 0.0
+    for name, value in success.items():
+        low, high = INTERVALS[name]
+        paper = PAPER[name]
+        worst = max(worst, (value - paper) / ((high if value > paper else low) - paper))
+    ordered = list(success.values()) == sorted(success.values())
+    return worst if ordered else worst + 3
+
+
+def changes(values):
+    """Small changes of a candidate's values, by name."""
+    for margin in (0.05, 0.15):  # below sqrt(rho) those in the corridor may miss the target
+        yield f"margin {margin}", {"guide.margin": margin}, ("naive",)
+    for margin in (0.25, 0.3):
+        yield f"margin {margin}", {"guide.margin": margin}, tuple(PAPER)
+    for factor in (0.8, 1.25):
+        yield f"a_max x {factor}", {"guide.a_max": factor * values["guide.a_max"]}, tuple(PAPER)
+    for signs in itertools.product((-1, 1), repeat=3):
+        moved = np.array(values["hazard.radars"])
+        moved += 0.05 * np.array([[signs[0], signs[1]], [signs[2], signs[0] * signs[1] * signs[2]]])
+        yield f"radars {signs}", {"hazard.radars": moved.tolist()}, tuple(PAPER)
+
+
+def judged(scenario, values, limit=np.inf):
+    """Row of a candidate; small changes are given up once one of them is worse than `limit`."""
+    known = successes(scenario.with_values(values))
+    row = {**known, "deviation": deviation(known)}
+    found, worst = [known], row["deviation"]
+    for _, change, policies in changes(values):
+        if worst > limit:
+            break
+        changed = scenario.with_values({**values, **change})
+        found.append(successes(changed, policies=policies))
+        worst = max(worst, deviation(found[-1]))
+    for name in PAPER:
+        row[f"{name} from"] = min(each[name] for each in found if name in each)
+        row[f"{name} to"] = max(each[name] for each in found if name in each)
+    return row | {"worst deviation": worst, "changes": len(found) - 1}
+
+
+# %%
+first = cs.load_scenario("paper-1")
+second = cs.load_scenario("paper-2")
+
+
+def search(count, seed=0, limit=1.5):
+    """The best of `count` random candidates, cheapest tests first."""
+    rng, rows = np.random.default_rng(seed), []
+    for _ in range(count):
+        row = {name: options[rng.integers(len(options))] for name, options in GRID.items()}
+        values = values_of(row)
+        try:
+            scenario = first.with_values(values)
+            if deviation(successes(scenario, policies=["leader"])) > 0.6:
+                continue
+            if deviation(successes(scenario, policies=["naive"])) > 0.9:
+                continue
+            if deviation(successes(scenario)) > 0.9:
+                continue
+            row |= judged(first, values, limit)
+        except cs.CasswarmError:
+            continue  # no guide, or a member that starts at a radar
+        rows.append(row)
+        print(len(rows), row["target"], values["hazard.radars"], f"{row['worst deviation']:.2f}")
+    return sorted(rows, key=lambda row: row["worst deviation"])
+
+
+# %% [markdown]
+# ## Candidates
+#
+# That of `paper-1`, then the best of searches, and one from a search by hand among targets straight
+# ahead, where the box of velocities lets the guide fly 2 instead of 2.8.
+
+# %%
+CROSS, SQUARE = (np.array(PATTERNS[name], float) for name in ("cross", "square"))
+
+
+def candidate(target, radars, pattern, arrival, a_max=0.2):
+    """Scenario values of a candidate that is given by its numbers."""
+    return {
+        "target.center": target,
+        "swarm.positions": np.round(pattern, 3).tolist(),
+        "hazard.radars": radars,
+        "guide.a_max": a_max,
+        "guide.arrival": arrival,
+        "guide.search": "local",
+    }
+
+
+CANDIDATES = {
+    "paper-1": candidate((8, 6.5), [[4.4, 4.6], [4.5, 3.0]], 0.5 * CROSS, "horizon"),
+    "straight": candidate((15, 0), [[9, 0.8], [9, -0.8]], 0.5 * CROSS, "any"),
+    "early": candidate((9, 6), [[1.8, 1.8], [2.7, 1.2]], 0.3 * SQUARE, "any"),
+    "middle": candidate((10, 6), [[4.1, 3.3], [4.9, 2.1]], 0.5 * SQUARE, "horizon"),
+}
+
+
+def row_of(values, thorough):
+    """What is to be known of a candidate: robustness, scenario II, the paper's own guide."""
+    scenario = first.with_values(values)
+    guide = cs.plan(scenario, certify=False)
+    row = judged(first, values) if thorough else judged(first, values, limit=-1)
+    law = cs.evaluate(scenario, "constrained", 1e-2, most_states=20_000, guide=guide)
+    row |= {"risk": guide.risk, "arrival": guide.arrival, "shortfalls": law.shortfalls}
+    collisions = second.with_values(values)
+    for name in PAPER:
+        found = cs.estimate(collisions, name, 1000, most_states=3000, guide=guide)
+        row[f"II {name}"] = np.mean(found.success)
+    if thorough:
+        papers = cs.plan(scenario, "projected-gradient", certify=False)
+        row["projected-gradient risk"] = papers.risk
+    return row
+
+
+# %%
+if SEARCHED:
+    for place, row in enumerate(search(SEARCHED)[:4], start=1):
+        CANDIDATES[f"found {place}"] = values_of(row)
+chosen = CANDIDATES if SEARCHED else dict(list(CANDIDATES.items())[:2])
+table = pd.DataFrame({name: row_of(values, bool(SEARCHED)) for name, values in chosen.items()}).T
+table.astype(float).round(3)
+
+# %%
+if SEARCHED:
+    print(table.astype(float).round(3).T.to_string())
+
+# %% [markdown]
+# How the numbers of `paper-1` move: the leader and the corridor hardly, the naive policy a lot. Its
+# members plan on their own, each has time to spare, and *when* each passes the gate is nearly
+# indifferent to it, but not to the others.
+
+# %%
+few = [change for change in changes(CANDIDATES["paper-1"]) if change[0].startswith("margin")]
+moved = {"as it is": successes(first)} | {
+    name: successes(first.with_values(change), policies=["naive", "leader"])
+    for name, change, _ in few
+}
+pd.DataFrame(moved).T.round(3)
+
+# %% [markdown]
+# The candidate "straight" is steadier, and there the paper's own projected gradient finds nearly
+# the same guide. But its guide flies at v_max from start to target, so that members who have once
+# fallen behind the corridor never catch up: four of five are outside it at every step, while the
+# paper tells of a formation that is reached quickly. So `paper-1` is the other one.
