@@ -97,7 +97,7 @@ def row(
 def main() -> None:
     """Print the tables."""
     quick = "--quick" in sys.argv
-    options: dict[str, Any] = {"tolerance": 1e-2 if quick else 1e-3, "most_states": 100_000}
+    options: dict[str, Any] = {"tolerance": 1e-2 if quick else 1e-3, "most_states": 40_000}
     for name, scenario in list(cases().items())[: 2 if quick else None]:
         started = time.process_time()
         guide = cs.plan(scenario)
