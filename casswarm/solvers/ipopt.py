@@ -42,7 +42,7 @@ class Ipopt(NlpsolSolver):
     push : float, optional
         How far, relatively, the start is moved away from its bounds: Ipopt's ``bound_push`` and
         its three relatives, 0.01 by default.
-    barrier : float, optional
+    first_barrier : float, optional
         Ipopt's ``mu_init``, 0.1 by default: less stays nearer to a good start.
     """
 
@@ -53,7 +53,7 @@ class Ipopt(NlpsolSolver):
     memory: int = 6
     feasibility: float | None = None
     push: float | None = None
-    barrier: float | None = None
+    first_barrier: float | None = None
 
     name: ClassVar[str] = "ipopt"
     summary: ClassVar[str] = "interior point, exact derivatives; any problem"
@@ -67,7 +67,7 @@ class Ipopt(NlpsolSolver):
         require(self, "max_seconds", self.max_seconds > 0, "above zero")
         require(self, "hessian", self.hessian in HESSIANS, " or ".join(map(repr, HESSIANS)))
         require(self, "memory", self.memory >= 1, "one or above")
-        for name in ("feasibility", "push", "barrier"):
+        for name in ("feasibility", "push", "first_barrier"):
             given = getattr(self, name)
             require(self, name, given is None or given > 0, "above zero, or None")
 
@@ -79,11 +79,11 @@ class Ipopt(NlpsolSolver):
     def _options(self) -> dict[str, Any]:
         pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
         moved = {} if self.push is None else dict.fromkeys(pushes, self.push)
-        barrier = {} if self.barrier is None else {"mu_init": self.barrier}
+        first = {} if self.first_barrier is None else {"mu_init": self.first_barrier}
         return {
             "ipopt": {
                 **moved,
-                **barrier,
+                **first,
                 "tol": self.tolerance,
                 "constr_viol_tol": self.feasibility or self.tolerance,
                 "max_iter": self.max_iterations,
