@@ -62,6 +62,12 @@ class Saved:
         except (OSError, ValueError) as error:
             raise StoreError(f"{folder / 'run.json'} cannot be read ({error}): {ours}") from None
         command = record.get("command") if isinstance(record, dict) else None
+        if command == "reproduce":
+            raise StoreError(
+                f"{folder / 'run.json'} is of casswarm reproduce, whose figures show runs that it "
+                "does not keep; to draw them otherwise run casswarm reproduce again, which takes "
+                "--format, --width and --dpi (and --only figures for the paper's own alone)"
+            )
         if command not in COMMANDS:
             raise StoreError(
                 f"{folder / 'run.json'} is of "

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import WrongInput, reported_errors
+from .common import WrongInput, figure_options, reported_errors
 from .output import Folder, aligned, json_text, say
 
 if TYPE_CHECKING:
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Of the figures.",
 )
+@figure_options
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @click.option("--quiet", is_flag=True, help="No progress.")
 def reproduce(
@@ -53,6 +54,8 @@ def reproduce(
     only: tuple[str, ...],
     seed: int,
     figures: str,
+    width: str,
+    dpi: int,
     as_json: bool,
     quiet: bool,
 ) -> None:
@@ -65,11 +68,11 @@ def reproduce(
     \b
     Examples:
       casswarm reproduce
-      casswarm reproduce --out my-folder --format pdf
+      casswarm reproduce --out my-folder --format pdf --width column
       casswarm reproduce --only table-2 --only figures --out my-folder
     """
     with reported_errors():
-        folder = Folder("reproduce", None, out, figures)
+        folder = Folder("reproduce", None, out, figures, width=width, dpi=dpi)
         from ..errors import among
         from ..reproduction import page
         from ..reproduction import reproduce as made_again
@@ -87,8 +90,7 @@ def reproduce(
         )
         for name, table in found.tables.items():
             folder.table(name, table)
-        for name, figure in found.figures.items():
-            folder.figure(name, figure)
+        folder.draw(found.figures)
         if found.complete:
             folder.text("README.md", page(found, figures))
         result = {name: table.to_dict("records") for name, table in found.tables.items()}

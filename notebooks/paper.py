@@ -13,12 +13,13 @@
 # %% [markdown]
 # # The paper reproduced
 #
-# *Cooperative protection control for UCAV swarms in hostile environments* compares three policies on
-# two scenarios. We hold its numbers and figures against what casswarm computes. `casswarm reproduce`
-# makes all of it, in a few minutes, into `results/paper/`; this notebook takes the quicker parts, by
-# the same functions.
+# *Cooperative protection control for UCAV swarms in hostile environments* compares three policies
+# on two scenarios. We hold its numbers and figures against what casswarm computes.
+# `casswarm reproduce` makes all of it, in a few minutes, into `results/paper/`; this notebook takes
+# the quicker parts, by the same functions.
 
 # %%
+# %matplotlib inline
 import casswarm as cs
 from casswarm.figures import convergence_chart, table_2_chart
 from casswarm.reproduction import page, readings, reproduce
@@ -31,8 +32,8 @@ found = reproduce(only=["table-1", "geometry", "table-2", "shortfalls", "figures
 # %% [markdown]
 # ## Table I, and what is not in it
 #
-# The parameters are the paper's. Where radars, target and members are it shows in a picture only, so
-# the geometry is a calibration (`notebooks/calibration.py`), not the paper's figure.
+# The parameters are the paper's. Where radars, target and members are it shows in a picture only,
+# so the geometry is a calibration (`notebooks/calibration.py`), not the paper's figure.
 
 # %%
 found.tables["table-1"]
@@ -43,8 +44,8 @@ found.tables["geometry"]
 # %% [markdown]
 # ## Table II
 #
-# Fifty runs leave wide intervals. The exact law of the chain needs no runs at all: these brackets are
-# proven, and at most a thousandth wide.
+# Fifty runs leave wide intervals. The exact law of the chain needs no runs at all: these brackets
+# are proven, and at most a thousandth wide.
 
 # %%
 table_2_words(found.tables["table-2"], found.runs)
@@ -59,16 +60,16 @@ table_2_chart(found.tables["table-2"], found.runs)
 # constrained trajectory, leader protection with collisions, and the guides of the naive policy.
 
 # %%
-found.figures["figure-1"]
+found.figures["figure-1"]()
 
 # %%
-found.figures["figure-2"]
+found.figures["figure-2"]()
 
 # %%
-found.figures["figure-3"]
+found.figures["figure-3"]()
 
 # %%
-found.figures["figure-4"]
+found.figures["figure-4"]()
 
 # %% [markdown]
 # ## Does the paper's projected gradient converge?
@@ -95,13 +96,14 @@ convergence_chart(
 # 3 to 6, and once in the gate.
 
 # %%
-found.figures["shortfalls"]
+found.figures["shortfalls"]()
 
 # %% [markdown]
 # ## Is the order of the policies the paper's merit, or the guide's?
 #
-# The local guide goes through the gate between the radars. Where the search is global it goes around,
-# and then all policies succeed almost always: what separates them is that they have to pass the gate.
+# The local guide goes through the gate between the radars. Where the search is global it goes
+# around, and then all policies succeed almost always: what separates them is that they have to
+# pass the gate.
 
 # %%
 around = first.with_values({"guide.search": "global", "guide.arrival": "any"})

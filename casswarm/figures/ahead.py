@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pandas as pd
 from matplotlib.figure import Figure
 
-from .style import MEMBERS, POLICIES, panels, tidy
+from .style import current, drawn, headline, marks, panels, shown, tidy
+from .sweeps import success_line
 
 
+@drawn
 def look_ahead_chart(table: pd.DataFrame, title: str = "") -> Figure:
     """Success (above) and shortfalls (below) over the look-ahead, a column a scenario.
 
@@ -21,41 +21,37 @@ def look_ahead_chart(table: pd.DataFrame, title: str = "") -> Figure:
     title : str
     """
     scenarios = list(dict.fromkeys(table["scenario"]))
-    policies = list(dict.fromkeys(table["policy"]))
-    fig, axes = panels(len(scenarios), 2, 2.3, 2.3)
-    for column, scenario in enumerate(scenarios):
-        above, below = axes[column], axes[len(scenarios) + column]
-        for place, policy in enumerate(policies):
-            mine = (table["scenario"] == scenario) & (table["policy"] == policy)
-            rows = table[mine].sort_values("look_ahead")
-            x = rows["look_ahead"].to_numpy(float)
-            y = rows["success"].to_numpy(float)
-            low, high = rows["success_low"].to_numpy(float), rows["success_high"].to_numpy(float)
-            look: dict[str, Any] = {
-                "color": POLICIES.get(policy, MEMBERS[place % len(MEMBERS)]),
-                "marker": "osD^v"[place % 5],
-                "markersize": 4,
-                "linewidth": 1.3,
-            }
-            above.errorbar(
-                x,
-                y,
-                [(y - low).clip(min=0.0), (high - y).clip(min=0.0)],
-                capsize=2,
-                label=policy,
-                **look,
-            )
-            below.plot(x, rows["shortfalls"].to_numpy(float), **look)
-        above.set_title(scenario, fontsize=10)
-        above.set_ylim(-0.03, 1.03)
+    steps = sorted(set(table["look_ahead"]))
+    across = min(len(scenarios), 2 if current().width < 5 else 3)
+    bands = -(-len(scenarios) // across)  # of two rows of panels
+    shape = 1.25 * bands / max(2, across) + 0.12
+    fig, places = panels(across, 2 * bands, shape, sharex=True)
+    looks = marks(table["policy"])
+    for number in range(bands * across):
+        band, column = divmod(number, across)
+        above, below = (places[(2 * band + row) * across + column] for row in (0, 1))
+        if number >= len(scenarios):
+            above.set_visible(False)
+            below.set_visible(False)
+            continue
+        own = table[table["scenario"] == scenarios[number]]
+        for policy, rows in own.sort_values("look_ahead").groupby("policy", sort=False):
+            mark = looks[str(policy)]
+            look = {"color": mark.color, "marker": mark.marker, "linestyle": mark.dashes}
+            success_line(above, rows, "look_ahead", steps, look, str(policy))
+            below.plot(rows["look_ahead"].to_numpy(float), rows["shortfalls"], **look)
+        above.set(title=str(scenarios[number]), ylim=(-0.03, 1.03))
         below.set_ylim(bottom=0.0)
-        steps = sorted(set(table["look_ahead"]))
-        for panel in (above, below):
-            panel.set_xticks(steps, [f"{step:g}" for step in steps])
-            tidy(panel)
-        below.set_xlabel("steps in view, H")
-    axes[0].set_ylabel("success probability")
-    axes[len(scenarios)].set_ylabel("shortfalls a run")
-    axes[0].legend(frameon=False, fontsize=8, loc="lower right")
-    fig.suptitle(title, fontsize=11)
+        if column == 0:
+            above.set_ylabel("success")
+            below.set_ylabel("shortfalls")
+        if number + across >= len(scenarios):  # the lowest of its column
+            below.tick_params(labelbottom=True)
+            below.set_xlabel("steps in view")
+        for axes in (above, below):
+            axes.set_xticks(steps, [shown(step) for step in steps])
+            tidy(axes)
+    handles, labels = places[0].get_legend_handles_labels()
+    fig.legend(handles, labels, loc="outside lower center", ncols=min(3, len(labels)))
+    headline(fig, title)
     return fig

@@ -3,53 +3,71 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from textwrap import fill
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from ..guide import Guide
 from ..scenario import Scenario
-from .maps import _finish, _map
-from .style import BLUE, GREEN, INK, MEMBERS, ORANGE, POLICIES, SKY, figure, panels, tidy
+from .maps import lone_map
+from .style import (
+    GREY,
+    INK,
+    MEMBERS,
+    current,
+    drawn,
+    figure,
+    headline,
+    key,
+    line,
+    marks,
+    panels,
+    tidy,
+)
 
-_SYMBOLS = {"naive": "s", "constrained": "D", "leader": "o"}
+_DASHES = ("-", "--", "-.", ":")
 
 
+@drawn
 def guides_map(scenario: Scenario, guides: Sequence[Guide], title: str = "") -> Figure:
     """Every member's own guide over the map of a lone member's rates.
 
     Members often share a path: the first is drawn widest and lowest, so that all stay visible.
     """
-    fig, axes = _map(scenario, [guide.positions for guide in guides])
+    fig, axes, _ = lone_map(scenario, [guide.positions for guide in guides])
     for place, guide in enumerate(guides):
-        width = 1.0 + 1.1 * (len(guides) - 1 - place)
+        width = 1.0 + 1.3 * (len(guides) - 1 - place)
         axes.plot(
             *guide.positions.T,
             color=MEMBERS[place % len(MEMBERS)],
             marker="o",
-            markersize=width + 1.6,
-            linewidth=width,
+            markersize=line(width + 1.0),
+            linewidth=line(width),
             solid_capstyle="round",
             zorder=4,
-            label=f"member {place + 1}: {guide.survival:.3f}, step {guide.arrival}",
+            label=f"member {place + 1}: {guide.survival:.3f},\nstep {guide.arrival}",
         )
     starts = np.array([guide.positions[0] for guide in guides])
     axes.plot(
         *starts.T,
         linestyle="",
         marker="o",
-        markersize=5,
+        markersize=line(4.5),
         markerfacecolor="white",
         markeredgecolor=INK,
-        zorder=6,
+        zorder=5,
         label="start",
     )
-    _finish(fig, axes, title or f"{scenario.name}: every member's own guide")
+    key(fig, axes)
+    headline(fig, scenario.name, title or "every member's own guide, its survival and arrival")
     return fig
 
 
+@drawn
 def table_2_chart(table: pd.DataFrame, runs: int, few: int = 50) -> Figure:
     """Table II: the paper's numbers, the exact ones, and sampled ones, with their intervals.
 
@@ -61,49 +79,56 @@ def table_2_chart(table: pd.DataFrame, runs: int, few: int = 50) -> Figure:
     runs, few : int
         The numbers of runs.
     """
-    fig, axes = figure(7.0, 3.6)
-    kinds = (
-        ("paper", f"the paper, {few} runs", ORANGE, "s"),
-        (f"runs_{few}", f"casswarm, {few} runs", SKY, "^"),
-        (f"runs_{runs}", f"casswarm, {runs:,} runs", GREEN, "D"),
-        ("exact", "casswarm, exact", INK, "|"),
-    )
-    for row, (_, values) in enumerate(table.iterrows()):
-        for place, (column, label, color, marker) in enumerate(kinds):
-            low, high = float(values[f"{column}_low"]), float(values[f"{column}_high"])
-            middle = (low + high) / 2 if column == "exact" else float(values[column])
-            height = row + 0.18 * (place - 1.5)
-            axes.plot([low, high], [height] * 2, color=color, linewidth=2.2, solid_capstyle="butt")
-            size = 13 if marker == "|" else 6
-            axes.plot(
-                middle,
-                height,
-                color=color,
-                marker=marker,
-                markersize=size,
-                markeredgewidth=2.2 if marker == "|" else 0,
-                linestyle="",
-                label=label if row == 0 else None,
-            )
+    kinds = {
+        "paper": (f"the paper, {few} runs", "s", "white"),
+        f"runs_{few}": (f"casswarm, {few} runs", "^", "white"),
+        f"runs_{runs}": (f"casswarm, {runs:,} runs", "D", None),
+        "exact": ("casswarm, exact", "|", None),
+    }
+    fig, axes = figure(_shape(1.45 * len(kinds) * len(table) + 7))
+    looks = marks(table["policy"])
+    for row, values in enumerate(table.to_dict("records")):
+        color = looks[str(values["policy"])].color
+        for place, (column, (_, marker, face)) in enumerate(kinds.items()):
+            low, high = values[f"{column}_low"], values[f"{column}_high"]
+            middle = (low + high) / 2 if column == "exact" else values[column]
+            height = row + 0.2 * (place - (len(kinds) - 1) / 2)
+            axes.plot([low, high], [height] * 2, color=color, linewidth=line(1.6), zorder=2)
+            axes.plot(middle, height, color=color, zorder=3, **_sign(marker, face))
             axes.annotate(
                 f"{middle:.2f}" if column in ("paper", f"runs_{few}") else f"{middle:.3f}",
                 (max(high, middle), height),
-                (7, 0),
+                (line(6), 0),
                 textcoords="offset points",
                 va="center",
-                fontsize=8,
-                color=INK,
+                fontsize="small",
             )
-    axes.set_yticks(range(len(table)), [str(name) for name in table["policy"]])
-    axes.set(xlim=(0.1, 0.9), xlabel="success probability, scenario I (bars: Wilson 95 %)")
-    axes.invert_yaxis()
-    tidy(axes)
-    axes.grid(axis="x", color="#dddddd", linewidth=0.6)
-    axes.grid(axis="y", visible=False)
-    axes.legend(loc="upper right", frameon=False, fontsize=9)
+    axes.set_yticks(range(len(table)), list(table["policy"]), fontsize="medium")
+    axes.set(xlim=(0.15, 0.87), ylim=(len(table) - 0.5, -0.5), xlabel="success probability")
+    _rows(axes, len(table))
+    handles = [
+        Line2D([], [], color=GREY, label=label, **_sign(marker, face))
+        for label, marker, face in kinds.values()
+    ]
+    narrow = current().width < 5
+    fig.legend(handles=handles, loc="outside lower center", ncols=2 if narrow else 4)
+    headline(fig, "paper-1", "Table II, with Wilson's 95 % intervals")
     return fig
 
 
+def _sign(marker: str, face: str | None) -> dict[str, object]:
+    """How a marker looks; `face` is its inside, by default its colour."""
+    bar = marker == "|"
+    sign: dict[str, object] = {
+        "linestyle": "",
+        "marker": marker,
+        "markersize": line(10 if bar else 5),
+        "markeredgewidth": line(2 if bar else 1.2),
+    }
+    return sign if face is None else sign | {"markerfacecolor": face}
+
+
+@drawn
 def beyond_chart(table: pd.DataFrame) -> Figure:
     """Success of every policy in several scenarios: a line a scenario, bars where not exact.
 
@@ -113,36 +138,33 @@ def beyond_chart(table: pd.DataFrame) -> Figure:
         With the columns scenario, policy, success_low, success_high.
     """
     names = list(dict.fromkeys(table["scenario"]))
-    fig, axes = figure(7.2, 1.2 + 0.46 * len(names))
     policies = list(dict.fromkeys(table["policy"]))
-    for _, row in table.iterrows():
+    fig, axes = figure(_shape(2.7 * len(names) + 5))
+    looks = marks(policies)
+    for row in table.to_dict("records"):
         policy = str(row["policy"])
-        place = policies.index(policy)
-        height = names.index(row["scenario"]) + 0.2 * (place - (len(policies) - 1) / 2)
-        low, high = float(row["success_low"]), float(row["success_high"])
-        color = POLICIES.get(policy, MEMBERS[place % len(MEMBERS)])
-        axes.plot([low, high], [height] * 2, color=color, linewidth=5, alpha=0.45)
+        place = policies.index(policy) - (len(policies) - 1) / 2
+        height = names.index(row["scenario"]) + 0.66 * place / len(policies)
+        low, high = row["success_low"], row["success_high"]
+        mark = looks[policy]
+        axes.plot([low, high], [height] * 2, color=mark.color, linewidth=line(4), alpha=0.45)
         axes.plot(
             (low + high) / 2,
             height,
-            color=color,
-            marker=_SYMBOLS.get(policy, "o"),
-            markersize=6,
+            color=mark.color,
             linestyle="",
+            marker=mark.marker,
             label=policy if row["scenario"] == names[0] else None,
         )
-    for place in range(1, len(names)):
-        axes.axhline(place - 0.5, color="#dddddd", linewidth=0.6)
-    axes.set_yticks(range(len(names)), names)
-    axes.tick_params(axis="y", length=0)
+    axes.set_yticks(range(len(names)), [_broken(name) for name in names])
     axes.set(xlim=(-0.03, 1.03), ylim=(len(names) - 0.5, -0.5), xlabel="success probability")
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(axis="x", color="#dddddd", linewidth=0.6)
-    axes.set_axisbelow(True)
-    fig.legend(loc="outside upper center", ncols=3, frameon=False)
+    _rows(axes, len(names))
+    fig.legend(loc="outside lower center", ncols=3)
+    headline(fig, "success with other guides and in other scenarios")
     return fig
 
 
+@drawn
 def sensitivity_chart(table: pd.DataFrame, intervals: Mapping[str, tuple[float, float]]) -> Figure:
     """Exact success where a geometry is moved a little, beside intervals to stay within.
 
@@ -153,30 +175,27 @@ def sensitivity_chart(table: pd.DataFrame, intervals: Mapping[str, tuple[float, 
     intervals : mapping
         Policy to (low, high), drawn as a band.
     """
-    fig, some = panels(len(intervals), 1, 2.5, 4.4)
+    fig, some = panels(len(intervals), 1, _shape(2.0 * len(table) + 7), sharex=True, sharey=True)
+    looks = marks(intervals)
+    heights = np.arange(len(table))
     for axes, (policy, (low, high)) in zip(some, intervals.items(), strict=True):
-        axes.axvspan(low, high, color=POLICIES[policy], alpha=0.15, linewidth=0)
-        heights = np.arange(len(table))
-        axes.axvline(float(table[policy].iloc[0]), color=INK, linewidth=0.8, linestyle=":")
-        axes.plot(
-            table[policy],
-            heights,
-            color=POLICIES[policy],
-            marker=_SYMBOLS[policy],
-            markersize=6,
-            linestyle="",
-        )
-        axes.set_yticks(heights, list(table["change"]) if axes is some[0] else [""] * len(table))
-        axes.tick_params(axis="y", length=0)
-        axes.set(xlim=(0.15, 0.85), ylim=(len(table) - 0.5, -0.5), title=policy)
-        axes.grid(axis="x", color="#dddddd", linewidth=0.6)
-        axes.spines[["top", "right"]].set_visible(False)
+        mark = looks[policy]
+        axes.axvspan(low, high, color=mark.color, alpha=0.15, linewidth=0)
+        axes.axvline(float(table[policy].iloc[0]), color=INK, linewidth=line(0.8), linestyle=":")
+        axes.plot(table[policy], heights, color=mark.color, marker=mark.marker, linestyle="")
+        axes.set_title(policy)
+        _rows(axes, 0)
+    some[0].set_yticks(heights, [_broken(change) for change in table["change"]])
+    some[0].set(xlim=(0.15, 0.85), ylim=(len(table) - 0.5, -0.5), xticks=[0.2, 0.4, 0.6, 0.8])
     fig.supxlabel(
-        "exact success probability; shaded: Wilson 95 % of the paper's 50 runs", fontsize=10
+        fill("exact success; shaded: Wilson's 95 % interval of the paper's 50 runs", _letters()),
+        fontsize="medium",
     )
+    headline(fig, "paper-1", "small changes")
     return fig
 
 
+@drawn
 def convergence_chart(
     guide: pd.DataFrame,
     formations: pd.DataFrame,
@@ -189,46 +208,52 @@ def convergence_chart(
     guide : DataFrame
         With the columns iteration, survival and residual.
     formations : DataFrame
-        With the columns problems, iteration, gap_median and residual_median.
+        With the columns problems (a policy, a comma and a scenario), iteration, gap_median and
+        residual_median.
     references : mapping
         Name to the survival that other guides have.
     """
-    fig, (survival, residual, gap, formation_residual) = panels(2, 2, 4.3, 3.2)
-    survival.plot(guide["iteration"], guide["survival"], color=BLUE, linewidth=2, marker="o", ms=4)
+    narrow = current().width < 5
+    across = 1 if narrow else 2
+    fig, some = panels(across, 4 // across, 2.3 if narrow else 0.75, sharex=True)
+    survival, residual, gap, formation_residual = some
+    path = {"color": INK, "marker": "o"}
+    survival.plot(guide["iteration"], guide["survival"], **path)
     for place, (name, value) in enumerate(references.items()):
-        survival.axhline(value, color=INK, linewidth=1.2, linestyle=("--", ":")[place % 2])
-        survival.annotate(f"{name}: {value:.3g}", (1, value), (0, 4), textcoords="offset points")
-    survival.set(title="guide: survival of a lone member", yscale="log", ylim=(5e-5, 3))
-    residual.plot(guide["iteration"], guide["residual"], color=BLUE, linewidth=2, marker="o", ms=4)
+        survival.axhline(value, color=GREY, linewidth=line(), linestyle=_DASHES[1 + place % 3])
+        survival.annotate(
+            f"{name}: {value:.2g}",
+            (1, value),
+            (0, line(3)),
+            textcoords="offset points",
+            fontsize="small",
+        )
+    survival.set(title="guide: survival of a lone member", yscale="log", ylim=(5e-5, 5))
+    residual.plot(guide["iteration"], guide["residual"], **path)
     residual.set(title="guide: stationarity residual", yscale="log", ylim=(1e-5, 1e-2))
+    looks = marks(str(kind).split(",")[0] for kind in formations["problems"])
     for place, (kind, rows) in enumerate(formations.groupby("problems", sort=False)):
-        color, style = MEMBERS[place % len(MEMBERS)], ("-", "--", "-.", ":")[place % 4]
+        color, dashes = looks[str(kind).split(",")[0]].color, _DASHES[place % len(_DASHES)]
         for axes, column in ((gap, "gap_median"), (formation_residual, "residual_median")):
             median = rows[column].clip(lower=1e-9)
-            axes.plot(
-                rows["iteration"],
-                median,
-                color=color,
-                linestyle=style,
-                linewidth=2,
-                label=str(kind),
-            )
-    gap.set(title="formation: gap to the best known, median", yscale="log")
-    formation_residual.set(title="formation: stationarity residual, median", yscale="log")
-    formation_residual.legend(frameon=False, fontsize=8)
-    for axes in (survival, residual, gap, formation_residual):
-        _iterations(axes)
+            axes.plot(rows["iteration"], median, color=color, linestyle=dashes, label=str(kind))
+    gap.set(title="formation: gap to the best known", yscale="log")
+    formation_residual.set(title="formation: stationarity residual", yscale="log")
+    for axes in some:
+        axes.set_xscale("symlog", linthresh=1)
+        axes.set_xlim(0, 1e4)
+        axes.set_xticks([0, 1, 10, 100, 1000, 10000])
+        tidy(axes)
+    for axes in some[-across:]:
+        axes.set_xlabel("iteration")
+    handles, labels = gap.get_legend_handles_labels()
+    columns = 2 if narrow else 4
+    fig.legend(handles, labels, loc="outside lower center", ncols=columns, title="formation of")
+    headline(fig, "the paper's projected gradient; formations: medians over the steps")
     return fig
 
 
-def _iterations(axes: Axes) -> None:
-    axes.set_xscale("symlog", linthresh=1)
-    axes.set_xlim(0, 1e4)
-    axes.set_xlabel("iteration")
-    axes.title.set_fontsize(10)
-    tidy(axes)
-
-
+@drawn
 def shortfall_chart(table: pd.DataFrame) -> Figure:
     """Members alive at every step, and how many of them have an empty constraint set.
 
@@ -238,15 +263,52 @@ def shortfall_chart(table: pd.DataFrame) -> Figure:
         With the columns policy, step, alive and short.
     """
     policies = list(dict.fromkeys(table["policy"]))
-    fig, some = panels(len(policies), 1, 4.2, 3.2)
+    narrow = current().width < 5
+    across, rows = (1, len(policies)) if narrow else (len(policies), 1)
+    shape = 0.5 * len(policies) + 0.15 if narrow else None
+    fig, some = panels(across, rows, shape, sharex=True, sharey=True)
+    looks = marks(policies)
     for axes, policy in zip(some, policies, strict=True):
-        rows = table[table["policy"] == policy]
-        color = POLICIES.get(policy, BLUE)
-        axes.bar(rows["step"], rows["short"], color=color, width=0.8, label="with an empty set")
-        axes.step(rows["step"], rows["alive"], where="mid", color=INK, linewidth=1.6, label="alive")
-        axes.set(title=policy, xlabel="step", ylim=(0, 5.6))
-        axes.title.set_fontsize(11)
+        own = table[table["policy"] == policy]
+        axes.bar(own["step"], own["short"], color=looks[str(policy)].color, width=0.8)
+        axes.step(own["step"], own["alive"], where="mid", color=INK)
+        axes.set(title=str(policy), xlabel="step", ylabel="members, mean")
+        axes.set_ylim(0, 1.1 * float(table["alive"].max()))
+        axes.label_outer()
         tidy(axes)
-    some[0].set_ylabel("members, mean")
-    some[0].legend(frameon=False, loc="center", bbox_to_anchor=(0.55, 0.45))  # between the bars
+    handles = [
+        Line2D([], [], color=INK, label="alive"),
+        Line2D([], [], color=GREY, linewidth=line(5), label="with an empty constraint set"),
+    ]
+    fig.legend(handles=handles, loc="outside lower center", ncols=2)
+    headline(fig, "members whose constraint set is empty")
     return fig
+
+
+def _shape(lines: float) -> float:
+    """Height over width of a figure as high as so many lines of its letters."""
+    chosen = current()
+    return lines * 1.2 * chosen.letters / 72 / chosen.width
+
+
+def _letters() -> int:
+    """How many letters fit beside each other."""
+    chosen = current()
+    return int(72 * chosen.width / (0.58 * chosen.letters))
+
+
+def _broken(name: object) -> str:
+    """The name of a line, broken where it would take more than a third of the width."""
+    words = str(name).replace(" = ", "\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}")
+    return fill(words, max(18, _letters() * 3 // 8), break_long_words=False)
+
+
+def _rows(axes: Axes, number: int) -> None:
+    """A frame and a grid for lines of symbols, with rules between so many lines."""
+    tidy(axes)
+    axes.spines["left"].set_visible(False)
+    axes.tick_params(axis="y", length=0)
+    axes.grid(axis="y", visible=False)
+    axes.grid(axis="x", color="#dddddd")
+    for place in range(1, number):
+        axes.axhline(place - 0.5, color="#dddddd", linewidth=line(0.6))

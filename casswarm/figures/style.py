@@ -164,22 +164,29 @@ def panels(
 def settle(fig: Figure) -> None:
     """Make a figure as high as maps need it to be to use its width, and lay it out for good."""
     maps = [a for a in fig.axes if a.get_aspect() != "auto" and a.get_subplotspec() is not None]
-    engine = fig.get_layout_engine()
-    if not maps or engine is None:
+    if not maps or fig.get_layout_engine() is None:
         return
     for axes in maps:  # the layout of axes that shrink in their boxes may swing
         axes.set_aspect("auto")
-    engine.execute(fig)
+    _lay_out(fig)
     for _ in range(5):
         missing = _missing_height(fig, maps[0])
         if abs(missing) < 0.01:
             break
         width, height = fig.get_size_inches()
         fig.set_size_inches(width, max(0.3 * width, height + missing))
-        engine.execute(fig)
+        _lay_out(fig)
     fig.set_layout_engine("none")
     for axes in maps:
         axes.set_aspect("equal")
+
+
+def _lay_out(fig: Figure) -> None:
+    """Place the axes, and once more with the numbers that the first places give their ticks."""
+    engine = fig.get_layout_engine()
+    assert engine is not None
+    for _ in range(2):
+        engine.execute(fig)
 
 
 def _missing_height(fig: Figure, axes: Axes) -> float:

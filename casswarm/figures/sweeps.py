@@ -42,7 +42,7 @@ def sweep_lines(
     for policy, rows in good.groupby("policy", sort=False):
         mark = looks[str(policy)]
         look = {"color": mark.color, "marker": mark.marker, "linestyle": mark.dashes}
-        _line(axes, rows, key, order, look, str(policy))
+        success_line(axes, rows, key, order, look, str(policy))
     _finish(axes, key, order)
     axes.set_ylabel("success probability")
     if len(good):
@@ -71,7 +71,7 @@ def _by_policy(
                 "marker": "osD^vP"[number % 6],
                 "linestyle": _DASHES[number % len(_DASHES)],
             }
-            _line(axes, part, key, order, look, ", ".join(map(shown, values)))
+            success_line(axes, part, key, order, look, ", ".join(map(shown, values)))
         _finish(axes, key, order)
         axes.set_title(str(policy))
         axes.label_outer()
@@ -91,9 +91,10 @@ def _by_policy(
     return fig
 
 
-def _line(
+def success_line(
     axes: Axes, rows: pd.DataFrame, key: str, order: list[Any], look: dict[str, Any], label: str
 ) -> None:
+    """Success over a parameter's values, with what is known of it as error bars."""
     number = _numbers(order)
     rows = rows.sort_values(key) if number else rows
     x = rows[key].to_numpy(float) if number else np.array([order.index(v) for v in rows[key]])

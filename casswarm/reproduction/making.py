@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from ..chain.simulate import Trace
 from ..figures import (
@@ -19,6 +19,7 @@ from ..figures import (
     swarm_map,
     table_2_chart,
 )
+from ..gallery import Gallery
 from ..guide import Guide
 from ..planning import plan
 from ..policies import member_guides
@@ -72,8 +73,8 @@ class Reproduction:
     ----------
     tables : mapping of name to DataFrame
         Of `TABLES`, those that were asked for.
-    figures : mapping of name to Figure
-        Of `FIGURES`, likewise.
+    figures : mapping of name to function
+        Of `FIGURES`, likewise; each draws its figure in the look of its context.
     guide : Guide
         The local guide of scenario I, which the paper's policies follow.
     runs, seed : int
@@ -81,7 +82,7 @@ class Reproduction:
     """
 
     tables: Mapping[str, pd.DataFrame]
-    figures: Mapping[str, Figure]
+    figures: Gallery
     guide: Guide
     runs: int
     seed: int
@@ -147,7 +148,7 @@ def reproduce(
         if only is None or name in only:
             tell(name)
             tables[name] = makers[name]()
-    figures: dict[str, Figure] = {}
+    figures: Gallery = {}
     if only is None or DRAWN in only:
         tell(DRAWN)
         figures = paper_figures(first, second, guide, seed)
@@ -163,21 +164,20 @@ def _formations(first: Scenario, second: Scenario, guide: Guide, tell: Tell) -> 
     return condensed(tables)
 
 
-def paper_figures(
-    first: Scenario, second: Scenario, guide: Guide, seed: int = 0
-) -> dict[str, Figure]:
+def paper_figures(first: Scenario, second: Scenario, guide: Guide, seed: int = 0) -> Gallery:
     """The paper's Figures 1 to 4, in its layout: maps of a run each, and the naive guides."""
     runs = {
         "figure-1": (first, "leader", "leader protection, scenario I"),
         "figure-2": (first, "constrained", "constrained trajectory, scenario I"),
         "figure-3": (second, "leader", "leader protection, scenario II"),
     }
-    figures = {}
+    figures: Gallery = {}
     for name, (scenario, policy, words) in runs.items():
         number, trace = run_like_the_papers(scenario, policy, guide, seed)
-        figures[name] = swarm_map(scenario, trace, guide, f"{words}, run {number}")
-    title = "naive: every member's own guide, its survival alone and arrival"
-    figures["figure-4"] = guides_map(first, member_guides(first, guide), title)
+        title, kept = f"{words}, run {number}", policy == "constrained"
+        figures[name] = partial(swarm_map, scenario, trace, guide, title, corridors=kept)
+    title = "naive, every member's own guide: its survival alone and arrival"
+    figures["figure-4"] = partial(guides_map, first, member_guides(first, guide), title)
     return figures
 
 
@@ -195,28 +195,31 @@ def run_like_the_papers(
     return int(wanted[0]), study.traces[policy][int(wanted[0])]
 
 
-def _charts(tables: Mapping[str, pd.DataFrame], guide: Guide, runs: int) -> dict[str, Figure]:
+def _charts(tables: Mapping[str, pd.DataFrame], guide: Guide, runs: int) -> Gallery:
     """The figures of the tables that there are."""
-    charts: dict[str, Figure] = {}
+    charts: Gallery = {}
     if "table-2" in tables:
-        charts["table-2"] = table_2_chart(tables["table-2"], runs)
+        charts["table-2"] = partial(table_2_chart, tables["table-2"], runs)
     if "sensitivity" in tables:
         intervals = {
             name: wilson(round(value * PAPER_RUNS), PAPER_RUNS)
             for name, value in PAPER_SUCCESS.items()
         }
-        charts["sensitivity"] = sensitivity_chart(tables["sensitivity"], intervals)
+        charts["sensitivity"] = partial(sensitivity_chart, tables["sensitivity"], intervals)
     if "guide-convergence" in tables and "formation-convergence" in tables:
         best = plan(load_scenario("paper-1"), search="global", certify=False)
         references = {
             "Ipopt, from the straight line": guide.survival,
             "global search": best.survival,
         }
-        charts["convergence"] = convergence_chart(
-            tables["guide-convergence"], tables["formation-convergence"], references
+        charts["convergence"] = partial(
+            convergence_chart,
+            tables["guide-convergence"],
+            tables["formation-convergence"],
+            references,
         )
     if "shortfalls" in tables:
-        charts["shortfalls"] = shortfall_chart(tables["shortfalls"])
+        charts["shortfalls"] = partial(shortfall_chart, tables["shortfalls"])
     if "beyond" in tables:
-        charts["beyond"] = beyond_chart(tables["beyond"])
+        charts["beyond"] = partial(beyond_chart, tables["beyond"])
     return charts

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import pandas as pd
 
-from ..comparison.rendering import Block, Heading, Picture, Table, Text, markdown
+from ..comparison.rendering import Block, Heading, Table, Text, markdown
 from .making import TABLES, Reproduction
 from .paper import PAPER_RUNS
 
@@ -23,19 +23,24 @@ def page(found: Reproduction, ending: str = "png") -> str:
             "told in `docs/paper.md`. The paper shows the places of radars, target and members as "
             "a picture only: those used here are a calibration, not the paper's figure."
         ),
-        *_tables(found),
-        *_paper_figures(found),
-        *_convergence(found),
-        *_empty(found),
-        *_beyond(found),
+        *_tables(found, ending),
+        *_paper_figures(ending),
+        *_convergence(found, ending),
+        *_empty(found, ending),
+        *_beyond(found, ending),
         Heading("Slips and silences"),
         Text(f"{TABLES['readings']}. *Letter*: how to have what the paper writes instead."),
         Table(found.tables["readings"]),
     ]
-    return markdown(blocks, ending)
+    return markdown(blocks)
 
 
-def _tables(found: Reproduction) -> list[Block]:
+def _picture(ending: str, name: str, caption: str) -> Text:
+    """A figure in a file beside the page, with how to read it."""
+    return Text(f"![{name}]({name}.{ending})\n\n*{caption}*")
+
+
+def _tables(found: Reproduction, ending: str) -> list[Block]:
     inside = found.tables["table-2"]["inside"]
     return [
         Heading("Table I"),
@@ -50,9 +55,9 @@ def _tables(found: Reproduction) -> list[Block]:
             "interval."
         ),
         Table(table_2_words(found.tables["table-2"], found.runs)),
-        Picture(
+        _picture(
+            ending,
             "table-2",
-            found.figures["table-2"],
             f"Table II: the paper's numbers with the interval that {PAPER_RUNS} runs leave, as "
             "many runs of casswarm, more of them, and the exact values.",
         ),
@@ -60,9 +65,9 @@ def _tables(found: Reproduction) -> list[Block]:
             f"{TABLES['sensitivity']} (`sensitivity.csv`): the exact values, brackets at most 0.01 "
             "wide, and the risk and arrival step of the guide."
         ),
-        Picture(
+        _picture(
+            ending,
             "sensitivity",
-            found.figures["sensitivity"],
             "How the exact values move with the geometry; dotted: as calibrated. Leader and "
             "corridor hardly move, the naive policy does: when each of its members passes the gate "
             "is nearly indifferent to that member, but not to the others.",
@@ -70,7 +75,7 @@ def _tables(found: Reproduction) -> list[Block]:
     ]
 
 
-def _paper_figures(found: Reproduction) -> list[Block]:
+def _paper_figures(ending: str) -> list[Block]:
     told = {
         "figure-1": "Figure 1: leader protection. The leader follows the guide through the gate "
         "between the radars, the others close up to it.",
@@ -86,11 +91,11 @@ def _paper_figures(found: Reproduction) -> list[Block]:
             "The runs shown are the first that succeed and lose two members, as the paper tells of "
             "its own; where none does among 200, the first that succeeds."
         ),
-        *(Picture(name, found.figures[name], caption) for name, caption in told.items()),
+        *(_picture(ending, name, caption) for name, caption in told.items()),
     ]
 
 
-def _convergence(found: Reproduction) -> list[Block]:
+def _convergence(found: Reproduction, ending: str) -> list[Block]:
     last = found.tables["formation-convergence"].groupby("problems", sort=False).tail(1)
     columns = {
         "gap_median": "{:.2g}",
@@ -114,16 +119,16 @@ def _convergence(found: Reproduction) -> list[Block]:
             "is lost. *Gap*: of the objective, relative to the default solver's."
         ),
         Table(_shown(last, columns)),
-        Picture(
+        _picture(
+            ending,
             "convergence",
-            found.figures["convergence"],
             "The projected gradient with the paper's learning rates and numbers of iterations, on "
             "the guide (above) and on the formation problems (below, medians over the steps).",
         ),
     ]
 
 
-def _empty(found: Reproduction) -> list[Block]:
+def _empty(found: Reproduction, ending: str) -> list[Block]:
     return [
         Heading("Empty constraint sets"),
         Text(
@@ -131,9 +136,9 @@ def _empty(found: Reproduction) -> list[Block]:
             "the wrong velocity cannot stay in it, and a leader that was elsewhere cannot be on "
             "the guide at once. casswarm then moves it as near as v_max and a_max allow."
         ),
-        Picture(
+        _picture(
+            ending,
             "shortfalls",
-            found.figures["shortfalls"],
             "Members alive (line), and how many of them have an empty constraint set (bars), in "
             "500 runs of scenario I.",
         ),
@@ -145,7 +150,7 @@ def _empty(found: Reproduction) -> list[Block]:
     ]
 
 
-def _beyond(found: Reproduction) -> list[Block]:
+def _beyond(found: Reproduction, ending: str) -> list[Block]:
     table = found.tables["beyond"]
     sides = "sides: on which side of the guide each radar lies, left or right"
     return [
@@ -156,9 +161,9 @@ def _beyond(found: Reproduction) -> list[Block]:
             "sampled: a 95 % interval."
         ),
         Table(_bracketed(_shown(table, {"guide_survival": "{:.4f}"}))),
-        Picture(
+        _picture(
+            ending,
             "beyond",
-            found.figures["beyond"],
             "Success of the three policies with other guides, in other scenarios, and with "
             "collisions; bars where the value is not known to the width of a symbol.",
         ),
