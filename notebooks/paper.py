@@ -13,10 +13,10 @@
 # %% [markdown]
 # # The paper reproduced
 #
-# *Cooperative protection control for UCAV swarms in hostile environments* compares three policies on
-# two scenarios. We hold its numbers and figures against what casswarm computes. `casswarm reproduce`
-# makes all of it, in a few minutes, into `results/paper/`; this notebook takes the quicker parts, by
-# the same functions.
+# *Cooperative protection control for UCAV swarms in hostile environments* compares three policies
+# on two scenarios. We hold its numbers and figures against what casswarm computes. `casswarm
+# reproduce` makes all of it, in a few minutes, into `results/paper/`; this notebook takes the
+# quicker parts, by the same functions.
 
 # %%
 import casswarm as cs
@@ -31,8 +31,8 @@ found = reproduce(only=["table-1", "geometry", "table-2", "shortfalls", "figures
 # %% [markdown]
 # ## Table I, and what is not in it
 #
-# The parameters are the paper's. Where radars, target and members are it shows in a picture only, so
-# the geometry is a calibration (`notebooks/calibration.py`), not the paper's figure.
+# The parameters are the paper's. Where radars, target and members are it shows in a picture only,
+# so the geometry is a calibration (`notebooks/calibration.py`), not the paper's figure.
 
 # %%
 found.tables["table-1"]
@@ -43,8 +43,8 @@ found.tables["geometry"]
 # %% [markdown]
 # ## Table II
 #
-# Fifty runs leave wide intervals. The exact law of the chain needs no runs at all: these brackets are
-# proven, and at most a thousandth wide.
+# Fifty runs leave wide intervals. The exact law of the chain needs no runs at all: these brackets
+# are proven, and at most a thousandth wide.
 
 # %%
 table_2_words(found.tables["table-2"], found.runs)
@@ -73,9 +73,9 @@ found.figures["figure-4"]
 # %% [markdown]
 # ## Does the paper's projected gradient converge?
 #
-# On the guide, hardly: its objective is exp(-risk), and where the risk is 9, its gradient is about
-# 1e-4. We look at the first thousand of its 6000 iterations, and at the formation problems under
-# leader protection.
+# On the guide, hardly: its objective is exp(-risk), and where the risk is 9, its gradient is
+# about 1e-4. We look at the first thousand of its 6000 iterations, and at the formation problems
+# under leader protection.
 
 # %%
 guide_path = guide_convergence(first, points=(0, 10, 100, 300, 1000))
@@ -90,9 +90,9 @@ convergence_chart(
 # %% [markdown]
 # ## Empty constraint sets
 #
-# The paper does not say what happens where nobody can fulfil the constraints of (7). In 500 runs of
-# the constrained trajectory that is so at the first step, while the swarm brakes and turns at steps
-# 3 to 6, and once in the gate.
+# The paper does not say what happens where nobody can fulfil the constraints of (7). In 500 runs
+# of the constrained trajectory that is so at the first step, while the swarm brakes and turns at
+# steps 3 to 6, and once in the gate.
 
 # %%
 found.figures["shortfalls"]
@@ -100,8 +100,9 @@ found.figures["shortfalls"]
 # %% [markdown]
 # ## Is the order of the policies the paper's merit, or the guide's?
 #
-# The local guide goes through the gate between the radars. Where the search is global it goes around,
-# and then all policies succeed almost always: what separates them is that they have to pass the gate.
+# The local guide goes through the gate between the radars. Where the search is global it goes
+# around, and then all policies succeed almost always: what separates them is that they have to
+# pass the gate.
 
 # %%
 around = first.with_values({"guide.search": "global", "guide.arrival": "any"})
