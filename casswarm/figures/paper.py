@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from ..guide import Guide
 from ..scenario import Scenario
 from .maps import _finish, _map
-from .style import BLUE, GREEN, INK, MEMBERS, ORANGE, POLICIES, SKY, figure, panels, tidy
+from .style import BLUE, GREEN, INK, MEMBERS, ORANGE, POLICIES, SKY, VERMILION, figure, panels, tidy
 
 _SYMBOLS = {"naive": "s", "constrained": "D", "leader": "o"}
 
@@ -241,12 +241,12 @@ def shortfall_chart(table: pd.DataFrame) -> Figure:
     fig, some = panels(len(policies), 1, 4.2, 3.2)
     for axes, policy in zip(some, policies, strict=True):
         rows = table[table["policy"] == policy]
-        color = POLICIES.get(policy, BLUE)
-        axes.bar(rows["step"], rows["short"], color=color, width=0.8, label="with an empty set")
+        axes.bar(rows["step"], rows["short"], color=VERMILION, width=0.8, label="with an empty set")
         axes.step(rows["step"], rows["alive"], where="mid", color=INK, linewidth=1.6, label="alive")
         axes.set(title=policy, xlabel="step", ylim=(0, 5.6))
         axes.title.set_fontsize(11)
         tidy(axes)
     some[0].set_ylabel("members, mean")
-    some[0].legend(frameon=False, loc="center", bbox_to_anchor=(0.55, 0.45))  # between the bars
+    entries = some[0].get_legend_handles_labels()
+    fig.legend(*entries, loc="outside lower center", ncols=2, frameon=False)
     return fig
