@@ -57,13 +57,12 @@ table.round(4)
 rival_chart(table)
 
 # %% [markdown]
-# **What was learnt.** The paper's two policies are better than flying for oneself, but they leave a
-# lot: they follow a guide that was planned for somebody who is alone, and the constrained trajectory
-# is short of its corridor in most steps, since the guide turns faster than members can. To look
-# ahead mends that, and hardly changes who survives. To plan all members at once for the
-# swarm's own success is what pays: with two or more companions at the right distance another way is best.
-# And the bound is far from all of them: it lets everybody have the protection of all the others all the
-# time, whatever they have to fly through.
+# **What was learnt.** The paper's policies beat flying for oneself, but they leave a lot:
+# they follow a guide that was planned for somebody who is alone, and the constrained trajectory is
+# short of its corridor in most steps, since the guide turns faster than members can. To look ahead
+# takes away most shortfalls. To plan all members at once for the swarm's own success is what pays.
+# And the bound is far from all of them: it lets everybody have the protection of all the others
+# all the time, whatever they have to fly through.
 
 # %%
 best = table.loc[table.groupby("scenario")["success_low"].idxmax()].set_index("scenario")
