@@ -52,6 +52,7 @@ def replanner() -> Solver:
         max_iterations=ITERATIONS,
         hessian="limited-memory",
         memory=20,
+        barrier="adaptive",
         feasibility=1e-8,
     )
 
