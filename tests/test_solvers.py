@@ -240,7 +240,7 @@ def test_make_solver_takes_names_with_options_and_solvers() -> None:
             {"tolerence": 1e-9},
             "solver 'ipopt' has no option 'tolerence'; did you mean 'tolerance'? "
             "(known: tolerance, max_iterations, max_seconds, hessian, memory, "
-            "feasibility, push, first_barrier)",
+            "barrier, feasibility, push, first_barrier)",
         ),
         (
             "projected-gradient",

@@ -21,6 +21,7 @@ STATUS = {
 """Ipopt's return_status; every other word is a failure."""
 
 HESSIANS = ("exact", "limited-memory")
+BARRIERS = ("monotone", "adaptive")
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,8 @@ class Ipopt(NlpsolSolver):
     hessian : {"exact", "limited-memory"}
     memory : int
         Steps that the limited-memory approximation remembers.
+    barrier : {"monotone", "adaptive"}
+        Ipopt's ``mu_strategy``.
     feasibility : float, optional
         Ipopt's ``constr_viol_tol``, where it is not to be that of ``tol``.
     push : float, optional
@@ -51,6 +54,7 @@ class Ipopt(NlpsolSolver):
     max_seconds: float = 60.0
     hessian: Literal["exact", "limited-memory"] = "exact"
     memory: int = 6
+    barrier: Literal["monotone", "adaptive"] = "monotone"
     feasibility: float | None = None
     push: float | None = None
     first_barrier: float | None = None
@@ -66,6 +70,7 @@ class Ipopt(NlpsolSolver):
         require(self, "max_iterations", self.max_iterations >= 0, "zero or above")
         require(self, "max_seconds", self.max_seconds > 0, "above zero")
         require(self, "hessian", self.hessian in HESSIANS, " or ".join(map(repr, HESSIANS)))
+        require(self, "barrier", self.barrier in BARRIERS, " or ".join(map(repr, BARRIERS)))
         require(self, "memory", self.memory >= 1, "one or above")
         for name in ("feasibility", "push", "first_barrier"):
             given = getattr(self, name)
@@ -90,6 +95,7 @@ class Ipopt(NlpsolSolver):
                 "max_wall_time": self.max_seconds,
                 "hessian_approximation": self.hessian,
                 "limited_memory_max_history": self.memory,
+                "mu_strategy": self.barrier,
                 "honor_original_bounds": "yes",
                 "print_level": 0,
                 "sb": "yes",

@@ -49,6 +49,7 @@ def quasi_newton(iterations: int) -> Ipopt:
         max_seconds=_SECONDS,
         hessian="limited-memory",
         memory=20,
+        barrier="adaptive",
         feasibility=1e-8,
     )
 
