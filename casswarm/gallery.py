@@ -28,7 +28,7 @@ from .figures import (
     sweep_heat_map,
     sweep_lines,
 )
-from .figures.formations import follows
+from .figures.closeups import follows
 from .guide import Candidate, Guide
 from .scenario import Scenario
 

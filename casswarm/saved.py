@@ -19,7 +19,7 @@ from .chain.law import Law
 from .chain.simulate import Trace
 from .errors import StoreError
 from .guide import Guide
-from .solution import Residuals, Solution, Status
+from .restoring import LAW_TABLES, laws_of, solution_of, traces_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -265,7 +265,7 @@ class Saved:
             scenario.time.dt,
             center,
             away <= scenario.target.radius * (1 + 1e-9),
-            _solution(solution),
+            solution_of(solution),
             risk_bound=bound,
         )
 
@@ -287,70 +287,3 @@ def _exactly() -> dict[str, Any]:
 
 def _same(figure: Figure) -> Figure:
     return figure
-
-
-LAW_TABLES = ("laws", "arrival", "survivors", "members", "population")
-
-
-def laws_of(tables: Mapping[str, pd.DataFrame], tolerance: float) -> list[Law]:
-    """The laws of the tables that `casswarm.tables` makes of them."""
-    found = []
-    members = len(tables["members"])
-    for row in tables["laws"].to_dict("records"):
-        name = str(row["policy"])
-        columns = [f"{name}_{k}" for k in range(members + 1)]
-        found.append(
-            Law(
-                policy=name,
-                arrival=tables["arrival"][name].to_numpy(float),
-                survivors=tables["survivors"][name].to_numpy(float),
-                members=tables["members"][f"{name}_low"].to_numpy(float),
-                population=tables["population"][columns].to_numpy(float),
-                unknown=tables["arrival"][f"{name}_unknown"].to_numpy(float),
-                unresolved=float(row["unresolved"]),
-                states=int(row["states"]),
-                shortfalls=float(row["shortfalls_mean"]),
-                failures=float(row["solver_failures_mean"]),
-                tolerance=tolerance,
-                merging=float(row["merging"]),
-            )
-        )
-    return found
-
-
-def traces_of(table: pd.DataFrame) -> dict[str, tuple[Trace, ...]]:
-    """The ways of runs of the table that `casswarm.tables.trace_table` makes of them."""
-    found: dict[str, list[Trace]] = {}
-    for (policy, _), part in table.groupby(["policy", "run"], sort=False):
-        members = int(part["member"].max()) + 1
-        shape = (len(part) // members, members)
-        leads = part["leads"].to_numpy(bool).reshape(shape)[:-1]
-        leaders = np.where(leads.any(axis=1), leads.argmax(axis=1), -1)
-        positions = part[["x", "y"]].to_numpy(float).reshape(*shape, 2)
-        alive = part["alive"].to_numpy(bool).reshape(shape)
-        found.setdefault(str(policy), []).append(Trace(positions, alive, leaders))
-    return {policy: tuple(traces) for policy, traces in found.items()}
-
-
-def _solution(row: Mapping[str, Any] | None) -> Solution:
-    """How a guide was solved, without its variables."""
-    told = dict(row or {})
-    nan = float("nan")
-    residuals = Residuals(
-        told.get("violation", nan),
-        told.get("stationarity", nan),
-        told.get("complementarity", nan),
-        told.get("worst", ""),
-    )
-    return Solution(
-        x=np.empty(0),
-        objective=told.get("objective", nan),
-        status=Status(told.get("status", Status.FAILED)),
-        message=told.get("message", "not kept"),
-        solver=told.get("solver", "unknown"),
-        residuals=residuals,
-        iterations=told.get("iterations", 0),
-        evaluations=told.get("evaluations", 0),
-        build_seconds=told.get("build_seconds", nan),
-        solve_seconds=told.get("solve_seconds", nan),
-    )

@@ -250,7 +250,7 @@ def _write(
 
 def _outlook(scenario: Scenario, guide: Guide, value: ValueFunction) -> Outlook:
     from ..certificate.outlook import Outlook
-    from ..figures.maps import extent
+    from ..figures.ground import extent
 
     return Outlook.of(value, *extent(scenario, [guide.positions, scenario.positions]))
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 from small_scenarios import DT, small
 
 from casswarm import Guide, Law, Residuals, Solution, Status
 from casswarm.chain.simulate import Trace
+from casswarm.figures import LOOKS
 
 SCENARIO = small([(0.0, 0.0), (0.3, 0.2), (-0.2, 0.3)], (3.0, 0.0), [(1.5, 0.8)], 12)
 
@@ -103,3 +105,16 @@ def sweep_table() -> pd.DataFrame:
                 }
             )
     return pd.DataFrame(rows)
+
+
+def assert_fits(fig: Figure, name: str) -> None:
+    """Assert that a figure has the width of a look, and that all that it shows is within it."""
+    fig.draw_without_rendering()
+    width, height = fig.get_size_inches()
+    assert width == LOOKS[name].width
+    assert 0.25 * width < height < 3 * width
+    box = fig.get_tightbbox()
+    assert box.x0 > -0.02
+    assert box.x1 < width + 0.02
+    assert box.y0 > -0.02
+    assert box.y1 < height + 0.02

@@ -35,7 +35,7 @@ LAYERS = (
     ("statistics", "store", "workers"),
     ("chain",),
     ("shares", "study", "pilot", "evaluation", "tables", "figures", "comparison"),
-    ("cells", "sweeping", "gallery", "saved", "reporting"),
+    ("cells", "sweeping", "gallery", "restoring", "saved", "reporting"),
     ("reproduction",),
     ("cli",),
 )

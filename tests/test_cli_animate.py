@@ -15,7 +15,7 @@ from PIL import Image
 import casswarm as cs
 from casswarm.figures import player, save_gif
 from casswarm.figures.animation import Stage
-from casswarm.figures.formations import guest_rates
+from casswarm.figures.closeups import guest_rates
 from casswarm.figures.style import MEMBERS
 from casswarm.tables import guide_table, trace_table
 

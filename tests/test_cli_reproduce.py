@@ -5,6 +5,7 @@ import json
 import pandas as pd
 import pytest
 from commands import PNG, casswarm
+from PIL import Image
 from reproduced import CHECKED_IN, checked_in
 
 from casswarm.reproduction import TABLES, Reproduction, page
@@ -20,7 +21,7 @@ def made(tmp_path_factory):
     names = [word for name in QUICK for word in ("--only", name)]
     first = casswarm(folder, "reproduce", *names)
     options = names[:-2], ("--out", "again", "--json", "--quiet")  # the figures once
-    second = casswarm(folder, "reproduce", *options[0], *options[1])
+    second = casswarm(folder, "reproduce", *options[0], *options[1], "--width", "column")
     return folder, first, second
 
 
@@ -44,6 +45,17 @@ def test_it_leaves_tables_figures_and_how_they_were_made(made):
     assert record["inputs"] == {"runs": 10_000, "only": list(QUICK), "seed": 0}
     assert {"casswarm", "casadi", "numpy"} <= set(record["versions"])
     assert not (results / "README.md").exists()
+
+
+def test_figures_have_the_width_that_is_asked_for(made):
+    for folder, inches in (("results/paper", 7.16), ("again", 3.5)):
+        with Image.open(made[0] / folder / "table-2.png") as image:
+            assert image.width == pytest.approx(200 * inches, abs=1)
+
+
+def test_they_are_not_drawn_again_from_the_folder_and_that_is_told(made):
+    done = casswarm(made[0], "plot", "results/paper", code=2)
+    assert "casswarm reproduce again, which takes --format, --width and --dpi" in done.stderr
 
 
 def test_twice_gives_the_same_bytes(made):

@@ -8,13 +8,23 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from figure_cases import GUIDE, LAWS, PAIRED, SCENARIO, SUMMARY, TRACE, sweep_table
+from figure_cases import (
+    GUIDE,
+    LAWS,
+    PAIRED,
+    SCENARIO,
+    SUMMARY,
+    TRACE,
+    assert_fits,
+    sweep_table,
+)
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
 from casswarm.certificate.outlook import Outlook
+from casswarm.chain.simulate import Trace
 from casswarm.figures import (
     LOOKS,
     arrival_chart,
@@ -22,6 +32,7 @@ from casswarm.figures import (
     difference_chart,
     formation_chart,
     guide_map,
+    joint_map,
     look,
     population_chart,
     profile_chart,
@@ -83,15 +94,7 @@ def words_of(fig: Figure) -> str:
 def test_figure_has_the_width_of_its_look_and_keeps_all_within_it(what: str, name: str) -> None:
     with look(name):
         fig = DRAWN[what]()
-    fig.draw_without_rendering()
-    width, height = fig.get_size_inches()
-    assert width == LOOKS[name].width
-    assert 0.25 * width < height < 3 * width
-    box = fig.get_tightbbox()
-    assert box.x0 > -0.02
-    assert box.x1 < width + 0.02
-    assert box.y0 > -0.02
-    assert box.y1 < height + 0.02
+    assert_fits(fig, name)
 
 
 @pytest.mark.parametrize(
@@ -159,6 +162,22 @@ def test_a_swarm_map_numbers_the_destroyed_where_they_fell() -> None:
     assert [text.get_text() for text in fig.axes[0].texts] == ["2"]
     member = next(line for line in fig.axes[0].get_lines() if line.get_label() == "member 2")
     assert len(member.get_xdata()) == 3  # up to where it fell
+
+
+def test_labels_have_room_where_numbers_get_longer_with_the_layout() -> None:
+    far = np.array([[-0.5, 0.5], [4.0, -5.7], [11.7, 2.4], [8.5, 6.3]])
+    with look("column"):
+        fig = joint_map(SCENARIO, np.repeat(far[:, None], 3, axis=1), title="joint plan " * 5)
+    assert_fits(fig, "column")
+
+
+def test_members_that_fell_close_together_share_a_label() -> None:
+    positions = TRACE.positions.copy()
+    alive = np.array([[True] * 3, [True] * 3, [True, False, True], [True, False, False]])
+    for apart, told in ((0.02, ["2, 3"]), (2.0, ["2", "3"])):
+        positions[3, 2] = positions[2, 1] + [apart, 0.0]
+        fig = swarm_map(SCENARIO, Trace(positions, alive, TRACE.leaders))
+        assert [text.get_text() for text in fig.axes[0].texts] == told
 
 
 # --- charts

@@ -10,13 +10,8 @@ from matplotlib.axes import Axes
 from casswarm import Hazard
 from casswarm.chain.simulate import Trace
 from casswarm.figures import formation_chart
-from casswarm.figures.formations import (
-    follows,
-    guest_rates,
-    leader_at,
-    shares,
-    telling_steps,
-)
+from casswarm.figures.closeups import follows, guest_rates, leader_at, shares
+from casswarm.figures.formations import telling_steps
 
 
 def signs(axes: Axes, marker: str) -> list[tuple[float, float]]:

@@ -6,6 +6,7 @@ Each is drawn in the look of its context, ``with look("column"): ...``: see `LOO
 from .ahead import look_ahead_chart
 from .animation import animate
 from .bars import difference_chart, success_chart
+from .convergence import convergence_chart
 from .formations import formation_chart
 from .frames import player, save_gif
 from .joint import joint_map
@@ -13,7 +14,6 @@ from .laws import arrival_chart, population_chart, survival_chart
 from .maps import comparison_map, guide_map, risk_map, swarm_map
 from .paper import (
     beyond_chart,
-    convergence_chart,
     guides_map,
     sensitivity_chart,
     shortfall_chart,

@@ -17,18 +17,9 @@ from matplotlib.lines import Line2D
 from ..chain.simulate import Trace
 from ..guide import Guide
 from ..scenario import Scenario
-from .formations import (
-    SHARES,
-    Closeup,
-    caption,
-    follows,
-    guest_rates,
-    leader_at,
-    legend_handles,
-    shades,
-    window,
-)
-from .maps import GREYS, extent, frame, landmarks, lone_norm, pixels
+from .closeups import SHARES, Closeup, follows, guest_rates, leader_at, shades, window
+from .formations import caption, legend_handles
+from .ground import GREYS, extent, frame, landmarks, lone_norm, pixels
 from .style import BLUE, INK, MEMBERS, VERMILION, current, drawn, line, settings
 
 _PIXELS = 110

@@ -14,7 +14,7 @@ from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from .formations import OVER
+from .closeups import OVER
 from .style import BLUE, INK, MEMBERS, VERMILION
 
 DPI = 110

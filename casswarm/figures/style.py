@@ -22,8 +22,11 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.legend import Legend
 from matplotlib.patheffects import withStroke
+
+from .layout import settle
 
 P = ParamSpec("P")
 
@@ -95,6 +98,7 @@ def drawn(function: Callable[P, Figure]) -> Callable[P, Figure]:
     def draw(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with rc_context(settings(current())):
             fig = function(*args, **kwargs)
+            _fix_ticks(axes for axes in fig.axes if axes.get_subplotspec() is None)  # scales
             settle(fig)
         return fig
 
@@ -158,44 +162,18 @@ def panels(
     height = width * (current().shape if shape is None else shape)
     fig = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(fig)
-    return fig, list(fig.subplots(rows, columns, squeeze=False, **options).ravel())
+    axes = list(fig.subplots(rows, columns, squeeze=False, **options).ravel())
+    _fix_ticks(axes)
+    return fig, axes
 
 
-def settle(fig: Figure) -> None:
-    """Make a figure as high as maps need it to be to use its width, and lay it out for good."""
-    maps = [a for a in fig.axes if a.get_aspect() != "auto" and a.get_subplotspec() is not None]
-    if not maps or fig.get_layout_engine() is None:
-        return
-    for axes in maps:  # the layout of axes that shrink in their boxes may swing
-        axes.set_aspect("auto")
-    _lay_out(fig)
-    for _ in range(5):
-        missing = _missing_height(fig, maps[0])
-        if abs(missing) < 0.01:
-            break
-        width, height = fig.get_size_inches()
-        fig.set_size_inches(width, max(0.3 * width, height + missing))
-        _lay_out(fig)
-    fig.set_layout_engine("none")
-    for axes in maps:
-        axes.set_aspect("equal")
+def _fix_ticks(some: Iterable[Axes]) -> None:
+    """Give numbers along axes their size in points.
 
-
-def _lay_out(fig: Figure) -> None:
-    """Place the axes, and once more with the numbers that the first places give their ticks."""
-    engine = fig.get_layout_engine()
-    assert engine is not None
-    for _ in range(2):
-        engine.execute(fig)
-
-
-def _missing_height(fig: Figure, axes: Axes) -> float:
-    """Inches by which a figure is too low (below zero: too high) for its rows of such maps."""
-    spec = axes.get_subplotspec()
-    assert spec is not None
-    wide, high = fig.get_size_inches() * axes.get_position().size
-    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
-    return float(spec.get_gridspec().nrows * (wide * (north - south) / (east - west) - high))
+    How many fit is asked again when a figure is written, when the look's settings hold no more.
+    """
+    for axes in some:
+        axes.tick_params(which="both", labelsize=FontProperties(size="small").get_size_in_points())
 
 
 def headline(fig: Figure, *parts: str) -> None:

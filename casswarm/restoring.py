@@ -1,0 +1,79 @@
+"""Laws, runs and solutions made anew of the tables and rows that were written of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from .chain.law import Law
+from .chain.simulate import Trace
+from .solution import Residuals, Solution, Status
+
+LAW_TABLES = ("laws", "arrival", "survivors", "members", "population")
+
+
+def laws_of(tables: Mapping[str, pd.DataFrame], tolerance: float) -> list[Law]:
+    """The laws of the tables that `casswarm.tables` makes of them."""
+    found = []
+    members = len(tables["members"])
+    for row in tables["laws"].to_dict("records"):
+        name = str(row["policy"])
+        columns = [f"{name}_{k}" for k in range(members + 1)]
+        found.append(
+            Law(
+                policy=name,
+                arrival=tables["arrival"][name].to_numpy(float),
+                survivors=tables["survivors"][name].to_numpy(float),
+                members=tables["members"][f"{name}_low"].to_numpy(float),
+                population=tables["population"][columns].to_numpy(float),
+                unknown=tables["arrival"][f"{name}_unknown"].to_numpy(float),
+                unresolved=float(row["unresolved"]),
+                states=int(row["states"]),
+                shortfalls=float(row["shortfalls_mean"]),
+                failures=float(row["solver_failures_mean"]),
+                tolerance=tolerance,
+                merging=float(row["merging"]),
+            )
+        )
+    return found
+
+
+def traces_of(table: pd.DataFrame) -> dict[str, tuple[Trace, ...]]:
+    """The ways of runs of the table that `casswarm.tables.trace_table` makes of them."""
+    found: dict[str, list[Trace]] = {}
+    for (policy, _), part in table.groupby(["policy", "run"], sort=False):
+        members = int(part["member"].max()) + 1
+        shape = (len(part) // members, members)
+        leads = part["leads"].to_numpy(bool).reshape(shape)[:-1]
+        leaders = np.where(leads.any(axis=1), leads.argmax(axis=1), -1)
+        positions = part[["x", "y"]].to_numpy(float).reshape(*shape, 2)
+        alive = part["alive"].to_numpy(bool).reshape(shape)
+        found.setdefault(str(policy), []).append(Trace(positions, alive, leaders))
+    return {policy: tuple(traces) for policy, traces in found.items()}
+
+
+def solution_of(row: Mapping[str, Any] | None) -> Solution:
+    """How a guide was solved, without its variables."""
+    told = dict(row or {})
+    nan = float("nan")
+    residuals = Residuals(
+        told.get("violation", nan),
+        told.get("stationarity", nan),
+        told.get("complementarity", nan),
+        told.get("worst", ""),
+    )
+    return Solution(
+        x=np.empty(0),
+        objective=told.get("objective", nan),
+        status=Status(told.get("status", Status.FAILED)),
+        message=told.get("message", "not kept"),
+        solver=told.get("solver", "unknown"),
+        residuals=residuals,
+        iterations=told.get("iterations", 0),
+        evaluations=told.get("evaluations", 0),
+        build_seconds=told.get("build_seconds", nan),
+        solve_seconds=told.get("solve_seconds", nan),
+    )
