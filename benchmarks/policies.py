@@ -41,14 +41,14 @@ def cases() -> dict[str, Scenario]:
     return {
         "alley": cs.load_scenario("alley"),
         "barricade": cs.load_scenario("barricade"),
-        "ring, three times as strong, 8 time units": cs.load_scenario("ring").with_values(
+        "ring, rates x 3, t_f = 8": cs.load_scenario("ring").with_values(
             GENTLE | {"hazard.alpha_1": 9.0, "time.t_f": 8.0}
         ),
         "gauntlet": cs.load_scenario("gauntlet").with_values(GENTLE),
-        "paper-1, three times as strong, 5 time units": cs.load_scenario("paper-1").with_values(
+        "paper-1, rates x 3, t_f = 5": cs.load_scenario("paper-1").with_values(
             hurried | {"hazard.alpha_1": 12.0}
         ),
-        "paper-2, twice as strong, 5 time units": cs.load_scenario("paper-2").with_values(
+        "paper-2, rates x 2, t_f = 5": cs.load_scenario("paper-2").with_values(
             hurried | {"hazard.alpha_1": 8.0}
         ),
     }
@@ -137,7 +137,7 @@ def main() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         table = pd.DataFrame(rows)
         table.round(6).to_csv(folder / "policies.csv", index=False)
-        save(rival_chart(table), folder / "policies.png")
+        save(rival_chart(table), folder / "policies.png", dpi=130)
 
 
 if __name__ == "__main__":
