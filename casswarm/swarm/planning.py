@@ -39,7 +39,7 @@ MARGIN = 1e-5
 PERTURBED = 2
 """Seeded perturbations of the best plan."""
 
-FIRST, POLISHED = 50, 200
+FIRST, POLISHED = 30, 200
 """Iterations of a start, and of the best ones after it."""
 
 FIRST_ROUGH, POLISHED_LARGE = 300, 200
