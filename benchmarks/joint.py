@@ -18,10 +18,12 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
+import casadi as ca
 import numpy as np
 
 import casswarm as cs
 from casswarm import Scenario, SwarmPlan
+from casswarm.nlp import Nlp
 from casswarm.policies import JointFeedbackPolicy, JointPolicy
 from casswarm.problems.joint import JointForm, joint_instance, joint_nlp
 from casswarm.solvers import Ipopt
@@ -95,20 +97,46 @@ def sizes(quick: bool) -> Iterable[Row]:
             )
 
 
-def gradient_seconds(scenario: Scenario) -> float:
-    """Of the exact objective with its gradient."""
+def instance_of(scenario: Scenario) -> tuple[Nlp, np.ndarray, np.ndarray]:
+    """The program of a scenario, with variables and parameters."""
     form = JointForm(scenario.n, scenario.n_steps)
     nlp = joint_nlp(scenario.hazard, form)
     task = joint_task(scenario, np.zeros((scenario.n, 2)))
     arrivals = np.full(scenario.n, scenario.n_steps)
     ways = np.full((scenario.n_steps, scenario.n, 2), 0.8)
     instance = joint_instance(nlp, form, task, arrivals, ways)
+    return nlp, instance.start[0], instance.parameters[0]
+
+
+def gradient_seconds(scenario: Scenario) -> float:
+    """Of the exact objective with its gradient."""
+    nlp, x, p = instance_of(scenario)
+    return median_seconds(partial(nlp.gradient, x, p))
+
+
+def median_seconds(work: Callable[[], object], times: int = 5) -> float:
+    """CPU, the first time left out."""
     seconds = []
-    for _ in range(6):
+    for _ in range(times + 1):
         begun = time.process_time()
-        nlp.gradient(instance.start[0], instance.parameters[0])
+        work()
         seconds.append(time.process_time() - begun)
     return float(np.median(seconds[1:]))
+
+
+def hessians(quick: bool) -> Iterable[Row]:
+    """The Lagrangian's Hessian from single steps, and by automatic differentiation of it all."""
+    for n in (3, 5) if quick else (2, 3, 4, 5, 6):
+        nlp, x, p = instance_of(around("paper-1", n))
+        weight, multipliers = ca.MX.sym("f"), ca.MX.sym("g", nlp.g.shape[0])
+        lagrangian = weight * nlp.objective + ca.dot(multipliers, nlp.g)
+        second = ca.triu(ca.hessian(lagrangian, nlp.x)[0])
+        automatic = ca.Function("automatic", [nlp.x, nlp.p, weight, multipliers], [second])
+        given = (x, p, 1.0, np.ones(nlp.g.shape[0]))
+        own, theirs = (
+            median_seconds(partial(function, *given), 3) for function in (nlp.hessian, automatic)
+        )
+        yield n, f"{1e3 * own:.1f} ms", f"{1e3 * theirs:.0f} ms", f"{theirs / own:.1f}"
 
 
 def horizons(quick: bool) -> Iterable[Row]:
@@ -201,6 +229,7 @@ TABLES: dict[str, tuple[Sequence[str], Callable[[bool], Iterable[Row]]]] = {
         ("scenario", "n", "failure", "its bound", "status", "gradient", "time (CPU)"),
         sizes,
     ),
+    "Hessian": (("n", "from single steps", "automatic", "ratio"), hessians),
     "Steps": (("scenario", "steps", "success", "status", "time (CPU)"), horizons),
     "Mean field": (
         ("scenario", "n", "joint plan, exact", "by the mean field", "mean field's plan, exact"),

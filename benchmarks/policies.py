@@ -4,6 +4,7 @@ Run with the installed package::
 
     python benchmarks/policies.py            # some minutes
     python benchmarks/policies.py --quick    # two scenarios, wider brackets
+    python benchmarks/policies.py --out results/policies    # also as CSV and a figure
 
 Prints a Markdown table a scenario. Success is a proven bracket, where the budget of states suffices
 for one of width 0.01, and otherwise (marked ~) an interval with 95 % confidence, what the states
@@ -19,7 +20,10 @@ import sys
 import time
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 import casswarm as cs
 import casswarm.policies
@@ -37,14 +41,14 @@ def cases() -> dict[str, Scenario]:
     return {
         "alley": cs.load_scenario("alley"),
         "barricade": cs.load_scenario("barricade"),
-        "ring, three times as strong, 8 time units": cs.load_scenario("ring").with_values(
+        "ring, rates x 3, t_f = 8": cs.load_scenario("ring").with_values(
             GENTLE | {"hazard.alpha_1": 9.0, "time.t_f": 8.0}
         ),
         "gauntlet": cs.load_scenario("gauntlet").with_values(GENTLE),
-        "paper-1, three times as strong, 5 time units": cs.load_scenario("paper-1").with_values(
+        "paper-1, rates x 3, t_f = 5": cs.load_scenario("paper-1").with_values(
             hurried | {"hazard.alpha_1": 12.0}
         ),
-        "paper-2, twice as strong, 5 time units": cs.load_scenario("paper-2").with_values(
+        "paper-2, rates x 2, t_f = 5": cs.load_scenario("paper-2").with_values(
             hurried | {"hazard.alpha_1": 8.0}
         ),
     }
@@ -60,7 +64,7 @@ def makers() -> dict[str, Maker]:
         f"leader, {rule}": partial(named, "leader", succession=rule) for rule in ("first", "safest")
     }
     names = [name for name in cs.policies.POLICIES if "ahead" not in name]
-    names += [f"{name}-ahead-{steps}" for name in ("constrained", "leader") for steps in (3, 8)]
+    names += ["constrained-ahead-3", "leader-ahead-3", "leader-ahead-8"]
     return {name: partial(named, name) for name in names} | rules
 
 
@@ -85,31 +89,55 @@ def row(
     if high - low > WIDE:
         (low, high), proven = cs.estimate(scenario, policy, 4000, guide=guide).success, False
     return {
-        "success": f"{'' if proven else '~ '}{low:.4f} to {high:.4f}",
-        "survivors": f"{law.survivors_mean[0]:.2f}",
-        "shortfalls": f"{law.shortfalls:.1f}",
-        "failures": f"{law.failures:.3g}",
-        "plan, s": f"{planned:.2f}",
-        "decide, us": f"{decided(scenario, policy, guide):.1f}",
+        "success_low": low,
+        "success_high": high,
+        "proven": proven,
+        "shortfalls": law.shortfalls,
+        "failures": law.failures,
+        "plan_seconds": planned,
+        "decide_microseconds": decided(scenario, policy, guide),
     }
 
 
+def told(found: dict[str, Any]) -> str:
+    """A row of the Markdown table."""
+    bracket = f"{found['success_low']:.4f} to {found['success_high']:.4f}"
+    cells = (
+        found["policy"],
+        bracket if found["proven"] else f"~ {bracket}",
+        f"{found['shortfalls']:.1f}",
+        f"{found['failures']:.3g}",
+        f"{found['plan_seconds']:.2f}",
+        f"{found['decide_microseconds']:.0f}",
+    )
+    return f"| {' | '.join(cells)} |"
+
+
 def main() -> None:
-    """Print the tables."""
+    """Print the tables; with --out FOLDER, leave them there as policies.csv and policies.png."""
     quick = "--quick" in sys.argv
-    options: dict[str, Any] = {"tolerance": 1e-2 if quick else 1e-3, "most_states": 100_000}
+    options: dict[str, Any] = {"tolerance": 1e-2 if quick else 1e-3, "most_states": 20_000}
+    rows = []
     for name, scenario in list(cases().items())[: 2 if quick else None]:
         started = time.process_time()
         guide = cs.plan(scenario)
         planned = time.process_time() - started
         bound = cs.success_bound(scenario)
         print(f"\n{name}: a lone agent survives with {guide.survival:.4f}; {bound}\n")
-        for place, (policy, make) in enumerate(makers().items()):
+        print("| policy | success | shortfalls | failures | plan, s | decide, us |")
+        print("| --- | --- | --- | --- | --- | --- |")
+        for policy, make in makers().items():
             found = row(scenario, guide, planned, make, options)
-            if not place:
-                print("| policy | " + " | ".join(found) + " |")
-                print("| --- " * (1 + len(found)) + "|")
-            print(f"| {policy} | " + " | ".join(found.values()) + " |", flush=True)
+            rows.append({"scenario": name, "policy": policy, "bound": float(bound)} | found)
+            print(told(rows[-1]), flush=True)
+    if "--out" in sys.argv:
+        from casswarm.figures import rival_chart, save
+
+        folder = Path(sys.argv[sys.argv.index("--out") + 1])
+        folder.mkdir(parents=True, exist_ok=True)
+        table = pd.DataFrame(rows)
+        table.round(6).to_csv(folder / "policies.csv", index=False)
+        save(rival_chart(table), folder / "policies.png", dpi=130)
 
 
 if __name__ == "__main__":

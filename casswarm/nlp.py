@@ -176,8 +176,8 @@ def _restored(
     function = ca.Function.deserialize(serialized)
     objective, *g = function.call([ca.veccat(*x.values()), ca.veccat(*p.values())], True, False)
     second = None if hessian is None else ca.Function.deserialize(hessian)
-    g = dict(zip(constraints, g, strict=True))
-    return Nlp(rest[0], x, p, objective, g, *rest[1:], hessian=second)
+    rows = dict(zip(constraints, g, strict=True))
+    return Nlp(rest[0], x, p, objective, rows, *rest[1:], hessian=second)
 
 
 def _pack(blocks: Mapping[str, Expression], arrays: Mapping[str, ArrayLike]) -> Floats:

@@ -74,9 +74,9 @@ found.figures["figure-4"]()
 # %% [markdown]
 # ## Does the paper's projected gradient converge?
 #
-# On the guide, hardly: its objective is exp(-risk), and where the risk is 9, its gradient is about
-# 1e-4. We look at the first thousand of its 6000 iterations, and at the formation problems under
-# leader protection.
+# On the guide, hardly: its objective is exp(-risk), and where the risk is 9, its gradient is
+# about 1e-4. We look at the first thousand of its 6000 iterations, and at the formation problems
+# under leader protection.
 
 # %%
 guide_path = guide_convergence(first, points=(0, 10, 100, 300, 1000))
@@ -91,9 +91,9 @@ convergence_chart(
 # %% [markdown]
 # ## Empty constraint sets
 #
-# The paper does not say what happens where nobody can fulfil the constraints of (7). In 500 runs of
-# the constrained trajectory that is so at the first step, while the swarm brakes and turns at steps
-# 3 to 6, and once in the gate.
+# The paper does not say what happens where nobody can fulfil the constraints of (7). In 500 runs
+# of the constrained trajectory that is so at the first step, while the swarm brakes and turns at
+# steps 3 to 6, and once in the gate.
 
 # %%
 found.figures["shortfalls"]()

@@ -54,7 +54,7 @@ def lagrangian_hessian(
         None for rates that do not expand to scalar operations, such as a user's callback.
     """
     try:
-        parts = _parts(step.expand(), *values.shape[:1], places.shape[0])
+        parts = _parts(step.expand(), values.shape[0], places.shape[0])
     except RuntimeError:
         return None
     p = nlp.parameters

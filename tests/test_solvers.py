@@ -239,7 +239,8 @@ def test_make_solver_takes_names_with_options_and_solvers() -> None:
             "ipopt",
             {"tolerence": 1e-9},
             "solver 'ipopt' has no option 'tolerence'; did you mean 'tolerance'? "
-            "(known: tolerance, max_iterations, max_seconds, hessian)",
+            "(known: tolerance, max_iterations, max_seconds, hessian, memory, "
+            "barrier, feasibility, push, first_barrier)",
         ),
         (
             "projected-gradient",

@@ -20,6 +20,7 @@ from .paper import (
     table_2_chart,
 )
 from .profiles import pair_chart, profile_chart, win_chart
+from .rivals import rival_chart
 from .style import LOOKS, look, save
 from .sweeps import sweep_heat_map, sweep_lines
 
@@ -42,6 +43,7 @@ __all__ = [
     "population_chart",
     "profile_chart",
     "risk_map",
+    "rival_chart",
     "save",
     "save_gif",
     "sensitivity_chart",

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 import pandas as pd
 
 from ..comparison.rendering import Block, Heading, Table, Text, markdown
+from ..guide import rounded_up
 from .making import TABLES, Reproduction
 from .paper import PAPER_RUNS
 
@@ -175,7 +177,7 @@ def table_2_words(table: pd.DataFrame, runs: int) -> pd.DataFrame:
     columns: dict[str, Callable[[pd.Series], str]] = {
         "policy": lambda row: str(row["policy"]),
         f"paper, {PAPER_RUNS} runs": lambda row: _with_interval(row, "paper"),
-        "exact": lambda row: f"{row['exact_low']:.4f} to {row['exact_high']:.4f}",
+        "exact": lambda row: bracket_text(row["exact_low"], row["exact_high"]),
         f"casswarm, {PAPER_RUNS} runs": lambda row: _with_interval(row, f"runs_{PAPER_RUNS}"),
         f"casswarm, {runs} runs": lambda row: _with_interval(row, f"runs_{runs}", 4),
     }
@@ -190,10 +192,16 @@ def _with_interval(row: pd.Series, name: str, digits: int = 2) -> str:
     return f"{row[name]:.{digits}f} ({low:.{ends}f} to {high:.{ends}f})"
 
 
+def bracket_text(low: float, high: float) -> str:
+    """A bracket as it is told: rounded outward, for it must hold what it held."""
+    slack = 1e-9  # ends that are numbers of four digits stay what they are
+    return f"{math.floor(1e4 * low + slack) / 1e4:.4f} to {rounded_up(high - slack):.4f}"
+
+
 def _bracketed(table: pd.DataFrame) -> pd.DataFrame:
     """The table with its success bracket as one column of text."""
     ends = zip(table["success_low"], table["success_high"], strict=True)
-    success = [f"{low:.4f} to {high:.4f}" for low, high in ends]
+    success = [bracket_text(low, high) for low, high in ends]
     place = list(table.columns).index("success_low")
     shown = table.drop(columns=["success_low", "success_high"])
     shown.insert(place, "success", success)

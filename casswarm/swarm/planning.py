@@ -207,8 +207,7 @@ class _Search:
             self._solved(start)
             if time.perf_counter() > deadline:
                 return self.best
-        order = sorted(self.outcomes, key=lambda o: (not o.apart, -o.value))
-        for outcome in order[: BEST if self.problem.form == self.rough.form else 1]:
+        for outcome in self._promising():
             self._polish(outcome, deadline)
         if "perturbed" in kinds:
             rng = np.random.default_rng(seed)
@@ -226,6 +225,16 @@ class _Search:
     def best(self) -> SwarmOutcome:
         """By value, of those that keep their distance; a solved one before its equals."""
         return max(self.outcomes, key=lambda o: (o.apart, o.value, o.solution.status.success))
+
+    def _promising(self) -> list[SwarmOutcome]:
+        """The best outcomes, and the one of the best objective: it may still be on its way.
+
+        What has not yet come to the target in time is worth little, however good the way.
+        """
+        order = sorted(self.outcomes, key=lambda o: (not o.apart, -o.value))
+        chosen = order[: BEST if self.problem.form == self.rough.form else 1]
+        hopeful = min(self.outcomes, key=lambda o: np.nan_to_num(o.solution.objective, nan=np.inf))
+        return chosen if hopeful in chosen else [*chosen, hopeful]
 
     def _initial(self, kinds: Sequence[str]) -> Iterator[SwarmStart]:
         scenario, task = self.problem.scenario, self.problem.task

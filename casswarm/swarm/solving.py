@@ -37,7 +37,7 @@ def newton(iterations: int) -> Ipopt:
         max_seconds=_SECONDS,
         feasibility=1e-8,
         push=1e-4,
-        barrier=1e-3,
+        first_barrier=1e-3,
     )
 
 
@@ -49,6 +49,7 @@ def quasi_newton(iterations: int) -> Ipopt:
         max_seconds=_SECONDS,
         hessian="limited-memory",
         memory=20,
+        barrier="adaptive",
         feasibility=1e-8,
     )
 
