@@ -15,11 +15,16 @@ IMAGES = Path(__file__).resolve().parent / "images"
 CASSWARM = Path(sys.executable).parent / "casswarm"
 SMALL = ("--dpi", "100", "--quiet")
 
+AHEAD = tuple(
+    word for name in ("leader", "leader-ahead-3", "leader-ahead-8") for word in ("--policy", name)
+)
 RUNS = (
     ("plan", "paper-1", "--map"),
     ("plan", "paper-1", "--solver", "projected-gradient", "--out", "results/descent"),
+    ("plan", "paper-1", "--joint", "--out", "results/joint"),
     ("simulate", "paper-1", "--keep", "100"),
     ("simulate", "paper-2", "--policy", "leader", "--keep", "100", "--runs", "100"),
+    ("simulate", "wall", *AHEAD, "--runs", "500", "--out", "results/look-ahead"),
     ("evaluate", "paper-1"),
     ("sweep", "paper-1", "--set", "n=2,3,4,5,6", "--out", "results/sweep-n"),
     ("sweep", "paper-1", "--set", "n=2,4,6", "--set", "spacing=0.2,0.5,1.0", "--runs", "300"),
@@ -28,6 +33,7 @@ RUNS = (
 DRAWN = {
     "plan-paper-1": ("guide", "risk-to-go"),
     "descent": ("comparison",),
+    "joint": ("joint",),
     "simulate-paper-1": (
         "success",
         "differences",
@@ -36,6 +42,7 @@ DRAWN = {
         "formation-constrained",
     ),
     "simulate-paper-2": ("formation-leader",),
+    "look-ahead": ("success", "run-leader", "run-leader-ahead-8"),
     "evaluate-paper-1": ("arrival", "population", "survival"),
     "sweep-n": ("over-n",),
     "sweep-paper-1": ("over-spacing", "heat-map"),
@@ -79,7 +86,8 @@ def main() -> None:
             gif = IMAGES / f"{source}.gif"
             options = ("--policy", "leader", "--run", number, "--dpi", "90", "--quiet")
             run(work, "animate", f"results/{source}", *options, "--out", str(gif))
-        run(work, "simulate", "paper-1", "--policy", "leader", "--runs", "1", "--seed", "39")
+        one = ("--runs", "1", "--seed", "39", "--dpi", "150")
+        run(work, "simulate", "paper-1", "--policy", "leader", *one)
         shutil.copy(work / "results" / "simulate-paper-1" / "run-leader.png", IMAGES / "leader.png")
 
 

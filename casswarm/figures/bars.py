@@ -33,7 +33,7 @@ def success_chart(summary: pd.DataFrame, title: str = "") -> Figure:
         axes.errorbar(place, height, error, color=INK, capsize=line(5), linewidth=line(1.3))
         text = f"{height:.3f}" if sampled else _bracket(low, high)
         axes.annotate(text, (place, high), (0, line(4)), textcoords="offset points", ha="center")
-    names = [str(name).replace("-", "-\n") for name in summary["policy"]]
+    names = [str(name).replace("-", "-\n", 1) for name in summary["policy"]]
     axes.set_xticks(range(len(summary)), names, fontsize="medium")
     axes.set(ylim=(0, 1.08), xlim=(-0.6, len(summary) - 0.4), ylabel="success probability")
     axes.set_yticks(np.arange(6) / 5)
