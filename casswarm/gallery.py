@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from .arrays import Floats
 from .certificate.outlook import Outlook
 from .chain.law import Law
-from .chain.simulate import Trace
+from .chain.traces import Trace
 from .figures import (
     arrival_chart,
     comparison_map,

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from .chain.law import Law
-from .chain.simulate import Trace
+from .chain.traces import Trace
 from .solution import Residuals, Solution, Status
 
 LAW_TABLES = ("laws", "arrival", "survivors", "members", "population")

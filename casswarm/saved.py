@@ -16,7 +16,7 @@ import pandas as pd
 from .arrays import Floats
 from .certificate.outlook import Outlook
 from .chain.law import Law
-from .chain.simulate import Trace
+from .chain.traces import Trace
 from .errors import StoreError
 from .guide import Guide
 from .restoring import LAW_TABLES, laws_of, solution_of, traces_of

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from .chain.simulate import Chain, Trace
+from .chain.simulate import Chain
+from .chain.traces import Trace
 from .errors import PolicyError
 from .guide import Guide
 from .planning import plan

@@ -11,7 +11,8 @@ import pandas as pd
 from .arrays import Floats
 from .chain.hybrid import Estimate
 from .chain.law import Law
-from .chain.simulate import Runs, Trace
+from .chain.simulate import Runs
+from .chain.traces import Trace
 from .guide import Guide
 from .statistics import Paired, wilson
 from .swarm import SwarmPlan

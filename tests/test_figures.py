@@ -24,7 +24,7 @@ from matplotlib.text import Text
 from PIL import Image
 
 from casswarm.certificate.outlook import Outlook
-from casswarm.chain.simulate import Trace
+from casswarm.chain.traces import Trace
 from casswarm.figures import (
     LOOKS,
     arrival_chart,

@@ -28,7 +28,8 @@ from casswarm import (
 from casswarm.errors import PolicyError
 from casswarm.planning import initial_velocities
 from casswarm.policies import JointPolicy
-from casswarm.problems.joint import JointForm, joint_instance, joint_nlp
+from casswarm.problems.joint import JointForm, joint_nlp
+from casswarm.problems.joint_instances import joint_instance
 from casswarm.swarm.law import PlanLaw
 from casswarm.swarm.planning import joint_task
 

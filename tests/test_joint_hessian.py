@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import casswarm as cs
-from casswarm.problems.joint import JointForm, JointTask, joint_instance, joint_nlp
+from casswarm.problems.joint import JointForm, joint_nlp
+from casswarm.problems.joint_instances import JointTask, joint_instance
 
 SETTINGS = {
     "swarm.positions": [[0.0, 0.0], [0.5, 0.0], [0.0, 0.4]],

@@ -14,7 +14,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..chain.simulate import Trace
+from ..chain.traces import Trace
 from ..guide import Guide
 from ..scenario import Scenario
 from .closeups import SHARES, Closeup, follows, guest_rates, leader_at, shades, window

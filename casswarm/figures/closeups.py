@@ -14,7 +14,7 @@ from matplotlib.patches import Circle
 from matplotlib.transforms import ScaledTranslation
 
 from ..arrays import Booleans, Floats
-from ..chain.simulate import Trace
+from ..chain.traces import Trace
 from ..guide import Guide
 from ..hazard import Hazard
 from ..scenario import Scenario

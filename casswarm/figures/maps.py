@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from ..arrays import Floats
 from ..certificate.outlook import Outlook
 from ..certificate.value import ValueFunction
-from ..chain.simulate import Trace
+from ..chain.traces import Trace
 from ..guide import Candidate, Guide, path_of, rounded_up
 from ..scenario import Scenario
 from .ground import corridor, extent, field_axes, landmarks, lone_map

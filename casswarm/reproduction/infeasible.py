@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from ..chain.simulate import Trace
+from ..chain.traces import Trace
 from ..evaluation import evaluate
 from ..guide import Guide
 from ..planning import plan

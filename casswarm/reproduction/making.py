@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from ..chain.simulate import Trace
+from ..chain.traces import Trace
 from ..figures import (
     beyond_chart,
     convergence_chart,

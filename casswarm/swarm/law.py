@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import Booleans, Floats
 from ..certificate.grid import UNIT
-from ..problems.joint import end_costs
+from ..problems.joint_instances import end_costs
 from ..subsets import subsets
 
 if TYPE_CHECKING:

@@ -16,8 +16,9 @@ from ..errors import ScenarioError, SolverError, among
 from ..guide import Guide
 from ..planning import initial_velocities, plan
 from ..problems.formation import motion_of
-from ..problems.joint import OBJECTIVES, JointForm, JointTask
+from ..problems.joint import OBJECTIVES, JointForm
 from ..problems.joint_hessian import MOST
+from ..problems.joint_instances import JointTask
 from ..solvers import Solver, make_solver
 from .law import PlanLaw
 from .plan import SwarmOutcome, SwarmPlan

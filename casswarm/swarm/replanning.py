@@ -22,8 +22,9 @@ import numpy as np
 
 from ..arrays import Floats
 from ..errors import PolicyError
-from ..problems.joint import JointForm, JointTask
+from ..problems.joint import JointForm
 from ..problems.joint_hessian import MOST
+from ..problems.joint_instances import JointTask
 from ..solvers import Solver
 from .law import PlanLaw
 from .plan import SwarmPlan

@@ -11,7 +11,8 @@ import numpy as np
 from ..arrays import Counts, Floats
 from ..nlp import Nlp
 from ..problems.formation import motion_of
-from ..problems.joint import JointForm, JointTask, joint_instance, joint_nlp
+from ..problems.joint import JointForm, joint_nlp
+from ..problems.joint_instances import JointTask, joint_instance
 from ..solvers import Ipopt, Solver
 from .law import PlanLaw
 from .plan import NEARLY, SwarmOutcome, least_distance

@@ -13,7 +13,7 @@ from ..arrays import Counts, Floats
 from ..guide import Guide, path_of
 from ..planning import plan_from
 from ..problems.formation import Motion
-from ..problems.joint import JointTask
+from ..problems.joint_instances import JointTask
 from ..starts import resampled
 
 if TYPE_CHECKING:
