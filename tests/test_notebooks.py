@@ -70,6 +70,13 @@ lost = study.traces["leader"][0].positions[-1][~study.traces["leader"][0].alive[
 towers_at = np.array(scenario.hazard.radars)
 assert len(lost) and np.hypot(*(lost[:, None] - towers_at).T).min(axis=0).max() < 2.0
 """,
+    "policies_compared": """
+assert (best["policy"] == "joint").all()
+assert (table["success_high"] < table["bound"]).all()
+rows = table.set_index(["scenario", "policy"])
+for name in scenarios:
+    assert rows.loc[(name, "naive"), "success_high"] < rows.loc[(name, "leader"), "success_low"]
+""",
 }
 """What the text says of the numbers beside it."""
 
