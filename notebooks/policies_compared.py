@@ -62,9 +62,9 @@ rival_chart(table)
 # **What was learnt.** Leader protection beats flying for oneself, but leaves a lot: it follows a
 # guide that was planned for somebody who is alone. The constrained trajectory is short of its
 # corridor in most steps, since the guide turns faster than members can, and in the alley that is
-# worse than to fly for oneself. To look ahead hardly helps a leader. To plan all members at once for
-# the swarm's own success is what pays. And the bound is far from all of them: it lets everybody have
-# the protection of all the others all the time, whatever they have to fly through.
+# worse than to fly for oneself. To look ahead hardly helps a leader. To plan all members at once
+# for the swarm's own success is what pays. And the bound is far from all of them: it lets everybody
+# have the protection of all the others all the time, whatever they have to fly through.
 
 # %%
 best = table.loc[table.groupby("scenario")["success_low"].idxmax()].set_index("scenario")
