@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import click
 
 from .common import WrongInput, reported_errors
-from .output import Folder, say
+from .options import kept_run_options, quiet_option
+from .output import Folder, progress_bar, say
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@kept_run_options
 @click.option("--policy", metavar="NAME", help="Whose run. [default: the last one simulated]")
-@click.option(
-    "--run",
-    type=click.IntRange(0),
-    default=0,
-    show_default=True,
-    help="Which of the runs that casswarm simulate kept.",
-)
 @click.option(
     "--html", is_flag=True, help="A page that plays the run, step by step if you like, not a GIF."
 )
@@ -38,7 +32,7 @@ from .output import Folder, say
 @click.option(
     "--out", type=click.Path(path_type=Path), help="File. [default: DIR/animation-POLICY-RUN.gif]"
 )
-@click.option("--quiet", is_flag=True, help="No progress.")
+@quiet_option
 def animate(
     folder: Path,
     policy: str | None,
@@ -76,7 +70,7 @@ def animate(
         moving = animated(saved.scenario, trace, saved.guide, title=title, frames_per_second=fps)
         file = out or folder / f"animation-{name}-{run}{ending}"
         target = Folder("animate", None, file.parent)
-        progress = None if quiet else _bar(stack)
+        progress = None if quiet else _progress(stack)
         if html:
             target.text(file.name, player(moving, dpi, title=title, page=True, progress=progress))
         else:
@@ -87,14 +81,7 @@ def animate(
     say(f"{len(trace.alive)} frames, {file.stat().st_size / 1e6:.1f} MB", quiet)
 
 
-def _bar(stack: ExitStack) -> Any:
-    """A progress bar on standard error, nothing where that is no terminal."""
-    from tqdm import tqdm
-
-    bar: Any = stack.enter_context(tqdm(desc="drawing", unit="frame", disable=None))
-
-    def tell(frame: int, total: int | None) -> None:
-        bar.total = total
-        bar.update(frame + 1 - bar.n)
-
-    return tell
+def _progress(stack: ExitStack) -> Callable[[int, int | None], None]:
+    """Frames are told by their number from 0 on."""
+    tell = progress_bar(stack, "drawing", "frame")
+    return lambda frame, total: tell(frame + 1, total)

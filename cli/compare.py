@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import Failure, figure_options, reported_errors
+from .common import Failure, reported_errors
+from .options import figure_options, json_option, out_option, quiet_option
 from .output import Folder, aligned, json_text, say
 
 if TYPE_CHECKING:
@@ -50,22 +51,10 @@ if TYPE_CHECKING:
     show_default=True,
     help="Seconds for building and solving a problem once; a solver that takes longer is ended.",
 )
-@click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    help="Folder for the results. [default: results/compare]",
-)
-@click.option(
-    "--format",
-    "figures",
-    type=click.Choice(["png", "pdf", "svg"]),
-    default="png",
-    show_default=True,
-    help="Of the figures; those in report.html are always PNG.",
-)
+@out_option("Folder for the results. [default: results/compare]")
 @figure_options
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-@click.option("--quiet", is_flag=True, help="No progress.")
+@json_option
+@quiet_option
 def compare(
     families: tuple[str, ...],
     solvers: tuple[str, ...],
@@ -84,7 +73,8 @@ def compare(
     Each solver runs in a process of its own: one that crashes or hangs is a row of the tables. All
     answers are judged by residuals recomputed from the problem. Prints a summary and writes
     report.html and report.md, the tables cells.csv (a row a problem, start and solver),
-    summary.csv, problems.csv and failures.csv, profiles as figures, and run.json.
+    summary.csv, problems.csv and failures.csv, profiles as figures (in report.html always PNG), and
+    run.json.
 
     Finished cells are kept: stopped and started again with the same options, it goes on where it
     was. The default takes five to ten minutes.

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import (
+from .common import load, named_policies, reported_errors
+from .options import (
     figure_options,
-    load,
-    named_policies,
+    law_options,
     policy_option,
-    reported_errors,
     scenario_options,
+    seed_option,
     solver_option,
 )
 from .output import Folder, aligned, json_text, say
@@ -30,35 +30,14 @@ if TYPE_CHECKING:
 @scenario_options
 @figure_options
 @policy_option
-@click.option(
-    "--tolerance",
-    type=click.FloatRange(0, 1, max_open=True),
-    default=1e-3,
-    show_default=True,
-    help="Width of the brackets.",
-)
-@click.option(
-    "--most-states",
-    type=click.IntRange(1),
-    help="States solved at the most; brackets may get wider. "
-    "[default: a million, or 10000 with more than 12 members]",
-)
-@click.option(
-    "--merge",
-    "merging",
-    type=click.FloatRange(0),
-    default=0.0,
-    show_default=True,
-    help="Take states in one cell of a grid of this width for equal, such as 1e-6: far fewer "
-    "states, but brackets are proven at 0 only.",
-)
+@law_options
 @click.option(
     "--runs",
     type=click.IntRange(1),
     help="Sample by so many runs what the states leave: an interval inside the bracket, with "
     "95 % confidence. For large swarms.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the runs.")
+@seed_option
 @solver_option
 def evaluate(
     scenario: str,

@@ -9,7 +9,7 @@ import platform
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -184,6 +184,19 @@ def aligned(rows: Iterable[tuple[str, ...]]) -> str:
         ).rstrip()
         for row in table
     )
+
+
+def progress_bar(stack: ExitStack, what: str, unit: str, total: int | None = None) -> Any:
+    """A bar on standard error, nothing where that is no terminal; a call is (done, total)."""
+    from tqdm import tqdm
+
+    bar: Any = stack.enter_context(tqdm(total=total, desc=what, unit=unit, disable=None))
+
+    def tell(done: int, total: int | None) -> None:
+        bar.total = total
+        bar.update(done - bar.n)
+
+    return tell
 
 
 def say(text: str, quiet: bool = False) -> None:

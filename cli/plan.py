@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import WrongInput, figure_options, load, reported_errors, scenario_options
+from .common import WrongInput, load, reported_errors
+from .options import figure_options, scenario_options
 from .output import Folder, json_text, say
 from .plan_joint import plan_joint
 

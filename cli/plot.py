@@ -6,19 +6,13 @@ from pathlib import Path
 
 import click
 
-from .common import figure_options, reported_errors
+from .common import reported_errors
+from .options import figure_options, kept_run_options, out_option, quiet_option
 from .output import Folder, say
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
-@click.option(
-    "--run",
-    type=click.IntRange(0),
-    default=0,
-    show_default=True,
-    help="Which of the runs that casswarm simulate kept.",
-)
+@kept_run_options
 @click.option(
     "--figure",
     "names",
@@ -27,21 +21,9 @@ from .output import Folder, say
     help="Only these figures, by the name of their file without its ending; repeatable. "
     "[default: all]",
 )
-@click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    help="Folder for the figures. [default: DIR]",
-)
-@click.option(
-    "--format",
-    "figures",
-    type=click.Choice(["png", "pdf", "svg"]),
-    default="png",
-    show_default=True,
-    help="Of the figures.",
-)
+@out_option("Folder for the figures. [default: DIR]")
 @figure_options
-@click.option("--quiet", is_flag=True, help="No progress.")
+@quiet_option
 def plot(
     folder: Path,
     run: int,

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import WrongInput, figure_options, reported_errors
+from .common import WrongInput, reported_errors
+from .options import figure_options, json_option, out_option, quiet_option, seed_option
 from .output import Folder, aligned, json_text, say
 
 if TYPE_CHECKING:
@@ -16,13 +17,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    default=Path("results") / "paper",
-    show_default=True,
-    help="Folder for the results.",
-)
+@out_option("Folder for the results.", default=Path("results") / "paper", show_default=True)
 @click.option(
     "--runs",
     type=click.IntRange(51),
@@ -36,18 +31,10 @@ if TYPE_CHECKING:
     metavar="NAME",
     help="Make this table alone, such as table-2, or the paper's figures: figures; repeatable.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the runs.")
-@click.option(
-    "--format",
-    "figures",
-    type=click.Choice(["png", "pdf", "svg"]),
-    default="png",
-    show_default=True,
-    help="Of the figures.",
-)
+@seed_option
 @figure_options
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-@click.option("--quiet", is_flag=True, help="No progress.")
+@json_option
+@quiet_option
 def reproduce(
     out: Path,
     runs: int,

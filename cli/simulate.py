@@ -8,20 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import (
-    RESUME,
-    WrongInput,
-    executor,
-    figure_options,
-    load,
-    named_policies,
-    policy_option,
-    reported_errors,
-    scenario_options,
-    solver_option,
-    study_options,
-)
-from .output import Folder, aligned, json_text, say
+from .common import RESUME, WrongInput, executor, load, named_policies, reported_errors
+from .options import figure_options, policy_option, scenario_options, solver_option, study_options
+from .output import Folder, aligned, json_text, progress_bar, say
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -153,17 +142,13 @@ def simulate(
 
 
 def _bars(stack: ExitStack) -> Progress:
-    """A progress bar a policy on standard error, nothing where that is no terminal."""
-    from tqdm import tqdm
-
+    """A progress bar a policy."""
     bars: dict[str, Any] = {}
 
     def tell(policy: str, ended: int, total: int) -> None:
         if policy not in bars:
-            bars[policy] = stack.enter_context(
-                tqdm(total=total, desc=policy, unit="run", disable=None)
-            )
-        bars[policy].update(ended - bars[policy].n)
+            bars[policy] = progress_bar(stack, policy, "run", total)
+        bars[policy](ended, total)
 
     return tell
 

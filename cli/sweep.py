@@ -9,24 +9,20 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import (
-    RESUME,
-    Failure,
-    WrongInput,
-    executor,
+from .common import RESUME, Failure, WrongInput, executor, load, named_policies, reported_errors
+from .options import (
     figure_options,
-    load,
-    named_policies,
+    law_options,
     policy_option,
-    reported_errors,
     scenario_options,
+    seed_option,
     solver_option,
     study_options,
 )
-from .output import Folder, aligned, json_text, say
+from .output import Folder, aligned, json_text, progress_bar, say
 
 if TYPE_CHECKING:
-    from ..sweeping import Progress, Sweep
+    from ..sweeping import Sweep
 
 
 @click.command()
@@ -37,18 +33,8 @@ if TYPE_CHECKING:
     "--exact", is_flag=True, help="Exact laws, as casswarm evaluate gives them. [default]"
 )
 @click.option("--runs", type=click.IntRange(1), help="Sample so many runs of every cell instead.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the runs.")
-@click.option(
-    "--tolerance",
-    type=click.FloatRange(0, 1, max_open=True),
-    default=1e-3,
-    show_default=True,
-    help="Width of the brackets of exact laws.",
-)
-@click.option("--most-states", type=click.IntRange(1), help="As in casswarm evaluate.")
-@click.option(
-    "--merge", "merging", type=click.FloatRange(0), default=0.0, help="As in casswarm evaluate."
-)
+@seed_option
+@law_options
 @study_options
 @solver_option
 def sweep(
@@ -114,7 +100,7 @@ def sweep(
             folder=folder.path,
             resume=resume,
             fresh=fresh,
-            progress=None if quiet else _bar(stack),
+            progress=None if quiet else progress_bar(stack, "cells", "cell"),
         )
     inputs = {
         "settings": grid,
@@ -173,18 +159,6 @@ def _range(text: str, parts: list[str]) -> list[Any]:
     values = [float(f"{value:.12g}") for value in spaced(start, stop, count)]
     whole = all(value.is_integer() for value in values) and not set("".join(parts[:3])) & set(".eE")
     return [int(value) for value in values] if whole else values
-
-
-def _bar(stack: ExitStack) -> Progress:
-    from tqdm import tqdm
-
-    bar: Any = stack.enter_context(tqdm(desc="cells", unit="cell", disable=None))
-
-    def tell(done: int, total: int) -> None:
-        bar.total = total
-        bar.update(done - bar.n)
-
-    return tell
 
 
 def _write(folder: Folder, found: Sweep, inputs: dict[str, Any]) -> dict[str, Any]:
