@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from .arrays import Floats
+from .typing import Floats
 from .chain.evaluate import MOST_MEMBERS, Head, Progress, propagate
 from .chain.hybrid import MOST_LIGHT, VISITS, Estimate, sample_rest
 from .chain.law import Law

@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from .arrays import Floats
+from .typing import Floats
 from .certificate.outlook import Outlook
 from .chain.law import Law
 from .chain.traces import Trace

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .arrays import Floats
+from .typing import Floats
 from .hazard import Hazard
 from .solution import Solution
 

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import Expression, Floats
+from .typing import Expression, Floats
 from .errors import SolverError
 from .paths import PathSets
 from .sets import PlanarSets

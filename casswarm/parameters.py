@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .arrays import Floats
+from .typing import Floats
 from .errors import ScenarioError
 
 if TYPE_CHECKING:

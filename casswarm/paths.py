@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import barrier_batch_core, barrier_core, path_core, planar_core
-from .arrays import Booleans, Floats
+from .typing import Booleans, Floats
 from .compiling import compiled_module
 from .sets import PlanarSets
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import Floats
+from .typing import Floats
 from .certificate.grid import Relaxation
 from .certificate.refinement import Certificate, arrival_multiplier
 from .certificate.refinement import certify as certified

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from .arrays import Floats
+from .typing import Floats
 from .nlp import Instances, Nlp
 from .solution import Residuals
 

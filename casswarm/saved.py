@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from .arrays import Floats
+from .typing import Floats
 from .certificate.outlook import Outlook
 from .chain.law import Law
 from .chain.traces import Trace

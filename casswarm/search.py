@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .arrays import Floats
+from .typing import Floats
 from .certificate.grid import Relaxation
 from .certificate.ways import Way, best_ways
 from .guide import Candidate, Guide, path_of, sides_of

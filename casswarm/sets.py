@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import planar_core
-from .arrays import Booleans, Floats
+from .typing import Booleans, Floats
 from .compiling import compiled_module
 
 Index: TypeAlias = int | np.integer[Any] | slice | NDArray[np.bool_] | NDArray[np.integer[Any]]

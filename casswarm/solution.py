@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Booleans, Counts, Floats
+from .typing import Booleans, Counts, Floats
 
 
 class Status(StrEnum):

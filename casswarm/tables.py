@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 
-from .arrays import Floats
+from .typing import Floats
 from .chain.hybrid import Estimate
 from .chain.law import Law
 from .chain.simulate import Runs

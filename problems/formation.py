@@ -28,7 +28,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Booleans, Floats
+from ..typing import Booleans, Floats
 from ..hazard import Hazard, KernelHazard
 from ..nlp import Instances, Nlp
 from ..sets import PlanarSets

@@ -16,7 +16,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from ..arrays import Floats
+from ..typing import Floats
 from ..hazard import Hazard
 from ..nlp import Instances, Nlp
 from .guide import UNROLL, GuideTask

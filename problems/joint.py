@@ -45,7 +45,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from ..arrays import Expression
+from ..typing import Expression
 from ..hazard import Hazard
 from ..nlp import Nlp
 from ..subsets import subsets

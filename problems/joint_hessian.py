@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from ..arrays import Expression
+from ..typing import Expression
 from ..nlp import Nlp
 
 MOST = 6

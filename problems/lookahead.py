@@ -39,7 +39,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from ..arrays import Booleans, Counts, Floats
+from ..typing import Booleans, Counts, Floats
 from ..hazard import Hazard, KernelHazard
 from ..nlp import Instances, Nlp
 from ..paths import Limits

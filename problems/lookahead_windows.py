@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Booleans, Floats
+from ..typing import Booleans, Floats
 from ..hazard import KernelHazard
 from ..nlp import Instances, Nlp
 from ..paths import PathSets, distances, part_within

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..arrays import Booleans, Floats
+from ..typing import Booleans, Floats
 from ..hazard import Hazard
 
 if TYPE_CHECKING:

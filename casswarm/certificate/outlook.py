@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Floats
+from ..typing import Floats
 from .value import ValueFunction
 
 _NODES = 150  # an axis

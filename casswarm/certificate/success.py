@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
-from ..arrays import Booleans, Expression, Floats
+from ..typing import Booleans, Expression, Floats
 from ..hazard import Hazard
 from ..hazard.protection import LeastRate
 from .grid import Block, Grid, Relaxation

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Floats
+from ..typing import Floats
 from ..errors import PlanningError
 from .grid import UNIT, Grid, Relaxation, whole_size
 from .recursion import Prices, Values, backward

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Floats
+from ..typing import Floats
 from ..guide import sides_of
 from .grid import Relaxation
 from .recursion import Node, Prices, Values, backward, forward, trace, trace_back

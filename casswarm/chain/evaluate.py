@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import Floats
+from ..typing import Floats
 from ..policies.base import Policy
 from .law import Law
 from .states import Endings, States, split

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Floats
+from ..typing import Floats
 
 
 @dataclass(frozen=True, eq=False)

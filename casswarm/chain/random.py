@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Floats
+from ..typing import Floats
 
 _WORDS = 4  # numbers a Philox counter yields
 

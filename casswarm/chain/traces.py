@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Booleans, Counts, Floats
+from ..typing import Booleans, Counts, Floats
 from ..policies.base import Policy
 
 

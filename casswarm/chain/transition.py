@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Booleans, Counts, Floats
+from ..typing import Booleans, Counts, Floats
 from ..policies.base import Policy, checked_velocities
 from ..problems.formation import motion_of
 

@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..arrays import Floats
+from ..typing import Floats
 from ..errors import ComparisonError, among
 from ..nlp import Instances, Nlp
 from ..planning import plan, plan_from

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from ..arrays import Floats
+from ..typing import Floats
 
 
 def performance_profile(costs: pd.DataFrame) -> pd.DataFrame:

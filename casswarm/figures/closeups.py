@@ -13,7 +13,7 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Circle
 from matplotlib.transforms import ScaledTranslation
 
-from ..arrays import Booleans, Floats
+from ..typing import Booleans, Floats
 from ..chain.traces import Trace
 from ..guide import Guide
 from ..hazard import Hazard

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.patches import Circle, Rectangle
 
-from ..arrays import Floats
+from ..typing import Floats
 from ..scenario import Scenario
 from .style import INK, SKY, VERMILION, figure, line, upright
 

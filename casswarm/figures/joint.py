@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from ..arrays import Floats
+from ..typing import Floats
 from ..scenario import Scenario
 from .ground import lone_map
 from .style import BLUE, INK, MEMBERS, drawn, headline, key, line

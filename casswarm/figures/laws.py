@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..arrays import Floats
+from ..typing import Floats
 from ..chain.law import Law
 from .style import drawn, figure, headline, line, marks, tidy
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from ..arrays import Floats
+from ..typing import Floats
 from ..certificate.outlook import Outlook
 from ..certificate.value import ValueFunction
 from ..chain.traces import Trace

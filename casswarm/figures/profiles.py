@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator
 
-from ..arrays import Floats
+from ..typing import Floats
 from .style import GREY, INK, MEMBERS, current, drawn, figure, headline, line, panels, tidy
 
 _COLORS = (*MEMBERS, INK, GREY)

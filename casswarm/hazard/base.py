@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Booleans, Expression, Floats
+from ..typing import Booleans, Expression, Floats
 from ..errors import HazardError
 from .protection import LeastRate
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Floats
+from ..typing import Floats
 from ..constants import CORE_RADIUS
 
 CAP = 8.0

@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..arrays import Booleans, Expression, Floats
+from ..typing import Booleans, Expression, Floats
 from ..errors import HazardError
 from .base import Hazard, checked_radars
 

@@ -22,7 +22,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from ..arrays import Booleans, Expression, Floats
+from ..typing import Booleans, Expression, Floats
 from ..constants import CORE_RADIUS
 from ..errors import HazardError
 from .base import Hazard, checked_radars

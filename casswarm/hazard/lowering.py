@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 import casadi as ca
 import numpy as np
 
-from ..arrays import Expression, Floats
+from ..typing import Expression, Floats
 from ..errors import HazardError
 
 _BINARY = {

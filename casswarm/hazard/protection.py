@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arrays import Floats
+from ..typing import Floats
 
 _CELLS = 4096
 _ROUNDED = 1 - 1e-12

@@ -8,7 +8,7 @@ from numbers import Real
 import casadi as ca
 import numpy as np
 
-from ..arrays import Expression, Floats
+from ..typing import Expression, Floats
 from ..errors import HazardError
 from .bounds import inverse_squares_below, least_inverse_squares
 from .kernels import KernelHazard, lowered_kernels, regular

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import Booleans, Counts, Floats
+from ..typing import Booleans, Counts, Floats
 from ..errors import PolicyError
 
 

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Booleans, Floats
+from ..typing import Booleans, Floats
 from ..certificate.value import ValueFunction
 from ..hazard import Hazard
 from ..problems.formation import Motion, Step, corridor_formation, leader_formation

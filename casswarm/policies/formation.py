@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Booleans, Floats
+from ..typing import Booleans, Floats
 from ..guide import Guide
 from ..hazard import Hazard
 from ..problems.formation import Formation, Motion, Step, corridor_formation, leader_formation

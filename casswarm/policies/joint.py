@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Booleans, Floats
+from ..typing import Booleans, Floats
 from ..errors import PolicyError
 from ..problems.formation import Motion
 from ..swarm import SwarmPlan

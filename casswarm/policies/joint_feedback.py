@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Booleans, Floats
+from ..typing import Booleans, Floats
 from ..swarm.replanning import PlanTree
 from .base import Decision, Policy
 from .joint import JointPolicy

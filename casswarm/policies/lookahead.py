@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Booleans, Floats
+from ..typing import Booleans, Floats
 from ..problems.formation import Step
 from ..problems.lookahead import LookAhead, Window
 from ..problems.lookahead_windows import corridor_ahead, leader_ahead

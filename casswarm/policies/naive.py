@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Booleans, Floats
+from ..typing import Booleans, Floats
 from ..guide import Guide
 from ..problems.formation import Motion
 from .base import Decision, Policy

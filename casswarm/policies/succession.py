@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Floats
+from ..typing import Floats
 from ..problems.formation import Step
 
 Rule = Callable[[Step, Floats], NDArray[np.intp]]

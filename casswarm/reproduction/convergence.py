@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 
-from ..arrays import Floats
+from ..typing import Floats
 from ..guide import Guide, path_of
 from ..nlp import Instances, Nlp
 from ..policies import initial_velocities, make_policy

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..arrays import Floats
+from ..typing import Floats
 from ..nlp import Instances, Nlp
 from ..solution import BatchSolution
 from .barrier import Barrier, BarrierRun

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from .. import barrier_core
-from ..arrays import Booleans, Counts, Floats
+from ..typing import Booleans, Counts, Floats
 from ..compiling import compiled_module
 from ..errors import SolverError
 from ..nlp import Instances, Nlp

@@ -11,7 +11,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from ..arrays import Floats
+from ..typing import Floats
 from ..errors import CasswarmError, SolverError
 from ..nlp import Instances, Nlp
 from ..residuals import judge

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Floats
+from ..typing import Floats
 from ..nlp import Nlp
 
 CHUNK = 256  # instances in one call at the most

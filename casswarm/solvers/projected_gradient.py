@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from ..arrays import Booleans, Floats
+from ..typing import Booleans, Floats
 from ..errors import SolverError
 from ..nlp import Instances, Nlp
 from ..solution import Status

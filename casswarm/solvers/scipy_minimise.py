@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import sparse
 
-from ..arrays import Floats
+from ..typing import Floats
 from ..nlp import Instances, Nlp
 from ..solution import Status
 from .base import Answer, Solver

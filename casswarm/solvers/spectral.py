@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from .. import planar_core
-from ..arrays import Booleans, Counts, Floats
+from ..typing import Booleans, Counts, Floats
 from ..compiling import compiled_module
 from ..errors import SolverError
 from ..nlp import Instances, Nlp

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import Booleans, Floats
+from ..typing import Booleans, Floats
 from ..certificate.grid import UNIT
 from ..problems.joint_instances import end_costs
 from ..subsets import subsets

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arrays import Counts, Floats
+from ..typing import Counts, Floats
 from ..certificate.success import SuccessBound
 from ..problems.formation import Motion
 from ..solution import Solution

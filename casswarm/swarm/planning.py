@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import Floats
+from ..typing import Floats
 from ..certificate.success import success_bound
 from ..errors import ScenarioError, SolverError, among
 from ..guide import Guide

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from ..arrays import Floats
+from ..typing import Floats
 from ..errors import PolicyError
 from ..problems.joint import JointForm
 from ..problems.joint_hessian import MOST

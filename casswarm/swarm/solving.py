@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import Counts, Floats
+from ..typing import Counts, Floats
 from ..nlp import Nlp
 from ..problems.formation import motion_of
 from ..problems.joint import JointForm, joint_nlp

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from ..arrays import Counts, Floats
+from ..typing import Counts, Floats
 from ..guide import Guide, path_of
 from ..planning import plan_from
 from ..problems.formation import Motion
