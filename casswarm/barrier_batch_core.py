@@ -1,6 +1,6 @@
 """Batches of states for the barrier method: starts, units, verdicts; Python that Numba compiles.
 
-`casswarm.compiling` joins this text with `casswarm.barrier_core` and what that needs.
+`casswarm._util.jit` joins this text with `casswarm.barrier_core` and what that needs.
 """
 
 # mypy: ignore-errors

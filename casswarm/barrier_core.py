@@ -10,7 +10,7 @@ first, for which the same factor serves; without that, iterates zigzag between t
 discs. Where the matrix is not positive definite, a multiple of the identity is added.
 
 A step's block of the objective's Hessian is taken from differences of gradients: the places of a
-step enter no other step's objective. `casswarm.compiling` joins this text with `casswarm.path_core`
+step enter no other step's objective. `casswarm._util.jit` joins this text with `casswarm.path_core`
 and that of an objective.
 """
 

@@ -10,7 +10,7 @@ and every member has six constraints a step, each a slack that must not be negat
     1 - v_x, 1 - v_y, 1 + v_x, 1 + v_y, square - |w|^2, squares[i, s] - |y_s - centers[i, s]|^2
 
 where an infinite number of `squares` means that the last is absent: its slack is infinite. See
-`casswarm.compiling` for ``compiled``.
+`casswarm._util.jit` for ``compiled``.
 """
 
 # mypy: ignore-errors

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from . import barrier_batch_core, barrier_core, path_core, planar_core
 from .typing import Booleans, Floats
-from .compiling import compiled_module
+from ._util.jit import compiled_module
 from .sets import PlanarSets
 
 POINTS, DISCS = ((1e-13, 1e-9),), ((1e-10, 1e-8), (1e-7, 1e-6))

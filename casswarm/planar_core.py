@@ -5,7 +5,7 @@ numbers (`casswarm.sets.PlanarSets.packed`)::
 
     lower x, lower y, upper x, upper y, center x, center y, radius, center x, center y, radius
 
-where an infinite radius means that the disc is absent. `casswarm.compiling` joins this text with
+where an infinite radius means that the disc is absent. `casswarm._util.jit` joins this text with
 others into a module in which ``compiled`` is Numba's decorator. Imported as it stands, nothing is
 compiled, and the functions run as Python.
 """

@@ -17,7 +17,7 @@ from . import gallery
 from .certificate.success import SuccessBound
 from .figures import look
 from .saved import Saved
-from .templates import rendered
+from ._util.templates import rendered
 
 CAPTIONS = {
     "success": "Success probability of every policy. Bars: share of runs in which some member "

@@ -39,7 +39,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import planar_core
 from .typing import Booleans, Floats
-from .compiling import compiled_module
+from ._util.jit import compiled_module
 
 Index: TypeAlias = int | np.integer[Any] | slice | NDArray[np.bool_] | NDArray[np.integer[Any]]
 

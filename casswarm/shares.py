@@ -13,7 +13,7 @@ import numpy as np
 from .chain.simulate import Chain, Runs
 from .policies.base import Policy
 from .store import Store, cell_name
-from .workers import Workers, done_jobs
+from ._util.parallel import Workers, done_jobs
 
 BATCH = 20_000
 """Runs that advance together at the most: bounds memory, changes no result."""

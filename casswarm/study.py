@@ -26,7 +26,7 @@ from .shares import Parts, Progress, jobs_left, kept_parts, sample_jobs
 from .solvers import Solver
 from .store import Store
 from .tables import paired_table, run_table, summarise
-from .workers import Workers, checked_workers, require_sendable
+from ._util.parallel import Workers, checked_workers, require_sendable
 
 if TYPE_CHECKING:
     from .scenario import Scenario

@@ -20,7 +20,7 @@ from .errors import ScenarioError
 from .parameters import SPECIAL
 from .store import Store
 from .study import PAPER_POLICIES, distinct_policies
-from .workers import Workers, checked_workers, done_jobs, require_sendable
+from ._util.parallel import Workers, checked_workers, done_jobs, require_sendable
 
 if TYPE_CHECKING:
     from .scenario import Scenario

@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 
-from casswarm.compiling import cache_folder, compiled_module
+from casswarm._util.jit import cache_folder, compiled_module
 
 TEXT = '''
 @compiled
@@ -29,7 +29,7 @@ def test_the_cache_folder_can_be_chosen(monkeypatch, tmp_path):
 def run(cache):
     """Solve a little in a process of its own; what it says on standard error."""
     code = (
-        "from casswarm.compiling import compiled_module\n"
+        "from casswarm._util.jit import compiled_module\n"
         f"module = compiled_module({TEXT!r})\n"
         "assert module.twice(2.0) == 4.0\n"
         "print(sum(module.twice.stats.cache_hits.values()))\n"

@@ -12,7 +12,7 @@ from hazard_cases import Array, State, by_loops, states, symbolic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from casswarm.constants import CORE_RADIUS
+from casswarm._util.constants import CORE_RADIUS
 from casswarm.hazard import Hazard, Saturation, SaturationCollision, regular
 
 RADARS = ((4.4, 4.6), (4.5, 3.0))

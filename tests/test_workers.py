@@ -21,7 +21,7 @@ from test_sweep import GRID, SMALL
 
 import casswarm as cs
 from casswarm.errors import WorkerError
-from casswarm.workers import done_jobs
+from casswarm._util.parallel import done_jobs
 
 
 def test_results_come_with_their_places() -> None:

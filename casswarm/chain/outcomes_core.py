@@ -1,6 +1,6 @@
 """Who survives a step, outcome by outcome: plain Python that Numba compiles.
 
-`casswarm.compiling` makes a module of this text, in which `compiled` is Numba's decorator. Imported
+`casswarm._util.jit` makes a module of this text, in which `compiled` is Numba's decorator. Imported
 as it stands, nothing is compiled, and the functions run as they are.
 """
 

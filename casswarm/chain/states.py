@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..typing import Booleans, Counts, Floats
-from ..compiling import compiled_module
+from .._util.jit import compiled_module
 from . import outcomes_core
 from .transition import Transition
 

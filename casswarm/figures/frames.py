@@ -95,7 +95,7 @@ def player(
     progress : callable, optional
         Called with a frame's number and their number.
     """
-    from ..templates import rendered
+    from .._util.templates import rendered
 
     images = frames_of(animation, dpi, progress)
     width, height = images[0].size

@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..typing import Floats
-from ..constants import CORE_RADIUS
+from .._util.constants import CORE_RADIUS
 
 CAP = 8.0
 """R in spacings."""

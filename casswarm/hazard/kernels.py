@@ -23,7 +23,7 @@ import casadi as ca
 import numpy as np
 
 from ..typing import Booleans, Expression, Floats
-from ..constants import CORE_RADIUS
+from .._util.constants import CORE_RADIUS
 from ..errors import HazardError
 from .base import Hazard, checked_radars
 from .lowering import differentiated_source, lower

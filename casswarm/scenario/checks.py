@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..constants import CORE_RADIUS
+from .._util.constants import CORE_RADIUS
 from .hazards import HazardTable
 from .messages import shown
 from .tables import GuideOptions, Swarm, Target, Time

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 
-from ..constants import CORE_RADIUS
+from .._util.constants import CORE_RADIUS
 from .fields import LARGEST, Allowed, NotNegative, Point, Positive
 from .kinds import ALPHAS, BETAS, CONSTANTS, KINDS, PARAMETERS, checked_kind, checked_parameters
 from .messages import allowed, fields, wrong

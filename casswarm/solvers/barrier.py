@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import barrier_core
 from ..typing import Booleans, Counts, Floats
-from ..compiling import compiled_module
+from .._util.jit import compiled_module
 from ..errors import SolverError
 from ..nlp import Instances, Nlp
 from ..paths import PathSets, barrier_sources

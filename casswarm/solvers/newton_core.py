@@ -4,7 +4,7 @@ The face that x lies on: every member is free (in the plane), on one boundary (f
 held in a corner. On the face the Lagrangian is minimised by conjugate gradients, its Hessian times
 a vector taken from differences of gradients, so that a step costs O(n) gradients at most and needs
 no more source than the objective's. A circle of radius r whose multiplier is m adds the curvature
-m / r along it. See `casswarm.compiling` for ``compiled`` and ``evaluate``.
+m / r along it. See `casswarm._util.jit` for ``compiled`` and ``evaluate``.
 """
 
 # mypy: ignore-errors

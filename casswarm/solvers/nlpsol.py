@@ -17,8 +17,8 @@ from ..errors import SolverError
 from ..nlp import Instances, Nlp
 from ..solution import Status
 from .base import Answer, Solver
-from .interrupts import interruptible
-from .silence import silence
+from .._util.interrupts import interruptible
+from .._util.silence import silence
 
 INTERRUPTED = "User_Requested_Stop"
 """What CasADi's own loops say when they caught the user's Ctrl-C; nobody else stops them."""

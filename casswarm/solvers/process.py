@@ -20,7 +20,7 @@ from ..errors import CasswarmError, SolverError
 from ..nlp import Instances, Nlp
 from ..solution import Status
 from .base import Answer, Solver, failed, told
-from .interrupts import begin_child, deferred
+from .._util.interrupts import begin_child, deferred
 
 _START_SECONDS = 60.0
 _LAST_WORDS = 500  # characters

@@ -1,6 +1,6 @@
 """The spectral projected gradient, state by state: plain Python that Numba compiles.
 
-`casswarm.compiling` joins this text with `casswarm.planar_core`, `newton_core` and that of an
+`casswarm._util.jit` joins this text with `casswarm.planar_core`, `newton_core` and that of an
 objective into one module, in which `compiled` is Numba's decorator and ``evaluate(x, p, shared,
 gradient, scratch)`` returns f(x; p) and writes its gradient. Imported as it stands, nothing is
 compiled, and the functions run on any such `evaluate`.

@@ -18,8 +18,8 @@ from multiprocessing import get_context
 from numbers import Integral
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
-from .errors import PolicyError, WorkerError
-from .solvers.interrupts import begin_child, blocked, interruptible
+from ..errors import PolicyError, WorkerError
+from .interrupts import begin_child, blocked, interruptible
 
 T = TypeVar("T")
 
