@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from casswarm.errors import HazardError
-from casswarm.hazard import lowering
-from casswarm.hazard.lowering import lower, lower_source
+from casswarm.hazard import codegen
+from casswarm.hazard.codegen import lower, lower_source
 
-FROM_TABLES = {**lowering._UNARY, **lowering._BINARY}
+FROM_TABLES = {**codegen._UNARY, **codegen._BINARY}
 
 # what leads to each operation, and the inputs that it is defined for
 UNARY: dict[int, tuple[Callable[[Any], Any], tuple[float, float]]] = {
@@ -89,7 +89,7 @@ def test_every_operation_of_the_tables_is_compared() -> None:
     assert {*UNARY, *BINARY, ca.OP_ASSIGN} == set(FROM_TABLES)
 
 
-@pytest.mark.parametrize("operation", UNARY, ids=lowering._operation_name)
+@pytest.mark.parametrize("operation", UNARY, ids=codegen._operation_name)
 def test_operations_of_one_input_equal_casadis(operation: int) -> None:
     kernel, limits = UNARY[operation]
     assert operation in operations(kernel, 1)
@@ -102,7 +102,7 @@ def test_operations_of_one_input_equal_casadis(operation: int) -> None:
     check()
 
 
-@pytest.mark.parametrize("operation", BINARY, ids=lowering._operation_name)
+@pytest.mark.parametrize("operation", BINARY, ids=codegen._operation_name)
 def test_operations_of_two_inputs_equal_casadis(operation: int) -> None:
     kernel, limits = BINARY[operation]
     assert operation in operations(kernel, 2)

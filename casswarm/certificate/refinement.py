@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from ..typing import Booleans, Floats
-from ..hazard.bounds import cap_radius
+from ..hazard.lower_bounds import cap_radius
 from .grid import UNIT, Block, Grid, Relaxation, corners, whole_size
 from .recursion import Prices, Values, backward, forward, least, point, spread
 

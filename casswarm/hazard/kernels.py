@@ -26,7 +26,7 @@ from ..typing import Booleans, Expression, Floats
 from .._util.constants import CORE_RADIUS
 from ..errors import HazardError
 from .base import Hazard, checked_radars
-from .lowering import differentiated_source, lower
+from .codegen import differentiated_source, lower
 
 _CHUNK_PAIRS = 1 << 19  # pairs evaluated at once: a few arrays of 4 MiB, whatever the batch
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..typing import Expression, Floats
 from ..errors import HazardError
-from .bounds import inverse_squares_below, least_inverse_squares
+from .lower_bounds import inverse_squares_below, least_inverse_squares
 from .kernels import KernelHazard, lowered_kernels, regular
 from .protection import LeastRate, saturated, saturated_apart
 
@@ -63,7 +63,7 @@ class Saturation(KernelHazard):
         return self._alone * least
 
     def lone_rates_below(self, east: Floats, north: Floats, spacing: float) -> Floats | None:
-        """Rates less what interpolation adds, see `casswarm.hazard.bounds`."""
+        """Rates less what interpolation adds, see `casswarm.hazard.lower_bounds`."""
         if not self._is_the_papers:
             return super().lone_rates_below(east, north, spacing)
         radars, strengths = self.radar_positions, self.radar_strengths
