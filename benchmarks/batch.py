@@ -22,12 +22,12 @@ import casadi as ca
 import numpy as np
 
 import casswarm as cs
-from casswarm.nlp import Instances, Nlp
+from casswarm.optimization.problem import Instances, Nlp
 from casswarm.policies.base import Decision, Policy
 from casswarm.policies.succession import SUCCESSIONS
 from casswarm.problems.formation import Step, corridor_formation, leader_formation, motion_of
-from casswarm.sets import PlanarSets
-from casswarm.solvers import Auto, Ipopt
+from casswarm.optimization.feasible_sets.planar import PlanarSets
+from casswarm.optimization.solvers import Auto, Ipopt
 
 PROBLEMS = {
     "leader": ("paper-1", "leader", 1000),
@@ -183,7 +183,7 @@ def jax(scenario: cs.Scenario, nlp: Nlp, instances: Instances) -> Callable[[], n
     """All states at once by the same algorithm in JAX, from the same starts."""
     from jax_program import batch_program
 
-    from casswarm.solvers.spectral import _starts
+    from casswarm.optimization.solvers.batch.spg import _starts
 
     hazard, batch, n = scenario.hazard, len(instances), nlp.sizes[0] // 2
     keys = ("alpha_1", "alpha_2", "alpha_3", "beta_1", "beta_2")

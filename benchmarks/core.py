@@ -129,7 +129,7 @@ import resource, time
 import numpy as np
 import casswarm as cs
 from casswarm.problems.formation import Step, leader_formation, motion_of
-from casswarm.solvers import Auto
+from casswarm.optimization.solvers import Auto
 scenario = cs.load_scenario("paper-2")
 x = scenario.positions[None]
 started = time.perf_counter()

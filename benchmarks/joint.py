@@ -23,11 +23,11 @@ import numpy as np
 
 import casswarm as cs
 from casswarm import Scenario, SwarmPlan
-from casswarm.nlp import Nlp
+from casswarm.optimization.problem import Nlp
 from casswarm.policies import JointFeedbackPolicy, JointPolicy
 from casswarm.problems.joint import JointForm, joint_nlp
 from casswarm.problems.joint_instances import joint_instance
-from casswarm.solvers import Ipopt
+from casswarm.optimization.solvers import Ipopt
 from casswarm.swarm.law import PlanLaw
 from casswarm.swarm.planning import joint_task
 from casswarm.swarm.replanning import PlanTree

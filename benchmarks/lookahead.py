@@ -31,9 +31,9 @@ import pandas as pd
 import casswarm as cs
 from casswarm import make_policy
 from casswarm.figures import look_ahead_chart, save
-from casswarm.nlp import Instances, Nlp
-from casswarm.solution import BatchSolution
-from casswarm.solvers import Auto, Ipopt
+from casswarm.optimization.problem import Instances, Nlp
+from casswarm.optimization.solution import BatchSolution
+from casswarm.optimization.solvers import Auto, Ipopt
 
 STEPS = (1, 2, 3, 5, 8)
 SCENARIOS = ("paper-1", "paper-2", "wall", "ring", "crossfire", "gauntlet")

@@ -35,8 +35,8 @@ from casswarm.problems.formation import (
     corridor_formation,
     leader_formation,
 )
-from casswarm.solvers import Auto
-from casswarm.solvers.spectral import _module
+from casswarm.optimization.solvers import Auto
+from casswarm.optimization.solvers.batch.spg import _module
 
 SIZES = (5, 20, 50, 200, 1000)
 STEPS, SPACING = 10, 0.5

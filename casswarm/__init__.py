@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from .planning import plan
     from .policies import Decision, Policy, as_policy, make_policy
     from .scenario import Scenario, builtin_scenarios, load_scenario, save_scenario
-    from .solution import Residuals, Solution, Status
-    from .solvers import Solver, make_solver
+    from .optimization.solution import Residuals, Solution, Status
+    from .optimization.solvers import Solver, make_solver
     from .study import Study, simulate
     from .swarm import SwarmOutcome, SwarmPlan, plan_swarm
     from .sweeping import Sweep, sweep

@@ -14,7 +14,7 @@ from .errors import PolicyError
 from .guide import Guide
 from .planning import plan
 from .policies import as_policy, initial_velocities, make_policy
-from .solvers import Solver
+from .optimization.solvers import Solver
 
 if TYPE_CHECKING:
     from .scenario import Scenario

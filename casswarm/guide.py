@@ -10,7 +10,7 @@ import numpy as np
 
 from .typing import Floats
 from .hazard import Hazard
-from .solution import Solution
+from .optimization.solution import Solution
 
 if TYPE_CHECKING:
     from .certificate.refinement import Certificate

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from .guide import Guide
-from .solvers import Solver
+from .optimization.solvers import Solver
 from .statistics import runs_for
 from .study import PAPER_POLICIES, simulate
 

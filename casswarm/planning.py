@@ -19,7 +19,7 @@ from .errors import PlanningError, SolverError
 from .guide import Candidate, Guide, guide_from, path_of
 from .problems.guide import GuideTask
 from .search import Planner, preference
-from .solvers import ProjectedGradient, Solver, make_solver
+from .optimization.solvers import ProjectedGradient, Solver, make_solver
 
 if TYPE_CHECKING:
     from .scenario import Scenario

@@ -10,7 +10,7 @@ import pandas as pd
 
 from .chain.law import Law
 from .chain.traces import Trace
-from .solution import Residuals, Solution, Status
+from .optimization.solution import Residuals, Solution, Status
 
 LAW_TABLES = ("laws", "arrival", "survivors", "members", "population")
 

@@ -23,7 +23,7 @@ from .planning import plan
 from .policies import as_policy, initial_velocities, make_policy
 from .policies.base import Policy
 from .shares import Parts, Progress, jobs_left, kept_parts, sample_jobs
-from .solvers import Solver
+from .optimization.solvers import Solver
 from .store import Store
 from .tables import paired_table, run_table, summarise
 from ._util.parallel import Workers, checked_workers, require_sendable

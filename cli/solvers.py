@@ -17,7 +17,7 @@ def solvers(as_json: bool) -> None:
 
     Says of every other solver why it cannot be used here, or why it is left out.
     """
-    from ..solvers import LEFT_OUT
+    from ..optimization.solvers import LEFT_OUT
 
     known = _known()
     if as_json:
@@ -34,7 +34,7 @@ def solvers(as_json: bool) -> None:
 
 
 def _known() -> list[dict[str, Any]]:
-    from ..solvers import SOLVERS
+    from ..optimization.solvers import SOLVERS
 
     return [
         {

@@ -31,7 +31,7 @@ from casswarm.comparison.profiles import (
 from casswarm.comparison.report import make_report
 from casswarm.comparison.verdicts import by_problem, costs, failures
 from casswarm.figures import pair_chart, profile_chart, win_chart
-from casswarm.solvers import Ipopt, ProjectedGradient
+from casswarm.optimization.solvers import Ipopt, ProjectedGradient
 
 # %% [markdown]
 # A small family, and four solvers. A mapping gives labels, so that one solver can take part with

@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 
 from ..typing import Booleans, Floats
 from ..hazard import Hazard, KernelHazard
-from ..nlp import Instances, Nlp
-from ..sets import PlanarSets
+from ..optimization.problem import Instances, Nlp
+from ..optimization.feasible_sets.planar import PlanarSets
 from .formation_compiled import formation_objective
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import HazardError
 from ..hazard import Hazard, KernelHazard
 from ..hazard.kernels import differentiated_kernels
-from ..nlp import CompiledObjective
+from ..optimization.problem import CompiledObjective
 
 _EVALUATE = '''
 @compiled

@@ -27,7 +27,7 @@ import numpy as np
 
 from ..typing import Floats
 from ..hazard import Hazard
-from ..nlp import Instances, Nlp
+from ..optimization.problem import Instances, Nlp
 
 ROOM = 1e-7
 """How much of a squared limit a solve leaves: its answers are as exact as its tolerance, and the

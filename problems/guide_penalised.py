@@ -18,7 +18,7 @@ import numpy as np
 
 from ..typing import Floats
 from ..hazard import Hazard
-from ..nlp import Instances, Nlp
+from ..optimization.problem import Instances, Nlp
 from .guide import UNROLL, GuideTask
 
 

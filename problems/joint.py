@@ -47,7 +47,7 @@ import numpy as np
 
 from ..typing import Expression
 from ..hazard import Hazard
-from ..nlp import Nlp
+from ..optimization.problem import Nlp
 from ..subsets import subsets
 from .joint_hessian import MOST, lagrangian_hessian
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 import casadi as ca
 
 from ..typing import Expression
-from ..nlp import Nlp
+from ..optimization.problem import Nlp
 
 MOST = 6
 """Members up to which these derivatives are worth their time."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..typing import Booleans, Counts, Floats
-from ..nlp import Instances, Nlp
+from ..optimization.problem import Instances, Nlp
 from ..subsets import subsets
 from .guide import within
 from .joint import JointForm

@@ -14,7 +14,7 @@ window ends with the guide: beyond its arrival there is nothing to follow.
 
 **Wishes.** v_max and a_max hold always, and leave room in every window. The leader's place and the
 corridor are wishes over the whole window, and cannot always be fulfilled. They come first, before
-the rates, as convex least squares, member by member (`casswarm.paths.Limits.following`):
+the rates, as convex least squares, member by member (`casswarm.optimization.feasible_sets.trajectory.Limits.following`):
 
 - **Leader protection**: the leader's path minimises sum over s of ||X + dt u_s - X*(t+s)||^2 within
   its limits; it is given in the problem above, whose w is 1 for the leader and 0 for the others.
@@ -41,9 +41,9 @@ import numpy as np
 
 from ..typing import Booleans, Counts, Floats
 from ..hazard import Hazard, KernelHazard
-from ..nlp import Instances, Nlp
-from ..paths import Limits
-from ..sets import PlanarSets
+from ..optimization.problem import Instances, Nlp
+from ..optimization.feasible_sets.trajectory import Limits
+from ..optimization.feasible_sets.planar import PlanarSets
 from .formation import SHORTFALL, Motion
 from .formation_compiled import formation_objective
 

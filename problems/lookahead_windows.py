@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from ..typing import Booleans, Floats
 from ..hazard import KernelHazard
-from ..nlp import Instances, Nlp
-from ..paths import PathSets, distances, part_within
-from ..sets import PlanarSets
+from ..optimization.problem import Instances, Nlp
+from ..optimization.feasible_sets.trajectory import PathSets, distances, part_within
+from ..optimization.feasible_sets.planar import PlanarSets
 from .lookahead import LookAhead, Window, lookahead_nlp
 
 MARGIN = 1e-4

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from casswarm import Scenario, load_scenario
-from casswarm.nlp import Instances, Nlp
+from casswarm.optimization.problem import Instances, Nlp
 from casswarm.problems.formation import (
     Formation,
     Step,

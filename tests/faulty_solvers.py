@@ -11,9 +11,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from casswarm.nlp import Instances, Nlp
-from casswarm.solution import Status
-from casswarm.solvers import Answer, Ipopt, Solver
+from casswarm.optimization.problem import Instances, Nlp
+from casswarm.optimization.solution import Status
+from casswarm.optimization.solvers import Answer, Ipopt, Solver
 
 FAULTS = (
     "nan",

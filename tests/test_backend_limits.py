@@ -16,9 +16,9 @@ from backend_cases import Case, formation, guide
 from known_problems import active_box
 
 from casswarm.errors import SolverError
-from casswarm.nlp import Instances, Nlp
-from casswarm.solution import Residuals, Status
-from casswarm.solvers import SOLVERS, make_solver
+from casswarm.optimization.problem import Instances, Nlp
+from casswarm.optimization.solution import Residuals, Status
+from casswarm.optimization.solvers import SOLVERS, make_solver
 
 NAMES = list(SOLVERS)
 GENERAL = [name for name in NAMES if SOLVERS[name].abilities.problems == "any"]
@@ -117,7 +117,7 @@ INTERRUPTED = """
 import os, signal, sys, threading, time
 sys.path.insert(0, {tests!r})
 from backend_cases import guide
-from casswarm.solvers import make_solver
+from casswarm.optimization.solvers import make_solver
 
 for name in {names!r}:
     solver, case = make_solver(name), guide(10.0)

@@ -14,10 +14,10 @@ from backend_cases import FORMATIONS, Case, formation, guide
 from hock_schittkowski import NUMBERS, published
 from known_problems import KNOWN, planar
 
-from casswarm.nlp import Instances
-from casswarm.solution import Solution, Status
-from casswarm.solvers import SOLVERS, make_solver
-from casswarm.solvers.nlpsol import WORDLESS, _compiled
+from casswarm.optimization.problem import Instances
+from casswarm.optimization.solution import Solution, Status
+from casswarm.optimization.solvers import SOLVERS, make_solver
+from casswarm.optimization.solvers.casadi_nlpsol import WORDLESS, _compiled
 
 GENERAL = [name for name, kind in SOLVERS.items() if kind.abilities.problems == "any"]
 general = pytest.mark.parametrize("solver", GENERAL)

@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 from casswarm.cli import main
 from casswarm.comparison.running import _absent, _solvers
 from casswarm.errors import SolverError
-from casswarm.solvers import LEFT_OUT, SOLVERS, make_solver, nlpsol
+from casswarm.optimization.solvers import LEFT_OUT, SOLVERS, make_solver, casadi_nlpsol
 
 
 def listed(*options: str) -> Result:
@@ -24,7 +24,7 @@ def listed(*options: str) -> Result:
 @pytest.fixture
 def without_uno(monkeypatch: pytest.MonkeyPatch) -> None:
     """An installation of CasADi that does not have Uno."""
-    there = nlpsol.has_plugin
+    there = casadi_nlpsol.has_plugin
     monkeypatch.setattr(nlpsol, "has_plugin", lambda plugin: plugin != "uno" and there(plugin))
 
 

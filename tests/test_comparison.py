@@ -17,7 +17,7 @@ from casswarm.comparison.report import make_report
 from casswarm.comparison.verdicts import Tolerances, by_problem, costs, failures, judged, summary
 from casswarm.errors import ComparisonError, SolverError
 from casswarm.figures import pair_chart, profile_chart, win_chart
-from casswarm.solvers import Ipopt, ProjectedGradient
+from casswarm.optimization.solvers import Ipopt, ProjectedGradient
 
 # --- problems
 

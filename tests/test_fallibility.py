@@ -15,9 +15,9 @@ from casswarm.errors import PlanningError, PolicyError, SolverError
 from casswarm.hazard import KernelHazard
 from casswarm.planning import plan_from
 from casswarm.problems.formation import formation_nlp
-from casswarm.solution import Status
-from casswarm.solvers import Answer, Auto, Solver, SpectralProjectedGradient
-from casswarm.solvers.spectral_core import CONVERGED
+from casswarm.optimization.solution import Status
+from casswarm.optimization.solvers import Answer, Auto, Solver, SpectralProjectedGradient
+from casswarm.optimization.solvers.batch.spg_kernels import CONVERGED
 
 PAPER = cs.load_scenario("paper-1")
 ROOT = Path(__file__).resolve().parent.parent

@@ -19,8 +19,8 @@ from casswarm.comparison import Problem
 from casswarm.errors import ComparisonError, SolverError
 from casswarm.policies import formation
 from casswarm.problems.formation import formation_nlp
-from casswarm.solution import Status
-from casswarm.solvers import Ipopt, Isolated
+from casswarm.optimization.solution import Status
+from casswarm.optimization.solvers import Ipopt, Isolated
 
 PAPER = cs.load_scenario("paper-1")
 DEADLY = ("hang", "exit", "abort", "kill")
@@ -142,7 +142,7 @@ def test_instances_pickle_as_they_are():
 
 def test_script_without_a_guard_is_told_about_it(tmp_path):
     (tmp_path / "study.py").write_text(
-        "from casswarm.solvers import Ipopt, Isolated\nIsolated(Ipopt()).start()\n"
+        "from casswarm.optimization.solvers import Ipopt, Isolated\nIsolated(Ipopt()).start()\n"
     )
     done = subprocess.run(
         [sys.executable, "study.py"], cwd=tmp_path, capture_output=True, text=True, check=False

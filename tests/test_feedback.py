@@ -22,7 +22,7 @@ from casswarm import Scenario, evaluate, make_policy, plan, simulate
 from casswarm.certificate.value import ValueFunction
 from casswarm.planning import plan_from
 from casswarm.policies.feedback import FeedbackPolicy
-from casswarm.sets import PlanarSets
+from casswarm.optimization.feasible_sets.planar import PlanarSets
 
 RADARS = [(2.0, 1.2), (3.0, -1.0)]
 PLACES = [(0.0, 0.0), (0.8, -0.9), (-0.7, 0.7), (-0.6, -0.8)]  # apart: off any one guide

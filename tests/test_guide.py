@@ -14,7 +14,7 @@ from small_scenarios import Array, lone_rate_by_hand
 
 from casswarm import Candidate, Guide, Residuals, Saturation, Solution, Status
 from casswarm.guide import guide_from, path_of, sides_of
-from casswarm.nlp import Instances, Nlp
+from casswarm.optimization.problem import Instances, Nlp
 from casswarm.problems.guide import GuideTask, guide_instance, guide_nlp
 from casswarm.problems.guide_penalised import penalised_guide_instance, penalised_guide_nlp
 

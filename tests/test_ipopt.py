@@ -22,9 +22,9 @@ from known_problems import (
     nearest_in_box,
 )
 
-from casswarm.nlp import Nlp
-from casswarm.solution import Solution, Status
-from casswarm.solvers import Ipopt, ipopt, nlpsol
+from casswarm.optimization.problem import Nlp
+from casswarm.optimization.solution import Solution, Status
+from casswarm.optimization.solvers import Ipopt, ipopt, casadi_nlpsol
 
 each = pytest.mark.parametrize("problem", KNOWN, ids=lambda problem: problem.__name__)
 
@@ -77,7 +77,7 @@ def test_ipopt_finds_the_published_solution(problem: Callable[[], Known], hessia
 def test_only_the_exact_hessian_is_evaluated(hessian: Any) -> None:
     case, solver = hs_71(), Ipopt(hessian=hessian)
     solve(case, solver)
-    calls = nlpsol._compiled(solver, case.nlp).stats().get("n_call_nlp_hess_l", 0)
+    calls = casadi_nlpsol._compiled(solver, case.nlp).stats().get("n_call_nlp_hess_l", 0)
     assert (calls > 0) == (hessian == "exact")
 
 
@@ -135,9 +135,9 @@ def test_parameters_change_the_problem_without_building_it_anew() -> None:
     expected = goals / np.linalg.norm(goals, axis=1, keepdims=True)
     np.testing.assert_allclose([s.x for s in solutions], expected, atol=1e-7)
     assert [s.message for s in solutions] == ["Solve_Succeeded"] * 3
-    built = nlpsol._compiled.cache_info().misses
+    built = casadi_nlpsol._compiled.cache_info().misses
     Ipopt().solve(nlp, instances[1:])
-    assert nlpsol._compiled.cache_info().misses == built
+    assert casadi_nlpsol._compiled.cache_info().misses == built
 
 
 # --- words

@@ -27,7 +27,7 @@ from casswarm.problems.formation import (
 )
 from casswarm.problems.lookahead import LookAhead, Window
 from casswarm.problems.lookahead_windows import MARGIN, corridor_ahead, leader_ahead
-from casswarm.solvers.barrier import Barrier
+from casswarm.optimization.solvers.batch.interior_point import Barrier
 
 
 def paths_of(problem: LookAhead, data: Window) -> Array:

@@ -21,8 +21,8 @@ from casswarm.problems.formation import (
 )
 from casswarm.problems.lookahead import Window, lookahead_nlp
 from casswarm.problems.lookahead_windows import leader_ahead
-from casswarm.residuals import judge
-from casswarm.solvers.barrier import Barrier
+from casswarm.optimization.kkt import judge
+from casswarm.optimization.solvers.batch.interior_point import Barrier
 
 # --- the program
 

@@ -12,9 +12,9 @@ import pytest
 
 from casswarm.errors import SolverError
 from casswarm.hazard import Saturation, SaturationCollision
-from casswarm.nlp import Instances, Nlp
+from casswarm.optimization.problem import Instances, Nlp
 from casswarm.problems.formation import formation_nlp
-from casswarm.sets import PlanarSets
+from casswarm.optimization.feasible_sets.planar import PlanarSets
 
 RADARS = ((4.4, 4.6), (4.5, 3.0))
 

@@ -12,9 +12,9 @@ import pytest
 from small_scenarios import DT, V_MAX, grid_bounds, lone_rate_by_hand, patrolled, small
 
 from casswarm import Guide, PlanningError, Scenario, SolverError, Status, load_scenario, plan
-from casswarm.nlp import Instances, Nlp
+from casswarm.optimization.problem import Instances, Nlp
 from casswarm.planning import plan_from
-from casswarm.solvers import Answer, Ipopt, Solver
+from casswarm.optimization.solvers import Answer, Ipopt, Solver
 
 MEMBER = [(0.0, 0.0)]
 

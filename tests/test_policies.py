@@ -24,10 +24,10 @@ from casswarm import (
     plan,
     simulate,
 )
-from casswarm.nlp import Instances, Nlp
+from casswarm.optimization.problem import Instances, Nlp
 from casswarm.policies import POLICIES, SUCCESSIONS, initial_velocities, member_guides
 from casswarm.problems.formation import Motion, Step
-from casswarm.solvers import Answer, Ipopt, Solver
+from casswarm.optimization.solvers import Answer, Ipopt, Solver
 
 Flags = NDArray[np.bool_]
 PLACES = [(0.0, 0.0), (0.4, -0.3), (-0.3, 0.35), (0.1, 0.6)]

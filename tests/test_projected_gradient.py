@@ -12,7 +12,7 @@ from known_problems import hs_35, nearest_in_box, planar
 
 from casswarm import load_scenario
 from casswarm.errors import SolverError
-from casswarm.nlp import Nlp
+from casswarm.optimization.problem import Nlp
 from casswarm.problems.formation import (
     Formation,
     Motion,
@@ -20,8 +20,8 @@ from casswarm.problems.formation import (
     corridor_formation,
     leader_formation,
 )
-from casswarm.solution import Status
-from casswarm.solvers import Ipopt, ProjectedGradient
+from casswarm.optimization.solution import Status
+from casswarm.optimization.solvers import Ipopt, ProjectedGradient
 
 FAR = np.full((1, 2), 50.0)
 
@@ -124,7 +124,7 @@ def test_instances_do_not_depend_on_their_company(
     nlp, instances = nearest_in_box(np.random.default_rng(3).uniform(-2, 2, (9, 2)))
     solver = ProjectedGradient()
     alone = [solver.solve(nlp, instances[i : i + 1])[0] for i in range(9)]
-    monkeypatch.setattr("casswarm.solvers.projected_gradient.CHUNK", chunk)
+    monkeypatch.setattr("casswarm.optimization.solvers.projected_gradient.CHUNK", chunk)
     for one, other in zip(alone, solver.solve(nlp, instances), strict=True):
         np.testing.assert_array_equal(one.x, other.x)
         assert (one.iterations, one.status) == (other.iterations, other.status)

@@ -11,7 +11,7 @@ from small_scenarios import small
 from casswarm import Scenario, SwarmPlan, evaluate, make_policy, plan, plan_swarm, simulate
 from casswarm.errors import PolicyError
 from casswarm.policies import JointFeedbackPolicy, JointPolicy
-from casswarm.solvers import Ipopt
+from casswarm.optimization.solvers import Ipopt
 from casswarm.swarm.replanning import PlanTree
 
 RADARS = [(1.0, 0.9), (2.2, -0.8)]

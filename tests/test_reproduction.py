@@ -15,7 +15,7 @@ from casswarm.figures import (
     shortfall_chart,
     table_2_chart,
 )
-from casswarm.nlp import Instances
+from casswarm.optimization.problem import Instances
 from casswarm.policies import member_guides
 from casswarm.reproduction import FIGURES, PAPER_SUCCESS, TABLES, readings, reproduce, table_1
 from casswarm.reproduction.convergence import (
@@ -29,7 +29,7 @@ from casswarm.reproduction.infeasible import POLICIES, shortfall_steps
 from casswarm.reproduction.making import run_like_the_papers
 from casswarm.reproduction.paper import geometry
 from casswarm.reproduction.success import beyond, sensitivity, small_changes, table_2, variants
-from casswarm.solvers import ProjectedGradient
+from casswarm.optimization.solvers import ProjectedGradient
 from casswarm.statistics import wilson
 
 FIRST, SECOND = cs.load_scenario("paper-1"), cs.load_scenario("paper-2")

@@ -22,10 +22,10 @@ from known_problems import (
     planar,
 )
 
-from casswarm.nlp import Instances, Nlp
-from casswarm.residuals import ACTIVE, judge
-from casswarm.solution import Residuals
-from casswarm.solvers import Ipopt
+from casswarm.optimization.problem import Instances, Nlp
+from casswarm.optimization.kkt import ACTIVE, judge
+from casswarm.optimization.solution import Residuals
+from casswarm.optimization.solvers import Ipopt
 
 each = pytest.mark.parametrize("problem", KNOWN, ids=lambda problem: problem.__name__)
 
@@ -105,7 +105,7 @@ def test_a_sparse_estimate_equals_a_dense_one(
 ) -> None:
     case = problem()
     dense = judged(case)
-    monkeypatch.setattr("casswarm.residuals._DENSE", 0)
+    monkeypatch.setattr("casswarm.optimization.kkt._DENSE", 0)
     sparse = judged(case)
     assert sparse.stationarity == pytest.approx(dense.stationarity, abs=1e-6)
 

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from planar_cases import INF, Array, random_cases, scale
 
-from casswarm import planar_core
-from casswarm.planar_core import ROUNDING
-from casswarm.sets import PlanarSets
+from casswarm.optimization.feasible_sets import planar_kernels
+from casswarm.optimization.feasible_sets.planar_kernels import ROUNDING
+from casswarm.optimization.feasible_sets.planar import PlanarSets
 
 
 def nested_search(sets: PlanarSets, points: Array) -> tuple[Array, Array, Array]:
@@ -249,6 +249,6 @@ def test_compiled_projection_is_what_its_text_says(discs: int) -> None:
     sets = PlanarSets(-half, half, rng.normal(size=(300, discs, 2)), radii)
     sets = sets[~sets.is_empty]
     points = rng.normal(scale=2, size=(*sets.shape, 2))
-    plain = [planar_core.nearest(*point, sets.packed, i) for i, point in enumerate(points)]
+    plain = [planar_kernels.nearest(*point, sets.packed, i) for i, point in enumerate(points)]
     np.testing.assert_allclose(sets.project(points), [p[:2] for p in plain], atol=1e-12)
     assert all(found for _, _, found in plain)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from planar_cases import INF, PLANE, Array, random_cases, scale, single
 
-from casswarm.planar_core import ROUNDING
-from casswarm.sets import PlanarSets
+from casswarm.optimization.feasible_sets.planar_kernels import ROUNDING
+from casswarm.optimization.feasible_sets.planar import PlanarSets
 
 
 @pytest.fixture(scope="module")

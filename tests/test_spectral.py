@@ -16,8 +16,8 @@ from casswarm.problems.formation import (
     formation_nlp,
     leader_formation,
 )
-from casswarm.solvers import Auto, Ipopt, SpectralProjectedGradient
-from casswarm.solvers.spectral import _module
+from casswarm.optimization.solvers import Auto, Ipopt, SpectralProjectedGradient
+from casswarm.optimization.solvers.batch.spg import _module
 
 MOTION = Motion(v_max=2.0, a_max=0.5, dt=0.33)
 RADARS = ((4.4, 4.6), (4.5, 3.0))

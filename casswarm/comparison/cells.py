@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import SolverError
-from ..nlp import Instances, Nlp
-from ..solvers import Answer, Isolated
+from ..optimization.problem import Instances, Nlp
+from ..optimization.solvers import Answer, Isolated
 from .problems import Problem
 from .verdicts import CANNOT
 

@@ -16,11 +16,11 @@ import numpy as np
 
 from ..typing import Floats
 from ..errors import ComparisonError, among
-from ..nlp import Instances, Nlp
+from ..optimization.problem import Instances, Nlp
 from ..planning import plan, plan_from
 from ..scenario import Scenario
-from ..solution import BatchSolution
-from ..solvers import Answer, Auto, Ipopt, Solver
+from ..optimization.solution import BatchSolution
+from ..optimization.solvers import Answer, Auto, Ipopt, Solver
 from ..study import simulate
 
 HORIZONS = (30, 100, 300)

@@ -11,7 +11,7 @@ from typing import Any
 import pandas as pd
 
 from ..errors import ComparisonError
-from ..solvers import SOLVERS, Isolated, Solver, make_solver
+from ..optimization.solvers import SOLVERS, Isolated, Solver, make_solver
 from .cells import run_cell
 from .journal import Journal, surroundings
 from .problems import Problem, make_problems
@@ -81,7 +81,7 @@ def compare(
     families : sequence of str or Problem
         Names of `casswarm.comparison.FAMILIES`, or problems of your own.
     solvers : sequence of str or Solver, or mapping of label to these, optional
-        By default all of `casswarm.solvers.SOLVERS` that can run here. A mapping compares the same
+        By default all of `casswarm.optimization.solvers.SOLVERS` that can run here. A mapping compares the same
         solver with different options.
     problems : int, optional
         How many of every kind in a family; each has its own default.

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from ..solvers import SOLVERS
+from ..optimization.solvers import SOLVERS
 from .problems import FAMILIES
 from .rendering import Block, Heading, Table, Text
 from .running import Comparison

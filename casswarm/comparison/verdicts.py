@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from ..errors import ComparisonError
-from ..solution import Status
-from ..solvers.base import VIOLATION
+from ..optimization.solution import Status
+from ..optimization.solvers.base import VIOLATION
 from .profiles import shifted_geometric_mean
 
 CANNOT = "cannot take"

@@ -11,7 +11,7 @@ from ..errors import PolicyError, among
 from ..guide import Guide
 from ..planning import initial_velocities, plan, plan_from
 from ..problems.formation import motion_of
-from ..solvers import ProjectedGradient, Solver, make_solver
+from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 from ..swarm import plan_swarm
 from ..swarm.replanning import PlanTree
 from .base import Decision, Policy, UserPolicy, as_policy
@@ -63,7 +63,7 @@ def make_policy(
         Planned from the scenario by default; the policies with feedback along the guide's best way
         on need none.
     solver : str or Solver
-        Of the formation problems: a name of `casswarm.solvers.SOLVERS`, by default ``"auto"``.
+        Of the formation problems: a name of `casswarm.optimization.solvers.SOLVERS`, by default ``"auto"``.
     succession : {"nearest", "first", "safest"}
         Who leads, for ``"leader"``.
     look_ahead : int

@@ -25,7 +25,7 @@ from ..typing import Booleans, Floats
 from ..certificate.value import ValueFunction
 from ..hazard import Hazard
 from ..problems.formation import Motion, Step, corridor_formation, leader_formation
-from ..solvers import Solver
+from ..optimization.solvers import Solver
 from .base import Decision, Policy
 from .formation import solved
 

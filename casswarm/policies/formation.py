@@ -15,8 +15,8 @@ from ..typing import Booleans, Floats
 from ..guide import Guide
 from ..hazard import Hazard
 from ..problems.formation import Formation, Motion, Step, corridor_formation, leader_formation
-from ..solution import BatchSolution
-from ..solvers import Solver
+from ..optimization.solution import BatchSolution
+from ..optimization.solvers import Solver
 from .base import Decision, Policy
 from .succession import SUCCESSIONS
 

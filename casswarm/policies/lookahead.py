@@ -11,7 +11,7 @@ from ..typing import Booleans, Floats
 from ..problems.formation import Step
 from ..problems.lookahead import LookAhead, Window
 from ..problems.lookahead_windows import corridor_ahead, leader_ahead
-from ..solvers import Solver
+from ..optimization.solvers import Solver
 from .base import Decision
 from .formation import HONEST, ConstrainedPolicy, FormationPolicy, LeaderPolicy, tell_failures
 from .succession import SUCCESSIONS

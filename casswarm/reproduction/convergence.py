@@ -15,15 +15,15 @@ import pandas as pd
 
 from ..typing import Floats
 from ..guide import Guide, path_of
-from ..nlp import Instances, Nlp
+from ..optimization.problem import Instances, Nlp
 from ..policies import initial_velocities, make_policy
 from ..policies.succession import nearest
 from ..problems.formation import Step, corridor_formation, leader_formation, motion_of
 from ..problems.guide import GuideTask
 from ..problems.guide_penalised import penalised_guide_instance, penalised_guide_nlp
 from ..scenario import Scenario
-from ..solution import Solution
-from ..solvers import ProjectedGradient, make_solver
+from ..optimization.solution import Solution
+from ..optimization.solvers import ProjectedGradient, make_solver
 from ..starts import resampled, straight
 
 POINTS = (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 3000, 4000, 5000, 6000)

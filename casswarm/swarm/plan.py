@@ -9,7 +9,7 @@ import numpy as np
 from ..typing import Counts, Floats
 from ..certificate.success import SuccessBound
 from ..problems.formation import Motion
-from ..solution import Solution
+from ..optimization.solution import Solution
 from .law import PlanLaw
 
 NEARLY = 1 - 1e-4

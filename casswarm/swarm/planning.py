@@ -19,7 +19,7 @@ from ..problems.formation import motion_of
 from ..problems.joint import OBJECTIVES, JointForm
 from ..problems.joint_hessian import MOST
 from ..problems.joint_instances import JointTask
-from ..solvers import Solver, make_solver
+from ..optimization.solvers import Solver, make_solver
 from .law import PlanLaw
 from .plan import SwarmOutcome, SwarmPlan
 from .solving import MOST_EXACT, JointProblem, first_steps, newton, quasi_newton

@@ -25,7 +25,7 @@ from ..errors import PolicyError
 from ..problems.joint import JointForm
 from ..problems.joint_hessian import MOST
 from ..problems.joint_instances import JointTask
-from ..solvers import Solver
+from ..optimization.solvers import Solver
 from .law import PlanLaw
 from .plan import SwarmPlan
 from .planning import joint_task

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..typing import Counts, Floats
-from ..nlp import Nlp
+from ..optimization.problem import Nlp
 from ..problems.formation import motion_of
 from ..problems.joint import JointForm, joint_nlp
 from ..problems.joint_instances import JointTask, joint_instance
-from ..solvers import Ipopt, Solver
+from ..optimization.solvers import Ipopt, Solver
 from .law import PlanLaw
 from .plan import NEARLY, SwarmOutcome, least_distance
 from .starts import SwarmStart, follow

@@ -1,0 +1,1 @@
+"""Nonlinear programs: problems, instances, solvers, residuals."""

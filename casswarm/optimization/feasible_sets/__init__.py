@@ -1,0 +1,1 @@
+"""Feasible sets that projection and interior-point methods work on."""

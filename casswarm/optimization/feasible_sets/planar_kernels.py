@@ -1,0 +1,154 @@
+"""Nearest point of a box and up to two discs in the plane: plain Python that Numba compiles.
+
+The cases of `casswarm.optimization.feasible_sets.planar`, which proves them, for one point and one set. A set is a row of ten
+numbers (`casswarm.optimization.feasible_sets.planar.PlanarSets.packed`)::
+
+    lower x, lower y, upper x, upper y, center x, center y, radius, center x, center y, radius
+
+where an infinite radius means that the disc is absent. `casswarm._util.jit` joins this text with
+others into a module in which ``compiled`` is Numba's decorator. Imported as it stands, nothing is
+compiled, and the functions run as Python.
+"""
+
+# mypy: ignore-errors
+import math
+
+ROUNDING = 2.0**-46  # 64 units of rounding, 1.4e-14
+DISCS = (4, 7)  # where a row's discs begin
+
+if "compiled" not in globals():
+
+    def compiled(function):
+        """Leave a function as it is."""
+        return function
+
+
+@compiled
+def clip(value, low, high):
+    """The nearest number from low to high."""
+    return min(max(value, low), high)
+
+
+@compiled
+def within(x, y, sets, i):
+    """Whether a point lies in all discs of set i, up to rounding; False for NaN."""
+    for k in DISCS:
+        cx, cy, r = sets[i, k], sets[i, k + 1], sets[i, k + 2]
+        dx, dy = x - cx, y - cy
+        square = dx * dx + dy * dy
+        if not square <= r * r:  # so that most need no root
+            slack = ROUNDING * (max(abs(x), abs(y)) + max(abs(cx), abs(cy)) + r)
+            if not math.sqrt(square) - r <= slack:
+                return False
+    return True
+
+
+@compiled
+def nearer(x, y, px, py, sets, i, best):
+    """The point (x, y), clipped, if it lies in set i and is nearer to (px, py) than `best`."""
+    x, y = clip(x, sets[i, 0], sets[i, 2]), clip(y, sets[i, 1], sets[i, 3])
+    if within(x, y, sets, i):
+        # |p - q|^2 - |p - x|^2 without the cancellation that spoils it far from the set
+        gain = (x - best[0]) * ((px - x) + (px - best[0])) + (y - best[1]) * (
+            (py - y) + (py - best[1])
+        )
+        if not best[2] or gain > 0.0:
+            return x, y, True
+    return best
+
+
+@compiled
+def half_chord(line, center, r):
+    """Half the length of a circle's part of a line, 0 where they touch up to rounding, or -1."""
+    away = abs(line - center)
+    if r - away > -ROUNDING * (abs(line) + abs(center) + r):
+        return math.sqrt(max(r - away, 0.0)) * math.sqrt(r + away)
+    return -1.0
+
+
+@compiled
+def nearest(px, py, sets, i):
+    """Nearest point of set i to (px, py), and whether there is one: (x, y, found)."""
+    x, y = clip(px, sets[i, 0], sets[i, 2]), clip(py, sets[i, 1], sets[i, 3])
+    if within(x, y, sets, i):
+        return x, y, True
+    for k in DISCS:
+        cx, cy, r = sets[i, k], sets[i, k + 1], sets[i, k + 2]
+        dx, dy = px - cx, py - cy
+        distance = math.sqrt(dx * dx + dy * dy)
+        if distance > r:
+            x, y = cx + r / distance * dx, cy + r / distance * dy
+            inx, iny = clip(x, sets[i, 0], sets[i, 2]), clip(y, sets[i, 1], sets[i, 3])
+            slack = ROUNDING * (max(abs(x), abs(y)) + max(abs(cx), abs(cy)) + r)
+            if max(abs(inx - x), abs(iny - y)) <= slack and within(inx, iny, sets, i):
+                return inx, iny, True
+    return nearest_crossing(px, py, sets, i)
+
+
+@compiled
+def nearest_crossing(px, py, sets, i):
+    """The same among the points where circles cross lines of the box or each other."""
+    best = (px, py, False)
+    for k in DISCS:
+        cx, cy, r = sets[i, k], sets[i, k + 1], sets[i, k + 2]
+        if r < math.inf:
+            for side in (0, 2):
+                line = sets[i, side]
+                half = half_chord(line, cx, r)
+                if half >= 0.0:
+                    best = nearer(line, cy - half, px, py, sets, i, best)
+                    best = nearer(line, cy + half, px, py, sets, i, best)
+                line = sets[i, side + 1]
+                half = half_chord(line, cy, r)
+                if half >= 0.0:
+                    best = nearer(cx - half, line, px, py, sets, i, best)
+                    best = nearer(cx + half, line, px, py, sets, i, best)
+    if sets[i, DISCS[0] + 2] < math.inf and sets[i, DISCS[1] + 2] < math.inf:
+        # from the smaller circle: an error of `along`, however large, keeps the points on it, and
+        # takes them off the larger one by the order of rounding only
+        small, large = DISCS
+        if sets[i, large + 2] < sets[i, small + 2]:
+            small, large = large, small
+        cx, cy, r = sets[i, small], sets[i, small + 1], sets[i, small + 2]
+        dx, dy, radius = sets[i, large] - cx, sets[i, large + 1] - cy, sets[i, large + 2]
+        distance = math.sqrt(dx * dx + dy * dy)
+        if distance > 0.0:
+            along = 0.5 * distance + (r - radius) * ((r + radius) / (2.0 * distance))
+            along = clip(along, -r, r)
+            across = math.sqrt(r - along) * math.sqrt(r + along)
+            ux, uy = dx / distance, dy / distance
+            x, y = cx + along * ux, cy + along * uy
+            best = nearer(x - across * uy, y + across * ux, px, py, sets, i, best)
+            best = nearer(x + across * uy, y - across * ux, px, py, sets, i, best)
+    return best
+
+
+@compiled
+def excess(x, y, sets, i):
+    """Largest distance of a point to the box or a disc of set i; 0 inside, NaN for NaN."""
+    dx = x - clip(x, sets[i, 0], sets[i, 2])
+    dy = y - clip(y, sets[i, 1], sets[i, 3])
+    largest = math.sqrt(dx * dx + dy * dy) if dx != 0.0 or dy != 0.0 else 0.0
+    for k in DISCS:
+        dx, dy, r = x - sets[i, k], y - sets[i, k + 1], sets[i, k + 2]
+        square = dx * dx + dy * dy
+        if square > r * r:  # so that most need no root
+            largest = max(largest, math.sqrt(square) - r)
+    return largest + 0.0 * (x + y)
+
+
+@compiled
+def nearest_batch(points, sets, out, found):
+    """Nearest points (M, 2) of sets (M, 10), and whether there are any (M,); NaN stays NaN."""
+    for i in range(points.shape[0]):
+        if math.isfinite(points[i, 0]) and math.isfinite(points[i, 1]):
+            out[i, 0], out[i, 1], found[i] = nearest(points[i, 0], points[i, 1], sets, i)
+        else:
+            out[i, 0], out[i, 1], found[i] = math.nan, math.nan, True
+
+
+@compiled
+def excess_batch(points, sets, out):
+    """Largest distance (M,) of points (M, 2) to the box or a disc of sets (M, 10)."""
+    for i in range(points.shape[0]):
+        out[i] = excess(points[i, 0], points[i, 1], sets, i)

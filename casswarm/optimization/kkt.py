@@ -1,0 +1,85 @@
+"""The judge: residuals recomputed from the problem, for every backend alike."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+
+from ..typing import Floats
+from .problem import Instances, Nlp
+from .solution import Residuals
+
+ACTIVE = 1e-6
+"""A row closer than this (relative) to its bound may carry an estimated multiplier."""
+
+_DENSE = 1 << 20  # entries up to which the estimate is solved with a dense matrix
+
+
+def judge(
+    nlp: Nlp,
+    instance: Instances,
+    x: Floats,
+    multipliers: tuple[Floats, Floats] | None = None,
+) -> Residuals:
+    """Residuals of the answer `x` to a single instance.
+
+    Parameters
+    ----------
+    nlp, instance
+        The problem; `instance` holds one row.
+    x : (nx,)
+    multipliers : (nx,), (ng,), optional
+        Of the bounds on x and of g, positive at an upper bound. Estimated by least squares over the
+        active rows where the backend gives none.
+
+    Returns
+    -------
+    Residuals
+        Infinite where x or the functions at x are not finite.
+    """
+    p = instance.parameters[0]
+    objective, g = (np.asarray(part).ravel() for part in nlp.evaluate(x, p))
+    if not (np.isfinite(x).all() and np.isfinite(objective).all() and np.isfinite(g).all()):
+        return Residuals(np.inf, np.inf, np.inf, "not finite")
+    values = np.concatenate([x, g])
+    lower = np.concatenate([instance.lower[0], instance.lower_g[0]])
+    upper = np.concatenate([instance.upper[0], instance.upper_g[0]])
+    gaps = np.maximum(np.maximum(lower - values, values - upper), 0.0)
+    violation, worst = float(gaps.max(initial=0.0)), ""
+    if violation > 0:
+        row = int(gaps.argmax())
+        worst = f"bound[{row}]" if row < len(x) else nlp.row_names[row - len(x)]
+
+    gradient = np.asarray(nlp.gradient(x, p)[1]).ravel()
+    jacobian = nlp.jacobian(x, p).sparse()
+    columns = sparse.hstack([sparse.eye_array(len(x)), sparse.csr_array(jacobian).T]).tocsc()
+    lam = (
+        _estimate(columns, gradient, values, lower, upper)
+        if multipliers is None
+        else np.concatenate(multipliers)
+    )
+    stationarity = float(np.abs(gradient + columns @ lam).max(initial=0.0))
+    slack = np.where(lam > 0, upper - values, values - lower)
+    products = np.abs(lam) * np.where(np.isfinite(slack), slack, 1.0)  # no bound, no multiplier
+    complementarity = float(np.abs(products).max(initial=0.0))
+    return Residuals(violation, stationarity, complementarity, worst)
+
+
+def _estimate(
+    columns: sparse.csc_array, gradient: Floats, values: Floats, lower: Floats, upper: Floats
+) -> Floats:
+    """Multipliers of the active rows that make the Lagrangian's gradient smallest."""
+    from scipy.optimize import lsq_linear  # slow to import, and seldom needed
+
+    scale = ACTIVE * np.maximum(1.0, np.abs(values))
+    at_upper, at_lower = upper - values <= scale, values - lower <= scale
+    active = np.flatnonzero(at_upper | at_lower)
+    lam = np.zeros(len(values))
+    if active.size:
+        low = np.where(at_lower[active], -np.inf, 0.0)
+        high = np.where(at_upper[active], np.inf, 0.0)
+        chosen = columns[:, active]
+        small = chosen.shape[0] * active.size <= _DENSE
+        dense, method = (chosen.toarray(), "bvls") if small else (chosen, "trf")
+        lam[active] = lsq_linear(dense, -gradient, (low, high), method=method).x
+    return lam

@@ -1,0 +1,261 @@
+"""The problem: an immutable nonlinear program, and the numbers that make instances of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..typing import Expression, Floats
+from ..errors import SolverError
+from .feasible_sets.trajectory import PathSets
+from .feasible_sets.planar import PlanarSets
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledObjective:
+    """An objective and its gradient as source, for solvers that compile their inner loop.
+
+    Parameters
+    ----------
+    source : str
+        Python text of ``evaluate(x, p, shared, gradient)`` and what it calls, each decorated with
+        ``@compiled``: returns f(x; p) and writes the gradient. The same text serves all problems
+        of a kind.
+    shared : (s,)
+        Numbers that all instances share, such as the places of radars.
+    """
+
+    source: str
+    shared: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Nlp:
+    """A parametric nonlinear program in canonical form.
+
+    minimise f(x; p)  subject to  lbx <= x <= ubx,  lbg <= g(x; p) <= ubg
+
+    The bounds belong to `Instances`, so that one program, built and compiled once, serves every
+    state. x, p and g are made of named blocks: MX of shape (r, c), which as arrays are (c, r), so
+    that a block of c points in the plane is an MX (2, c) and an array (c, 2). A program pickles:
+    its expressions travel as a serialised CasADi Function.
+
+    Parameters
+    ----------
+    name : str
+        In messages and tables.
+    variables, parameters, constraints : mapping of name to MX
+        Blocks of x and p (symbols) and g (expressions), in order.
+    objective : MX, scalar
+    unroll : bool
+        Whether the expressions are small enough to be expanded to scalar operations, which then
+        evaluate several times faster; ruinous for large ones.
+    compiled : CompiledObjective, optional
+        The objective once more, for compiled solvers.
+    starts : int
+        How many starts are worth their time, where they cost little: more than one where local
+        minima are common.
+    hessian : casadi.Function, optional
+        (x, p, lam_f, lam_g) to the upper triangle of the Lagrangian's Hessian, where that is known
+        in a quicker way than by automatic differentiation.
+    """
+
+    name: str
+    variables: Mapping[str, Expression]
+    parameters: Mapping[str, Expression]
+    objective: Expression
+    constraints: Mapping[str, Expression]
+    unroll: bool = False
+    compiled: CompiledObjective | None = None
+    starts: int = 1
+    hessian: Expression | None = None
+
+    @cached_property
+    def x(self) -> Expression:
+        """All variables, a column."""
+        return ca.veccat(*self.variables.values())
+
+    @cached_property
+    def p(self) -> Expression:
+        """All parameters, a column."""
+        return ca.veccat(*self.parameters.values())
+
+    @cached_property
+    def g(self) -> Expression:
+        """All constraints, a column."""
+        return ca.veccat(*self.constraints.values()) if self.constraints else ca.MX(0, 1)
+
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """Numbers of variables, parameters and constraints."""
+        return self.x.shape[0], self.p.shape[0], self.g.shape[0]
+
+    @cached_property
+    def evaluate(self) -> Expression:
+        """CasADi Function (x, p) to (f, g)."""
+        return self._function("evaluate", [self.objective, self.g])
+
+    @cached_property
+    def gradient(self) -> Expression:
+        """CasADi Function (x, p) to (f, gradient of f)."""
+        return self._function("gradient", [self.objective, ca.gradient(self.objective, self.x)])
+
+    @cached_property
+    def jacobian(self) -> Expression:
+        """CasADi Function (x, p) to the Jacobian of g, sparse."""
+        return self._function("jacobian", [ca.jacobian(self.g, self.x)])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # symbols do not pickle, functions of them do; inlined again, the graph is what it was
+        blocks = [self.objective, *self.constraints.values()]
+        return _restored, (
+            ca.Function("blocks", [self.x, self.p], blocks).serialize(),
+            {name: block.shape for name, block in self.variables.items()},
+            {name: block.shape for name, block in self.parameters.items()},
+            tuple(self.constraints),
+            (self.name, self.unroll, self.compiled, self.starts),
+            None if self.hessian is None else self.hessian.serialize(),
+        )
+
+    def _function(self, name: str, outputs: list[Expression]) -> Expression:
+        function = ca.Function(name, [self.x, self.p], outputs)
+        return function.expand() if self.unroll else function
+
+    @cached_property
+    def row_names(self) -> tuple[str, ...]:
+        """A name for every row of g, such as ``acceleration[3]``."""
+        return tuple(
+            f"{name}[{row}]"
+            for name, block in self.constraints.items()
+            for row in range(block.numel())
+        )
+
+    def pack_variables(self, **blocks: ArrayLike) -> Floats:
+        """X of B instances, (B, nx), from arrays (B, c, r) or (c, r) named like the variables."""
+        return _pack(self.variables, blocks)
+
+    def pack_parameters(self, **blocks: ArrayLike) -> Floats:
+        """P of B instances, (B, np)."""
+        return _pack(self.parameters, blocks)
+
+    def pack_constraints(self, **blocks: ArrayLike) -> Floats:
+        """Bounds of g of B instances, (B, ng)."""
+        return _pack(self.constraints, blocks)
+
+    def variable(self, name: str, x: Floats) -> Floats:
+        """The block `name` of x: (..., nx) to (..., c, r)."""
+        start = 0
+        for block, symbol in self.variables.items():
+            if block == name:
+                rows, columns = symbol.shape
+                part = x[..., start : start + rows * columns]
+                return part.reshape(*x.shape[:-1], columns, rows)
+            start += symbol.numel()
+        raise KeyError(name)
+
+
+def _restored(
+    serialized: str,
+    variables: Mapping[str, tuple[int, int]],
+    parameters: Mapping[str, tuple[int, int]],
+    constraints: tuple[str, ...],
+    rest: tuple[str, bool, CompiledObjective | None, int],
+    hessian: str | None,
+) -> Nlp:
+    """The program that `Nlp.__reduce__` took apart."""
+    x, p = (
+        {name: ca.MX.sym(name, *shape) for name, shape in blocks.items()}
+        for blocks in (variables, parameters)
+    )
+    function = ca.Function.deserialize(serialized)
+    objective, *g = function.call([ca.veccat(*x.values()), ca.veccat(*p.values())], True, False)
+    second = None if hessian is None else ca.Function.deserialize(hessian)
+    rows = dict(zip(constraints, g, strict=True))
+    return Nlp(rest[0], x, p, objective, rows, *rest[1:], hessian=second)
+
+
+def _pack(blocks: Mapping[str, Expression], arrays: Mapping[str, ArrayLike]) -> Floats:
+    if blocks.keys() != arrays.keys():
+        raise SolverError(f"blocks given: {sorted(arrays)}; expected: {sorted(blocks)}")
+    given = {name: np.asarray(array, dtype=float) for name, array in arrays.items()}
+    batch = max((a.shape[0] for a in given.values() if a.ndim == 3), default=1)
+    columns = []
+    for name, symbol in blocks.items():
+        shape = (batch, symbol.shape[1], symbol.shape[0])
+        try:
+            columns.append(np.broadcast_to(given[name], shape).reshape(batch, symbol.numel()))
+        except ValueError:
+            raise SolverError(
+                f"block {name!r} has shape {given[name].shape}; expected {shape}"
+            ) from None
+    return np.concatenate(columns, axis=1) if columns else np.empty((batch, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Instances:
+    """B instances of an `Nlp`: its parameters, its bounds and where to start.
+
+    Parameters
+    ----------
+    start : (B, nx)
+        Initial guess; solvers that start from elsewhere by definition say so.
+    parameters : (B, np)
+    lower, upper : (B, nx)
+    lower_g, upper_g : (B, ng)
+    sets : PlanarSets, shape (B, nx / 2), optional
+        Where lbx, ubx and g describe a product of simple sets in the plane: that product, which
+        projection methods work on.
+    units : (B, 2), optional
+        A typical length of x and a typical value of f: what tolerances are relative to.
+    paths : PathSets of B states, optional
+        Where lbx, ubx and g describe paths within limits: those sets. x are the advances, and the
+        objective is the sum of `Nlp.compiled` over the steps.
+    """
+
+    start: Floats
+    parameters: Floats
+    lower: Floats
+    upper: Floats
+    lower_g: Floats
+    upper_g: Floats
+    sets: PlanarSets | None = None
+    units: Floats | None = None
+    paths: PathSets | None = None
+
+    def __post_init__(self) -> None:
+        batch = self.start.shape[0]
+        for name in ("parameters", "lower", "upper", "lower_g", "upper_g"):
+            array = getattr(self, name)
+            width = array.shape[-1]
+            object.__setattr__(self, name, np.broadcast_to(array, (batch, width)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # made anew, so that its arrays are read-only again: Numba compiles for each kind
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))
+
+    def __len__(self) -> int:
+        return int(self.start.shape[0])
+
+    def __getitem__(self, rows: slice | NDArray[Any]) -> Instances:
+        """Some of the instances: a slice, a mask or indices."""
+        return Instances(
+            self.start[rows],
+            self.parameters[rows],
+            self.lower[rows],
+            self.upper[rows],
+            self.lower_g[rows],
+            self.upper_g[rows],
+            None if self.sets is None else self.sets[rows],
+            None if self.units is None else self.units[rows],
+            None if self.paths is None else self.paths[rows],
+        )
+
+    def restarted(self, start: Floats) -> Instances:
+        """The same instances from another start."""
+        return replace(self, start=start)

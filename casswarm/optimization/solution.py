@@ -1,0 +1,167 @@
+"""The answer: what a backend returned, in casswarm's words and in its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..typing import Booleans, Counts, Floats
+
+
+class Status(StrEnum):
+    """How a solve ended. A limit is never a success."""
+
+    SOLVED = "solved"
+    ACCEPTABLE = "acceptable"
+    INFEASIBLE = "infeasible"
+    ITERATION_LIMIT = "iteration limit"
+    TIME_LIMIT = "time limit"
+    DIVERGED = "diverged"
+    FAILED = "failed"
+
+    @property
+    def success(self) -> bool:
+        """Whether the answer is a solution to the stated tolerance."""
+        return self in (Status.SOLVED, Status.ACCEPTABLE)
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """How well an answer fulfils the optimality conditions, recomputed from the problem.
+
+    Parameters
+    ----------
+    violation : float
+        Largest violation of a bound or constraint.
+    stationarity : float
+        Largest component of the Lagrangian's gradient.
+    complementarity : float
+        Largest product of a multiplier and the slack of its bound.
+    worst : str
+        Name of the row that is violated most, empty where none is.
+    """
+
+    violation: float
+    stationarity: float
+    complementarity: float
+    worst: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """One solve: the answer, how it ended, and how good it is.
+
+    Parameters
+    ----------
+    x : (nx,)
+    objective : float
+    status : Status
+    message : str
+        The backend's own words.
+    solver : str
+    residuals : Residuals
+    iterations, evaluations : int
+        Of the backend; evaluations counts those of the objective.
+    build_seconds, solve_seconds : float
+        Time to compile the problem for this backend (zero when it was compiled before), and to
+        solve it.
+    """
+
+    x: Floats
+    objective: float
+    status: Status
+    message: str
+    solver: str
+    residuals: Residuals
+    iterations: int
+    evaluations: int
+    build_seconds: float
+    solve_seconds: float
+
+    def __str__(self) -> str:
+        r = self.residuals
+        return (
+            f"{self.status} by {self.solver} ({self.message}): objective {self.objective:.6g}, "
+            f"violation {r.violation:.1e}, stationarity {r.stationarity:.1e}, "
+            f"complementarity {r.complementarity:.1e}, {self.iterations} iterations, "
+            f"{1e3 * self.solve_seconds:.1f} ms"
+        )
+
+    def as_row(self) -> dict[str, object]:
+        """All but x, as plain values for a table or a JSON file."""
+        row: dict[str, object] = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, Residuals):
+                row |= {part.name: getattr(value, part.name) for part in fields(value)}
+            elif field.name != "x":
+                row[field.name] = str(value) if isinstance(value, Status) else value
+        return row
+
+
+@dataclass(frozen=True, eq=False)
+class BatchSolution:
+    """The answers to B instances, as arrays.
+
+    Parameters
+    ----------
+    x : (B, nx)
+    objective : (B,)
+    success : (B,) bool
+        Whether an answer is a solution to the stated tolerance.
+    violation, stationarity : (B,)
+        Residuals, recomputed from the problem; stationarity in `Instances.units`.
+    resolved : (B,) bool
+        Whether a first answer was not good enough and another solver was called.
+    seconds : float
+        For the batch.
+    words : (B,) str, optional
+        How every solve ended: its status, and the backend's own words.
+    """
+
+    x: Floats
+    objective: Floats
+    success: Booleans
+    violation: Floats
+    stationarity: Floats
+    resolved: Booleans
+    seconds: float
+    words: NDArray[np.object_] | None = None
+
+    @classmethod
+    def of(cls, solutions: Sequence[Solution], units: Floats | None = None) -> BatchSolution:
+        """The same answers, one by one, as arrays; `units` (B, 2) are those of x and f."""
+        scale = 1.0 if units is None else units[:, 0] / units[:, 1]
+        return cls(
+            x=np.array([s.x for s in solutions]),
+            objective=np.array([s.objective for s in solutions]),
+            success=np.array([s.status.success for s in solutions], dtype=bool),
+            violation=np.array([s.residuals.violation for s in solutions]),
+            stationarity=scale * np.array([s.residuals.stationarity for s in solutions]),
+            resolved=np.zeros(len(solutions), bool),
+            seconds=sum(s.solve_seconds for s in solutions),
+            words=np.array([f"{s.status}: {s.message}" for s in solutions], dtype=object),
+        )
+
+    def with_rows(self, rows: Counts, other: BatchSolution) -> BatchSolution:
+        """These answers, with those of `other` in the given rows."""
+        merged: dict[str, Any] = {"seconds": self.seconds + other.seconds}
+        for part in fields(self):
+            if part.name == "words":
+                merged["words"] = self._words_with(rows, other)
+            elif part.name != "seconds":
+                merged[part.name] = getattr(self, part.name).copy()
+                merged[part.name][rows] = getattr(other, part.name)
+        return BatchSolution(**merged)
+
+    def _words_with(self, rows: Counts, other: BatchSolution) -> NDArray[np.object_] | None:
+        if self.words is None and other.words is None:
+            return None
+        words = np.full(len(self.x), "", dtype=object) if self.words is None else self.words.copy()
+        words[rows] = "" if other.words is None else other.words
+        return words

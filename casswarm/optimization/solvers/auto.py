@@ -1,0 +1,89 @@
+"""The default: the batch solver proposes, every answer is judged, Ipopt solves what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+
+from ...typing import Floats
+from ..problem import Instances, Nlp
+from ..solution import BatchSolution
+from .batch.interior_point import Barrier, BarrierRun
+from .base import Abilities, Answer, Solver
+from .ipopt import Ipopt
+from .batch.spg import Run, SpectralProjectedGradient
+
+
+@dataclass(frozen=True)
+class Auto(Solver):
+    """The batch solver that applies, and `Ipopt` for everything else.
+
+    What counts is an answer's recomputed residuals, not what the batch solver says of it: one that
+    is above tolerance is solved again by Ipopt from there, and counted as resolved. Problems that
+    the batch solver cannot take go to Ipopt whole.
+
+    Parameters
+    ----------
+    stationarity : float
+        Residual up to which an answer of the batch solver is accepted.
+    batch : SpectralProjectedGradient
+    paths : Barrier
+        The batch solver of problems over paths.
+    judge : Ipopt
+    """
+
+    stationarity: float = 1e-6
+    batch: SpectralProjectedGradient = field(default_factory=SpectralProjectedGradient)
+    paths: Barrier = field(default_factory=Barrier)
+    judge: Ipopt = field(default_factory=Ipopt)
+
+    name: ClassVar[str] = "auto"
+    summary: ClassVar[str] = "spectral, every answer judged, the rest solved again by ipopt"
+    abilities: ClassVar[Abilities] = Abilities(batch=True)
+
+    def _build(self, nlp: Nlp) -> None:
+        """Nothing: each of the two builds what it needs when it is needed."""
+
+    def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        batch = self._batch(nlp, instances)
+        if batch is None:
+            return self.judge._answers(nlp, instances)
+        run = batch.run(nlp, instances)
+        found = self._accepted(run)
+        return [
+            answer
+            if found.success[i]
+            else self.judge._answers(nlp, _restarted(instances[i : i + 1], answer.x[None]))[0]
+            for i, answer in enumerate(run.answers())
+        ]
+
+    def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
+        """Solve every instance; `BatchSolution.resolved` tells which needed Ipopt."""
+        batch = self._batch(nlp, instances)
+        if batch is None:
+            return self.judge.solve_batch(nlp, instances)
+        found = self._accepted(batch.run(nlp, instances))
+        left = np.flatnonzero(~found.success)
+        if not left.size:
+            return found
+        again = self.judge.solve_batch(nlp, _restarted(instances[left], found.x[left]))
+        return found.with_rows(left, replace(again, resolved=np.ones(left.size, bool)))
+
+    def _batch(self, nlp: Nlp, instances: Instances) -> SpectralProjectedGradient | Barrier | None:
+        """The batch solver that can take the problem, None where none can."""
+        if self.batch.can_take(nlp, instances):
+            return self.batch
+        return self.paths if self.paths.can_take(nlp, instances) else None
+
+    def _accepted(self, run: Run | BarrierRun) -> BatchSolution:
+        """The batch's answers, a success where the residuals are small, whatever it says."""
+        return run.solution(run.judged[:, 2] <= self.stationarity)
+
+
+def _restarted(instances: Instances, x: Floats) -> Instances:
+    """The instances from x, or from their own start where x is not finite."""
+    usable = np.isfinite(x).all(axis=1, keepdims=True)
+    return instances.restarted(np.where(usable, x, instances.start))

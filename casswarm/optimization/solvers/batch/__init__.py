@@ -1,0 +1,1 @@
+"""Compiled solvers for batches of small problems."""

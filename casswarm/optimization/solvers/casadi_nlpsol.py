@@ -1,0 +1,156 @@
+"""What all of CasADi's nlpsol plugins share: build once, call, map the words."""
+
+from __future__ import annotations
+
+import time
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from functools import cache, lru_cache
+from importlib.metadata import version
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+
+from ...errors import SolverError
+from ..problem import Instances, Nlp
+from ..solution import Status
+from .base import Answer, Solver
+from ..._util.interrupts import interruptible
+from ..._util.silence import silence
+
+INTERRUPTED = "User_Requested_Stop"
+"""What CasADi's own loops say when they caught the user's Ctrl-C; nobody else stops them."""
+
+WORDLESS = "ended without a word of why"
+"""Casswarm's own, where a plugin leaves its status empty."""
+
+COMMON: dict[str, Any] = {
+    "print_time": False,
+    "error_on_fail": False,
+    "show_eval_warnings": False,
+    "record_time": True,
+    "calc_lam_p": False,  # nobody asks for it, and it warns where a solve fails
+}
+"""Options of every plugin: silence, and failures as statuses."""
+
+
+class NlpsolSolver(Solver):
+    """A solver that CasADi calls: a plugin's name, its options, and a table of its words.
+
+    Multipliers are CasADi's: positive at an upper bound, like those of `residuals.judge`.
+    """
+
+    plugin: ClassVar[str]
+    statuses: ClassVar[Mapping[str, Status]]
+    talks: ClassVar[bool] = False
+    """Whether the backend prints by itself, past every option, and must be silenced."""
+    wants_a_row: ClassVar[bool] = False
+    """Whether the backend goes astray without any row in g, and is given one that is free."""
+
+    @property
+    def second_derivatives(self) -> bool:
+        """Whether the backend asks for the Hessian of the Lagrangian."""
+        return False
+
+    @abstractmethod
+    def _options(self) -> dict[str, Any]:
+        """What the plugin is given beside `COMMON`."""
+
+    @classmethod
+    def unavailable(cls) -> str:
+        """Why the plugin cannot run in this installation of CasADi, empty where it can."""
+        if has_plugin(cls.plugin):
+            return ""
+        return f"the nlpsol plugin {cls.plugin!r} is not in this casadi ({version('casadi')})"
+
+    def _build(self, nlp: Nlp) -> None:
+        reason = self.unavailable()
+        if reason:
+            raise SolverError(f"{self.name} cannot run here: {reason}")
+        _compiled(self, nlp)
+
+    def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        function = _compiled(self, nlp)
+        return [self._solve(function, instances, i) for i in range(len(instances))]
+
+    def _solve(self, function: Any, instances: Instances, i: int) -> Answer:
+        started = time.perf_counter()
+        free = self.wants_a_row and not instances.lower_g.shape[1]
+        try:
+            with interruptible(), silence() if self.talks else nullcontext():
+                out = function(
+                    x0=instances.start[i],
+                    p=instances.parameters[i],
+                    lbx=instances.lower[i],
+                    ubx=instances.upper[i],
+                    lbg=-np.inf if free else instances.lower_g[i],
+                    ubg=np.inf if free else instances.upper_g[i],
+                )
+        except RuntimeError as error:  # CasADi's, for example on NaN bounds
+            seconds = time.perf_counter() - started
+            return Answer(instances.start[i], Status.FAILED, _reason(error), 0, 0, seconds)
+        seconds = time.perf_counter() - started
+        stats = _stats(function)
+        words = self._words(stats)
+        if words == INTERRUPTED:
+            raise KeyboardInterrupt
+        rows = instances.lower_g.shape[1]
+        return Answer(
+            x=np.asarray(out["x"]).ravel(),
+            status=self._status(words, stats),
+            message=words,
+            iterations=int(stats.get("iter_count", 0)),
+            evaluations=self._evaluations(stats),
+            seconds=seconds,
+            multipliers=(np.asarray(out["lam_x"]).ravel(), np.asarray(out["lam_g"]).ravel()[:rows]),
+        )
+
+    def _status(self, words: str, stats: Mapping[str, Any]) -> Status:  # noqa: ARG002
+        """By the table; an unknown word is a failure."""
+        return self.statuses.get(words, Status.FAILED)
+
+    @staticmethod
+    def _words(stats: Mapping[str, Any]) -> str:
+        return str(stats["return_status"])
+
+    @staticmethod
+    def _evaluations(stats: Mapping[str, Any]) -> int:
+        """Calls of the objective, under the names that plugins count them by."""
+        return sum(int(stats.get(f"n_call_{name}", 0)) for name in ("nlp_f", "nlp_fg"))
+
+
+@cache
+def has_plugin(plugin: str) -> bool:
+    """Whether this installation of CasADi can load an nlpsol plugin."""
+    return bool(ca.has_nlpsol(plugin))
+
+
+def _stats(function: Any) -> dict[str, Any]:
+    """What a solver tells of its last call; some ends have no word, and CasADi raises then."""
+    try:
+        return dict(function.stats())
+    except RuntimeError:
+        return {"return_status": WORDLESS, "unified_return_status": WORDLESS}
+
+
+def _reason(error: RuntimeError) -> str:
+    """The last line of CasADi's error, which says what happened; the others say where."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return lines[-1] if lines else "error without words"
+
+
+@lru_cache(maxsize=64)
+def _compiled(solver: NlpsolSolver, nlp: Nlp) -> Any:
+    options = {"expand": nlp.unroll, **COMMON, **solver._options()}
+    if nlp.hessian is not None and solver.second_derivatives:
+        options["hess_lag"] = nlp.hessian
+    free = solver.wants_a_row and not nlp.sizes[2]
+    g = ca.MX(0) if free else nlp.g
+    problem = {"x": nlp.x, "p": nlp.p, "f": nlp.objective, "g": g}
+    try:
+        with silence() if solver.talks else nullcontext():
+            return ca.nlpsol("solver", solver.plugin, problem, options)
+    except RuntimeError as error:
+        raise SolverError(f"{solver.name} cannot take {nlp.name}: {_reason(error)}") from error

@@ -1,0 +1,126 @@
+"""The paper's projected gradient: a fixed step, and an exact projection."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from ...typing import Booleans, Floats
+from ...errors import SolverError
+from ..problem import Instances, Nlp
+from ..solution import Status
+from .base import Abilities, Answer, Solver, require
+from .casadi_map import CHUNK, gradients
+
+
+@dataclass(frozen=True)
+class ProjectedGradient(Solver):
+    """x <- P(x - step grad f(x)), the paper's algorithm of sections III and IV.
+
+    Bertsekas, Tsitsiklis, Parallel and Distributed Computation, section 3.3.2. For problems whose
+    constraints are a box, or a product of boxes and discs in the plane (`Instances.sets`). Batched:
+    all instances advance together, and each stops on its own.
+
+    Parameters
+    ----------
+    step : float
+        The paper's learning rate.
+    iterations : int
+    tolerance : float
+        An instance has converged when no component of x moves by more than `tolerance` times the
+        step in one iteration. Running out of iterations is a limit, not a success.
+    keep : {"last", "best"}
+        Which iterate is the answer: the last, or the one with the least objective (with a fixed
+        step the iterates may circle around a kink).
+    start : {"given", "zero"}
+        Where to start: from the instance's own guess, or from the projection of zero, as the
+        paper does for the formation.
+    """
+
+    step: float = 0.05
+    iterations: int = 2000
+    tolerance: float = 1e-6
+    keep: Literal["last", "best"] = "last"
+    start: Literal["given", "zero"] = "given"
+
+    name: ClassVar[str] = "projected-gradient"
+    summary: ClassVar[str] = "the paper's fixed-step method; boxes and discs only"
+    abilities: ClassVar[Abilities] = Abilities("product sets", batch=True)
+
+    def __post_init__(self) -> None:
+        require(self, "step", 0 < self.step < np.inf, "above zero, finite")
+        require(self, "iterations", self.iterations >= 0, "zero or above")
+        require(self, "tolerance", self.tolerance >= 0, "zero or above")
+        require(self, "keep", self.keep in ("last", "best"), "'last' or 'best'")
+        require(self, "start", self.start in ("given", "zero"), "'given' or 'zero'")
+
+    def _build(self, nlp: Nlp) -> None:
+        _ = nlp.gradient
+
+    def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        if nlp.constraints and instances.sets is None:
+            raise SolverError(
+                f"projected-gradient cannot take {nlp.name}: its constraints "
+                f"({', '.join(nlp.constraints)}) are no product of boxes and discs"
+            )
+        answers: list[Answer] = []
+        for start in range(0, len(instances), CHUNK):
+            answers += self._run_chunk(nlp, instances[slice(start, start + CHUNK)])
+        return answers
+
+    def _run_chunk(self, nlp: Nlp, instances: Instances) -> list[Answer]:
+        started = time.perf_counter()
+        origin = np.zeros_like(instances.start) if self.start == "zero" else instances.start
+        x = _project(instances, origin)
+        answer, least = x.copy(), np.full(len(x), np.inf)
+        spent = np.full(len(x), self.iterations)
+        converged = np.zeros(len(x), bool)
+        moving, part = np.arange(len(x)), instances
+        for iteration in range(self.iterations):
+            objective, gradient = gradients(nlp, x[moving], part.parameters)
+            if self.keep == "best":
+                better = objective < least[moving]
+                least[moving[better]] = objective[better]
+                answer[moving[better]] = x[moving[better]]
+            step = x[moving] - self.step * gradient
+            finite: Booleans = np.asarray(np.isfinite(step).all(axis=1))
+            following = _project(part, np.where(finite[:, None], step, x[moving]))
+            change = np.abs(following - x[moving]).max(axis=1, initial=0.0)
+            x[moving] = np.where(finite[:, None], following, np.nan)
+            still: Booleans = np.asarray(~finite | (change <= self.tolerance * self.step))
+            if still.any():
+                spent[moving[still]] = iteration + 1
+                converged[moving[still]] = finite[still]
+                moving = moving[~still]
+                part = instances[moving]
+            if not moving.size:
+                break
+        lost: Booleans = np.asarray(~np.isfinite(x).all(axis=1))
+        if self.keep == "last":
+            answer = x
+        seconds = (time.perf_counter() - started) / max(1, len(x))
+        return [
+            Answer(
+                answer[i], *_outcome(lost[i], converged[i]), int(spent[i]), int(spent[i]), seconds
+            )
+            for i in range(len(x))
+        ]
+
+
+def _outcome(lost: np.bool_, converged: np.bool_) -> tuple[Status, str]:
+    if lost:
+        return Status.FAILED, "gradient not finite"
+    if converged:
+        return Status.SOLVED, "step below tolerance"
+    return Status.ITERATION_LIMIT, "iterations exhausted"
+
+
+def _project(instances: Instances, x: Floats) -> Floats:
+    if instances.sets is None:
+        return np.clip(x, instances.lower, instances.upper)
+    points = x.reshape(*instances.sets.shape, 2)
+    return instances.sets.project(points).reshape(x.shape)
