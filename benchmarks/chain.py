@@ -32,7 +32,7 @@ import pandas as pd
 
 import casswarm as cs
 from casswarm.chain import simulate as sampling
-from casswarm.parameters import with_parameters
+from casswarm.scenario.variations import with_parameters
 from casswarm.study import PAPER_POLICIES
 
 Rows = list[dict[str, Any]]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from .errors import CasswarmError
 from .evaluation import evaluate
 from .guide import Guide
-from .parameters import with_parameters
+from .scenario.variations import with_parameters
 from .planning import plan
 from .study import simulate
 

@@ -17,7 +17,7 @@ import pandas as pd
 
 from .cells import Cell, Options
 from .errors import ScenarioError
-from .parameters import SPECIAL
+from .scenario.variations import SPECIAL
 from .store import Store
 from .study import PAPER_POLICIES, distinct_policies
 from ._util.parallel import Workers, checked_workers, done_jobs, require_sendable

@@ -12,7 +12,7 @@ from casswarm.scenario import (
     load_scenario,
     save_scenario,
 )
-from casswarm.scenario.messages import fields, subtable
+from casswarm.scenario.validation import fields, subtable
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import pytest
 import casswarm
 from casswarm.cli import main
 from casswarm.scenario import Scenario
-from casswarm.scenario.messages import allowed, fields, subtable
+from casswarm.scenario.validation import allowed, fields, subtable
 
 pytest.importorskip("sphinx", reason="the site needs the extra: pip install 'casswarm[docs]'")
 pytest.importorskip("furo", reason="the site needs the extra: pip install 'casswarm[docs]'")

@@ -18,7 +18,7 @@ from slow_policy import toward
 
 import casswarm as cs
 from casswarm.errors import PolicyError, ScenarioError, StoreError
-from casswarm.parameters import with_parameters
+from casswarm.scenario.variations import with_parameters
 
 CASSWARM = Path(sys.executable).parent / "casswarm"
 SMALL = cs.load_scenario("paper-1").with_values(

@@ -14,7 +14,7 @@ import casswarm as cs
 from casswarm.chain.evaluate import _lowered
 from casswarm.cli.sweep import _values
 from casswarm.errors import PolicyError, StoreError
-from casswarm.parameters import with_parameters
+from casswarm.scenario.variations import with_parameters
 from casswarm.store import Store
 
 SMALL = cs.load_scenario("paper-1").with_values(

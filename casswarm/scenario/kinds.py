@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from ..errors import ScenarioError
-from .messages import nearest, shown, wrong
+from .validation import nearest, shown, wrong
 
 ALPHAS = ("alpha_1", "alpha_2", "alpha_3")
 BETAS = ("beta_1", "beta_2")

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
 from ..errors import ScenarioError
-from . import checks
+from . import consistency
 from .fields import Allowed, Text, plain
-from .hazards import HazardTable
-from .messages import known_keys, problems, report, shown, unknown_key, wrong
-from .tables import FormationOptions, GuideOptions, Swarm, Table, Target, Time
-from .writing import annotated, toml_text
+from .hazard_section import HazardTable
+from .validation import known_keys, problems, report, shown, unknown_key, wrong
+from .sections import FormationOptions, GuideOptions, Swarm, Table, Target, Time
+from .toml import annotated, toml_text
 
 if TYPE_CHECKING:
     from ..hazard import Hazard
@@ -67,10 +67,10 @@ class Scenario(Table):
     def _fits_together(self, info: ValidationInfo) -> Scenario:
         self._folder = (info.context or {}).get("folder")
         lines = [
-            *checks.start_problems(self.swarm, self.target, self.hazard_table),
-            *checks.way_problems(self.swarm, self.target, self.time),
-            *checks.margin_problems(self.guide, self.target),
-            *checks.custom_hazard_problems(self.swarm, self.hazard_table, self._folder),
+            *consistency.start_problems(self.swarm, self.target, self.hazard_table),
+            *consistency.way_problems(self.swarm, self.target, self.time),
+            *consistency.margin_problems(self.guide, self.target),
+            *consistency.custom_hazard_problems(self.swarm, self.hazard_table, self._folder),
         ]
         if lines:
             raise wrong(lines)

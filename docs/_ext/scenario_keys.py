@@ -18,7 +18,7 @@ from sphinx.util.docutils import SphinxDirective
 
 from casswarm.scenario import Scenario, builtin_scenarios, load_scenario
 from casswarm.scenario.kinds import CONSTANTS
-from casswarm.scenario.messages import allowed, fields, subtable
+from casswarm.scenario.validation import allowed, fields, subtable
 
 HEAD = ("Key", "Allowed", "Default", "Meaning")
 

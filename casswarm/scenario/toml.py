@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from ..errors import ScenarioError
 from .kinds import importable_name
-from .messages import fields, subtable
+from .validation import fields, subtable
 
 # tomli_w escapes line breaks in texts, so that a bracket before a line break opens an array
 _SCALARS = re.compile(r"\[\n((?: +[^\[\]\"{},\n]+,\n)+) *\]")

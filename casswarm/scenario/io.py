@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ScenarioError
-from .messages import nearest, report
+from .validation import nearest, report
 from .model import Scenario
 
 _TEMPLATE = "start from a built-in one: casswarm scenarios new my.toml --from paper-1"

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._util.constants import CORE_RADIUS
-from .hazards import HazardTable
-from .messages import shown
-from .tables import GuideOptions, Swarm, Target, Time
+from .hazard_section import HazardTable
+from .validation import shown
+from .sections import GuideOptions, Swarm, Target, Time
 
 _MOST_STEPS = 100_000
 _ROUNDING = 1e-9

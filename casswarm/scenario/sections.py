@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..errors import ScenarioError
 from .fields import Allowed, Count, NotNegative, Number, Point, Positive, Switch, plain
-from .messages import problems, report
+from .validation import problems, report
 
 _STEP_TOLERANCE = 1e-9  # relative: t_f = 1.0 holds ten steps of dt = 0.1, whatever 1.0 / 0.1 is
 _TIE_TOLERANCE = 1e-9  # relative: members equally far from the centroid but for rounding

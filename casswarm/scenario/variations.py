@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .typing import Floats
-from .errors import ScenarioError
+from ..typing import Floats
+from ..errors import ScenarioError
 
 if TYPE_CHECKING:
-    from .scenario import Scenario
+    from . import Scenario
 
 
 def with_parameters(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
