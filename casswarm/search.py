@@ -13,7 +13,7 @@ from .certificate.grid import Relaxation
 from .certificate.ways import Way, best_ways
 from .guide import Candidate, Guide, path_of, sides_of
 from .problems.guide import GuideTask, guide_instance, guide_nlp
-from .problems.guide_penalised import penalised_guide_instance, penalised_guide_nlp
+from .problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp
 from .optimization.solution import Solution
 from .optimization.solvers import Solver
 from .optimization.solvers.base import VIOLATION

@@ -32,7 +32,7 @@ from ..typing import Booleans, Floats
 from ..hazard import Hazard, KernelHazard
 from ..optimization.problem import Instances, Nlp
 from ..optimization.feasible_sets.planar import PlanarSets
-from .formation_compiled import formation_objective
+from .formation_kernels import formation_objective
 
 if TYPE_CHECKING:
     from ..scenario import Scenario

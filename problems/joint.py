@@ -10,7 +10,7 @@ arrives, and q_i(t, d) = 1 - exp(-dt lambda_i(X(t), d)),
     f_t(d') = 0 if some i in d' has T_i = t, for the run ends there, else F_t(d'),
     F_N(d) = 1.
 
-The sum is contracted member by member (`casswarm.subsets`). In general a run that ends at step t
+The sum is contracted member by member (`casswarm.problems.subsets`). In general a run that ends at step t
 with d' alive costs c_t(d') in [0, 1]: nothing for ``"success"``; the share of members that are not
 in the target then for ``"arrivals"``; the share of the destroyed for ``"survivors"``. The program:
 
@@ -48,7 +48,7 @@ import numpy as np
 from ..typing import Expression
 from ..hazard import Hazard
 from ..optimization.problem import Nlp
-from ..subsets import subsets
+from .subsets import subsets
 from .joint_hessian import MOST, lagrangian_hessian
 
 OBJECTIVES = ("success", "arrivals", "survivors")

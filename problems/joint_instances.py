@@ -8,7 +8,7 @@ import numpy as np
 
 from ..typing import Booleans, Counts, Floats
 from ..optimization.problem import Instances, Nlp
-from ..subsets import subsets
+from .subsets import subsets
 from .guide import within
 from .joint import JointForm
 

@@ -1,6 +1,6 @@
 """Look-ahead problems from windows: wishes first, then the instances of the program.
 
-See `casswarm.problems.lookahead` for the mathematics.
+See `casswarm.problems.mpc_formation` for the mathematics.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ..hazard import KernelHazard
 from ..optimization.problem import Instances, Nlp
 from ..optimization.feasible_sets.trajectory import PathSets, distances, part_within
 from ..optimization.feasible_sets.planar import PlanarSets
-from .lookahead import LookAhead, Window, lookahead_nlp
+from .mpc_formation import LookAhead, Window, lookahead_nlp
 
 MARGIN = 1e-4
 """By how much a corridor is narrower for every step ahead, as a part of its radius."""

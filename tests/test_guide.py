@@ -16,7 +16,7 @@ from casswarm import Candidate, Guide, Residuals, Saturation, Solution, Status
 from casswarm.guide import guide_from, path_of, sides_of
 from casswarm.optimization.problem import Instances, Nlp
 from casswarm.problems.guide import GuideTask, guide_instance, guide_nlp
-from casswarm.problems.guide_penalised import penalised_guide_instance, penalised_guide_nlp
+from casswarm.problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp
 
 RADARS = ((1.5, 0.8), (3.0, -1.0))
 HAZARD = Saturation(RADARS)

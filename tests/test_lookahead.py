@@ -25,7 +25,7 @@ from casswarm.problems.formation import (
     corridor_formation,
     leader_formation,
 )
-from casswarm.problems.lookahead import LookAhead, Window
+from casswarm.problems.mpc_formation import LookAhead, Window
 from casswarm.problems.lookahead_windows import MARGIN, corridor_ahead, leader_ahead
 from casswarm.optimization.solvers.batch.interior_point import Barrier
 

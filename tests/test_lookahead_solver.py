@@ -19,7 +19,7 @@ from casswarm.problems.formation import (
     corridor_formation,
     formation_nlp,
 )
-from casswarm.problems.lookahead import Window, lookahead_nlp
+from casswarm.problems.mpc_formation import Window, lookahead_nlp
 from casswarm.problems.lookahead_windows import leader_ahead
 from casswarm.optimization.kkt import judge
 from casswarm.optimization.solvers.batch.interior_point import Barrier

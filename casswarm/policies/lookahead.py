@@ -9,7 +9,7 @@ import numpy as np
 
 from ..typing import Booleans, Floats
 from ..problems.formation import Step
-from ..problems.lookahead import LookAhead, Window
+from ..problems.mpc_formation import LookAhead, Window
 from ..problems.lookahead_windows import corridor_ahead, leader_ahead
 from ..optimization.solvers import Solver
 from .base import Decision

@@ -20,7 +20,7 @@ from ..policies import initial_velocities, make_policy
 from ..policies.succession import nearest
 from ..problems.formation import Step, corridor_formation, leader_formation, motion_of
 from ..problems.guide import GuideTask
-from ..problems.guide_penalised import penalised_guide_instance, penalised_guide_nlp
+from ..problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp
 from ..scenario import Scenario
 from ..optimization.solution import Solution
 from ..optimization.solvers import ProjectedGradient, make_solver

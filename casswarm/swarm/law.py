@@ -11,7 +11,7 @@ import numpy as np
 from ..typing import Booleans, Floats
 from ..certificate.grid import UNIT
 from ..problems.joint_instances import end_costs
-from ..subsets import subsets
+from ..problems.subsets import subsets
 
 if TYPE_CHECKING:
     from ..scenario import Scenario

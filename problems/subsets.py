@@ -17,7 +17,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from .typing import Booleans, Counts, Floats
+from ..typing import Booleans, Counts, Floats
 
 
 @dataclass(frozen=True)

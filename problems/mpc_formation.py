@@ -45,7 +45,7 @@ from ..optimization.problem import Instances, Nlp
 from ..optimization.feasible_sets.trajectory import Limits
 from ..optimization.feasible_sets.planar import PlanarSets
 from .formation import SHORTFALL, Motion
-from .formation_compiled import formation_objective
+from .formation_kernels import formation_objective
 
 _UNROLL = 24  # members times steps up to which scalar expressions are faster
 _STARTS = 4  # where members endanger each other, which makes local minima
