@@ -28,11 +28,11 @@ from casswarm.policies import JointFeedbackPolicy, JointPolicy
 from casswarm.problems.joint import JointForm, joint_nlp
 from casswarm.problems.joint_instances import joint_instance
 from casswarm.optimization.solvers import Ipopt
-from casswarm.swarm.law import PlanLaw
-from casswarm.swarm.planning import joint_task
-from casswarm.swarm.replanning import PlanTree
-from casswarm.swarm.solving import JointProblem
-from casswarm.swarm.starts import SwarmStart
+from casswarm.planning.plan.joint.distribution import PlanLaw
+from casswarm.planning.plan.joint.optimize import joint_task
+from casswarm.planning.plan.joint.replan import PlanTree
+from casswarm.planning.plan.joint.solve import JointProblem
+from casswarm.planning.plan.joint.initial_guesses import SwarmStart
 
 SCENARIOS = ("paper-1", "paper-2", "ring", "wall", "crossfire", "gauntlet", "single-agent")
 MEMBERS = {"paper-1": (2, 3, 4, 5, 6, 7, 8, 9, 10), "paper-2": (2, 3, 4, 5, 6, 7, 8)}

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .certificate.refinement import Certificate
-    from .certificate.success import SuccessBound, success_bound
-    from .certificate.value import ValueFunction
+    from .planning.bounds.risk_bound import Certificate
+    from .planning.bounds.success_bound import SuccessBound, success_bound
+    from .planning.bounds.value_function import ValueFunction
     from .chain.hybrid import Estimate
     from .chain.law import Law
     from .comparison import Comparison, Problem, Tolerances, compare
@@ -30,16 +30,16 @@ if TYPE_CHECKING:
     )
     from .evaluation import estimate, evaluate
     from .figures.animation import animate
-    from .guide import Candidate, Guide
+    from .planning.guide import Candidate, Guide
     from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
     from .pilot import runs_needed
-    from .planning import plan
+    from .planning.plan import plan
     from .policies import Decision, Policy, as_policy, make_policy
     from .scenario import Scenario, builtin_scenarios, load_scenario, save_scenario
     from .optimization.solution import Residuals, Solution, Status
     from .optimization.solvers import Solver, make_solver
     from .study import Study, simulate
-    from .swarm import SwarmOutcome, SwarmPlan, plan_swarm
+    from .planning.joint import SwarmOutcome, SwarmPlan, plan_swarm
     from .sweeping import Sweep, sweep
 
 __version__ = version("casswarm")

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from .errors import CasswarmError
 from .evaluation import evaluate
-from .guide import Guide
+from .planning.guide import Guide
 from .scenario.variations import with_parameters
-from .planning import plan
+from .planning.plan import plan
 from .study import simulate
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from .chain.hybrid import MOST_LIGHT, VISITS, Estimate, sample_rest
 from .chain.law import Law
 from .chain.simulate import Chain
 from .errors import PolicyError
-from .guide import Guide
-from .planning import plan
+from .planning.guide import Guide
+from .planning.plan import plan
 from .policies import as_policy, initial_velocities, make_policy
 from .optimization.solvers import Solver
 

@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from .typing import Floats
-from .certificate.outlook import Outlook
+from .planning.bounds.outlook import Outlook
 from .chain.law import Law
 from .chain.traces import Trace
 from .figures import (
@@ -29,7 +29,7 @@ from .figures import (
     sweep_lines,
 )
 from .figures.closeups import follows
-from .guide import Candidate, Guide
+from .planning.guide import Candidate, Guide
 from .scenario import Scenario
 
 Gallery = dict[str, Callable[[], Figure]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from .guide import Guide
+from .planning.guide import Guide
 from .optimization.solvers import Solver
 from .statistics import runs_for
 from .study import PAPER_POLICIES, simulate

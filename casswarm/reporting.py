@@ -14,7 +14,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from . import gallery
-from .certificate.success import SuccessBound
+from .planning.bounds.success_bound import SuccessBound
 from .figures import look
 from .saved import Saved
 from ._util.templates import rendered

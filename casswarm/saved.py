@@ -14,11 +14,11 @@ import numpy as np
 import pandas as pd
 
 from .typing import Floats
-from .certificate.outlook import Outlook
+from .planning.bounds.outlook import Outlook
 from .chain.law import Law
 from .chain.traces import Trace
 from .errors import StoreError
-from .guide import Guide
+from .planning.guide import Guide
 from .restoring import LAW_TABLES, laws_of, solution_of, traces_of
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ import pandas as pd
 from .chain.simulate import Chain
 from .chain.traces import Trace
 from .errors import PolicyError
-from .guide import Guide
-from .planning import plan
+from .planning.guide import Guide
+from .planning.plan import plan
 from .policies import as_policy, initial_velocities, make_policy
 from .policies.base import Policy
 from .shares import Parts, Progress, jobs_left, kept_parts, sample_jobs

@@ -13,9 +13,9 @@ from .chain.hybrid import Estimate
 from .chain.law import Law
 from .chain.simulate import Runs
 from .chain.traces import Trace
-from .guide import Guide
+from .planning.guide import Guide
 from .statistics import Paired, wilson
-from .swarm import SwarmPlan
+from .planning.joint import SwarmPlan
 
 
 def guide_table(guide: Guide) -> pd.DataFrame:

@@ -20,7 +20,7 @@ from .options import (
 from .output import Folder, aligned, json_text, say
 
 if TYPE_CHECKING:
-    from ..certificate.success import SuccessBound
+    from ..planning.bounds.success_bound import SuccessBound
     from ..chain.hybrid import Estimate
     from ..chain.law import Law
     from ..scenario import Scenario
@@ -72,10 +72,10 @@ def evaluate(
     """
     with reported_errors():
         chosen = load(scenario, settings)
-        from ..certificate.success import success_bound
+        from ..planning.bounds.success_bound import success_bound
         from ..evaluation import estimate
         from ..evaluation import evaluate as exact_law
-        from ..planning import plan
+        from ..planning.plan import plan
 
         folder = Folder("evaluate", chosen, out, figures, width=width, dpi=dpi)
         guide = plan(chosen, certify=False, progress=lambda start: say(f"planning: {start}", quiet))

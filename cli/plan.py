@@ -14,9 +14,9 @@ from .output import Folder, json_text, say
 from .plan_joint import plan_joint
 
 if TYPE_CHECKING:
-    from ..certificate.outlook import Outlook
-    from ..certificate.value import ValueFunction
-    from ..guide import Guide
+    from ..planning.bounds.outlook import Outlook
+    from ..planning.bounds.value_function import ValueFunction
+    from ..planning.guide import Guide
     from ..scenario import Scenario
 
 _WAYS = 6  # that are printed; candidates.csv has them all
@@ -137,7 +137,7 @@ def plan(
             guide__arrival=arrival,
             guide__flyable=flyable,
         )
-        from ..planning import plan as find_guide
+        from ..planning.plan import plan as find_guide
 
         if joint:
             plan_joint(
@@ -191,7 +191,7 @@ def _rival(scenario: Scenario, guide: Guide) -> Guide:
     """A global search for what the paper's form asks for: no a_max, no margin, any arrival."""
     from dataclasses import replace
 
-    from ..planning import plan as find_guide
+    from ..planning.plan import plan as find_guide
 
     free = {"flyable": False, "margin": 1e-6 * scenario.target.radius, "arrival": "any"}
     wanted = scenario.with_values({f"guide.{key}": value for key, value in free.items()})
@@ -200,7 +200,7 @@ def _rival(scenario: Scenario, guide: Guide) -> Guide:
 
 
 def _value(scenario: Scenario) -> ValueFunction:
-    from ..certificate.value import ValueFunction
+    from ..planning.bounds.value_function import ValueFunction
 
     return ValueFunction.of(scenario)
 
@@ -214,7 +214,7 @@ def _write(
     inputs: dict[str, object],
 ) -> dict[str, object]:
     from ..gallery import planned
-    from ..guide import path_of
+    from ..planning.guide import path_of
     from ..tables import candidate_table, guide_table, path_table, rival_table
 
     folder.table("guide", guide_table(guide))
@@ -250,7 +250,7 @@ def _write(
 
 
 def _outlook(scenario: Scenario, guide: Guide, value: ValueFunction) -> Outlook:
-    from ..certificate.outlook import Outlook
+    from ..planning.bounds.outlook import Outlook
     from ..figures.ground import extent
 
     return Outlook.of(value, *extent(scenario, [guide.positions, scenario.positions]))

@@ -11,7 +11,7 @@ from .output import Folder, aligned, json_text, say
 if TYPE_CHECKING:
     from ..chain.hybrid import Estimate
     from ..scenario import Scenario
-    from ..swarm import SwarmPlan
+    from ..planning.joint import SwarmPlan
 
 _RUNS = 2000  # that estimate the success of a swarm too large for an exact law
 
@@ -30,9 +30,9 @@ def plan_joint(
 ) -> None:
     """Plan all members at once, write the tables, the figure and the record, and print."""
     from ..evaluation import estimate
-    from ..planning import plan
+    from ..planning.plan import plan
     from ..policies import JointPolicy
-    from ..swarm import plan_swarm
+    from ..planning.joint import plan_swarm
 
     say("planning: guide, for V(-1)", quiet)
     guide = plan(scenario, certify=False)

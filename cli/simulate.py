@@ -15,7 +15,7 @@ from .output import Folder, aligned, json_text, progress_bar, say
 if TYPE_CHECKING:
     import pandas as pd
 
-    from ..certificate.success import SuccessBound
+    from ..planning.bounds.success_bound import SuccessBound
     from ..shares import Progress
     from ..study import Study
 
@@ -97,9 +97,9 @@ def simulate(
     """
     with reported_errors(resumes=True), ExitStack() as stack:
         chosen = load(scenario, settings, guide__search=search, guide__arrival=arrival)
-        from ..certificate.success import success_bound
+        from ..planning.bounds.success_bound import success_bound
         from ..pilot import runs_needed
-        from ..planning import plan
+        from ..planning.plan import plan
         from ..study import simulate as sample
 
         if runs is not None and half_width is not None:

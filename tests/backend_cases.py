@@ -16,7 +16,7 @@ from casswarm.problems.formation import (
     motion_of,
 )
 from casswarm.problems.guide import GuideTask, guide_instance, guide_nlp
-from casswarm.starts import resampled, straight
+from casswarm.planning.plan.polyline import resampled, straight
 
 Case = tuple[Nlp, Instances]
 COLLISIONS = {"hazard.kind": "saturation+collision", "hazard.beta_1": 0.2, "hazard.beta_2": 6.0}

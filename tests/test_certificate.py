@@ -19,10 +19,10 @@ from small_scenarios import (
 )
 
 from casswarm import Saturation, Scenario, plan
-from casswarm.certificate.grid import Grid, Relaxation, whole_size
-from casswarm.certificate.recursion import Prices, backward, forward, least
-from casswarm.certificate.refinement import certify, first_grid
-from casswarm.certificate.windows import box_minimum
+from casswarm.planning.plan.bounds.grid import Grid, Relaxation, whole_size
+from casswarm.planning.plan.bounds.dynamic_programming import Prices, backward, forward, least
+from casswarm.planning.plan.bounds.risk_bound import certify, first_grid
+from casswarm.planning.plan.bounds.windows import box_minimum
 
 
 def geometry(seed: int) -> Scenario:

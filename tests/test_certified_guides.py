@@ -17,7 +17,7 @@ from small_scenarios import (
 )
 
 from casswarm import HazardError, Saturation, ScenarioError, load_scenario, plan
-from casswarm.planning import certificate_of
+from casswarm.planning.plan.plan import certificate_of
 
 
 def test_symmetric_scenario_has_two_equal_optima_and_reports_one() -> None:

@@ -13,7 +13,7 @@ import pytest
 import casswarm as cs
 from casswarm.errors import PlanningError, PolicyError, SolverError
 from casswarm.hazard import KernelHazard
-from casswarm.planning import plan_from
+from casswarm.planning.plan.plan import plan_from
 from casswarm.problems.formation import formation_nlp
 from casswarm.optimization.solution import Status
 from casswarm.optimization.solvers import Answer, Auto, Solver, SpectralProjectedGradient

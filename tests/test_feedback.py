@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from small_scenarios import DT, Array, lone_rate_by_hand, small
 
 from casswarm import Scenario, evaluate, make_policy, plan, simulate
-from casswarm.certificate.value import ValueFunction
-from casswarm.planning import plan_from
+from casswarm.planning.plan.bounds.value_function import ValueFunction
+from casswarm.planning.plan.plan import plan_from
 from casswarm.policies.feedback import FeedbackPolicy
 from casswarm.optimization.feasible_sets.planar import PlanarSets
 

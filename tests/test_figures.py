@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
-from casswarm.certificate.outlook import Outlook
+from casswarm.planning.plan.bounds.outlook import Outlook
 from casswarm.chain.traces import Trace
 from casswarm.figures import (
     LOOKS,

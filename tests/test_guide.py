@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from small_scenarios import Array, lone_rate_by_hand
 
 from casswarm import Candidate, Guide, Residuals, Saturation, Solution, Status
-from casswarm.guide import guide_from, path_of, sides_of
+from casswarm.planning.plan.guide import guide_from, path_of, sides_of
 from casswarm.optimization.problem import Instances, Nlp
 from casswarm.problems.guide import GuideTask, guide_instance, guide_nlp
 from casswarm.problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp

@@ -26,12 +26,12 @@ from casswarm import (
     simulate,
 )
 from casswarm.errors import PolicyError
-from casswarm.planning import initial_velocities
+from casswarm.planning.plan.plan import initial_velocities
 from casswarm.policies import JointPolicy
 from casswarm.problems.joint import JointForm, joint_nlp
 from casswarm.problems.joint_instances import joint_instance
-from casswarm.swarm.law import PlanLaw
-from casswarm.swarm.planning import joint_task
+from casswarm.planning.plan.joint.distribution import PlanLaw
+from casswarm.planning.plan.joint.optimize import joint_task
 
 RADARS = [(1.0, 0.9), (2.2, -0.8)]
 

@@ -13,7 +13,7 @@ from small_scenarios import DT, V_MAX, grid_bounds, lone_rate_by_hand, patrolled
 
 from casswarm import Guide, PlanningError, Scenario, SolverError, Status, load_scenario, plan
 from casswarm.optimization.problem import Instances, Nlp
-from casswarm.planning import plan_from
+from casswarm.planning.plan.plan import plan_from
 from casswarm.optimization.solvers import Answer, Ipopt, Solver
 
 MEMBER = [(0.0, 0.0)]

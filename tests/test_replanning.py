@@ -12,7 +12,7 @@ from casswarm import Scenario, SwarmPlan, evaluate, make_policy, plan, plan_swar
 from casswarm.errors import PolicyError
 from casswarm.policies import JointFeedbackPolicy, JointPolicy
 from casswarm.optimization.solvers import Ipopt
-from casswarm.swarm.replanning import PlanTree
+from casswarm.planning.plan.joint.replan import PlanTree
 
 RADARS = [(1.0, 0.9), (2.2, -0.8)]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from casswarm.guide import path_of
-from casswarm.starts import resampled, straight
+from casswarm.planning.plan.guide import path_of
+from casswarm.planning.plan.polyline import resampled, straight
 
 START, GOAL = np.array([1.0, 2.0]), np.array([9.0, 8.0])  # ten apart
 

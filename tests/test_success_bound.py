@@ -22,11 +22,11 @@ from casswarm import (
     plan_swarm,
     success_bound,
 )
-from casswarm.certificate.grid import Relaxation
-from casswarm.certificate.refinement import certify
+from casswarm.planning.plan.bounds.grid import Relaxation
+from casswarm.planning.plan.bounds.risk_bound import certify
 from casswarm.hazard.protection import LeastRate
 from casswarm.policies import JointPolicy
-from casswarm.swarm.law import PlanLaw
+from casswarm.planning.plan.joint.distribution import PlanLaw
 
 SHARE = (1 + ALPHA[1]) / (1 + 3 * ALPHA[1])  # of the lone rate, at the least, among three
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from small_scenarios import DT, V_MAX, patrolled, small
 
 from casswarm import PlanningError, Scenario, plan
-from casswarm.certificate.value import ValueFunction
-from casswarm.planning import plan_from
+from casswarm.planning.plan.bounds.value_function import ValueFunction
+from casswarm.planning.plan.plan import plan_from
 
 SCENARIO = small([(0.0, 0.0)], (5.0, 3.0), [(2.0, 2.0), (3.5, 0.5)], 14, guide__flyable=False)
 VALUE = ValueFunction.of(SCENARIO, 1_500_000)

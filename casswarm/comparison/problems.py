@@ -17,7 +17,7 @@ import numpy as np
 from ..typing import Floats
 from ..errors import ComparisonError, among
 from ..optimization.problem import Instances, Nlp
-from ..planning import plan, plan_from
+from ..planning.plan import plan, plan_from
 from ..scenario import Scenario
 from ..optimization.solution import BatchSolution
 from ..optimization.solvers import Answer, Auto, Ipopt, Solver

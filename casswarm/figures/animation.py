@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..chain.traces import Trace
-from ..guide import Guide
+from ..planning.guide import Guide
 from ..scenario import Scenario
 from .closeups import SHARES, Closeup, follows, guest_rates, leader_at, shades, window
 from .formations import caption, legend_handles

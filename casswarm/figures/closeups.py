@@ -15,7 +15,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from ..typing import Booleans, Floats
 from ..chain.traces import Trace
-from ..guide import Guide
+from ..planning.guide import Guide
 from ..hazard import Hazard
 from ..scenario import Scenario
 from .ground import GREYS, frame, pixels

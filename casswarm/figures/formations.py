@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..chain.traces import Trace
-from ..guide import Guide
+from ..planning.guide import Guide
 from ..scenario import Scenario
 from .closeups import SHARES, Closeup, shades, window
 from .style import BLUE, GREY, INK, current, drawn, headline, line, panels

@@ -10,10 +10,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from ..typing import Floats
-from ..certificate.outlook import Outlook
-from ..certificate.value import ValueFunction
+from ..planning.bounds.outlook import Outlook
+from ..planning.bounds.value_function import ValueFunction
 from ..chain.traces import Trace
-from ..guide import Candidate, Guide, path_of, rounded_up
+from ..planning.guide import Candidate, Guide, path_of, rounded_up
 from ..scenario import Scenario
 from .ground import corridor, extent, field_axes, landmarks, lone_map
 from .style import (

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..guide import Guide
+from ..planning.guide import Guide
 from ..scenario import Scenario
 from .ground import lone_map
 from .style import (

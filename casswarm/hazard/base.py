@@ -130,7 +130,7 @@ class Hazard(ABC):
     def least_lone_rate(self, lower: Floats, upper: Floats) -> Floats | None:  # noqa: ARG002
         """Lower bounds of `lone_rates` over boxes, None where nobody knows any.
 
-        Hazards that offer them can have guides certified: see `casswarm.certificate`.
+        Hazards that offer them can have guides certified: see `casswarm.planning.bounds`.
 
         Parameters
         ----------
@@ -147,7 +147,7 @@ class Hazard(ABC):
         """Least rate of a member of a swarm of n by its lone rate, None where nobody knows it.
 
         Hazards that offer it and `lone_rates_below` have success certified: see
-        `casswarm.certificate.success`.
+        `casswarm.planning.bounds.success_bound`.
         """
         return None
 

@@ -6,14 +6,14 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from ..certificate.value import ValueFunction
+from ..planning.bounds.value_function import ValueFunction
 from ..errors import PolicyError, among
-from ..guide import Guide
-from ..planning import initial_velocities, plan, plan_from
+from ..planning.guide import Guide
+from ..planning.plan import initial_velocities, plan, plan_from
 from ..problems.formation import motion_of
 from ..optimization.solvers import ProjectedGradient, Solver, make_solver
-from ..swarm import plan_swarm
-from ..swarm.replanning import PlanTree
+from ..planning.joint import plan_swarm
+from ..planning.joint.replan import PlanTree
 from .base import Decision, Policy, UserPolicy, as_policy
 from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy

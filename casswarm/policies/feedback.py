@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..typing import Booleans, Floats
-from ..certificate.value import ValueFunction
+from ..planning.bounds.value_function import ValueFunction
 from ..hazard import Hazard
 from ..problems.formation import Motion, Step, corridor_formation, leader_formation
 from ..optimization.solvers import Solver

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..typing import Booleans, Floats
-from ..guide import Guide
+from ..planning.guide import Guide
 from ..hazard import Hazard
 from ..problems.formation import Formation, Motion, Step, corridor_formation, leader_formation
 from ..optimization.solution import BatchSolution

@@ -9,7 +9,7 @@ import numpy as np
 from ..typing import Booleans, Floats
 from ..errors import PolicyError
 from ..problems.formation import Motion
-from ..swarm import SwarmPlan
+from ..planning.joint import SwarmPlan
 from .base import Decision, Policy
 
 _ON_PLAN = 1e-9

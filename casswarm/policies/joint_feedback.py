@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..typing import Booleans, Floats
-from ..swarm.replanning import PlanTree
+from ..planning.joint.replan import PlanTree
 from .base import Decision, Policy
 from .joint import JointPolicy
 
@@ -16,7 +16,7 @@ from .joint import JointPolicy
 class JointFeedbackPolicy(Policy):
     """Members follow a joint plan; where some were lost, a new one for the others.
 
-    See `casswarm.swarm.replanning` for which situations are planned for. A state that no plan leads
+    See `casswarm.planning.joint.replan` for which situations are planned for. A state that no plan leads
     to, such as one made up by a caller, is steered back to the first plan.
 
     Parameters

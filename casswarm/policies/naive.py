@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..typing import Booleans, Floats
-from ..guide import Guide
+from ..planning.guide import Guide
 from ..problems.formation import Motion
 from .base import Decision, Policy
 

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from ..typing import Floats
-from ..guide import Guide, path_of
+from ..planning.guide import Guide, path_of
 from ..optimization.problem import Instances, Nlp
 from ..policies import initial_velocities, make_policy
 from ..policies.succession import nearest
@@ -24,7 +24,7 @@ from ..problems.guide_penalty import penalised_guide_instance, penalised_guide_n
 from ..scenario import Scenario
 from ..optimization.solution import Solution
 from ..optimization.solvers import ProjectedGradient, make_solver
-from ..starts import resampled, straight
+from ..planning.polyline import resampled, straight
 
 POINTS = (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 3000, 4000, 5000, 6000)
 """Iterations at which iterates are judged."""

@@ -9,8 +9,8 @@ import pandas as pd
 
 from ..chain.traces import Trace
 from ..evaluation import evaluate
-from ..guide import Guide
-from ..planning import plan
+from ..planning.guide import Guide
+from ..planning.plan import plan
 from ..policies import initial_velocities, make_policy
 from ..scenario import Scenario
 from ..study import simulate

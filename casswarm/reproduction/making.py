@@ -20,8 +20,8 @@ from ..figures import (
     table_2_chart,
 )
 from ..gallery import Gallery
-from ..guide import Guide
-from ..planning import plan
+from ..planning.guide import Guide
+from ..planning.plan import plan
 from ..policies import member_guides
 from ..scenario import Scenario, load_scenario
 from ..statistics import wilson

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 import pandas as pd
 
 from ..comparison.rendering import Block, Heading, Table, Text, markdown
-from ..guide import rounded_up
+from ..planning.guide import rounded_up
 from .making import TABLES, Reproduction
 from .paper import PAPER_RUNS
 

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from ..evaluation import estimate, evaluate
-from ..guide import Guide, sides_of
-from ..planning import plan
+from ..planning.guide import Guide, sides_of
+from ..planning.plan import plan
 from ..scenario import Scenario, load_scenario
 from ..statistics import wilson
 from ..study import PAPER_POLICIES, simulate

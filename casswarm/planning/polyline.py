@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .typing import Floats
+from ..typing import Floats
 
 
 def straight(start: Floats, goal: Floats) -> Floats:

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..typing import Counts, Floats
-from ..optimization.problem import Nlp
-from ..problems.formation import motion_of
-from ..problems.joint import JointForm, joint_nlp
-from ..problems.joint_instances import JointTask, joint_instance
-from ..optimization.solvers import Ipopt, Solver
-from .law import PlanLaw
+from ...typing import Counts, Floats
+from ...optimization.problem import Nlp
+from ...problems.formation import motion_of
+from ...problems.joint import JointForm, joint_nlp
+from ...problems.joint_instances import JointTask, joint_instance
+from ...optimization.solvers import Ipopt, Solver
+from .distribution import PlanLaw
 from .plan import NEARLY, SwarmOutcome, least_distance
-from .starts import SwarmStart, follow
+from .initial_guesses import SwarmStart, follow
 
 if TYPE_CHECKING:
-    from ..scenario import Scenario
+    from ...scenario import Scenario
 
 _SECONDS = 3600.0  # of one solve: iterations end it, so that answers do not depend on the machine
 

@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .typing import Floats
-from .certificate.grid import Relaxation
-from .certificate.ways import Way, best_ways
+from ..typing import Floats
+from .bounds.grid import Relaxation
+from .homotopy import Way, best_ways
 from .guide import Candidate, Guide, path_of, sides_of
-from .problems.guide import GuideTask, guide_instance, guide_nlp
-from .problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp
-from .optimization.solution import Solution
-from .optimization.solvers import Solver
-from .optimization.solvers.base import VIOLATION
-from .starts import resampled, straight
+from ..problems.guide import GuideTask, guide_instance, guide_nlp
+from ..problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp
+from ..optimization.solution import Solution
+from ..optimization.solvers import Solver
+from ..optimization.solvers.base import VIOLATION
+from .polyline import resampled, straight
 
 if TYPE_CHECKING:
-    from .scenario import Scenario
+    from ..scenario import Scenario
 
 COARSE = 8
 """Arrival steps tried first, evenly spread; the best one's neighbourhood is then halved to one."""

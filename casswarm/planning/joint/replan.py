@@ -20,20 +20,20 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from ..typing import Floats
-from ..errors import PolicyError
-from ..problems.joint import JointForm
-from ..problems.joint_hessian import MOST
-from ..problems.joint_instances import JointTask
-from ..optimization.solvers import Solver
-from .law import PlanLaw
+from ...typing import Floats
+from ...errors import PolicyError
+from ...problems.joint import JointForm
+from ...problems.joint_hessian import MOST
+from ...problems.joint_instances import JointTask
+from ...optimization.solvers import Solver
+from .distribution import PlanLaw
 from .plan import SwarmPlan
-from .planning import joint_task
-from .solving import MOST_EXACT, JointProblem, first_steps, newton, quasi_newton
-from .starts import SwarmStart
+from .optimize import joint_task
+from .solve import MOST_EXACT, JointProblem, first_steps, newton, quasi_newton
+from .initial_guesses import SwarmStart
 
 if TYPE_CHECKING:
-    from ..scenario import Scenario
+    from ...scenario import Scenario
 
 LEAST_MASS = 1e-3
 """Probability of a situation from which on it is planned for."""

@@ -12,7 +12,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..typing import Floats
+from ...typing import Floats
 from .grid import Block, Grid
 from .windows import box_minimum
 

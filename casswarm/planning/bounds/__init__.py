@@ -4,6 +4,6 @@ The proofs are in ``docs/global-guide.md``.
 """
 
 from .grid import Relaxation
-from .refinement import Certificate, Level, certify
+from .risk_bound import Certificate, Level, certify
 
 __all__ = ["Certificate", "Level", "Relaxation", "certify"]

@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .typing import Floats
-from .certificate.grid import Relaxation
-from .certificate.refinement import Certificate, arrival_multiplier
-from .certificate.refinement import certify as certified
-from .certificate.ways import best_ways
-from .errors import PlanningError, SolverError
+from ..typing import Floats
+from .bounds.grid import Relaxation
+from .bounds.risk_bound import Certificate, arrival_multiplier
+from .bounds.risk_bound import certify as certified
+from .homotopy import best_ways
+from ..errors import PlanningError, SolverError
 from .guide import Candidate, Guide, guide_from, path_of
-from .problems.guide import GuideTask
-from .search import Planner, preference
-from .optimization.solvers import ProjectedGradient, Solver, make_solver
+from ..problems.guide import GuideTask
+from .multistart import Planner, preference
+from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 
 if TYPE_CHECKING:
-    from .scenario import Scenario
+    from ..scenario import Scenario
 
 
 GAP, TIME_LIMIT = 0.01, 10.0
@@ -53,7 +53,7 @@ def plan(
     check : bool
         Whether to raise if no start led to the target; otherwise the best failure is returned.
     certify : bool
-        Whether to prove how good the guide is: see `Guide.risk_bound` and `casswarm.certificate`.
+        Whether to prove how good the guide is: see `Guide.risk_bound` and `casswarm.planning.bounds`.
         Hazards written by users need a ``least_lone_rate`` for it.
     gap : float
         Relative distance of the bound from the best known risk at which the proof may end; above

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..typing import Floats
-from ..guide import sides_of
-from .grid import Relaxation
-from .recursion import Node, Prices, Values, backward, forward, trace, trace_back
-from .refinement import first_grid
-from .windows import box_minimum
+from .guide import sides_of
+from .bounds.grid import Relaxation
+from .bounds.dynamic_programming import Node, Prices, Values, backward, forward, trace, trace_back
+from .bounds.risk_bound import first_grid
+from .bounds.windows import box_minimum
 
 _NODES = 150_000  # of the grid
 _TILES = 16  # along the map's longer side: places that ways are sought through
@@ -29,7 +29,7 @@ class Way:
         From the start, every `merged` time steps, to the target's rim or beside it.
     merged : int
     sides : str
-        Of the radars, as in `casswarm.guide.sides_of`.
+        Of the radars, as in `casswarm.planning.guide.sides_of`.
     """
 
     positions: Floats

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from ..typing import Counts, Floats
+from ...typing import Counts, Floats
 from ..guide import Guide, path_of
-from ..planning import plan_from
-from ..problems.formation import Motion
-from ..problems.joint_instances import JointTask
-from ..starts import resampled
+from ..plan import plan_from
+from ...problems.formation import Motion
+from ...problems.joint_instances import JointTask
+from ..polyline import resampled
 
 if TYPE_CHECKING:
-    from ..scenario import Scenario
+    from ...scenario import Scenario
 
 WAYS = 3
 """Ways around the radars, best first, that formations start along."""

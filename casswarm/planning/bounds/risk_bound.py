@@ -9,10 +9,10 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from ..typing import Booleans, Floats
-from ..hazard.lower_bounds import cap_radius
+from ...typing import Booleans, Floats
+from ...hazard.lower_bounds import cap_radius
 from .grid import UNIT, Block, Grid, Relaxation, corners, whole_size
-from .recursion import Prices, Values, backward, forward, least, point, spread
+from .dynamic_programming import Prices, Values, backward, forward, least, point, spread
 
 FIRST = 400_000
 """Nodes of the first grid, at the most where merging steps can keep it so."""

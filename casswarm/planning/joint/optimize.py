@@ -10,23 +10,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..typing import Floats
-from ..certificate.success import success_bound
-from ..errors import ScenarioError, SolverError, among
+from ...typing import Floats
+from ..bounds.success_bound import success_bound
+from ...errors import ScenarioError, SolverError, among
 from ..guide import Guide
-from ..planning import initial_velocities, plan
-from ..problems.formation import motion_of
-from ..problems.joint import OBJECTIVES, JointForm
-from ..problems.joint_hessian import MOST
-from ..problems.joint_instances import JointTask
-from ..optimization.solvers import Solver, make_solver
-from .law import PlanLaw
+from ..plan import initial_velocities, plan
+from ...problems.formation import motion_of
+from ...problems.joint import OBJECTIVES, JointForm
+from ...problems.joint_hessian import MOST
+from ...problems.joint_instances import JointTask
+from ...optimization.solvers import Solver, make_solver
+from .distribution import PlanLaw
 from .plan import SwarmOutcome, SwarmPlan
-from .solving import MOST_EXACT, JointProblem, first_steps, newton, quasi_newton
-from .starts import SwarmStart, initial_plans, lone_guide, perturbed
+from .solve import MOST_EXACT, JointProblem, first_steps, newton, quasi_newton
+from .initial_guesses import SwarmStart, initial_plans, lone_guide, perturbed
 
 if TYPE_CHECKING:
-    from ..scenario import Scenario
+    from ...scenario import Scenario
 
 EXACT_STARTS = 7
 """Members up to which starts maximise the exact probability too; beyond, the mean field first."""

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..typing import Floats
-from ..errors import PlanningError
+from ...typing import Floats
+from ...errors import PlanningError
 from .grid import UNIT, Grid, Relaxation, whole_size
-from .recursion import Prices, Values, backward
+from .dynamic_programming import Prices, Values, backward
 from .windows import box_minimum
 
 if TYPE_CHECKING:
-    from ..scenario import Scenario
+    from ...scenario import Scenario
 
 _NODES = 2_500_000  # of the grid, over all steps
 _TIE = 1e-9  # relative: nodes at the edge of reach, from places that are nodes but for rounding

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..typing import Floats
-from .value import ValueFunction
+from ...typing import Floats
+from .value_function import ValueFunction
 
 _NODES = 150  # an axis
 _ARROWS = slice(4, None, 9)  # of the nodes, an axis

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..typing import Booleans, Floats
-from ..hazard import Hazard
+from ...typing import Booleans, Floats
+from ...hazard import Hazard
 
 if TYPE_CHECKING:
-    from ..scenario import Scenario
+    from ...scenario import Scenario
 
 Ranges: TypeAlias = Iterator[tuple[np.ndarray, np.ndarray]]
 """First and last node of every sample."""

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .typing import Floats
-from .hazard import Hazard
-from .optimization.solution import Solution
+from ..typing import Floats
+from ..hazard import Hazard
+from ..optimization.solution import Solution
 
 if TYPE_CHECKING:
-    from .certificate.refinement import Certificate
+    from .bounds.risk_bound import Certificate
 
 
 @dataclass(frozen=True, eq=False)

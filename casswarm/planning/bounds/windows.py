@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..typing import Floats
+from ...typing import Floats
 
 
 def box_minimum(values: Floats, first: tuple[int, int], shape: tuple[int, int], k: int) -> Floats:

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..typing import Counts, Floats
-from ..certificate.success import SuccessBound
-from ..problems.formation import Motion
-from ..optimization.solution import Solution
-from .law import PlanLaw
+from ...typing import Counts, Floats
+from ..bounds.success_bound import SuccessBound
+from ...problems.formation import Motion
+from ...optimization.solution import Solution
+from .distribution import PlanLaw
 
 NEARLY = 1 - 1e-4
 """Share of a least distance that counts as it, for what a solver's tolerance leaves."""
@@ -80,7 +80,7 @@ class SwarmPlan:
     value : float
         What was maximised: exact, or the mean field's.
     law : PlanLaw or None
-        The exact law; None for swarms of more than `casswarm.swarm.solving.MOST_EXACT` members.
+        The exact law; None for swarms of more than `casswarm.planning.joint.solve.MOST_EXACT` members.
     solution : Solution
         Of the start that this plan came from.
     outcomes : tuple of SwarmOutcome

@@ -22,15 +22,15 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
-from ..typing import Booleans, Expression, Floats
-from ..hazard import Hazard
-from ..hazard.protection import LeastRate
+from ...typing import Booleans, Expression, Floats
+from ...hazard import Hazard
+from ...hazard.protection import LeastRate
 from .grid import Block, Grid, Relaxation
-from .recursion import Prices, backward, least, spread, trace
-from .refinement import arrival_multiplier, first_grid, rounding
+from .dynamic_programming import Prices, backward, least, spread, trace
+from .risk_bound import arrival_multiplier, first_grid, rounding
 
 if TYPE_CHECKING:
-    from ..scenario import Scenario
+    from ...scenario import Scenario
 
 NODES = 1_000_000
 """Nodes of the grid, over all steps."""

@@ -1,0 +1,1 @@
+"""The guide trajectory, bounds on it, and joint plans."""
