@@ -27,7 +27,7 @@ import numba
 import numpy as np
 
 import casswarm as cs
-from casswarm.policies.succession import SUCCESSIONS
+from casswarm.policies.leader_selection import SUCCESSIONS
 from casswarm.problems.formation import (
     Formation,
     Motion,

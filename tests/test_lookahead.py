@@ -19,14 +19,14 @@ from casswarm import Saturation, make_solver
 from casswarm.errors import PolicyError, SolverError
 from casswarm.figures import look_ahead_chart
 from casswarm.policies import LeaderAheadPolicy, LeaderPolicy, make_policy
-from casswarm.policies.lookahead import flown
+from casswarm.policies.mpc import flown
 from casswarm.problems.formation import (
     Step,
     corridor_formation,
     leader_formation,
 )
 from casswarm.problems.mpc_formation import LookAhead, Window
-from casswarm.problems.lookahead_windows import MARGIN, corridor_ahead, leader_ahead
+from casswarm.policies.mpc_instances import MARGIN, corridor_ahead, leader_ahead
 from casswarm.optimization.solvers.batch.interior_point import Barrier
 
 

@@ -12,7 +12,7 @@ from small_scenarios import Array, rate_by_hand
 from window_cases import COLLIDING, DT, GOAL, HAZARD, MOTION, RADARS, RHO, both, leaders_of, window
 
 from casswarm import make_solver
-from casswarm.policies.lookahead import flown
+from casswarm.policies.mpc import flown
 from casswarm.problems.formation import (
     Motion,
     Step,
@@ -20,7 +20,7 @@ from casswarm.problems.formation import (
     formation_nlp,
 )
 from casswarm.problems.mpc_formation import Window, lookahead_nlp
-from casswarm.problems.lookahead_windows import leader_ahead
+from casswarm.policies.mpc_instances import leader_ahead
 from casswarm.optimization.kkt import judge
 from casswarm.optimization.solvers.batch.interior_point import Barrier
 

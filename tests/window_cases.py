@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from casswarm import Saturation, SaturationCollision
 from casswarm.problems.formation import Motion
 from casswarm.problems.mpc_formation import LookAhead, Window
-from casswarm.problems.lookahead_windows import corridor_ahead, leader_ahead
+from casswarm.policies.mpc_instances import corridor_ahead, leader_ahead
 
 RADARS = ((3.0, 2.0), (1.0, 3.0))
 HAZARD, COLLIDING = Saturation(RADARS), SaturationCollision(RADARS)

@@ -18,7 +18,7 @@ from ..problems.formation import Formation, Motion, Step, corridor_formation, le
 from ..optimization.solution import BatchSolution
 from ..optimization.solvers import Solver
 from .base import Decision, Policy
-from .succession import SUCCESSIONS
+from .leader_selection import SUCCESSIONS
 
 LOG = logging.getLogger(__name__)
 

@@ -17,7 +17,7 @@ from ..typing import Floats
 from ..planning.guide import Guide, path_of
 from ..optimization.problem import Instances, Nlp
 from ..policies import initial_velocities, make_policy
-from ..policies.succession import nearest
+from ..policies.leader_selection import nearest
 from ..problems.formation import Step, corridor_formation, leader_formation, motion_of
 from ..problems.guide import GuideTask
 from ..problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp

@@ -15,7 +15,7 @@ from ..hazard import KernelHazard
 from ..optimization.problem import Instances, Nlp
 from ..optimization.feasible_sets.trajectory import PathSets, distances, part_within
 from ..optimization.feasible_sets.planar import PlanarSets
-from .mpc_formation import LookAhead, Window, lookahead_nlp
+from ..problems.mpc_formation import LookAhead, Window, lookahead_nlp
 
 MARGIN = 1e-4
 """By how much a corridor is narrower for every step ahead, as a part of its radius."""

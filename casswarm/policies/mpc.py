@@ -10,11 +10,11 @@ import numpy as np
 from ..typing import Booleans, Floats
 from ..problems.formation import Step
 from ..problems.mpc_formation import LookAhead, Window
-from ..problems.lookahead_windows import corridor_ahead, leader_ahead
+from .mpc_instances import corridor_ahead, leader_ahead
 from ..optimization.solvers import Solver
 from .base import Decision
 from .formation import HONEST, ConstrainedPolicy, FormationPolicy, LeaderPolicy, tell_failures
-from .succession import SUCCESSIONS
+from .leader_selection import SUCCESSIONS
 
 
 @dataclass(frozen=True, eq=False)
