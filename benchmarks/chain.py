@@ -31,7 +31,7 @@ import numpy as np
 import pandas as pd
 
 import casswarm as cs
-from casswarm.chain import simulate as sampling
+from casswarm.chain import monte_carlo as sampling
 from casswarm.scenario.variations import with_parameters
 from casswarm.study import PAPER_POLICIES
 

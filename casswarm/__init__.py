@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from .planning.bounds.risk_bound import Certificate
     from .planning.bounds.success_bound import SuccessBound, success_bound
     from .planning.bounds.value_function import ValueFunction
-    from .chain.hybrid import Estimate
-    from .chain.law import Law
+    from .chain.stratified import Estimate
+    from .chain.distribution import Law
     from .comparison import Comparison, Problem, Tolerances, compare
     from .errors import (
         CasswarmError,

@@ -6,10 +6,10 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from .typing import Floats
-from .chain.evaluate import MOST_MEMBERS, Head, Progress, propagate
-from .chain.hybrid import MOST_LIGHT, VISITS, Estimate, sample_rest
-from .chain.law import Law
-from .chain.simulate import Chain
+from .chain.exact import MOST_MEMBERS, Head, Progress, propagate
+from .chain.stratified import MOST_LIGHT, VISITS, Estimate, sample_rest
+from .chain.distribution import Law
+from .chain.monte_carlo import Chain
 from .errors import PolicyError
 from .planning.guide import Guide
 from .planning.plan import plan

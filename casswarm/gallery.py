@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from .typing import Floats
 from .planning.bounds.outlook import Outlook
-from .chain.law import Law
-from .chain.traces import Trace
+from .chain.distribution import Law
+from .chain.trajectories import Trace
 from .figures import (
     arrival_chart,
     comparison_map,

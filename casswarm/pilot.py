@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from .planning.guide import Guide
 from .optimization.solvers import Solver
-from .statistics import runs_for
+from .chain.confidence import runs_for
 from .study import PAPER_POLICIES, simulate
 
 if TYPE_CHECKING:

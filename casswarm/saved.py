@@ -15,8 +15,8 @@ import pandas as pd
 
 from .typing import Floats
 from .planning.bounds.outlook import Outlook
-from .chain.law import Law
-from .chain.traces import Trace
+from .chain.distribution import Law
+from .chain.trajectories import Trace
 from .errors import StoreError
 from .planning.guide import Guide
 from .restoring import LAW_TABLES, laws_of, solution_of, traces_of

@@ -10,7 +10,7 @@ from numbers import Integral
 
 import numpy as np
 
-from .chain.simulate import Chain, Runs
+from .chain.monte_carlo import Chain, Runs
 from .policies.base import Policy
 from .store import Store, cell_name
 from ._util.parallel import Workers, done_jobs

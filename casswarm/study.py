@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from .chain.simulate import Chain
-from .chain.traces import Trace
+from .chain.monte_carlo import Chain
+from .chain.trajectories import Trace
 from .errors import PolicyError
 from .planning.guide import Guide
 from .planning.plan import plan

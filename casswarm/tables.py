@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 
 from .typing import Floats
-from .chain.hybrid import Estimate
-from .chain.law import Law
-from .chain.simulate import Runs
-from .chain.traces import Trace
+from .chain.stratified import Estimate
+from .chain.distribution import Law
+from .chain.monte_carlo import Runs
+from .chain.trajectories import Trace
 from .planning.guide import Guide
-from .statistics import Paired, wilson
+from .chain.confidence import Paired, wilson
 from .planning.joint import SwarmPlan
 
 

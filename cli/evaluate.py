@@ -21,8 +21,8 @@ from .output import Folder, aligned, json_text, say
 
 if TYPE_CHECKING:
     from ..planning.bounds.success_bound import SuccessBound
-    from ..chain.hybrid import Estimate
-    from ..chain.law import Law
+    from ..chain.stratified import Estimate
+    from ..chain.distribution import Law
     from ..scenario import Scenario
 
 

@@ -9,7 +9,7 @@ import click
 from .output import Folder, aligned, json_text, say
 
 if TYPE_CHECKING:
-    from ..chain.hybrid import Estimate
+    from ..chain.stratified import Estimate
     from ..scenario import Scenario
     from ..planning.joint import SwarmPlan
 

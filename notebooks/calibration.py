@@ -32,7 +32,7 @@ import numpy as np
 import pandas as pd
 
 import casswarm as cs
-from casswarm.statistics import wilson
+from casswarm.chain.confidence import wilson
 
 SEARCHED = int(os.environ.get("CASSWARM_CALIBRATION", "0"))
 if __name__ == "__main__" and sys.argv[1:] and sys.argv[1].isdigit():

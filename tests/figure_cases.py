@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from small_scenarios import DT, small
 
 from casswarm import Guide, Law, Residuals, Solution, Status
-from casswarm.chain.traces import Trace
+from casswarm.chain.trajectories import Trace
 from casswarm.figures import LOOKS
 
 SCENARIO = small([(0.0, 0.0), (0.3, 0.2), (-0.2, 0.3)], (3.0, 0.0), [(1.5, 0.8)], 12)

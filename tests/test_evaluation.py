@@ -8,9 +8,9 @@ import pytest
 from scipy.stats import binom, binomtest
 
 import casswarm as cs
-from casswarm.chain.evaluate import propagate
-from casswarm.chain.hybrid import sample_rest
-from casswarm.chain.simulate import Chain
+from casswarm.chain.exact import propagate
+from casswarm.chain.stratified import sample_rest
+from casswarm.chain.monte_carlo import Chain
 from casswarm.errors import PolicyError
 from casswarm.evaluation import evaluate
 from casswarm.policies import POLICIES, as_policy, motion_of

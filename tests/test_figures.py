@@ -24,7 +24,7 @@ from matplotlib.text import Text
 from PIL import Image
 
 from casswarm.planning.plan.bounds.outlook import Outlook
-from casswarm.chain.traces import Trace
+from casswarm.chain.trajectories import Trace
 from casswarm.figures import (
     LOOKS,
     arrival_chart,

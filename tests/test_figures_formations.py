@@ -8,7 +8,7 @@ from figure_cases import GUIDE, SCENARIO, TRACE, trace
 from matplotlib.axes import Axes
 
 from casswarm import Hazard
-from casswarm.chain.traces import Trace
+from casswarm.chain.trajectories import Trace
 from casswarm.figures import formation_chart
 from casswarm.figures.closeups import follows, guest_rates, leader_at, shares
 from casswarm.figures.formations import telling_steps

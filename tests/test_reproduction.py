@@ -30,7 +30,7 @@ from casswarm.reproduction.making import run_like_the_papers
 from casswarm.reproduction.paper import geometry
 from casswarm.reproduction.success import beyond, sensitivity, small_changes, table_2, variants
 from casswarm.optimization.solvers import ProjectedGradient
-from casswarm.statistics import wilson
+from casswarm.chain.confidence import wilson
 
 FIRST, SECOND = cs.load_scenario("paper-1"), cs.load_scenario("paper-2")
 

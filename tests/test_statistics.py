@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, binomtest
 
-from casswarm.statistics import Paired, effective_runs, exact_interval, runs_for, wilson
+from casswarm.chain.confidence import Paired, effective_runs, exact_interval, runs_for, wilson
 
 
 def test_newcombes_interval_is_that_of_the_literature() -> None:

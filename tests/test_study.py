@@ -17,7 +17,7 @@ from small_scenarios import DT, Array, small
 
 import casswarm.shares
 from casswarm import Guide, PolicyError, Scenario, Study, plan, simulate
-from casswarm.statistics import wilson
+from casswarm.chain.confidence import wilson
 from casswarm.study import summarise
 
 Flags = NDArray[np.bool_]

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 import casswarm as cs
-from casswarm.chain.evaluate import _lowered
+from casswarm.chain.exact import _lowered
 from casswarm.cli.sweep import _values
 from casswarm.errors import PolicyError, StoreError
 from casswarm.scenario.variations import with_parameters

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..typing import Booleans, Counts, Floats
 from .._util.jit import compiled_module
-from . import outcomes_core
+from . import state_kernels
 from .transition import Transition
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ ROOM = 1 << 26
 
 
 def _core() -> ModuleType:
-    return compiled_module(inspect.getsource(outcomes_core))
+    return compiled_module(inspect.getsource(state_kernels))
 
 
 @dataclass(frozen=True, eq=False)

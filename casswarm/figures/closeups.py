@@ -14,7 +14,7 @@ from matplotlib.patches import Circle
 from matplotlib.transforms import ScaledTranslation
 
 from ..typing import Booleans, Floats
-from ..chain.traces import Trace
+from ..chain.trajectories import Trace
 from ..planning.guide import Guide
 from ..hazard import Hazard
 from ..scenario import Scenario

@@ -10,7 +10,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..chain.traces import Trace
+from ..chain.trajectories import Trace
 from ..planning.guide import Guide
 from ..scenario import Scenario
 from .closeups import SHARES, Closeup, shades, window

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..typing import Floats
-from ..chain.law import Law
+from ..chain.distribution import Law
 from .style import drawn, figure, headline, line, marks, tidy
 
 

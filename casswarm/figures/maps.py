@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from ..typing import Floats
 from ..planning.bounds.outlook import Outlook
 from ..planning.bounds.value_function import ValueFunction
-from ..chain.traces import Trace
+from ..chain.trajectories import Trace
 from ..planning.guide import Candidate, Guide, path_of, rounded_up
 from ..scenario import Scenario
 from .ground import corridor, extent, field_axes, landmarks, lone_map

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from ..chain.traces import Trace
+from ..chain.trajectories import Trace
 from ..evaluation import evaluate
 from ..planning.guide import Guide
 from ..planning.plan import plan

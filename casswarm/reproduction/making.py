@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from ..chain.traces import Trace
+from ..chain.trajectories import Trace
 from ..figures import (
     beyond_chart,
     convergence_chart,
@@ -24,7 +24,7 @@ from ..planning.guide import Guide
 from ..planning.plan import plan
 from ..policies import member_guides
 from ..scenario import Scenario, load_scenario
-from ..statistics import wilson
+from ..chain.confidence import wilson
 from ..study import simulate
 from .convergence import condensed, formation_convergence, guide_convergence
 from .infeasible import cost, shortfall_steps

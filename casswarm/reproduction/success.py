@@ -11,7 +11,7 @@ from ..evaluation import estimate, evaluate
 from ..planning.guide import Guide, sides_of
 from ..planning.plan import plan
 from ..scenario import Scenario, load_scenario
-from ..statistics import wilson
+from ..chain.confidence import wilson
 from ..study import PAPER_POLICIES, simulate
 from .paper import PAPER_RUNS, PAPER_SUCCESS
 

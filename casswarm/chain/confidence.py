@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from scipy.stats import binomtest, norm
 
-from .typing import Booleans
+from ..typing import Booleans
 
 LEVEL = 0.95
 """Confidence level of every interval that casswarm prints, unless it says otherwise."""

@@ -25,11 +25,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..statistics import LEVEL, effective_runs, wilson
-from .evaluate import Head
-from .law import Law
-from .random import uniforms
-from .simulate import Chain
+from .confidence import LEVEL, effective_runs, wilson
+from .exact import Head
+from .distribution import Law
+from .random_streams import uniforms
+from .monte_carlo import Chain
 from .states import States
 
 MOST_LIGHT = 1e-5

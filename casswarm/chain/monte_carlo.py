@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from ..typing import Booleans, Counts, Floats
 from ..policies.base import Policy
-from .random import uniforms
+from .random_streams import uniforms
 from .states import States, distinct_states
-from .traces import Trace, Tracer
+from .trajectories import Trace, Tracer
 from .transition import transition
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..typing import Floats
 from ..policies.base import Policy
-from .law import Law
+from .distribution import Law
 from .states import Endings, States, split
 from .transition import transition
 
