@@ -33,7 +33,7 @@ import pandas as pd
 import casswarm as cs
 from casswarm.chain import monte_carlo as sampling
 from casswarm.scenario.variations import with_parameters
-from casswarm.study import PAPER_POLICIES
+from casswarm.studies.simulation import PAPER_POLICIES
 
 Rows = list[dict[str, Any]]
 Z = 1.959964  # the 97.5 % quantile of the normal distribution

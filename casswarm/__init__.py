@@ -28,19 +28,19 @@ if TYPE_CHECKING:
         StoreError,
         WorkerError,
     )
-    from .evaluation import estimate, evaluate
+    from .studies.evaluation import estimate, evaluate
     from .figures.animation import animate
     from .planning.guide import Candidate, Guide
     from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
-    from .pilot import runs_needed
+    from .studies.pilot import runs_needed
     from .planning.plan import plan
     from .policies import Decision, Policy, as_policy, make_policy
     from .scenario import Scenario, builtin_scenarios, load_scenario, save_scenario
     from .optimization.solution import Residuals, Solution, Status
     from .optimization.solvers import Solver, make_solver
-    from .study import Study, simulate
+    from .studies.simulation import Study, simulate
     from .planning.joint import SwarmOutcome, SwarmPlan, plan_swarm
-    from .sweeping import Sweep, sweep
+    from .studies.sweep import Sweep, sweep
 
 __version__ = version("casswarm")
 

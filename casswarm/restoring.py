@@ -16,7 +16,7 @@ LAW_TABLES = ("laws", "arrival", "survivors", "members", "population")
 
 
 def laws_of(tables: Mapping[str, pd.DataFrame], tolerance: float) -> list[Law]:
-    """The laws of the tables that `casswarm.tables` makes of them."""
+    """The laws of the tables that `casswarm.studies.tables` makes of them."""
     found = []
     members = len(tables["members"])
     for row in tables["laws"].to_dict("records"):
@@ -42,7 +42,7 @@ def laws_of(tables: Mapping[str, pd.DataFrame], tolerance: float) -> list[Law]:
 
 
 def traces_of(table: pd.DataFrame) -> dict[str, tuple[Trace, ...]]:
-    """The ways of runs of the table that `casswarm.tables.trace_table` makes of them."""
+    """The ways of runs of the table that `casswarm.studies.tables.trace_table` makes of them."""
     found: dict[str, list[Trace]] = {}
     for (policy, _), part in table.groupby(["policy", "run"], sort=False):
         members = int(part["member"].max()) + 1

@@ -59,7 +59,7 @@ def named_policies(names: tuple[str, ...]) -> list[Any]:
     """
     from ..errors import PolicyError
     from ..policies import as_policy
-    from ..study import PAPER_POLICIES
+    from ..studies.simulation import PAPER_POLICIES
 
     def found(name: str) -> Any:
         module, colon, attribute = name.partition(":")

@@ -73,8 +73,8 @@ def evaluate(
     with reported_errors():
         chosen = load(scenario, settings)
         from ..planning.bounds.success_bound import success_bound
-        from ..evaluation import estimate
-        from ..evaluation import evaluate as exact_law
+        from ..studies.evaluation import estimate
+        from ..studies.evaluation import evaluate as exact_law
         from ..planning.plan import plan
 
         folder = Folder("evaluate", chosen, out, figures, width=width, dpi=dpi)
@@ -127,14 +127,7 @@ def _write(
     inputs: dict[str, Any],
 ) -> dict[str, Any]:
     from ..gallery import evaluated
-    from ..tables import (
-        arrival_table,
-        estimate_table,
-        law_table,
-        member_table,
-        population_table,
-        survivor_table,
-    )
+    from ..studies.tables import arrival_table, estimate_table, law_table, member_table, population_table, survivor_table
 
     table = successes = law_table(laws)
     result: dict[str, Any] = {"laws": table.to_dict("records"), "success_bound": bound.as_dict()}

@@ -215,7 +215,7 @@ def _write(
 ) -> dict[str, object]:
     from ..gallery import planned
     from ..planning.guide import path_of
-    from ..tables import candidate_table, guide_table, path_table, rival_table
+    from ..studies.tables import candidate_table, guide_table, path_table, rival_table
 
     folder.table("guide", guide_table(guide))
     folder.table("candidates", candidate_table(guide))

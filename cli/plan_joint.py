@@ -29,7 +29,7 @@ def plan_joint(
     quiet: bool,
 ) -> None:
     """Plan all members at once, write the tables, the figure and the record, and print."""
-    from ..evaluation import estimate
+    from ..studies.evaluation import estimate
     from ..planning.plan import plan
     from ..policies import JointPolicy
     from ..planning.joint import plan_swarm
@@ -70,7 +70,7 @@ def _write(
     inputs: dict[str, Any],
 ) -> dict[str, Any]:
     from ..gallery import planned_jointly
-    from ..tables import estimate_table, joint_table, outcome_table
+    from ..studies.tables import estimate_table, joint_table, outcome_table
 
     folder.table("joint", joint_table(found))
     folder.table("outcomes", outcome_table(found))

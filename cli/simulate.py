@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from ..planning.bounds.success_bound import SuccessBound
-    from ..shares import Progress
-    from ..study import Study
+    from ..studies.batches import Progress
+    from ..studies.simulation import Study
 
 
 @click.command()
@@ -98,9 +98,9 @@ def simulate(
     with reported_errors(resumes=True), ExitStack() as stack:
         chosen = load(scenario, settings, guide__search=search, guide__arrival=arrival)
         from ..planning.bounds.success_bound import success_bound
-        from ..pilot import runs_needed
+        from ..studies.pilot import runs_needed
         from ..planning.plan import plan
-        from ..study import simulate as sample
+        from ..studies.simulation import simulate as sample
 
         if runs is not None and half_width is not None:
             raise WrongInput("--runs and --half-width: give one of them")
@@ -157,7 +157,7 @@ def _write(
     folder: Folder, study: Study, bound: SuccessBound, inputs: dict[str, Any]
 ) -> dict[str, Any]:
     from ..gallery import simulated
-    from ..tables import guide_table, trace_table
+    from ..studies.tables import guide_table, trace_table
 
     scenario, guide = study.scenario, study.guide
     folder.table("summary", study.summary)

@@ -22,7 +22,7 @@ from .options import (
 from .output import Folder, aligned, json_text, progress_bar, say
 
 if TYPE_CHECKING:
-    from ..sweeping import Sweep
+    from ..studies.sweep import Sweep
 
 
 @click.command()
@@ -83,7 +83,7 @@ def sweep(
             raise WrongInput("nothing to sweep: give --set KEY=V1,V2,... at least once")
         if exact and runs is not None:
             raise WrongInput("--exact and --runs: give one of them")
-        from ..sweeping import sweep as over
+        from ..studies.sweep import sweep as over
 
         folder = Folder("sweep", chosen, out, figures, RESUME, width, dpi)
         found = over(

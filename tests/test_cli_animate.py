@@ -17,7 +17,7 @@ from casswarm.figures import player, save_gif
 from casswarm.figures.animation import Stage
 from casswarm.figures.closeups import guest_rates
 from casswarm.figures.style import MEMBERS
-from casswarm.tables import guide_table, trace_table
+from casswarm.studies.tables import guide_table, trace_table
 
 FRAMES = 4
 

@@ -12,7 +12,7 @@ from casswarm.chain.exact import propagate
 from casswarm.chain.stratified import sample_rest
 from casswarm.chain.monte_carlo import Chain
 from casswarm.errors import PolicyError
-from casswarm.evaluation import evaluate
+from casswarm.studies.evaluation import evaluate
 from casswarm.policies import POLICIES, as_policy, motion_of
 
 PAPER = cs.load_scenario("paper-1")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from casswarm.errors import StoreError
-from casswarm.store import Store, cell_name
+from casswarm.studies.checkpoint import Store, cell_name
 
 INPUTS = {"scenario": {"name": "a", "rho": 0.05}, "runs": 10}
 CELL = {"x": np.array([0.1, -0.0, np.nan]), "name": np.array("µ")}
@@ -67,7 +67,7 @@ def test_unfinished_work_is_not_thrown_away_unasked(tmp_path: Path) -> None:
 
 HOLD = """
 import sys, time
-from casswarm.store import Store
+from casswarm.studies.checkpoint import Store
 with Store(sys.argv[1], {}, fresh=True):
     print("held", flush=True)
     time.sleep(60)

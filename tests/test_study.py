@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from small_scenarios import DT, Array, small
 
-import casswarm.shares
+import casswarm.studies.batches
 from casswarm import Guide, PolicyError, Scenario, Study, plan, simulate
 from casswarm.chain.confidence import wilson
-from casswarm.study import summarise
+from casswarm.studies.simulation import summarise
 
 Flags = NDArray[np.bool_]
 SUMMARY = {"policy", "runs", "successes", "success", "success_low", "success_high"} | {
@@ -95,7 +95,7 @@ def test_tables_do_not_depend_on_the_number_of_workers() -> None:
 def test_tables_do_not_depend_on_the_batches(batch: int, monkeypatch: pytest.MonkeyPatch) -> None:
     runs = 20 if batch == 1 else 300
     expected = study(runs=runs)
-    monkeypatch.setattr(casswarm.shares, "BATCH", batch)
+    monkeypatch.setattr(casswarm.studies.batches, "BATCH", batch)
     assert_same_tables(study(runs=runs), expected)
 
 

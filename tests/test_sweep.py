@@ -121,7 +121,7 @@ def test_a_sweep_that_was_stopped_is_resumed_to_the_same_table(tmp_path: Path) -
 KILLED = """
 import os, random, signal, sys, time
 import casswarm as cs
-from casswarm.sweeping import sweep
+from casswarm.studies.sweep import sweep
 from pathlib import Path
 import numpy, pandas, numba, scipy.stats
 from slow_policy import toward

@@ -15,7 +15,7 @@ from casswarm.chain.exact import _lowered
 from casswarm.cli.sweep import _values
 from casswarm.errors import PolicyError, StoreError
 from casswarm.scenario.variations import with_parameters
-from casswarm.store import Store
+from casswarm.studies.checkpoint import Store
 
 SMALL = cs.load_scenario("paper-1").with_values(
     {

@@ -21,7 +21,7 @@ from ..planning.plan import plan, plan_from
 from ..scenario import Scenario
 from ..optimization.solution import BatchSolution
 from ..optimization.solvers import Answer, Auto, Ipopt, Solver
-from ..study import simulate
+from ..studies.simulation import simulate
 
 HORIZONS = (30, 100, 300)
 """Steps of the guides; the same ten units of time, in finer and finer steps."""

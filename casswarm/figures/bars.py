@@ -53,7 +53,7 @@ def difference_chart(paired: pd.DataFrame, title: str = "") -> Figure:
     Parameters
     ----------
     paired : DataFrame
-        As `casswarm.tables.paired_table` makes it.
+        As `casswarm.studies.tables.paired_table` makes it.
     title : str
     """
     fig, axes = figure(min(1.2, (0.9 + 0.32 * len(paired)) / 4))

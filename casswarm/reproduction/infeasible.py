@@ -8,12 +8,12 @@ import numpy as np
 import pandas as pd
 
 from ..chain.trajectories import Trace
-from ..evaluation import evaluate
+from ..studies.evaluation import evaluate
 from ..planning.guide import Guide
 from ..planning.plan import plan
 from ..policies import initial_velocities, make_policy
 from ..scenario import Scenario
-from ..study import simulate
+from ..studies.simulation import simulate
 from .success import WIDTH, Tell
 
 POLICIES = ("constrained", "leader")

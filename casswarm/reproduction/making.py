@@ -25,7 +25,7 @@ from ..planning.plan import plan
 from ..policies import member_guides
 from ..scenario import Scenario, load_scenario
 from ..chain.confidence import wilson
-from ..study import simulate
+from ..studies.simulation import simulate
 from .convergence import condensed, formation_convergence, guide_convergence
 from .infeasible import cost, shortfall_steps
 from .paper import PAPER_RUNS, PAPER_SUCCESS, geometry, readings, table_1

@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from ..evaluation import estimate, evaluate
+from ..studies.evaluation import estimate, evaluate
 from ..planning.guide import Guide, sides_of
 from ..planning.plan import plan
 from ..scenario import Scenario, load_scenario
 from ..chain.confidence import wilson
-from ..study import PAPER_POLICIES, simulate
+from ..studies.simulation import PAPER_POLICIES, simulate
 from .paper import PAPER_RUNS, PAPER_SUCCESS
 
 WIDTH = 1e-3

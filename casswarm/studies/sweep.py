@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from .cells import Cell, Options
-from .errors import ScenarioError
-from .scenario.variations import SPECIAL
-from .store import Store
-from .study import PAPER_POLICIES, distinct_policies
-from ._util.parallel import Workers, checked_workers, done_jobs, require_sendable
+from .sweep_points import Cell, Options
+from ..errors import ScenarioError
+from ..scenario.variations import SPECIAL
+from .checkpoint import Store
+from .simulation import PAPER_POLICIES, distinct_policies
+from .._util.parallel import Workers, checked_workers, done_jobs, require_sendable
 
 if TYPE_CHECKING:
-    from .scenario import Scenario
+    from ..scenario import Scenario
 
 Progress = Callable[[int, int], None]
 

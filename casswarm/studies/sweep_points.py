@@ -10,15 +10,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from .errors import CasswarmError
+from ..errors import CasswarmError
 from .evaluation import evaluate
-from .planning.guide import Guide
-from .scenario.variations import with_parameters
-from .planning.plan import plan
-from .study import simulate
+from ..planning.guide import Guide
+from ..scenario.variations import with_parameters
+from ..planning.plan import plan
+from .simulation import simulate
 
 if TYPE_CHECKING:
-    from .scenario import Scenario
+    from ..scenario import Scenario
 
 MEASURES = (
     "success",
@@ -36,7 +36,7 @@ MEASURES = (
 
 @dataclass(frozen=True)
 class Options:
-    """How all cells are done; as in `casswarm.sweeping.sweep`."""
+    """How all cells are done; as in `casswarm.studies.sweep.sweep`."""
 
     runs: int | None
     seed: int

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from .planning.guide import Guide
-from .optimization.solvers import Solver
-from .chain.confidence import runs_for
-from .study import PAPER_POLICIES, simulate
+from ..planning.guide import Guide
+from ..optimization.solvers import Solver
+from ..chain.confidence import runs_for
+from .simulation import PAPER_POLICIES, simulate
 
 if TYPE_CHECKING:
-    from .scenario import Scenario
+    from ..scenario import Scenario
 
 PILOT = 1000
 """Runs of the pilot."""

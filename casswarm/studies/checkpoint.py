@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import StoreError
+from ..errors import StoreError
 
 Cell = Mapping[str, NDArray[Any]]
 

@@ -15,21 +15,21 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from .chain.monte_carlo import Chain
-from .chain.trajectories import Trace
-from .errors import PolicyError
-from .planning.guide import Guide
-from .planning.plan import plan
-from .policies import as_policy, initial_velocities, make_policy
-from .policies.base import Policy
-from .shares import Parts, Progress, jobs_left, kept_parts, sample_jobs
-from .optimization.solvers import Solver
-from .store import Store
+from ..chain.monte_carlo import Chain
+from ..chain.trajectories import Trace
+from ..errors import PolicyError
+from ..planning.guide import Guide
+from ..planning.plan import plan
+from ..policies import as_policy, initial_velocities, make_policy
+from ..policies.base import Policy
+from .batches import Parts, Progress, jobs_left, kept_parts, sample_jobs
+from ..optimization.solvers import Solver
+from .checkpoint import Store
 from .tables import paired_table, run_table, summarise
-from ._util.parallel import Workers, checked_workers, require_sendable
+from .._util.parallel import Workers, checked_workers, require_sendable
 
 if TYPE_CHECKING:
-    from .scenario import Scenario
+    from ..scenario import Scenario
 
 PAPER_POLICIES = ("naive", "constrained", "leader")
 """The three policies that the paper compares, in its order."""
@@ -50,7 +50,7 @@ class Study:
         solver_failures, resolved, clipped.
     paired : DataFrame
         A row a pair of policies: their difference in success with its 95 % interval; see
-        `casswarm.tables.paired_table`.
+        `casswarm.studies.tables.paired_table`.
     runs : DataFrame
         A row a run: policy, run, success, survivors, arrival_step (missing where no member
         arrived), steps, shortfalls, solver_failures, resolved, clipped.

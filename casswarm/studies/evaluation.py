@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from .typing import Floats
-from .chain.exact import MOST_MEMBERS, Head, Progress, propagate
-from .chain.stratified import MOST_LIGHT, VISITS, Estimate, sample_rest
-from .chain.distribution import Law
-from .chain.monte_carlo import Chain
-from .errors import PolicyError
-from .planning.guide import Guide
-from .planning.plan import plan
-from .policies import as_policy, initial_velocities, make_policy
-from .optimization.solvers import Solver
+from ..typing import Floats
+from ..chain.exact import MOST_MEMBERS, Head, Progress, propagate
+from ..chain.stratified import MOST_LIGHT, VISITS, Estimate, sample_rest
+from ..chain.distribution import Law
+from ..chain.monte_carlo import Chain
+from ..errors import PolicyError
+from ..planning.guide import Guide
+from ..planning.plan import plan
+from ..policies import as_policy, initial_velocities, make_policy
+from ..optimization.solvers import Solver
 
 if TYPE_CHECKING:
-    from .scenario import Scenario
+    from ..scenario import Scenario
 
 TOLERANCE = 1e-4
 MOST_STATES = 1_000_000

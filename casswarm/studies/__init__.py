@@ -1,0 +1,1 @@
+"""Studies: simulate, evaluate, estimate, sweep."""
