@@ -251,7 +251,7 @@ def _write(
 
 def _outlook(scenario: Scenario, guide: Guide, value: ValueFunction) -> Outlook:
     from ..planning.bounds.outlook import Outlook
-    from ..figures.ground import extent
+    from ..figures.base_map import extent
 
     return Outlook.of(value, *extent(scenario, [guide.positions, scenario.positions]))
 

@@ -3,14 +3,14 @@
 Each is drawn in the look of its context, ``with look("column"): ...``: see `LOOKS`.
 """
 
-from .ahead import look_ahead_chart
+from .mpc import look_ahead_chart
 from .animation import animate
-from .bars import difference_chart, success_chart
+from .success_bars import difference_chart, success_chart
 from .convergence import convergence_chart
 from .formations import formation_chart
 from .frames import player, save_gif
 from .joint import joint_map
-from .laws import arrival_chart, population_chart, survival_chart
+from .distributions import arrival_chart, population_chart, survival_chart
 from .maps import comparison_map, guide_map, risk_map, swarm_map
 from .paper import (
     beyond_chart,
@@ -19,8 +19,8 @@ from .paper import (
     shortfall_chart,
     table_2_chart,
 )
-from .profiles import pair_chart, profile_chart, win_chart
-from .rivals import rival_chart
+from .performance_profiles import pair_chart, profile_chart, win_chart
+from .policy_comparison import rival_chart
 from .style import LOOKS, look, save
 from .sweeps import sweep_heat_map, sweep_lines
 

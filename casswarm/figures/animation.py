@@ -19,7 +19,7 @@ from ..planning.guide import Guide
 from ..scenario import Scenario
 from .closeups import SHARES, Closeup, follows, guest_rates, leader_at, shades, window
 from .formations import caption, legend_handles
-from .ground import GREYS, extent, frame, landmarks, lone_norm, pixels
+from .base_map import GREYS, extent, frame, landmarks, lone_norm, pixels
 from .style import BLUE, INK, MEMBERS, VERMILION, current, drawn, line, settings
 
 _PIXELS = 110

@@ -18,7 +18,7 @@ from ..chain.trajectories import Trace
 from ..planning.guide import Guide
 from ..hazard import Hazard
 from ..scenario import Scenario
-from .ground import GREYS, frame, pixels
+from .base_map import GREYS, frame, pixels
 from .style import BLUE, INK, MEMBERS, VERMILION, halo, line
 
 _PIXELS = 80

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from ..typing import Floats
 from ..scenario import Scenario
-from .ground import lone_map
+from .base_map import lone_map
 from .style import BLUE, INK, MEMBERS, drawn, headline, key, line
 
 _WIDEST, _THINNEST = 2.0, 0.3  # of the uppermost member's line, alive and dead

@@ -15,7 +15,7 @@ from ..planning.bounds.value_function import ValueFunction
 from ..chain.trajectories import Trace
 from ..planning.guide import Candidate, Guide, path_of, rounded_up
 from ..scenario import Scenario
-from .ground import corridor, extent, field_axes, landmarks, lone_map
+from .base_map import corridor, extent, field_axes, landmarks, lone_map
 from .style import (
     BLUE,
     INK,

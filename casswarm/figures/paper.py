@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from ..planning.guide import Guide
 from ..scenario import Scenario
-from .ground import lone_map
+from .base_map import lone_map
 from .style import (
     GREY,
     INK,
