@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from ..comparison import Comparison
-    from ..comparison.running import Progress
+    from ..comparison.run import Progress
 
 
 @click.command()

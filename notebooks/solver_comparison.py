@@ -29,7 +29,7 @@ from casswarm.comparison.profiles import (
     share_at,
 )
 from casswarm.comparison.report import make_report
-from casswarm.comparison.verdicts import by_problem, costs, failures
+from casswarm.comparison.verification import by_problem, costs, failures
 from casswarm.figures import pair_chart, profile_chart, win_chart
 from casswarm.optimization.solvers import Ipopt, ProjectedGradient
 

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from casswarm.cli import main
-from casswarm.comparison.running import _absent, _solvers
+from casswarm.comparison.run import _absent, _solvers
 from casswarm.errors import SolverError
 from casswarm.optimization.solvers import LEFT_OUT, SOLVERS, make_solver, casadi_nlpsol
 

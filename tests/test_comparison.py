@@ -14,7 +14,7 @@ from casswarm.comparison import Problem, make_problems
 from casswarm.comparison.profiles import pairwise_profiles, pairwise_wins, performance_profile
 from casswarm.comparison.rendering import Heading, Table, html, markdown
 from casswarm.comparison.report import make_report
-from casswarm.comparison.verdicts import Tolerances, by_problem, costs, failures, judged, summary
+from casswarm.comparison.verification import Tolerances, by_problem, costs, failures, judged, summary
 from casswarm.errors import ComparisonError, SolverError
 from casswarm.figures import pair_chart, profile_chart, win_chart
 from casswarm.optimization.solvers import Ipopt, ProjectedGradient

@@ -293,7 +293,7 @@ def test_a_comparison_goes_on_where_it_ended_and_forgives_a_cut_line(tmp_path):
 )
 def test_a_folder_of_other_inputs_is_refused_and_the_difference_named(tmp_path, changed, words):
     from casswarm.comparison.journal import Journal
-    from casswarm.comparison.running import _inputs, _solvers
+    from casswarm.comparison.run import _inputs, _solvers
 
     usual = {"families": problems(), "solvers": ["ipopt"], "seed": 0, "seconds": 10.0}
     now = usual | changed

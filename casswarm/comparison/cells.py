@@ -13,7 +13,7 @@ from ..errors import SolverError
 from ..optimization.problem import Instances, Nlp
 from ..optimization.solvers import Answer, Isolated
 from .problems import Problem
-from .verdicts import CANNOT
+from .verification import CANNOT
 
 REPEATS = 5
 """Solves of a cell at the most; its time is their median."""

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from ..figures import pair_chart, profile_chart, win_chart
 from .profiles import data_profile, pairwise_profiles, pairwise_wins, performance_profile
 from .rendering import Block, Heading, Picture, Table, Text, html, markdown
-from .running import Comparison
+from .run import Comparison
 from .setting import rules, setting
-from .verdicts import by_problem, costs, failures
+from .verification import by_problem, costs, failures
 
 REFERENCES = (
     "E. D. Dolan, J. J. Moré, Benchmarking optimization software with performance profiles, "

@@ -9,8 +9,8 @@ import pandas as pd
 from ..optimization.solvers import SOLVERS
 from .problems import FAMILIES
 from .rendering import Block, Heading, Table, Text
-from .running import Comparison
-from .verdicts import SHIFT, not_taken
+from .run import Comparison
+from .verification import SHIFT, not_taken
 
 
 def setting(comparison: Comparison) -> Iterator[Block]:

@@ -15,7 +15,7 @@ from ..optimization.solvers import SOLVERS, Isolated, Solver, make_solver
 from .cells import run_cell
 from .journal import Journal, surroundings
 from .problems import Problem, make_problems
-from .verdicts import Tolerances, judged, summary
+from .verification import Tolerances, judged, summary
 
 DEFAULT = ("guides", "formations")
 """Families that are compared if none is named."""
@@ -36,7 +36,7 @@ class Comparison:
     ----------
     cells : DataFrame
         A row a (problem, start, solver): see `casswarm.comparison.cells.run_cell` and
-        `casswarm.comparison.verdicts.judged`.
+        `casswarm.comparison.verification.judged`.
     problems : DataFrame
         A row a problem: family, problem, and its traits.
     inputs : dict
@@ -52,7 +52,7 @@ class Comparison:
 
     @cached_property
     def summary(self) -> pd.DataFrame:
-        """A row a (family, start, solver); see `casswarm.comparison.verdicts.summary`."""
+        """A row a (family, start, solver); see `casswarm.comparison.verification.summary`."""
         return summary(self.cells, float(self.inputs["seconds"]))
 
     def __str__(self) -> str:
