@@ -62,7 +62,7 @@ def animate(
     with reported_errors(), ExitStack() as stack:
         from ..figures import animate as animated
         from ..figures import player, save_gif
-        from ..saved import Saved
+        from ..results.folder import Saved
 
         saved = Saved.of(folder)
         name, trace = saved.trace(policy, run)

@@ -126,7 +126,7 @@ def _write(
     bound: SuccessBound,
     inputs: dict[str, Any],
 ) -> dict[str, Any]:
-    from ..gallery import evaluated
+    from ..results.catalogue import evaluated
     from ..studies.tables import arrival_table, estimate_table, law_table, member_table, population_table, survivor_table
 
     table = successes = law_table(laws)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from ..gallery import Gallery
+    from ..results.catalogue import Gallery
     from ..scenario import Scenario
 
 _LIBRARIES = ("casadi", "numpy", "scipy", "pandas", "matplotlib")

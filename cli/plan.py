@@ -213,7 +213,7 @@ def _write(
     value: ValueFunction | None,
     inputs: dict[str, object],
 ) -> dict[str, object]:
-    from ..gallery import planned
+    from ..results.catalogue import planned
     from ..planning.guide import path_of
     from ..studies.tables import candidate_table, guide_table, path_table, rival_table
 

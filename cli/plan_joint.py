@@ -69,7 +69,7 @@ def _write(
     sampled: Estimate | None,
     inputs: dict[str, Any],
 ) -> dict[str, Any]:
-    from ..gallery import planned_jointly
+    from ..results.catalogue import planned_jointly
     from ..studies.tables import estimate_table, joint_table, outcome_table
 
     folder.table("joint", joint_table(found))

@@ -48,7 +48,7 @@ def plot(
     with reported_errors():
         from ..errors import StoreError, among
         from ..figures import look
-        from ..saved import Saved
+        from ..results.folder import Saved
 
         saved = Saved.of(folder)
         with look(width):  # those of a comparison are drawn at once

@@ -156,7 +156,7 @@ def _bars(stack: ExitStack) -> Progress:
 def _write(
     folder: Folder, study: Study, bound: SuccessBound, inputs: dict[str, Any]
 ) -> dict[str, Any]:
-    from ..gallery import simulated
+    from ..results.catalogue import simulated
     from ..studies.tables import guide_table, trace_table
 
     scenario, guide = study.scenario, study.guide
@@ -184,8 +184,8 @@ def _write(
 
 def _report(folder: Folder, quiet: bool) -> None:
     """The page, made from what is in the folder."""
-    from ..reporting import simulation_page
-    from ..saved import Saved
+    from ..results.simulation_report import simulation_page
+    from ..results.folder import Saved
 
     say("report", quiet)
     folder.text("report.html", simulation_page(Saved.of(folder.path)))

@@ -162,7 +162,7 @@ def _range(text: str, parts: list[str]) -> list[Any]:
 
 
 def _write(folder: Folder, found: Sweep, inputs: dict[str, Any]) -> dict[str, Any]:
-    from ..gallery import swept
+    from ..results.catalogue import swept
 
     folder.table("sweep", found.table)
     folder.table("effort", found.effort)

@@ -9,7 +9,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from casswarm.saved import Saved
+from casswarm.results.folder import Saved
 
 IMAGES = Path(__file__).resolve().parent / "images"
 CASSWARM = Path(sys.executable).parent / "casswarm"

@@ -14,7 +14,7 @@ from PIL import Image
 
 from casswarm import StoreError, evaluate, load_scenario, plan, simulate
 from casswarm.figures import save
-from casswarm.saved import Saved
+from casswarm.results.folder import Saved
 
 RESULTS = Path("results")
 FEW = "--set=guide.iterations=50"

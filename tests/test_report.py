@@ -13,8 +13,8 @@ from browser import opened, references
 from commands import casswarm
 
 from casswarm import StoreError, load_scenario
-from casswarm.reporting import paired_rows, simulation_page, summary_rows
-from casswarm.saved import Saved
+from casswarm.results.simulation_report import paired_rows, simulation_page, summary_rows
+from casswarm.results.folder import Saved
 
 SETTING = "formation.rho=0.04"
 COMMAND = ("simulate", "single-agent", "--runs", "60", "--seed", "3", "--set", SETTING)

@@ -19,7 +19,7 @@ from ..figures import (
     swarm_map,
     table_2_chart,
 )
-from ..gallery import Gallery
+from ..results.catalogue import Gallery
 from ..planning.guide import Guide
 from ..planning.plan import plan
 from ..policies import member_guides

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from .chain.distribution import Law
-from .chain.trajectories import Trace
-from .optimization.solution import Residuals, Solution, Status
+from ..chain.distribution import Law
+from ..chain.trajectories import Trace
+from ..optimization.solution import Residuals, Solution, Status
 
 LAW_TABLES = ("laws", "arrival", "survivors", "members", "population")
 

@@ -13,20 +13,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from .typing import Floats
-from .planning.bounds.outlook import Outlook
-from .chain.distribution import Law
-from .chain.trajectories import Trace
-from .errors import StoreError
-from .planning.guide import Guide
+from ..typing import Floats
+from ..planning.bounds.outlook import Outlook
+from ..chain.distribution import Law
+from ..chain.trajectories import Trace
+from ..errors import StoreError
+from ..planning.guide import Guide
 from .restoring import LAW_TABLES, laws_of, solution_of, traces_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from .comparison import Comparison
-    from .gallery import Gallery
-    from .scenario import Scenario
+    from ..comparison import Comparison
+    from .catalogue import Gallery
+    from ..scenario import Scenario
 
 COMMANDS = ("plan", "plan-joint", "simulate", "evaluate", "sweep", "compare")
 """Commands whose folders can be drawn again."""
@@ -90,7 +90,7 @@ class Saved:
         ScenarioError
             The rates cannot be imported.
         """
-        from .scenario import Scenario
+        from ..scenario import Scenario
 
         data = tomllib.loads(self._part("scenario"))
         source = f"the scenario in {self.folder / 'run.json'}"
@@ -146,7 +146,7 @@ class Saved:
     @cached_property
     def comparison(self) -> Comparison:
         """The comparison of solvers, without the traits of its problems."""
-        from .comparison import Comparison, Tolerances
+        from ..comparison import Comparison, Tolerances
 
         inputs = dict(self._part("inputs"))
         tolerances = Tolerances(**inputs["tolerances"])
@@ -169,29 +169,29 @@ class Saved:
             ) from None
 
     def _gallery(self, run: int) -> Gallery:
-        from . import gallery
+        from . import catalogue
 
         if self.command == "compare":
-            from .comparison.report import pictures
+            from ..comparison.report import pictures
 
             return {name: partial(_same, fig) for name, fig in pictures(self.comparison).items()}
         if self.command == "plan":
-            return gallery.planned(self.scenario, self.guide, *self._plan())
+            return catalogue.planned(self.scenario, self.guide, *self._plan())
         if self.command == "plan-joint":
-            return gallery.planned_jointly(
+            return catalogue.planned_jointly(
                 self.scenario, *self._joint(), *self._part("result")["told"]
             )
         if self.command == "evaluate":
             estimated = self.has("estimates.csv")
             successes = self.table("estimates" if estimated else "laws")
-            return gallery.evaluated(self.scenario, self.laws, successes)
+            return catalogue.evaluated(self.scenario, self.laws, successes)
         if self.command == "sweep":
             keys = list(self.record["inputs"]["settings"])
-            return gallery.swept(self.scenario.name, self.table("sweep"), keys)
+            return catalogue.swept(self.scenario.name, self.table("sweep"), keys)
         for policy in self.traces:
             self.trace(policy, run)
         paired = self.table("paired") if self.has("paired.csv") else pd.DataFrame()
-        return gallery.simulated(
+        return catalogue.simulated(
             self.scenario, self.guide, self.table("summary"), paired, self.traces, run
         )
 
@@ -203,7 +203,7 @@ class Saved:
         StoreError
             There are no such runs.
         """
-        from .errors import among
+        from ..errors import among
 
         if self.command != "simulate":
             raise StoreError(

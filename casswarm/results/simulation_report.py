@@ -13,11 +13,11 @@ import pandas as pd
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from . import gallery
-from .planning.bounds.success_bound import SuccessBound
-from .figures import look
-from .saved import Saved
-from ._util.templates import rendered
+from . import catalogue
+from ..planning.bounds.success_bound import SuccessBound
+from ..figures import look
+from .folder import Saved
+from .._util.templates import rendered
 
 CAPTIONS = {
     "success": "Success probability of every policy. Bars: share of runs in which some member "
@@ -66,7 +66,7 @@ def simulation_page(
     """
     saved.trace(run=run)  # says so, where that is no simulation
     record, summary = saved.record, saved.table("summary")
-    drawn = {**saved.gallery(run), **gallery.planned(saved.scenario, saved.guide)}
+    drawn = {**saved.gallery(run), **catalogue.planned(saved.scenario, saved.guide)}
     pictures = {}
     with look("page"):
         for name, draw in drawn.items():

@@ -1,0 +1,1 @@
+"""A results folder: written, read back, drawn and reported."""
