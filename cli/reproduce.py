@@ -61,9 +61,9 @@ def reproduce(
     with reported_errors():
         folder = Folder("reproduce", None, out, figures, width=width, dpi=dpi)
         from ..errors import among
-        from ..reproduction import page
+        from ..reproduction import report
         from ..reproduction import reproduce as made_again
-        from ..reproduction.making import DRAWN, TABLES
+        from ..reproduction.reproduce import DRAWN, TABLES
 
         for name in only:
             if name not in (*TABLES, DRAWN):
@@ -87,8 +87,8 @@ def reproduce(
 
 
 def _words(found: Reproduction) -> str:
-    from ..reproduction.making import TABLES
-    from ..reproduction.page import words
+    from ..reproduction.reproduce import TABLES
+    from ..reproduction.report import words
 
     return "\n\n".join(
         f"{TABLES[name]}\n\n{aligned(words(found, name))}"

@@ -22,9 +22,9 @@
 # %matplotlib inline
 import casswarm as cs
 from casswarm.figures import convergence_chart, table_2_chart
-from casswarm.reproduction import page, readings, reproduce
+from casswarm.reproduction import report, readings, reproduce
 from casswarm.reproduction.convergence import condensed, formation_convergence, guide_convergence
-from casswarm.reproduction.page import table_2_words
+from casswarm.reproduction.report import table_2_words
 
 first, second = cs.load_scenario("paper-1"), cs.load_scenario("paper-2")
 found = reproduce(only=["table-1", "geometry", "table-2", "shortfalls", "figures"])
@@ -124,4 +124,4 @@ readings()[["place", "kind", "paper", "reading"]]
 # All of it as a page, as `results/paper/README.md` has it: `page(reproduce())`.
 
 # %%
-page.__doc__.splitlines()[0]
+report.__doc__.splitlines()[0]

@@ -8,8 +8,8 @@ from commands import PNG, casswarm
 from PIL import Image
 from reproduced import CHECKED_IN, checked_in
 
-from casswarm.reproduction import TABLES, Reproduction, page
-from casswarm.reproduction.making import FIGURES
+from casswarm.reproduction import TABLES, Reproduction, report
+from casswarm.reproduction.reproduce import FIGURES
 
 QUICK = ("table-1", "geometry", "table-2", "shortfalls", "readings", "figures")
 

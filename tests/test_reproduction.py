@@ -25,8 +25,8 @@ from casswarm.reproduction.convergence import (
     iterates,
     whole_swarm,
 )
-from casswarm.reproduction.infeasible import POLICIES, shortfall_steps
-from casswarm.reproduction.making import run_like_the_papers
+from casswarm.reproduction.infeasibility import POLICIES, shortfall_steps
+from casswarm.reproduction.reproduce import run_like_the_papers
 from casswarm.reproduction.paper import geometry
 from casswarm.reproduction.success import beyond, sensitivity, small_changes, table_2, variants
 from casswarm.optimization.solvers import ProjectedGradient

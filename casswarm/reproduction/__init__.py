@@ -1,7 +1,7 @@
 """The paper reproduced: its tables and figures once more, and what follows from them."""
 
-from .making import FIGURES, TABLES, Reproduction, reproduce
-from .page import page
+from .reproduce import FIGURES, TABLES, Reproduction, reproduce
+from .report import page
 from .paper import PAPER_RUNS, PAPER_SUCCESS, readings, table_1
 
 __all__ = [

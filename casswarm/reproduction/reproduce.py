@@ -27,7 +27,7 @@ from ..scenario import Scenario, load_scenario
 from ..chain.confidence import wilson
 from ..studies.simulation import simulate
 from .convergence import condensed, formation_convergence, guide_convergence
-from .infeasible import cost, shortfall_steps
+from .infeasibility import cost, shortfall_steps
 from .paper import PAPER_RUNS, PAPER_SUCCESS, geometry, readings, table_1
 from .success import Tell, beyond, sensitivity, table_2, variants
 

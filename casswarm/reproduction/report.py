@@ -9,7 +9,7 @@ import pandas as pd
 
 from ..comparison.rendering import Block, Heading, Table, Text, markdown
 from ..planning.guide import rounded_up
-from .making import TABLES, Reproduction
+from .reproduce import TABLES, Reproduction
 from .paper import PAPER_RUNS
 
 
