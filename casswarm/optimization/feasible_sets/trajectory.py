@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..solvers.batch import interior_point_batch_kernels, interior_point_kernels
 from . import trajectory_kernels, planar_kernels
 from ...typing import Booleans, Floats
 from ..._util.jit import compiled_module
@@ -37,7 +36,6 @@ _ITERATIONS = 300
 ROUNDING = 1e-9
 """Violation of a limit, in its unit, that counts as rounding."""
 
-_CORES = (planar_kernels, trajectory_kernels, interior_point_kernels, interior_point_batch_kernels)
 _OBJECTIVE = '''
 @compiled
 def evaluate(x, p, shared, gradient, scratch):
@@ -212,7 +210,10 @@ def part_within(start: Floats, end: Floats, centers: Floats, radii: Floats) -> F
 
 def barrier_sources() -> list[str]:
     """Texts of the barrier method, which an objective's `evaluate` completes."""
-    return [inspect.getsource(core) for core in _CORES]
+    from ..solvers.batch import interior_point_batch_kernels, interior_point_kernels
+
+    cores = (planar_kernels, trajectory_kernels, interior_point_kernels, interior_point_batch_kernels)
+    return [inspect.getsource(core) for core in cores]
 
 
 @cache
