@@ -22,12 +22,12 @@ import casadi as ca
 import numpy as np
 
 import casswarm as cs
+from casswarm.optimization.feasible_sets.planar import PlanarSets
 from casswarm.optimization.problem import Instances, Nlp
+from casswarm.optimization.solvers import Auto, Ipopt
 from casswarm.policies.base import Decision, Policy
 from casswarm.policies.leader_selection import SUCCESSIONS
 from casswarm.problems.formation import Step, corridor_formation, leader_formation, motion_of
-from casswarm.optimization.feasible_sets.planar import PlanarSets
-from casswarm.optimization.solvers import Auto, Ipopt
 
 PROBLEMS = {
     "leader": ("paper-1", "leader", 1000),

@@ -72,7 +72,7 @@ def formation() -> list[Row]:
     import numpy as np
 
     import casswarm as cs
-    from casswarm.policies import initial_velocities
+    from casswarm.planning.plan import initial_velocities
     from casswarm.problems.formation import formation_nlp
 
     rows = []

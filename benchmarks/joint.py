@@ -24,15 +24,15 @@ import numpy as np
 import casswarm as cs
 from casswarm import Scenario, SwarmPlan
 from casswarm.optimization.problem import Nlp
+from casswarm.optimization.solvers import Ipopt
+from casswarm.planning.joint.distribution import PlanLaw
+from casswarm.planning.joint.initial_guesses import SwarmStart
+from casswarm.planning.joint.optimize import joint_task
+from casswarm.planning.joint.replan import PlanTree
+from casswarm.planning.joint.solve import JointProblem
 from casswarm.policies import JointFeedbackPolicy, JointPolicy
 from casswarm.problems.joint import JointForm, joint_nlp
 from casswarm.problems.joint_instances import joint_instance
-from casswarm.optimization.solvers import Ipopt
-from casswarm.planning.plan.joint.distribution import PlanLaw
-from casswarm.planning.plan.joint.optimize import joint_task
-from casswarm.planning.plan.joint.replan import PlanTree
-from casswarm.planning.plan.joint.solve import JointProblem
-from casswarm.planning.plan.joint.initial_guesses import SwarmStart
 
 SCENARIOS = ("paper-1", "paper-2", "ring", "wall", "crossfire", "gauntlet", "single-agent")
 MEMBERS = {"paper-1": (2, 3, 4, 5, 6, 7, 8, 9, 10), "paper-2": (2, 3, 4, 5, 6, 7, 8)}

@@ -27,6 +27,8 @@ import numba
 import numpy as np
 
 import casswarm as cs
+from casswarm.optimization.solvers import Auto
+from casswarm.optimization.solvers.batch.spg import _module
 from casswarm.policies.leader_selection import SUCCESSIONS
 from casswarm.problems.formation import (
     Formation,
@@ -35,8 +37,6 @@ from casswarm.problems.formation import (
     corridor_formation,
     leader_formation,
 )
-from casswarm.optimization.solvers import Auto
-from casswarm.optimization.solvers.batch.spg import _module
 
 SIZES = (5, 20, 50, 200, 1000)
 STEPS, SPACING = 10, 0.5

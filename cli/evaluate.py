@@ -20,9 +20,9 @@ from .options import (
 from .output import Folder, aligned, json_text, say
 
 if TYPE_CHECKING:
-    from ..planning.bounds.success_bound import SuccessBound
-    from ..chain.stratified import Estimate
     from ..chain.distribution import Law
+    from ..chain.stratified import Estimate
+    from ..planning.bounds.success_bound import SuccessBound
     from ..scenario import Scenario
 
 
@@ -73,9 +73,9 @@ def evaluate(
     with reported_errors():
         chosen = load(scenario, settings)
         from ..planning.bounds.success_bound import success_bound
+        from ..planning.plan import plan
         from ..studies.evaluation import estimate
         from ..studies.evaluation import evaluate as exact_law
-        from ..planning.plan import plan
 
         folder = Folder("evaluate", chosen, out, figures, width=width, dpi=dpi)
         guide = plan(chosen, certify=False, progress=lambda start: say(f"planning: {start}", quiet))
@@ -127,7 +127,14 @@ def _write(
     inputs: dict[str, Any],
 ) -> dict[str, Any]:
     from ..results.catalogue import evaluated
-    from ..studies.tables import arrival_table, estimate_table, law_table, member_table, population_table, survivor_table
+    from ..studies.tables import (
+        arrival_table,
+        estimate_table,
+        law_table,
+        member_table,
+        population_table,
+        survivor_table,
+    )
 
     table = successes = law_table(laws)
     result: dict[str, Any] = {"laws": table.to_dict("records"), "success_bound": bound.as_dict()}

@@ -213,8 +213,8 @@ def _write(
     value: ValueFunction | None,
     inputs: dict[str, object],
 ) -> dict[str, object]:
-    from ..results.catalogue import planned
     from ..planning.guide import path_of
+    from ..results.catalogue import planned
     from ..studies.tables import candidate_table, guide_table, path_table, rival_table
 
     folder.table("guide", guide_table(guide))
@@ -250,8 +250,8 @@ def _write(
 
 
 def _outlook(scenario: Scenario, guide: Guide, value: ValueFunction) -> Outlook:
-    from ..planning.bounds.outlook import Outlook
     from ..figures.base_map import extent
+    from ..planning.bounds.outlook import Outlook
 
     return Outlook.of(value, *extent(scenario, [guide.positions, scenario.positions]))
 

@@ -10,8 +10,8 @@ from .output import Folder, aligned, json_text, say
 
 if TYPE_CHECKING:
     from ..chain.stratified import Estimate
-    from ..scenario import Scenario
     from ..planning.joint import SwarmPlan
+    from ..scenario import Scenario
 
 _RUNS = 2000  # that estimate the success of a swarm too large for an exact law
 
@@ -29,10 +29,10 @@ def plan_joint(
     quiet: bool,
 ) -> None:
     """Plan all members at once, write the tables, the figure and the record, and print."""
-    from ..studies.evaluation import estimate
+    from ..planning.joint import plan_swarm
     from ..planning.plan import plan
     from ..policies import JointPolicy
-    from ..planning.joint import plan_swarm
+    from ..studies.evaluation import estimate
 
     say("planning: guide, for V(-1)", quiet)
     guide = plan(scenario, certify=False)

@@ -61,7 +61,7 @@ def reproduce(
     with reported_errors():
         folder = Folder("reproduce", None, out, figures, width=width, dpi=dpi)
         from ..errors import among
-        from ..reproduction import report
+        from ..reproduction import page
         from ..reproduction import reproduce as made_again
         from ..reproduction.reproduce import DRAWN, TABLES
 
@@ -87,8 +87,8 @@ def reproduce(
 
 
 def _words(found: Reproduction) -> str:
-    from ..reproduction.reproduce import TABLES
     from ..reproduction.report import words
+    from ..reproduction.reproduce import TABLES
 
     return "\n\n".join(
         f"{TABLES[name]}\n\n{aligned(words(found, name))}"

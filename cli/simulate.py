@@ -98,8 +98,8 @@ def simulate(
     with reported_errors(resumes=True), ExitStack() as stack:
         chosen = load(scenario, settings, guide__search=search, guide__arrival=arrival)
         from ..planning.bounds.success_bound import success_bound
-        from ..studies.pilot import runs_needed
         from ..planning.plan import plan
+        from ..studies.pilot import runs_needed
         from ..studies.simulation import simulate as sample
 
         if runs is not None and half_width is not None:
@@ -184,8 +184,8 @@ def _write(
 
 def _report(folder: Folder, quiet: bool) -> None:
     """The page, made from what is in the folder."""
-    from ..results.simulation_report import simulation_page
     from ..results.folder import Saved
+    from ..results.simulation_report import simulation_page
 
     say("report", quiet)
     folder.text("report.html", simulation_page(Saved.of(folder.path)))

@@ -117,7 +117,7 @@ swarm_map(scenario, study.traces["leader"][0], guide)
 # along the guide, together; the other sends half of the swarm along the best way on the other side.
 
 # %%
-from casswarm.planning.plan.guide import path_of
+from casswarm.planning.guide import path_of
 from casswarm.policies import motion_of
 
 motion = motion_of(scenario)

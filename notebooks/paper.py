@@ -22,7 +22,7 @@
 # %matplotlib inline
 import casswarm as cs
 from casswarm.figures import convergence_chart, table_2_chart
-from casswarm.reproduction import report, readings, reproduce
+from casswarm.reproduction import readings, report, reproduce
 from casswarm.reproduction.convergence import condensed, formation_convergence, guide_convergence
 from casswarm.reproduction.report import table_2_words
 

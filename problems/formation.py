@@ -28,10 +28,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from ..typing import Booleans, Floats
 from ..hazard import Hazard, KernelHazard
-from ..optimization.problem import Instances, Nlp
 from ..optimization.feasible_sets.planar import PlanarSets
+from ..optimization.problem import Instances, Nlp
+from ..typing import Booleans, Floats
 from .formation_kernels import formation_objective
 
 if TYPE_CHECKING:

@@ -25,9 +25,9 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from ..typing import Floats
 from ..hazard import Hazard
 from ..optimization.problem import Instances, Nlp
+from ..typing import Floats
 
 ROOM = 1e-7
 """How much of a squared limit a solve leaves: its answers are as exact as its tolerance, and the

@@ -16,9 +16,9 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from ..typing import Floats
 from ..hazard import Hazard
 from ..optimization.problem import Instances, Nlp
+from ..typing import Floats
 from .guide import UNROLL, GuideTask
 
 

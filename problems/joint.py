@@ -45,11 +45,11 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from ..typing import Expression
 from ..hazard import Hazard
 from ..optimization.problem import Nlp
-from .subsets import subsets
+from ..typing import Expression
 from .joint_hessian import MOST, lagrangian_hessian
+from .subsets import subsets
 
 OBJECTIVES = ("success", "arrivals", "survivors")
 

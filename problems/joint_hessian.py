@@ -19,8 +19,8 @@ from __future__ import annotations
 
 import casadi as ca
 
-from ..typing import Expression
 from ..optimization.problem import Nlp
+from ..typing import Expression
 
 MOST = 6
 """Members up to which these derivatives are worth their time."""

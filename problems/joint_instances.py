@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..typing import Booleans, Counts, Floats
 from ..optimization.problem import Instances, Nlp
-from .subsets import subsets
+from ..typing import Booleans, Counts, Floats
 from .guide import within
 from .joint import JointForm
+from .subsets import subsets
 
 
 @dataclass(frozen=True, eq=False)

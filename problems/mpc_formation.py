@@ -39,11 +39,11 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from ..typing import Booleans, Counts, Floats
 from ..hazard import Hazard, KernelHazard
-from ..optimization.problem import Instances, Nlp
-from ..optimization.feasible_sets.trajectory import Limits
 from ..optimization.feasible_sets.planar import PlanarSets
+from ..optimization.feasible_sets.trajectory import Limits
+from ..optimization.problem import Instances, Nlp
+from ..typing import Booleans, Counts, Floats
 from .formation import SHORTFALL, Motion
 from .formation_kernels import formation_objective
 

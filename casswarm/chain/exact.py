@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..typing import Floats
 from ..policies.base import Policy
+from ..typing import Floats
 from .distribution import Law
 from .states import Endings, States, split
 from .transition import transition

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..typing import Booleans, Counts, Floats
 from ..policies.base import Policy
+from ..typing import Booleans, Counts, Floats
 from .random_streams import uniforms
 from .states import States, distinct_states
 from .trajectories import Trace, Tracer

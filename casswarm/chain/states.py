@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..typing import Booleans, Counts, Floats
 from .._util.jit import compiled_module
+from ..typing import Booleans, Counts, Floats
 from . import state_kernels
 from .transition import Transition
 

@@ -26,10 +26,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from .confidence import LEVEL, effective_runs, wilson
-from .exact import Head
 from .distribution import Law
-from .random_streams import uniforms
+from .exact import Head
 from .monte_carlo import Chain
+from .random_streams import uniforms
 from .states import States
 
 MOST_LIGHT = 1e-5

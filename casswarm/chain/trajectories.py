@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..typing import Booleans, Counts, Floats
 from ..policies.base import Policy
+from ..typing import Booleans, Counts, Floats
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..typing import Booleans, Counts, Floats
 from ..policies.base import Policy, checked_velocities
 from ..problems.formation import motion_of
+from ..typing import Booleans, Counts, Floats
 
 if TYPE_CHECKING:
     from ..scenario import Scenario

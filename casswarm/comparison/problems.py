@@ -14,14 +14,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..typing import Floats
 from ..errors import ComparisonError, among
 from ..optimization.problem import Instances, Nlp
-from ..planning.plan import plan, plan_from
-from ..scenario import Scenario
 from ..optimization.solution import BatchSolution
 from ..optimization.solvers import Answer, Auto, Ipopt, Solver
+from ..planning.plan import plan, plan_from
+from ..scenario import Scenario
 from ..studies.simulation import simulate
+from ..typing import Floats
 
 HORIZONS = (30, 100, 300)
 """Steps of the guides; the same ten units of time, in finer and finer steps."""

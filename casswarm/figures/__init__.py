@@ -3,15 +3,14 @@
 Each is drawn in the look of its context, ``with look("column"): ...``: see `LOOKS`.
 """
 
-from .mpc import look_ahead_chart
 from .animation import animate
-from .success_bars import difference_chart, success_chart
 from .convergence import convergence_chart
+from .distributions import arrival_chart, population_chart, survival_chart
 from .formations import formation_chart
 from .frames import player, save_gif
 from .joint import joint_map
-from .distributions import arrival_chart, population_chart, survival_chart
 from .maps import comparison_map, guide_map, risk_map, swarm_map
+from .mpc import look_ahead_chart
 from .paper import (
     beyond_chart,
     guides_map,
@@ -22,6 +21,7 @@ from .paper import (
 from .performance_profiles import pair_chart, profile_chart, win_chart
 from .policy_comparison import rival_chart
 from .style import LOOKS, look, save
+from .success_bars import difference_chart, success_chart
 from .sweeps import sweep_heat_map, sweep_lines
 
 __all__ = [

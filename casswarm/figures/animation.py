@@ -17,9 +17,9 @@ from matplotlib.lines import Line2D
 from ..chain.trajectories import Trace
 from ..planning.guide import Guide
 from ..scenario import Scenario
+from .base_map import GREYS, extent, frame, landmarks, lone_norm, pixels
 from .closeups import SHARES, Closeup, follows, guest_rates, leader_at, shades, window
 from .formations import caption, legend_handles
-from .base_map import GREYS, extent, frame, landmarks, lone_norm, pixels
 from .style import BLUE, INK, MEMBERS, VERMILION, current, drawn, line, settings
 
 _PIXELS = 110

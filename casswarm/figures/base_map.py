@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.patches import Circle, Rectangle
 
-from ..typing import Floats
 from ..scenario import Scenario
+from ..typing import Floats
 from .style import INK, SKY, VERMILION, figure, line, upright
 
 _PIXELS = 300

@@ -13,11 +13,11 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Circle
 from matplotlib.transforms import ScaledTranslation
 
-from ..typing import Booleans, Floats
 from ..chain.trajectories import Trace
-from ..planning.guide import Guide
 from ..hazard import Hazard
+from ..planning.guide import Guide
 from ..scenario import Scenario
+from ..typing import Booleans, Floats
 from .base_map import GREYS, frame, pixels
 from .style import BLUE, INK, MEMBERS, VERMILION, halo, line
 

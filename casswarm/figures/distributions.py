@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..typing import Floats
 from ..chain.distribution import Law
+from ..typing import Floats
 from .style import drawn, figure, headline, line, marks, tidy
 
 

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from ..typing import Floats
 from ..scenario import Scenario
+from ..typing import Floats
 from .base_map import lone_map
 from .style import BLUE, INK, MEMBERS, drawn, headline, key, line
 

@@ -9,12 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from ..typing import Floats
+from ..chain.trajectories import Trace
 from ..planning.bounds.outlook import Outlook
 from ..planning.bounds.value_function import ValueFunction
-from ..chain.trajectories import Trace
 from ..planning.guide import Candidate, Guide, path_of, rounded_up
 from ..scenario import Scenario
+from ..typing import Floats
 from .base_map import corridor, extent, field_axes, landmarks, lone_map
 from .style import (
     BLUE,

@@ -8,8 +8,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..typing import Booleans, Expression, Floats
 from ..errors import HazardError
+from ..typing import Booleans, Expression, Floats
 from .protection import LeastRate
 
 

@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 import casadi as ca
 import numpy as np
 
-from ..typing import Expression, Floats
 from ..errors import HazardError
+from ..typing import Expression, Floats
 
 _BINARY = {
     ca.OP_ADD: "{0} + {1}",

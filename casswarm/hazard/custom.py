@@ -13,8 +13,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..typing import Booleans, Expression, Floats
 from ..errors import HazardError
+from ..typing import Booleans, Expression, Floats
 from .base import Hazard, checked_radars
 
 _CHUNK = 256  # states a call of the mapped function takes

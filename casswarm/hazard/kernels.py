@@ -22,9 +22,9 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from ..typing import Booleans, Expression, Floats
 from .._util.constants import CORE_RADIUS
 from ..errors import HazardError
+from ..typing import Booleans, Expression, Floats
 from .base import Hazard, checked_radars
 from .codegen import differentiated_source, lower
 

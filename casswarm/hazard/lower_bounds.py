@@ -21,8 +21,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..typing import Floats
 from .._util.constants import CORE_RADIUS
+from ..typing import Floats
 
 CAP = 8.0
 """R in spacings."""

@@ -8,10 +8,10 @@ from numbers import Real
 import casadi as ca
 import numpy as np
 
-from ..typing import Expression, Floats
 from ..errors import HazardError
-from .lower_bounds import inverse_squares_below, least_inverse_squares
+from ..typing import Expression, Floats
 from .kernels import KernelHazard, lowered_kernels, regular
+from .lower_bounds import inverse_squares_below, least_inverse_squares
 from .protection import LeastRate, saturated, saturated_apart
 
 

@@ -11,10 +11,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..typing import Expression, Floats
 from ..errors import SolverError
-from .feasible_sets.trajectory import PathSets
+from ..typing import Expression, Floats
 from .feasible_sets.planar import PlanarSets
+from .feasible_sets.trajectory import PathSets
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..typing import Floats
 from ..hazard import Hazard
 from ..optimization.solution import Solution
+from ..typing import Floats
 
 if TYPE_CHECKING:
     from .bounds.risk_bound import Certificate

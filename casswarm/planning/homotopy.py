@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..typing import Floats
-from .guide import sides_of
-from .bounds.grid import Relaxation
 from .bounds.dynamic_programming import Node, Prices, Values, backward, forward, trace, trace_back
+from .bounds.grid import Relaxation
 from .bounds.risk_bound import first_grid
 from .bounds.windows import box_minimum
+from .guide import sides_of
 
 _NODES = 150_000  # of the grid
 _TILES = 16  # along the map's longer side: places that ways are sought through

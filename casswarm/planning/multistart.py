@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..typing import Floats
-from .bounds.grid import Relaxation
-from .homotopy import Way, best_ways
-from .guide import Candidate, Guide, path_of, sides_of
-from ..problems.guide import GuideTask, guide_instance, guide_nlp
-from ..problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp
 from ..optimization.solution import Solution
 from ..optimization.solvers import Solver
 from ..optimization.solvers.base import VIOLATION
+from ..problems.guide import GuideTask, guide_instance, guide_nlp
+from ..problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp
+from ..typing import Floats
+from .bounds.grid import Relaxation
+from .guide import Candidate, Guide, path_of, sides_of
+from .homotopy import Way, best_ways
 from .polyline import resampled, straight
 
 if TYPE_CHECKING:

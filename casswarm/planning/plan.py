@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..errors import PlanningError, SolverError
+from ..optimization.solvers import ProjectedGradient, Solver, make_solver
+from ..problems.guide import GuideTask
 from ..typing import Floats
 from .bounds.grid import Relaxation
 from .bounds.risk_bound import Certificate, arrival_multiplier
 from .bounds.risk_bound import certify as certified
-from .homotopy import best_ways
-from ..errors import PlanningError, SolverError
 from .guide import Candidate, Guide, guide_from, path_of
-from ..problems.guide import GuideTask
+from .homotopy import best_ways
 from .multistart import Planner, preference
-from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 
 if TYPE_CHECKING:
     from ..scenario import Scenario

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..typing import Booleans, Counts, Floats
 from ..errors import PolicyError
+from ..typing import Booleans, Counts, Floats
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..typing import Booleans, Floats
-from ..planning.bounds.value_function import ValueFunction
 from ..hazard import Hazard
-from ..problems.formation import Motion, Step, corridor_formation, leader_formation
 from ..optimization.solvers import Solver
+from ..planning.bounds.value_function import ValueFunction
+from ..problems.formation import Motion, Step, corridor_formation, leader_formation
+from ..typing import Booleans, Floats
 from .base import Decision, Policy
 from .formation import solved
 

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..typing import Booleans, Floats
-from ..planning.guide import Guide
 from ..hazard import Hazard
-from ..problems.formation import Formation, Motion, Step, corridor_formation, leader_formation
 from ..optimization.solution import BatchSolution
 from ..optimization.solvers import Solver
+from ..planning.guide import Guide
+from ..problems.formation import Formation, Motion, Step, corridor_formation, leader_formation
+from ..typing import Booleans, Floats
 from .base import Decision, Policy
 from .leader_selection import SUCCESSIONS
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..typing import Booleans, Floats
 from ..planning.guide import Guide
 from ..problems.formation import Motion
+from ..typing import Booleans, Floats
 from .base import Decision, Policy
 
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..typing import Booleans, Floats
 from ..errors import PolicyError
-from ..problems.formation import Motion
 from ..planning.joint import SwarmPlan
+from ..problems.formation import Motion
+from ..typing import Booleans, Floats
 from .base import Decision, Policy
 
 _ON_PLAN = 1e-9

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..typing import Booleans, Floats
 from ..planning.joint.replan import PlanTree
+from ..typing import Booleans, Floats
 from .base import Decision, Policy
 from .joint import JointPolicy
 

@@ -11,8 +11,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..typing import Floats
 from ..problems.formation import Step
+from ..typing import Floats
 
 Rule = Callable[[Step, Floats], NDArray[np.intp]]
 

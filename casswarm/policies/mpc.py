@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..typing import Booleans, Floats
+from ..optimization.solvers import Solver
 from ..problems.formation import Step
 from ..problems.mpc_formation import LookAhead, Window
-from .mpc_instances import corridor_ahead, leader_ahead
-from ..optimization.solvers import Solver
+from ..typing import Booleans, Floats
 from .base import Decision
 from .formation import HONEST, ConstrainedPolicy, FormationPolicy, LeaderPolicy, tell_failures
 from .leader_selection import SUCCESSIONS
+from .mpc_instances import corridor_ahead, leader_ahead
 
 
 @dataclass(frozen=True, eq=False)

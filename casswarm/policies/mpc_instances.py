@@ -10,12 +10,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from ..typing import Booleans, Floats
 from ..hazard import KernelHazard
-from ..optimization.problem import Instances, Nlp
-from ..optimization.feasible_sets.trajectory import PathSets, distances, part_within
 from ..optimization.feasible_sets.planar import PlanarSets
+from ..optimization.feasible_sets.trajectory import PathSets, distances, part_within
+from ..optimization.problem import Instances, Nlp
 from ..problems.mpc_formation import LookAhead, Window, lookahead_nlp
+from ..typing import Booleans, Floats
 
 MARGIN = 1e-4
 """By how much a corridor is narrower for every step ahead, as a part of its radius."""

@@ -6,22 +6,22 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from ..planning.bounds.value_function import ValueFunction
 from ..errors import PolicyError, among
-from ..planning.guide import Guide
-from ..planning.plan import initial_velocities, plan, plan_from
-from ..problems.formation import motion_of
 from ..optimization.solvers import ProjectedGradient, Solver, make_solver
+from ..planning.bounds.value_function import ValueFunction
+from ..planning.guide import Guide
 from ..planning.joint import plan_swarm
 from ..planning.joint.replan import PlanTree
-from .base import Decision, Policy, UserPolicy, as_policy
+from ..planning.plan import initial_velocities, plan, plan_from
+from ..problems.formation import motion_of
+from .base import Policy
 from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy
+from .independent import NaivePolicy
 from .joint import JointPolicy
 from .joint_feedback import JointFeedbackPolicy
-from .mpc import ConstrainedAheadPolicy, LeaderAheadPolicy
-from .independent import NaivePolicy
 from .leader_selection import SUCCESSIONS
+from .mpc import ConstrainedAheadPolicy, LeaderAheadPolicy
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -182,26 +182,3 @@ def member_guides(scenario: Scenario, guide: Guide) -> tuple[Guide, ...]:
 def _require_known(kind: str, name: str, known: Mapping[str, object]) -> None:
     if name not in known:
         raise PolicyError(f"{kind} {name!r} is unknown{among(name, known)}")
-
-
-__all__ = [
-    "POLICIES",
-    "SUCCESSIONS",
-    "ConstrainedAheadPolicy",
-    "ConstrainedFeedbackPolicy",
-    "ConstrainedPolicy",
-    "Decision",
-    "JointFeedbackPolicy",
-    "JointPolicy",
-    "LeaderAheadPolicy",
-    "LeaderFeedbackPolicy",
-    "LeaderPolicy",
-    "NaivePolicy",
-    "Policy",
-    "UserPolicy",
-    "as_policy",
-    "initial_velocities",
-    "make_policy",
-    "member_guides",
-    "motion_of",
-]

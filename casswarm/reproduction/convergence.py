@@ -13,18 +13,19 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 
-from ..typing import Floats
-from ..planning.guide import Guide, path_of
 from ..optimization.problem import Instances, Nlp
-from ..policies import initial_velocities, make_policy
+from ..optimization.solution import Solution
+from ..optimization.solvers import ProjectedGradient, make_solver
+from ..planning.guide import Guide, path_of
+from ..planning.plan import initial_velocities
+from ..planning.polyline import resampled, straight
+from ..policies import make_policy
 from ..policies.leader_selection import nearest
 from ..problems.formation import Step, corridor_formation, leader_formation, motion_of
 from ..problems.guide import GuideTask
 from ..problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp
 from ..scenario import Scenario
-from ..optimization.solution import Solution
-from ..optimization.solvers import ProjectedGradient, make_solver
-from ..planning.polyline import resampled, straight
+from ..typing import Floats
 
 POINTS = (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 3000, 4000, 5000, 6000)
 """Iterations at which iterates are judged."""

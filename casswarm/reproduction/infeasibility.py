@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 
 from ..chain.trajectories import Trace
-from ..studies.evaluation import evaluate
 from ..planning.guide import Guide
-from ..planning.plan import plan
-from ..policies import initial_velocities, make_policy
+from ..planning.plan import initial_velocities, plan
+from ..policies import make_policy
 from ..scenario import Scenario
+from ..studies.evaluation import evaluate
 from ..studies.simulation import simulate
 from .success import WIDTH, Tell
 

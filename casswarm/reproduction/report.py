@@ -9,8 +9,8 @@ import pandas as pd
 
 from ..comparison.rendering import Block, Heading, Table, Text, markdown
 from ..planning.guide import rounded_up
-from .reproduce import TABLES, Reproduction
 from .paper import PAPER_RUNS
+from .reproduce import TABLES, Reproduction
 
 
 def page(found: Reproduction, ending: str = "png") -> str:

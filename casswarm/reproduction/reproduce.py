@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
+from ..chain.confidence import wilson
 from ..chain.trajectories import Trace
 from ..figures import (
     beyond_chart,
@@ -19,12 +20,11 @@ from ..figures import (
     swarm_map,
     table_2_chart,
 )
-from ..results.catalogue import Gallery
 from ..planning.guide import Guide
 from ..planning.plan import plan
 from ..policies import member_guides
+from ..results.catalogue import Gallery
 from ..scenario import Scenario, load_scenario
-from ..chain.confidence import wilson
 from ..studies.simulation import simulate
 from .convergence import condensed, formation_convergence, guide_convergence
 from .infeasibility import cost, shortfall_steps

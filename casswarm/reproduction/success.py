@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from ..studies.evaluation import estimate, evaluate
+from ..chain.confidence import wilson
 from ..planning.guide import Guide, sides_of
 from ..planning.plan import plan
 from ..scenario import Scenario, load_scenario
-from ..chain.confidence import wilson
+from ..studies.evaluation import estimate, evaluate
 from ..studies.simulation import PAPER_POLICIES, simulate
 from .paper import PAPER_RUNS, PAPER_SUCCESS
 

@@ -9,14 +9,28 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from ..typing import Floats
-from ..planning.bounds.outlook import Outlook
 from ..chain.distribution import Law
 from ..chain.trajectories import Trace
-from ..figures import arrival_chart, comparison_map, difference_chart, formation_chart, guide_map, joint_map, population_chart, risk_map, success_chart, survival_chart, swarm_map, sweep_heat_map, sweep_lines
+from ..figures import (
+    arrival_chart,
+    comparison_map,
+    difference_chart,
+    formation_chart,
+    guide_map,
+    joint_map,
+    population_chart,
+    risk_map,
+    success_chart,
+    survival_chart,
+    swarm_map,
+    sweep_heat_map,
+    sweep_lines,
+)
 from ..figures.closeups import follows
+from ..planning.bounds.outlook import Outlook
 from ..planning.guide import Candidate, Guide
 from ..scenario import Scenario
+from ..typing import Floats
 
 Gallery = dict[str, Callable[[], Figure]]
 """Functions that draw a figure in the look of their context, by the figure's name."""

@@ -13,20 +13,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from ..typing import Floats
-from ..planning.bounds.outlook import Outlook
 from ..chain.distribution import Law
 from ..chain.trajectories import Trace
 from ..errors import StoreError
+from ..planning.bounds.outlook import Outlook
 from ..planning.guide import Guide
+from ..typing import Floats
 from .restoring import LAW_TABLES, laws_of, solution_of, traces_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..comparison import Comparison
-    from .catalogue import Gallery
     from ..scenario import Scenario
+    from .catalogue import Gallery
 
 COMMANDS = ("plan", "plan-joint", "simulate", "evaluate", "sweep", "compare")
 """Commands whose folders can be drawn again."""

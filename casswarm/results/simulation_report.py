@@ -13,11 +13,11 @@ import pandas as pd
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from . import catalogue
-from ..planning.bounds.success_bound import SuccessBound
-from ..figures import look
-from .folder import Saved
 from .._util.templates import rendered
+from ..figures import look
+from ..planning.bounds.success_bound import SuccessBound
+from . import catalogue
+from .folder import Saved
 
 CAPTIONS = {
     "success": "Success probability of every policy. Bars: share of runs in which some member "

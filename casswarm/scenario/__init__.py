@@ -1,8 +1,8 @@
 """Scenarios: the swarm, its target and its hazards; the files that hold them."""
 
 from .hazard_section import HazardTable
-from .model import Scenario
 from .io import builtin_scenarios, load_scenario, save_scenario
+from .model import Scenario
 from .sections import FormationOptions, GuideOptions, Swarm, Target, Time
 
 __all__ = [

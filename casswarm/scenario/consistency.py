@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from .._util.constants import CORE_RADIUS
 from .hazard_section import HazardTable
-from .validation import shown
 from .sections import GuideOptions, Swarm, Target, Time
+from .validation import shown
 
 _MOST_STEPS = 100_000
 _ROUNDING = 1e-9

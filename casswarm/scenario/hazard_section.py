@@ -12,8 +12,8 @@ from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 from .._util.constants import CORE_RADIUS
 from .fields import LARGEST, Allowed, NotNegative, Point, Positive
 from .kinds import ALPHAS, BETAS, CONSTANTS, KINDS, PARAMETERS, checked_kind, checked_parameters
-from .validation import allowed, fields, wrong
 from .sections import Table
+from .validation import allowed, fields, wrong
 
 if TYPE_CHECKING:
     from ..hazard import Hazard

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ScenarioError
-from .validation import nearest, report
 from .model import Scenario
+from .validation import nearest, report
 
 _TEMPLATE = "start from a built-in one: casswarm scenarios new my.toml --from paper-1"
 

@@ -16,9 +16,9 @@ from ..errors import ScenarioError
 from . import consistency
 from .fields import Allowed, Text, plain
 from .hazard_section import HazardTable
-from .validation import known_keys, problems, report, shown, unknown_key, wrong
 from .sections import FormationOptions, GuideOptions, Swarm, Table, Target, Time
 from .toml import annotated, toml_text
+from .validation import known_keys, problems, report, shown, unknown_key, wrong
 
 if TYPE_CHECKING:
     from ..hazard import Hazard

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..typing import Floats
 from ..errors import ScenarioError
+from ..typing import Floats
 
 if TYPE_CHECKING:
     from . import Scenario

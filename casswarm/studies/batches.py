@@ -10,10 +10,10 @@ from numbers import Integral
 
 import numpy as np
 
+from .._util.parallel import Workers, done_jobs
 from ..chain.monte_carlo import Chain, Runs
 from ..policies.base import Policy
 from .checkpoint import Store, cell_name
-from .._util.parallel import Workers, done_jobs
 
 BATCH = 20_000
 """Runs that advance together at the most: bounds memory, changes no result."""

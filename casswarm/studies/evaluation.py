@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from ..typing import Floats
-from ..chain.exact import MOST_MEMBERS, Head, Progress, propagate
-from ..chain.stratified import MOST_LIGHT, VISITS, Estimate, sample_rest
 from ..chain.distribution import Law
+from ..chain.exact import MOST_MEMBERS, Head, Progress, propagate
 from ..chain.monte_carlo import Chain
+from ..chain.stratified import MOST_LIGHT, VISITS, Estimate, sample_rest
 from ..errors import PolicyError
-from ..planning.guide import Guide
-from ..planning.plan import plan
-from ..policies import as_policy, initial_velocities, make_policy
 from ..optimization.solvers import Solver
+from ..planning.guide import Guide
+from ..planning.plan import initial_velocities, plan
+from ..policies import as_policy, make_policy
+from ..typing import Floats
 
 if TYPE_CHECKING:
     from ..scenario import Scenario

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..planning.guide import Guide
-from ..optimization.solvers import Solver
 from ..chain.confidence import runs_for
+from ..optimization.solvers import Solver
+from ..planning.guide import Guide
 from .simulation import PAPER_POLICIES, simulate
 
 if TYPE_CHECKING:

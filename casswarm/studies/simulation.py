@@ -15,18 +15,18 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from .._util.parallel import Workers, checked_workers, require_sendable
 from ..chain.monte_carlo import Chain
 from ..chain.trajectories import Trace
 from ..errors import PolicyError
+from ..optimization.solvers import Solver
 from ..planning.guide import Guide
-from ..planning.plan import plan
-from ..policies import as_policy, initial_velocities, make_policy
+from ..planning.plan import initial_velocities, plan
+from ..policies import as_policy, make_policy
 from ..policies.base import Policy
 from .batches import Parts, Progress, jobs_left, kept_parts, sample_jobs
-from ..optimization.solvers import Solver
 from .checkpoint import Store
 from .tables import paired_table, run_table, summarise
-from .._util.parallel import Workers, checked_workers, require_sendable
 
 if TYPE_CHECKING:
     from ..scenario import Scenario

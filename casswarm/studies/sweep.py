@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from .sweep_points import Cell, Options
+from .._util.parallel import Workers, checked_workers, done_jobs, require_sendable
 from ..errors import ScenarioError
 from ..scenario.variations import SPECIAL
 from .checkpoint import Store
 from .simulation import PAPER_POLICIES, distinct_policies
-from .._util.parallel import Workers, checked_workers, done_jobs, require_sendable
+from .sweep_points import Cell, Options
 
 if TYPE_CHECKING:
     from ..scenario import Scenario

@@ -11,10 +11,10 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from ..errors import CasswarmError
-from .evaluation import evaluate
 from ..planning.guide import Guide
-from ..scenario.variations import with_parameters
 from ..planning.plan import plan
+from ..scenario.variations import with_parameters
+from .evaluation import evaluate
 from .simulation import simulate
 
 if TYPE_CHECKING:

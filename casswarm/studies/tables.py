@@ -8,14 +8,14 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 
-from ..typing import Floats
-from ..chain.stratified import Estimate
+from ..chain.confidence import Paired, wilson
 from ..chain.distribution import Law
 from ..chain.monte_carlo import Runs
+from ..chain.stratified import Estimate
 from ..chain.trajectories import Trace
 from ..planning.guide import Guide
-from ..chain.confidence import Paired, wilson
 from ..planning.joint import SwarmPlan
+from ..typing import Floats
 
 
 def guide_table(guide: Guide) -> pd.DataFrame:

@@ -37,9 +37,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import planar_kernels
-from ...typing import Booleans, Floats
 from ..._util.jit import compiled_module
+from ...typing import Booleans, Floats
+from . import planar_kernels
 
 Index: TypeAlias = int | np.integer[Any] | slice | NDArray[np.bool_] | NDArray[np.integer[Any]]
 

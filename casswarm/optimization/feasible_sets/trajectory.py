@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import trajectory_kernels, planar_kernels
-from ...typing import Booleans, Floats
 from ..._util.jit import compiled_module
+from ...typing import Booleans, Floats
+from . import planar_kernels, trajectory_kernels
 from .planar import PlanarSets
 
 POINTS, DISCS = ((1e-13, 1e-9),), ((1e-10, 1e-8), (1e-7, 1e-6))
@@ -212,7 +212,12 @@ def barrier_sources() -> list[str]:
     """Texts of the barrier method, which an objective's `evaluate` completes."""
     from ..solvers.batch import interior_point_batch_kernels, interior_point_kernels
 
-    cores = (planar_kernels, trajectory_kernels, interior_point_kernels, interior_point_batch_kernels)
+    cores = (
+        planar_kernels,
+        trajectory_kernels,
+        interior_point_kernels,
+        interior_point_batch_kernels,
+    )
     return [inspect.getsource(core) for core in cores]
 
 

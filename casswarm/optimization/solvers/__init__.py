@@ -8,17 +8,17 @@ from typing import Any
 from ...errors import SolverError, among
 from .alpaqa import Alpaqa
 from .auto import Auto
-from .batch.interior_point import Barrier
 from .base import Abilities, Answer, Solver
+from .batch.interior_point import Barrier
+from .batch.spg import SpectralProjectedGradient
 from .ipopt import Ipopt
 from .isolated import Isolated
-from .unsupported import LEFT_OUT
 from .projected_gradient import ProjectedGradient
 from .sleqp import Sleqp
 from .slsqp import Slsqp
-from .batch.spg import SpectralProjectedGradient
 from .sqp import Sqp
 from .uno import Uno
+from .unsupported import LEFT_OUT
 
 SOLVERS: dict[str, type[Solver]] = {
     solver.name: solver

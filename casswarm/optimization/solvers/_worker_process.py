@@ -16,11 +16,11 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
+from ..._util.interrupts import begin_child, deferred
 from ...errors import CasswarmError, SolverError
 from ..problem import Instances, Nlp
 from ..solution import Status
 from .base import Answer, Solver, failed, told
-from ..._util.interrupts import begin_child, deferred
 
 _START_SECONDS = 60.0
 _LAST_WORDS = 500  # characters

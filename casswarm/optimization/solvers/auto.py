@@ -11,10 +11,10 @@ import numpy as np
 from ...typing import Floats
 from ..problem import Instances, Nlp
 from ..solution import BatchSolution
-from .batch.interior_point import Barrier, BarrierRun
 from .base import Abilities, Answer, Solver
-from .ipopt import Ipopt
+from .batch.interior_point import Barrier, BarrierRun
 from .batch.spg import Run, SpectralProjectedGradient
+from .ipopt import Ipopt
 
 
 @dataclass(frozen=True)

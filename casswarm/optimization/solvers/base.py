@@ -11,10 +11,10 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from ...typing import Floats
 from ...errors import CasswarmError, SolverError
-from ..problem import Instances, Nlp
+from ...typing import Floats
 from ..kkt import judge
+from ..problem import Instances, Nlp
 from ..solution import BatchSolution, Residuals, Solution, Status
 
 VIOLATION = 1e-6

@@ -13,12 +13,12 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
+from ..._util.interrupts import interruptible
+from ..._util.silence import silence
 from ...errors import SolverError
 from ..problem import Instances, Nlp
 from ..solution import Status
 from .base import Answer, Solver
-from ..._util.interrupts import interruptible
-from ..._util.silence import silence
 
 INTERRUPTED = "User_Requested_Stop"
 """What CasADi's own loops say when they caught the user's Ctrl-C; nobody else stops them."""

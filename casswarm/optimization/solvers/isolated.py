@@ -12,8 +12,8 @@ import numpy as np
 from ...errors import SolverError
 from ..problem import Instances, Nlp
 from ..solution import Solution
-from .base import Answer, Solver, failed, require
 from ._worker_process import EndedError, Process
+from .base import Answer, Solver, failed, require
 
 CHUNK = 64
 """Instances that are sent together at the most."""

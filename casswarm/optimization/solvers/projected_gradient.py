@@ -9,8 +9,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from ...typing import Booleans, Floats
 from ...errors import SolverError
+from ...typing import Booleans, Floats
 from ..problem import Instances, Nlp
 from ..solution import Status
 from .base import Abilities, Answer, Solver, require

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ...typing import Booleans, Floats
 from ...hazard import Hazard
+from ...typing import Booleans, Floats
 
 if TYPE_CHECKING:
     from ...scenario import Scenario

@@ -9,10 +9,10 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from ...typing import Booleans, Floats
 from ...hazard.lower_bounds import cap_radius
-from .grid import UNIT, Block, Grid, Relaxation, corners, whole_size
+from ...typing import Booleans, Floats
 from .dynamic_programming import Prices, Values, backward, forward, least, point, spread
+from .grid import UNIT, Block, Grid, Relaxation, corners, whole_size
 
 FIRST = 400_000
 """Nodes of the first grid, at the most where merging steps can keep it so."""

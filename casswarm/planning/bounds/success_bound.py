@@ -22,11 +22,11 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
-from ...typing import Booleans, Expression, Floats
 from ...hazard import Hazard
 from ...hazard.protection import LeastRate
-from .grid import Block, Grid, Relaxation
+from ...typing import Booleans, Expression, Floats
 from .dynamic_programming import Prices, backward, least, spread, trace
+from .grid import Block, Grid, Relaxation
 from .risk_bound import arrival_multiplier, first_grid, rounding
 
 if TYPE_CHECKING:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...typing import Floats
 from ...errors import PlanningError
-from .grid import UNIT, Grid, Relaxation, whole_size
+from ...typing import Floats
 from .dynamic_programming import Prices, Values, backward
+from .grid import UNIT, Grid, Relaxation, whole_size
 from .windows import box_minimum
 
 if TYPE_CHECKING:

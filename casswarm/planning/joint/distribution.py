@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...typing import Booleans, Floats
-from ..bounds.grid import UNIT
 from ...problems.joint_instances import end_costs
 from ...problems.subsets import subsets
+from ...typing import Booleans, Floats
+from ..bounds.grid import UNIT
 
 if TYPE_CHECKING:
     from ...scenario import Scenario

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from ...problems.formation import Motion
+from ...problems.joint_instances import JointTask
 from ...typing import Counts, Floats
 from ..guide import Guide, path_of
 from ..plan import plan_from
-from ...problems.formation import Motion
-from ...problems.joint_instances import JointTask
 from ..polyline import resampled
 
 if TYPE_CHECKING:

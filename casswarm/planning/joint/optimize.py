@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...typing import Floats
-from ..bounds.success_bound import success_bound
 from ...errors import ScenarioError, SolverError, among
-from ..guide import Guide
-from ..plan import initial_velocities, plan
+from ...optimization.solvers import Solver, make_solver
 from ...problems.formation import motion_of
 from ...problems.joint import OBJECTIVES, JointForm
 from ...problems.joint_hessian import MOST
 from ...problems.joint_instances import JointTask
-from ...optimization.solvers import Solver, make_solver
+from ...typing import Floats
+from ..bounds.success_bound import success_bound
+from ..guide import Guide
+from ..plan import initial_velocities, plan
 from .distribution import PlanLaw
+from .initial_guesses import SwarmStart, initial_plans, lone_guide, perturbed
 from .plan import SwarmOutcome, SwarmPlan
 from .solve import MOST_EXACT, JointProblem, first_steps, newton, quasi_newton
-from .initial_guesses import SwarmStart, initial_plans, lone_guide, perturbed
 
 if TYPE_CHECKING:
     from ...scenario import Scenario

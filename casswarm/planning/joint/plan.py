@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...optimization.solution import Solution
+from ...problems.formation import Motion
 from ...typing import Counts, Floats
 from ..bounds.success_bound import SuccessBound
-from ...problems.formation import Motion
-from ...optimization.solution import Solution
 from .distribution import PlanLaw
 
 NEARLY = 1 - 1e-4

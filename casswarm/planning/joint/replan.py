@@ -20,17 +20,17 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from ...typing import Floats
 from ...errors import PolicyError
+from ...optimization.solvers import Solver
 from ...problems.joint import JointForm
 from ...problems.joint_hessian import MOST
 from ...problems.joint_instances import JointTask
-from ...optimization.solvers import Solver
+from ...typing import Floats
 from .distribution import PlanLaw
-from .plan import SwarmPlan
-from .optimize import joint_task
-from .solve import MOST_EXACT, JointProblem, first_steps, newton, quasi_newton
 from .initial_guesses import SwarmStart
+from .optimize import joint_task
+from .plan import SwarmPlan
+from .solve import MOST_EXACT, JointProblem, first_steps, newton, quasi_newton
 
 if TYPE_CHECKING:
     from ...scenario import Scenario

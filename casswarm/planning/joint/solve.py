@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...typing import Counts, Floats
 from ...optimization.problem import Nlp
+from ...optimization.solvers import Ipopt, Solver
 from ...problems.formation import motion_of
 from ...problems.joint import JointForm, joint_nlp
 from ...problems.joint_instances import JointTask, joint_instance
-from ...optimization.solvers import Ipopt, Solver
+from ...typing import Counts, Floats
 from .distribution import PlanLaw
-from .plan import NEARLY, SwarmOutcome, least_distance
 from .initial_guesses import SwarmStart, follow
+from .plan import NEARLY, SwarmOutcome, least_distance
 
 if TYPE_CHECKING:
     from ...scenario import Scenario

@@ -10,14 +10,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from . import interior_point_kernels
-from ....typing import Booleans, Counts, Floats
 from ...._util.jit import compiled_module
 from ....errors import SolverError
-from ...problem import Instances, Nlp
+from ....typing import Booleans, Counts, Floats
 from ...feasible_sets.trajectory import PathSets, barrier_sources
+from ...problem import Instances, Nlp
 from ...solution import BatchSolution, Status
 from ..base import VIOLATION, Abilities, Answer, Solver, require
+from . import interior_point_kernels
 from .spg import shared_out
 
 _WORDS = {

@@ -9,9 +9,18 @@ import math
 import numpy as np
 
 if "compiled" not in globals():
-    from casswarm.optimization.solvers.batch.interior_point_kernels import NO_INSIDE, NOT_FINITE, clear, copy, gather, minimise, residuals, total
-    from casswarm.optimization.feasible_sets.trajectory_kernels import add_pulled, longest, slacks
     from casswarm.optimization.feasible_sets.planar_kernels import compiled
+    from casswarm.optimization.feasible_sets.trajectory_kernels import add_pulled, longest, slacks
+    from casswarm.optimization.solvers.batch.interior_point_kernels import (
+        NO_INSIDE,
+        NOT_FINITE,
+        clear,
+        copy,
+        gather,
+        minimise,
+        residuals,
+        total,
+    )
 
 FIRST = 1e-2  # barrier parameter at the beginning, in units of the objective
 COARSE = 1e-4  # barrier parameter at which starts are compared

@@ -20,8 +20,17 @@ import math
 import numpy as np
 
 if "compiled" not in globals():
-    from casswarm.optimization.feasible_sets.trajectory_kernels import add_curvature, add_pulled, bends, factor, longest, pushed, slacks, solve
     from casswarm.optimization.feasible_sets.planar_kernels import compiled
+    from casswarm.optimization.feasible_sets.trajectory_kernels import (
+        add_curvature,
+        add_pulled,
+        bends,
+        factor,
+        longest,
+        pushed,
+        slacks,
+        solve,
+    )
 
 DIFFERENCE = 1e-7  # length of the gradient's differences
 SUFFICIENT = 1e-4  # decrease, as a part of what the slope promises

@@ -14,15 +14,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...feasible_sets import planar_kernels
-from ....typing import Booleans, Counts, Floats
 from ...._util.jit import compiled_module
 from ....errors import SolverError
-from ...problem import Instances, Nlp
+from ....typing import Booleans, Counts, Floats
+from ...feasible_sets import planar_kernels
 from ...feasible_sets.planar import PlanarSets
+from ...problem import Instances, Nlp
 from ...solution import BatchSolution, Status
-from . import face_newton_kernels, spg_kernels, spg_numpy
 from ..base import VIOLATION, Abilities, Answer, Solver, require
+from . import face_newton_kernels, spg_kernels, spg_numpy
 
 _WORDS = {
     spg_kernels.CONVERGED: (Status.SOLVED, "stationary to tolerance"),

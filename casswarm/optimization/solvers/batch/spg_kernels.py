@@ -13,7 +13,11 @@ import numpy as np
 
 if "compiled" not in globals():
     from casswarm.optimization.feasible_sets.planar_kernels import clip, compiled, excess, nearest
-    from casswarm.optimization.solvers.batch.face_newton_kernels import largest_of, longest_of, newton_step
+    from casswarm.optimization.solvers.batch.face_newton_kernels import (
+        largest_of,
+        longest_of,
+        newton_step,
+    )
 
 MEMORY = 10  # objective values that the nonmonotone search looks back on
 SUFFICIENT = 1e-4  # decrease, as a part of what the gradient promises

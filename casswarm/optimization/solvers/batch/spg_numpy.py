@@ -12,10 +12,21 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ....typing import Booleans, Counts, Floats
-from ...problem import Nlp
 from ...feasible_sets.planar import PlanarSets
+from ...problem import Nlp
 from ..casadi_map import gradients
-from .spg_kernels import COARSE, CONVERGED, EXHAUSTED, LONGEST, MEMORY, NOT_FINITE, OWN, SHORTEST, STALLED, SUFFICIENT
+from .spg_kernels import (
+    COARSE,
+    CONVERGED,
+    EXHAUSTED,
+    LONGEST,
+    MEMORY,
+    NOT_FINITE,
+    OWN,
+    SHORTEST,
+    STALLED,
+    SUFFICIENT,
+)
 
 _TRIALS = 60  # of a step's length
 _MOST = 300  # iterations: what takes more is sooner solved by a general solver

@@ -1,0 +1,86 @@
+from .chain.distribution import Law
+from .chain.stratified import Estimate
+from .comparison import Comparison, Problem, Tolerances, compare
+from .errors import (
+    CasswarmError,
+    ComparisonError,
+    HazardError,
+    PlanningError,
+    PolicyError,
+    ScenarioError,
+    SolverError,
+    StoreError,
+    WorkerError,
+)
+from .figures.animation import animate
+from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
+from .optimization.solution import Residuals, Solution, Status
+from .optimization.solvers import Solver, make_solver
+from .planning.bounds.risk_bound import Certificate
+from .planning.bounds.success_bound import SuccessBound, success_bound
+from .planning.bounds.value_function import ValueFunction
+from .planning.guide import Candidate, Guide
+from .planning.joint import SwarmOutcome, SwarmPlan, plan_swarm
+from .planning.plan import plan
+from .policies import Decision, Policy, as_policy, make_policy
+from .scenario import Scenario, builtin_scenarios, load_scenario, save_scenario
+from .studies.evaluation import estimate, evaluate
+from .studies.pilot import runs_needed
+from .studies.simulation import Study, simulate
+from .studies.sweep import Sweep, sweep
+
+__version__: str
+
+__all__ = [
+    "Candidate",
+    "CasswarmError",
+    "Certificate",
+    "Comparison",
+    "ComparisonError",
+    "CustomHazard",
+    "Decision",
+    "Estimate",
+    "Guide",
+    "Hazard",
+    "HazardError",
+    "KernelHazard",
+    "Law",
+    "PlanningError",
+    "Policy",
+    "PolicyError",
+    "Problem",
+    "Residuals",
+    "Saturation",
+    "SaturationCollision",
+    "Scenario",
+    "ScenarioError",
+    "Solution",
+    "Solver",
+    "SolverError",
+    "Status",
+    "StoreError",
+    "Study",
+    "SuccessBound",
+    "SwarmOutcome",
+    "SwarmPlan",
+    "Sweep",
+    "Tolerances",
+    "ValueFunction",
+    "WorkerError",
+    "animate",
+    "as_policy",
+    "builtin_scenarios",
+    "compare",
+    "estimate",
+    "evaluate",
+    "load_scenario",
+    "make_policy",
+    "make_solver",
+    "plan",
+    "plan_swarm",
+    "runs_needed",
+    "save_scenario",
+    "simulate",
+    "success_bound",
+    "sweep",
+]

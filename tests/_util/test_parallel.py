@@ -1,0 +1,169 @@
+"""Work in processes, executors and Dask clusters: same numbers, and deaths that cost time alone."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import slow_policy
+from commands import casswarm
+from slow_policy import fatal_once, toward
+from sweep_cases import GRID, SMALL
+
+import casswarm as cs
+from casswarm._util.parallel import done_jobs
+from casswarm.errors import WorkerError
+
+
+def test_results_come_with_their_places() -> None:
+    jobs = [lambda value=value: value**2 for value in range(5)]
+    assert dict(done_jobs(jobs, 1)) == {0: 0, 1: 1, 2: 4, 3: 9, 4: 16}
+    with ThreadPoolExecutor(2) as pool:
+        assert dict(done_jobs(jobs, pool)) == {0: 0, 1: 1, 2: 4, 3: 9, 4: 16}
+        assert pool.submit(int).result() == 0  # it was not shut down
+
+
+@pytest.mark.parametrize("workers", [0, -1, 1.5, None, "two"])
+def test_wrong_workers_are_told(workers: object) -> None:
+    with pytest.raises(ValueError, match="or an executor"):
+        cs.sweep(SMALL, GRID, [toward], runs=2, workers=workers)  # type: ignore[arg-type]
+
+
+def test_an_executor_gives_the_numbers_of_one_process() -> None:
+    alone = cs.simulate(SMALL, ["leader", toward], 100)
+    with ThreadPoolExecutor(2) as pool:
+        shared = cs.simulate(SMALL, ["leader", toward], 100, workers=pool)
+    pd.testing.assert_frame_equal(shared.runs, alone.runs, check_exact=True)
+
+
+def test_a_worker_that_dies_costs_time_and_no_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FATAL", str(tmp_path / "died"))
+    shared = cs.sweep(SMALL, GRID, [fatal_once], runs=20, workers=2)
+    assert (tmp_path / "died").exists()
+    alone = cs.sweep(SMALL, GRID, [fatal_once], runs=20)
+    assert shared.table.to_csv() == alone.table.to_csv()
+
+
+def test_workers_that_always_die_are_an_error() -> None:
+    with pytest.raises(WorkerError, match="a worker process died"):
+        list(done_jobs([exit_at_once, exit_at_once], 2))
+
+
+def test_an_executor_whose_workers_die_is_an_error() -> None:
+    with (
+        ProcessPoolExecutor(1, get_context("spawn")) as pool,
+        pytest.raises(WorkerError, match="lost its workers"),
+    ):
+        list(done_jobs([exit_at_once], pool))
+
+
+def test_a_jobs_own_error_stays_what_it_is() -> None:
+    with (
+        ProcessPoolExecutor(1, get_context("spawn")) as pool,
+        pytest.raises(ZeroDivisionError),
+    ):
+        list(done_jobs([divide], pool))
+
+
+def test_the_command_says_that_workers_died_and_ends_with_1(tmp_path: Path) -> None:
+    cs.save_scenario(SMALL, tmp_path / "small.toml")
+    shutil.copy(slow_policy.__file__, tmp_path)
+    fatal = ("simulate", "small.toml", "--policy", "slow_policy:fatal", "--runs", 4)
+    done = casswarm(tmp_path, *fatal, "--workers", 2, code=1)
+    assert "a worker process died, and the next one too" in done.stderr
+
+
+def divide() -> float:
+    return 1 / 0
+
+
+def exit_at_once() -> None:
+    os._exit(3)
+
+
+# --- a real scheduler and real workers on loopback
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+    folder = tmp_path_factory.mktemp("dask")
+    place = folder / "scheduler.json"
+    died = folder / "died"
+    env = os.environ | {
+        "PYTHONPATH": str(Path(slow_policy.__file__).parent),
+        "FATAL": str(died),
+        "PYTHONWARNINGS": "ignore",
+    }
+    common = ["--host", "127.0.0.1", "--no-dashboard", "--scheduler-file", str(place)]
+    scheduler = ["-m", "distributed.cli.dask_scheduler", "--port", "0", *common]
+    worker = ["-m", "distributed.cli.dask_worker", "--nthreads", "1", "--nworkers", "2", *common]
+    with contextlib.ExitStack() as stack:
+        for command in (scheduler, worker):
+            log = stack.enter_context((folder / f"{command[1]}.log").open("w"))
+            process = subprocess.Popen(
+                [sys.executable, *command], cwd=folder, env=env, stdout=log, stderr=log
+            )
+            stack.callback(process.wait)
+            stack.callback(process.terminate)
+        import distributed
+
+        with distributed.Client(
+            scheduler_file=str(place), set_as_default=False, timeout=60
+        ) as client:
+            client.wait_for_workers(2, timeout=60)
+            yield str(client.scheduler.address)
+
+
+def test_dask_gives_the_numbers_of_one_process_though_a_worker_dies(cluster: str) -> None:
+    import distributed
+
+    alone = cs.sweep(SMALL, GRID, [toward], runs=20)
+    study = cs.simulate(SMALL, [toward, "leader"], 100)
+    with distributed.Client(cluster, set_as_default=False) as client:
+        pool = client.get_executor(pure=False, retries=3)
+        shared = cs.sweep(SMALL, GRID, [toward], runs=20, workers=pool)
+        hurt = cs.sweep(SMALL, GRID, [fatal_once], runs=20, workers=pool)
+        runs = cs.simulate(SMALL, [toward, "leader"], 100, workers=pool).runs
+    pd.testing.assert_frame_equal(runs, study.runs, check_exact=True)
+    assert shared.table.to_csv() == alone.table.to_csv()
+    expected = alone.table.assign(policy="fatal_once")
+    assert hurt.table.to_csv() == expected.to_csv()
+
+
+def test_the_command_sends_its_work_to_the_cluster(cluster: str, tmp_path: Path) -> None:
+    cs.save_scenario(SMALL, tmp_path / "small.toml")
+    arguments = ("sweep", "small.toml", "--runs", 9, "--set", "n=1,2,3", "--policy", "leader")
+    for name, more in (("here", []), ("there", ["--dask", cluster])):
+        casswarm(tmp_path, *arguments, "--out", name, *more)
+    here, there = ((tmp_path / name / "sweep.csv").read_bytes() for name in ("here", "there"))
+    assert here == there
+
+
+def test_simulate_sends_its_work_to_the_cluster(cluster: str, tmp_path: Path) -> None:
+    cs.save_scenario(SMALL, tmp_path / "small.toml")
+    arguments = ["simulate", "small.toml", "--runs", 50, "--policy", "leader", "--policy", "naive"]
+    for name, more in (("here", []), ("there", ["--dask", cluster])):
+        casswarm(tmp_path, *arguments, "--out", name, *more)
+    for table in ("runs.csv", "summary.csv"):
+        here, there = ((tmp_path / name / table).read_bytes() for name in ("here", "there"))
+        assert here == there
+
+
+def test_a_cluster_that_loses_every_worker_ends_with_1(cluster: str, tmp_path: Path) -> None:
+    cs.save_scenario(SMALL, tmp_path / "small.toml")
+    shutil.copy(slow_policy.__file__, tmp_path)
+    fatal = ("simulate", "small.toml", "--policy", "slow_policy:fatal", "--runs", 4)
+    done = casswarm(tmp_path, *fatal, "--dask", cluster, code=1)
+    assert "the executor lost its workers" in done.stderr

@@ -1,0 +1,185 @@
+"""casswarm plot: figures again from what is saved, the same or of another size; refusals."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from commands import PNG, casswarm
+from PIL import Image
+
+from casswarm import StoreError, evaluate, load_scenario, plan, simulate
+from casswarm.figures import save
+from casswarm.results.folder import Saved
+
+RESULTS = Path("results")
+FEW = "--set=guide.iterations=50"
+RHO = "formation.rho=0.05,0.1"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with the results of a small simulation."""
+    folder = tmp_path_factory.mktemp("plot")
+    options = ("--runs", 30, "--seed", 5, "--keep", 2, "--quiet")
+    policies = ("--policy", "naive", "--policy", "leader")
+    casswarm(folder, "simulate", "paper-1", *policies, *options)
+    return folder
+
+
+@pytest.fixture
+def simulated(folder, tmp_path):
+    """A copy of it that may be spoilt."""
+    shutil.copytree(folder / RESULTS, tmp_path / RESULTS)
+    return tmp_path / RESULTS / "simulate-paper-1"
+
+
+def figures(folder):
+    return {path.name: path.read_bytes() for path in folder.glob("*.png")}
+
+
+def test_figures_of_a_simulation_come_out_as_the_simulation_drew_them(simulated):
+    before = figures(simulated)
+    assert set(before) == {
+        "success.png",
+        "differences.png",
+        *(
+            f"{kind}-{policy}.png"
+            for kind in ("run", "formation")
+            for policy in ("naive", "leader")
+        ),
+    }
+    for name in before:
+        (simulated / name).unlink()
+    done = casswarm(simulated.parent, "plot", simulated.name)
+    assert figures(simulated) == before
+    assert set(done.stdout.split()) == {f"{simulated.name}/{name}" for name in before}
+
+
+@pytest.mark.parametrize(
+    ("command", "names"),
+    [
+        (
+            ("plan", "paper-1", "--map", "--no-certify", "--solver=projected-gradient", FEW),
+            {"guide", "risk-to-go", "comparison"},
+        ),
+        (
+            ("evaluate", "paper-1", "--policy", "leader", "--most-states", 30, "--runs", 20),
+            {"success", "arrival", "population", "survival"},
+        ),
+        (
+            ("sweep", "paper-1", "--policy=leader", "--runs=5", "--set=n=1,2", f"--set={RHO}"),
+            {"over-n", "over-formation-rho", "heat-map"},
+        ),
+    ],
+    ids=["plan", "evaluate", "sweep"],
+)
+def test_figures_of_other_commands_come_out_the_same_too(tmp_path, command, names):
+    casswarm(tmp_path, *command, "--quiet", "--out", "here")
+    before = figures(tmp_path / "here")
+    assert set(before) == {f"{name}.png" for name in names}
+    drawn = Saved.of(tmp_path / "here").gallery()  # what casswarm plot does, in this process
+    (tmp_path / "there").mkdir()
+    for name, draw in drawn.items():
+        save(draw(), tmp_path / "there" / f"{name}.png")
+    assert figures(tmp_path / "there") == before
+
+
+def test_width_resolution_run_and_names_are_choices(simulated):
+    where = simulated.parent
+    options = ("--run", 1, "--figure", "run-leader", "--width", "column", "--out", "small")
+    casswarm(where, "plot", simulated.name, *options, "--dpi", 100)
+    with Image.open(where / "small" / "run-leader.png") as image:
+        assert image.width == 350
+    assert {path.name for path in (where / "small").iterdir()} == {"run-leader.png"}
+
+
+def test_what_plot_adds_goes_when_the_folder_is_made_anew(simulated):
+    where = simulated.parent
+    casswarm(where, "plot", simulated.name, "--format", "pdf", "--figure", "success")
+    assert "success.pdf" in json.loads((simulated / "run.json").read_text())["files"]
+    casswarm(where.parent, "simulate", "paper-1", "--policy", "naive", "--runs", 3, "--quiet")
+    assert not (simulated / "success.pdf").exists()
+    assert (simulated / "run-naive.png").read_bytes().startswith(PNG)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda folder: (folder / "run.json").unlink(), "has no run.json"),
+        (lambda folder: (folder / "run.json").write_text("{"), "cannot be read"),
+        (lambda folder: (folder / "run.json").write_text("[1]"), "nothing that casswarm knows"),
+        (lambda folder: (folder / "run.json").write_text('{"command": "fly"}'), "casswarm fly"),
+        (lambda folder: (folder / "traces.csv").unlink(), "has no traces.csv: an older casswarm"),
+        (lambda folder: (folder / "guide.csv").write_text(""), "guide.csv cannot be read"),
+        (lambda folder: (folder / "guide.csv").write_text("a,b\n1,2\n"), "one of them is damaged"),
+    ],
+)
+def test_folders_that_are_no_results_are_refused(simulated, spoil, words):
+    spoil(simulated)
+    with pytest.raises(StoreError, match=words):
+        Saved.of(simulated).gallery()
+
+
+def test_wrong_folders_runs_and_names_are_answered_with_the_right_ones(simulated):
+    where = simulated.parent
+    assert "is no folder: give one that plan" in casswarm(where, "plot", "nowhere", code=2).stderr
+    with pytest.raises(StoreError, match=r"kept: 0 to 1\. casswarm simulate --keep 8 keeps it"):
+        Saved.of(simulated).gallery(7)
+    done = casswarm(where, "plot", simulated.name, "--figure", "sucess", code=2)
+    assert "did you mean 'success'" in done.stderr
+
+
+def test_what_is_read_back_is_what_was_saved(tmp_path):
+    from casswarm.studies.tables import (
+        arrival_table,
+        guide_table,
+        law_table,
+        member_table,
+        population_table,
+        survivor_table,
+        trace_table,
+    )
+
+    scenario = load_scenario("paper-1")
+    guide = plan(scenario, certify=False)
+    study = simulate(scenario, ["leader", "constrained"], runs=4, guide=guide, traces=3)
+    law = evaluate(scenario, "leader", 0.1, guide=guide)
+    tables = {
+        "guide": guide_table(guide),
+        "traces": trace_table(study.traces),
+        "laws": law_table([law]),
+        "arrival": arrival_table([law]),
+        "survivors": survivor_table([law]),
+        "members": member_table([law]),
+        "population": population_table([law]),
+    }
+    for name, table in tables.items():
+        table.to_csv(tmp_path / f"{name}.csv", index=False)
+    record = {
+        "command": "simulate",
+        "scenario": scenario.to_toml(),
+        "inputs": {"tolerance": 0.1},
+        "result": {"guide": {"solution": guide.solution.as_row()}},
+    }
+    (tmp_path / "run.json").write_text(json.dumps(record))
+    saved = Saved.of(tmp_path)
+    for part in ("positions", "velocities", "rates"):
+        np.testing.assert_array_equal(getattr(saved.guide, part), getattr(guide, part))
+    assert saved.guide.solution.as_row() == guide.solution.as_row()
+    assert list(saved.traces) == ["leader", "constrained"]
+    for policy, kept in study.traces.items():
+        for one, other in zip(saved.traces[policy], kept, strict=True):
+            for part in ("positions", "alive", "leaders"):
+                np.testing.assert_array_equal(getattr(one, part), getattr(other, part))
+    assert set(saved.traces["constrained"][0].leaders) == {-1}
+    assert min(saved.traces["leader"][0].leaders) >= 0
+    assert saved.laws[0].success == law.success
+    pd.testing.assert_frame_equal(law_table(saved.laws), law_table([law]))
+    np.testing.assert_array_equal(saved.laws[0].population, law.population)
+    with pytest.raises(StoreError, match=r"no runs of 'leder' are kept .*did you mean 'leader'"):
+        saved.trace("leder")

@@ -1,0 +1,69 @@
+"""The page of figures is true: its pictures are there and small, its commands and code work."""
+
+import re
+import runpy
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import pytest
+
+from casswarm.cli import main
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "figures.md").read_text(encoding="utf-8")
+LINKED = re.findall(r"!\[[^]]+\]\((images/[^)]+)\)", PAGE)
+
+
+def test_pictures_are_there_small_and_said_in_words():
+    assert len(LINKED) > 15
+    assert len(LINKED) == PAGE.count("![")
+    for name in LINKED:
+        assert (ROOT / "docs" / name).stat().st_size < 500_000, name
+
+
+def test_pictures_are_those_that_the_script_draws():
+    script = runpy.run_path(str(ROOT / "docs" / "draw_figures.py"), run_name="read")
+    drawn = {
+        f"images/{source}-{figure}.png"
+        for source, figures in script["DRAWN"].items()
+        for figure in figures
+    }
+    drawn |= {"images/simulate-paper-1.gif", "images/simulate-paper-2.gif"}
+    assert set(LINKED) <= drawn
+    assert {path.name for path in (ROOT / "docs" / "images").iterdir()} >= {
+        name.removeprefix("images/") for name in drawn
+    }
+
+
+def commands():
+    told = re.findall(r"`(casswarm [^`]+)`", PAGE) + re.findall(r"^(casswarm .+)$", PAGE, re.M)
+    return sorted({" ".join(command.split()) for command in told})
+
+
+@pytest.mark.parametrize("command", commands())
+def test_commands_are_what_the_command_line_takes(command):
+    words = shlex.split(command)[1:]
+    known = main.commands[words[0]]
+    try:
+        known.make_context(words[0], words[1:])
+    except click.MissingParameter:
+        assert words[1:] == []  # a command that is spoken of
+
+
+def test_code_runs_as_it_stands(tmp_path):
+    pytest.importorskip("IPython", reason="the notebooks' extra is not installed")
+    blocks = re.findall(r"^```python\n(.*?)^```$", PAGE, re.M | re.S)
+    assert len(blocks) == 2
+    (tmp_path / "code.py").write_text("\n".join(blocks))
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "code.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "formation.pdf").read_bytes().startswith(b"%PDF")

@@ -1,0 +1,109 @@
+"""Notebooks, run as they are, and what their text says held against their numbers."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
+NOTEBOOK = NOTEBOOKS / "solver_comparison.py"
+
+# not as a script: the processes that solvers run in would import and run it again
+RUN = f"""
+exec(compile(open({str(NOTEBOOK)!r}, encoding="utf-8").read(), "solver_comparison", "exec"))
+import numpy as np
+
+cells, summary = comparison.cells, comparison.summary
+assert len(cells) == 2 * 5 * 2 * len(solvers), "problems of a kind, kinds, starts"
+taken = cells[cells["taken"]]
+assert set(cells.loc[~cells["taken"], "family"]) == {{"guides"}}, "which are no product sets"
+
+# what the text says of the numbers beside it
+best = taken[taken["solver"].isin(["ipopt", "spectral"])]
+assert best["solved"].all(), best["reason"].tolist()
+assert not summary["said_not_true"].any(), "no false claims"
+assert summary["solved"].min() < 1, "failures to be shown"
+assert (summary["found"] < summary["solved"]).any(), "minima that are local"
+assert (profile.iloc[-1] == np.isfinite(times).mean()).all(), "the right end is reliability"
+assert share_at(profile, 1.0)["spectral"] > 0.9, "the left end is speed"
+mean = times.where(np.isfinite(times)).mean()
+assert mean["spectral"] < mean["ipopt"], "evaluations are not time"
+assert set(failures(cells)["solver"]) >= {{"projected-gradient"}}
+assert "In short" in report.markdown()
+print("done", len(cells))
+"""
+
+
+def test_solver_comparison_runs_and_shows_what_its_text_says(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", RUN],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=500,
+        env=os.environ | {"MPLBACKEND": "agg"},
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "done 80"
+
+
+CLAIMS = {
+    "quickstart": """
+assert guide.survival < around.survival <= around.survival_bound
+rates = study.summary.set_index("policy")["success"]
+assert rates["homing"] < rates["naive"] < rates["leader"]
+for law in laws:
+    assert abs(rates[law.policy] - law.success[0]) < 0.12, "3 deviations of 200 runs"
+""",
+    "own_hazard_and_policy": """
+rates = study.summary.set_index("policy")["success"]
+assert rates["leader"] < rates["constrained"] < rates["naive"], "protecting is the worst"
+assert guide.risk_bound <= guide.risk
+first, second = guide.ways()[:2]
+assert first.sides != second.sides and second.risk < 1.05 * first.risk, "nearly as good"
+lost = study.traces["leader"][0].positions[-1][~study.traces["leader"][0].alive[-1]]
+towers_at = np.array(scenario.hazard.radars)
+assert len(lost) and np.hypot(*(lost[:, None] - towers_at).T).min(axis=0).max() < 2.0
+""",
+    "policies_compared": """
+assert (best["policy"] == "joint").all()
+assert (table["success_high"] < table["bound"]).all()
+rows = table.set_index(["scenario", "policy"])
+for name in scenarios:
+    assert rows.loc[(name, "naive"), "success_high"] < rows.loc[(name, "leader"), "success_low"]
+""",
+}
+"""What the text says of the numbers beside it."""
+
+
+@pytest.mark.parametrize("name", CLAIMS)
+def test_notebook_runs_and_its_text_is_true(name: str, tmp_path: Path) -> None:
+    text = (NOTEBOOKS / f"{name}.py").read_text(encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", f"{text}\n{CLAIMS[name]}"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        env=os.environ | {"MPLBACKEND": "agg"},
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_paper_reproduced_runs(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-W", "error", NOTEBOOKS / "paper.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=500,
+        env=os.environ | {"MPLBACKEND": "agg"},
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "leader: success between 0.999" in done.stdout

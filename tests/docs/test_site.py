@@ -1,0 +1,76 @@
+"""The site builds without a warning, and its generated references miss nothing."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from html import unescape
+from pathlib import Path
+
+import click
+import pytest
+
+import casswarm
+from casswarm.cli import main
+from casswarm.scenario import Scenario
+from casswarm.scenario.validation import allowed, fields, subtable
+
+pytest.importorskip("sphinx", reason="the site needs the extra: pip install 'casswarm[docs]'")
+pytest.importorskip("furo", reason="the site needs the extra: pip install 'casswarm[docs]'")
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site, its notebooks not executed: .ci/run builds it with them."""
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html"]
+    command += ["-D", "nb_execution_mode=off", "-d", str(folder / "trees")]
+    done = subprocess.run(
+        [*command, "docs", str(folder / "html")],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return folder / "html"
+
+
+def page(site: Path, name: str) -> str:
+    return unescape((site / f"{name}.html").read_text(encoding="utf-8"))
+
+
+def test_every_public_name_has_an_entry(site: Path) -> None:
+    text = "".join(page(site, f"api/{path.stem}") for path in (site / "api").glob("*.html"))
+    missing = [name for name in casswarm.__all__ if f'id="casswarm.{name}"' not in text]
+    assert not missing
+
+
+def test_every_key_of_a_scenario_file_is_told_with_its_limits(site: Path) -> None:
+    text = page(site, "scenario-files")
+    for name, field in fields(Scenario).items():
+        table = subtable(field)
+        assert table is None or f"[{name}]" in text
+        for key, inner in fields(table).items() if table else ():
+            assert f">{key}</span>" in text, key
+            assert allowed(inner).split(" (")[0].split("'")[0] in text, key
+
+
+def test_every_command_and_option_is_told(site: Path) -> None:
+    text = page(site, "commands")
+    for name, command in main.commands.items():
+        assert f"casswarm {name}" in text
+        for option in command.params:
+            if isinstance(option, click.Option):
+                assert f">{option.opts[0]}</span>" in text, f"{name} {option.opts[0]}"
+
+
+def test_every_page_and_notebook_is_on_the_site(site: Path) -> None:
+    made = {"_build", "notebooks"}
+    for source in (ROOT / "docs").rglob("*.md"):
+        part = source.relative_to(ROOT / "docs").with_suffix("")
+        assert made & set(part.parts) or (site / f"{part}.html").exists()
+    for script in (ROOT / "notebooks").glob("*.py"):
+        assert (site / "notebooks" / f"{script.stem}.html").exists()

@@ -1,0 +1,69 @@
+"""Problems of casswarm's own kind for every backend: formations of five, and guides."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from casswarm import Scenario, load_scenario
+from casswarm.optimization.problem import Instances, Nlp
+from casswarm.planning.polyline import resampled, straight
+from casswarm.problems.formation import (
+    Formation,
+    Step,
+    corridor_formation,
+    leader_formation,
+    motion_of,
+)
+from casswarm.problems.guide import GuideTask, guide_instance, guide_nlp
+
+Case = tuple[Nlp, Instances]
+COLLISIONS = {"hazard.kind": "saturation+collision", "hazard.beta_1": 0.2, "hazard.beta_2": 6.0}
+FORMATIONS = ("leader", "constrained", "leader, collisions", "constrained, collisions")
+
+
+@cache
+def formation(name: str) -> Case:
+    """One state of five members between the radars of paper-1, a little out of order."""
+    policy, _, rate = name.partition(", ")
+    scenario = load_scenario("paper-1").with_values(COLLISIONS if rate else {})
+    rng = np.random.default_rng(3)
+    here, toward = np.array([3.0, 2.6]), np.array([0.45, 0.35])
+    step = Step(
+        hazard=scenario.hazard,
+        motion=motion_of(scenario),
+        positions=here + rng.normal(0, 0.15, (1, 5, 2)),
+        previous=toward / scenario.time.dt + rng.normal(0, 0.1, (1, 5, 2)),
+        alive=np.ones((1, 5), bool),
+        goal=here + toward,
+    )
+    made: Formation = (
+        leader_formation(step, np.array([0]))
+        if policy == "leader"
+        else corridor_formation(step, scenario.formation.rho)
+    )
+    return made.nlp, made.instances
+
+
+@cache
+def guide(t_f: float) -> Case:
+    """The guide of paper-1 that arrives at its last step, from the straight line."""
+    scenario = load_scenario("paper-1").with_values({"time.t_f": t_f})
+    task = _task(scenario)
+    nlp = guide_nlp(scenario.hazard, scenario.n_steps)
+    line = resampled(straight(task.start, task.center), scenario.n_steps, task.dt)
+    return nlp, guide_instance(nlp, task.dimensionless(), scenario.n_steps, line / task.v_max)
+
+
+def _task(scenario: Scenario) -> GuideTask:
+    return GuideTask(
+        start=scenario.positions.mean(axis=0),
+        center=np.asarray(scenario.target.center, float),
+        radius=scenario.target.radius - scenario.arrival_margin,
+        before=np.zeros(2),
+        a_max=scenario.guide_a_max,
+        a_max_first=np.inf,
+        v_max=scenario.swarm.v_max,
+        dt=scenario.time.dt,
+    )

@@ -1,0 +1,14 @@
+"""The built-in scenarios."""
+
+BUILTIN = [
+    "alley",
+    "barricade",
+    "crossfire",
+    "gauntlet",
+    "large-swarm",
+    "paper-1",
+    "paper-2",
+    "ring",
+    "single-agent",
+    "wall",
+]

@@ -1,0 +1,30 @@
+"""Formation problems of states as they occur."""
+
+import numpy as np
+
+from casswarm import load_scenario
+from casswarm.problems.formation import (
+    Formation,
+    Motion,
+    Step,
+    corridor_formation,
+    leader_formation,
+)
+
+
+def formations(name: str, count: int) -> list[Formation]:
+    """Problems of states as they occur: behind the guide's next point, some members destroyed."""
+    scenario, rng = load_scenario(name), np.random.default_rng(0)
+    goal = np.array([2.0, 1.5])
+    alive = rng.random((count, 5)) < 0.8
+    alive[:, 0] = True
+    step = Step(
+        scenario.hazard,
+        Motion(scenario.swarm.v_max, scenario.swarm.a_max, scenario.time.dt),
+        positions=goal - [0.4, 0.3] + 0.15 * rng.normal(size=(count, 5, 2)),
+        previous=np.array([1.2, 0.9]) + 0.1 * rng.normal(size=(count, 5, 2)),
+        alive=alive,
+        goal=goal,
+    )
+    corridor = corridor_formation(step, scenario.formation.rho)
+    return [leader_formation(step, np.zeros(count, int)), corridor]

@@ -1,0 +1,192 @@
+"""Problems whose solutions and multipliers are published, or follow by hand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from casswarm.optimization.feasible_sets.planar import PlanarSets
+from casswarm.optimization.problem import Instances, Nlp
+
+Array = NDArray[np.float64]
+INF = math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """A problem, an instance of it, and its solution; multipliers are positive at upper bounds."""
+
+    nlp: Nlp
+    instance: Instances
+    x: Array
+    objective: float
+    bound_multipliers: Array
+    row_multipliers: Array
+
+
+def known(
+    name: str,
+    objective: Callable[[Any], Any],
+    solution: tuple[Sequence[float], float],
+    start: Sequence[float],
+    *,
+    box: tuple[Sequence[float], Sequence[float]] | None = None,
+    rows: dict[str, tuple[Callable[[Any], Any], float, float]] | None = None,
+    bound_multipliers: Sequence[float] = (),
+    row_multipliers: Sequence[float] = (),
+) -> Known:
+    x, n, rows = ca.MX.sym("x", len(start)), len(start), rows or {}
+    constraints = {row: function(x) for row, (function, _, _) in rows.items()}
+    lower, upper = box or ([-INF] * n, [INF] * n)
+    instance = Instances(
+        start=np.array([start], float),
+        parameters=np.empty((1, 0)),
+        lower=np.array([lower], float),
+        upper=np.array([upper], float),
+        lower_g=np.array([[low for _, low, _ in rows.values()]], float),
+        upper_g=np.array([[high for _, _, high in rows.values()]], float),
+    )
+    return Known(
+        Nlp(name, {"x": x}, {}, objective(x), constraints),
+        instance,
+        np.array(solution[0], float),
+        solution[1],
+        np.array(bound_multipliers or [0.0] * n),
+        np.array(row_multipliers or [0.0] * len(rows)),
+    )
+
+
+def active_box() -> Known:
+    """The point of a box nearest to (2, -1)."""
+    return known(
+        "active box",
+        lambda x: (x[0] - 2) ** 2 + (x[1] + 1) ** 2,
+        ([1, -1], 1.0),
+        [0.2, 2],
+        box=([0, -3], [1, 3]),
+        bound_multipliers=[2, 0],
+    )
+
+
+def hs_1() -> Known:
+    """Rosenbrock's valley."""
+    return known(
+        "HS 1",
+        lambda x: 100 * (x[1] - x[0] ** 2) ** 2 + (1 - x[0]) ** 2,
+        ([1, 1], 0.0),
+        [-2, 1],
+        box=([-INF, -1.5], [INF, INF]),
+    )
+
+
+def hs_6() -> Known:
+    return known(
+        "HS 6",
+        lambda x: (1 - x[0]) ** 2,
+        ([1, 1], 0.0),
+        [-1.2, 1],
+        rows={"parabola": (lambda x: 10 * (x[1] - x[0] ** 2), 0, 0)},
+    )
+
+
+def hs_7() -> Known:
+    return known(
+        "HS 7",
+        lambda x: ca.log(1 + x[0] ** 2) - x[1],
+        ([0, math.sqrt(3)], -math.sqrt(3)),
+        [2, 2],
+        rows={"curve": (lambda x: (1 + x[0] ** 2) ** 2 + x[1] ** 2, 4, 4)},
+        row_multipliers=[1 / math.sqrt(12)],
+    )
+
+
+def hs_21() -> Known:
+    return known(
+        "HS 21",
+        lambda x: 0.01 * x[0] ** 2 + x[1] ** 2 - 100,
+        ([2, 0], -99.96),
+        [-1, -1],
+        box=([2, -50], [50, 50]),
+        rows={"slope": (lambda x: 10 * x[0] - x[1], 10, INF)},
+        bound_multipliers=[-0.04, 0],
+    )
+
+
+def hs_35() -> Known:
+    """Beale's problem."""
+    return known(
+        "HS 35",
+        lambda x: (
+            9
+            - 8 * x[0]
+            - 6 * x[1]
+            - 4 * x[2]
+            + 2 * x[0] ** 2
+            + 2 * x[1] ** 2
+            + x[2] ** 2
+            + 2 * x[0] * x[1]
+            + 2 * x[0] * x[2]
+        ),
+        ([4 / 3, 7 / 9, 4 / 9], 1 / 9),
+        [0.5, 0.5, 0.5],
+        box=([0, 0, 0], [INF, INF, INF]),
+        rows={"budget": (lambda x: x[0] + x[1] + 2 * x[2], -INF, 3)},
+        row_multipliers=[2 / 9],
+    )
+
+
+def hs_71() -> Known:
+    """The example of Ipopt's manual, which prints the multipliers."""
+    return known(
+        "HS 71",
+        lambda x: x[0] * x[3] * (x[0] + x[1] + x[2]) + x[2],
+        ([1, 4.74299963, 3.82114998, 1.37940829], 17.0140173),
+        [1, 5, 5, 1],
+        box=([1, 1, 1, 1], [5, 5, 5, 5]),
+        rows={
+            "product": (lambda x: x[0] * x[1] * x[2] * x[3], 25, INF),
+            "sphere": (ca.sumsqr, 40, 40),
+        },
+        bound_multipliers=[-1.08787121, 0, 0, 0],
+        row_multipliers=[-0.55229366, 0.16146857],
+    )
+
+
+KNOWN = [active_box, hs_1, hs_6, hs_7, hs_21, hs_35, hs_71]
+"""W. Hock, K. Schittkowski, Test Examples for Nonlinear Programming Codes, 1981; and a box."""
+
+
+def nearest_in_box(points: Array) -> tuple[Nlp, Instances]:
+    """B instances: the point of [-1, 1]^2 nearest to points (B, 2), which is a clip."""
+    x, goal = ca.MX.sym("x", 2, 1), ca.MX.sym("goal", 2)
+    nlp = Nlp("nearest in box", {"x": x}, {"goal": goal}, ca.sumsqr(x - goal), {})
+    batch = len(points)
+    box = np.ones((batch, 2))
+    none = np.empty((batch, 0))
+    return nlp, Instances(np.zeros((batch, 2)), points, -box, box, none, none)
+
+
+def planar(
+    objective: Callable[[Any], Any], start: Array, lower: Array, upper: Array, discs: Array
+) -> tuple[Nlp, Instances]:
+    """One instance over n points (n, 2), each in a box and in a disc (x, y, radius)."""
+    n, radii = len(start), discs[:, 2]
+    x, centers = ca.MX.sym("x", 2, n), ca.DM(discs[:, :2].T)
+    nlp = Nlp("planar", {"x": x}, {}, objective(x), {"discs": ca.sum1((x - centers) ** 2)})
+    return nlp, Instances(
+        start=start.reshape(1, -1),
+        parameters=np.empty((1, 0)),
+        lower=lower.reshape(1, -1),
+        upper=upper.reshape(1, -1),
+        lower_g=np.full((1, n), -INF),
+        upper_g=radii[None] ** 2,
+        sets=PlanarSets(
+            lower[None], upper[None], discs[None, :, None, :2], discs[None, :, None, 2]
+        ),
+    )

@@ -1,0 +1,287 @@
+"""The compiled batch solver, and the default that judges it."""
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import casswarm as cs
+from casswarm.errors import SolverError
+from casswarm.hazard import KernelHazard, regular
+from casswarm.optimization.solvers import Auto, Ipopt, SpectralProjectedGradient
+from casswarm.optimization.solvers.batch.spg import _module
+from casswarm.problems.formation import (
+    Motion,
+    Step,
+    corridor_formation,
+    formation_nlp,
+    leader_formation,
+)
+
+MOTION = Motion(v_max=2.0, a_max=0.5, dt=0.33)
+RADARS = ((4.4, 4.6), (4.5, 3.0))
+GOAL = np.array([3.0, 2.5])
+
+
+@dataclass(frozen=True)
+class Gaussian(KernelHazard):
+    """A user's kernels: bell-shaped sources, and a crowd that multiplies."""
+
+    height: float = 2.0
+
+    def source(self, squared_distance):
+        return self.height * ca.exp(-0.3 * squared_distance)
+
+    def density(self, squared_distance):
+        return ca.exp(-squared_distance)
+
+    def collision(self, squared_distance):
+        return 1e-3 / regular(squared_distance)
+
+    def combine(self, source, density, collision):
+        return source * ca.exp(-0.5 * density) + collision
+
+
+HAZARDS = [
+    cs.Saturation(RADARS, alpha_1=4.0, alpha_2=3.0, alpha_3=4.0),
+    cs.Saturation(RADARS, (0.5, 2.0), alpha_1=1.0, alpha_2=0.0, alpha_3=2.0),
+    cs.SaturationCollision(RADARS, beta_1=0.2, beta_2=6.0),
+    Gaussian(RADARS),
+]
+
+
+def step(hazard, states=60, n=5, seed=0):
+    """States around the goal: positions, velocities, some members destroyed."""
+    rng = np.random.default_rng(seed)
+    alive = rng.random((states, n)) < 0.8
+    alive[:, 0] = True
+    towards = rng.uniform(-1.2, 1.2, (states, 1, 2))
+    previous = towards + rng.normal(scale=0.1, size=(states, n, 2))
+    positions = GOAL - MOTION.dt * towards + rng.normal(scale=0.2, size=(states, n, 2))
+    shown = alive[..., None]
+    return Step(hazard, MOTION, shown * positions, shown * previous, alive, GOAL)
+
+
+def leader(hazard, **options):
+    data = step(hazard, **options)
+    return leader_formation(data, np.zeros(len(data.alive), np.intp))
+
+
+def corridor(hazard, **options):
+    return corridor_formation(step(hazard, **options), 0.05)
+
+
+@pytest.mark.parametrize("hazard", HAZARDS, ids=["plain", "strengths", "collision", "gaussian"])
+def test_compiled_objective_and_gradient_are_casadis(hazard):
+    nlp = formation_nlp(hazard, 5, False)
+    formation = leader(hazard)
+    gradient = np.empty(10)
+    for p in formation.instances.parameters[:20]:
+        x = np.random.default_rng(1).uniform(-2, 2, 10)
+        f = _module(nlp).evaluate(x, p, nlp.compiled.shared, gradient, np.empty(65))
+        expected, slope = nlp.gradient(x, p)
+        assert f == pytest.approx(float(expected), rel=1e-12)
+        np.testing.assert_allclose(gradient, np.asarray(slope).ravel(), rtol=1e-10, atol=1e-12)
+
+
+def test_hazards_of_a_class_share_one_compiled_module():
+    other = cs.Saturation(((0.0, 1.0),), alpha_1=9.0, alpha_2=1.0, alpha_3=2.0)
+    assert _module(formation_nlp(HAZARDS[0], 5, False)) is _module(formation_nlp(other, 3, True))
+
+
+@pytest.mark.parametrize("problem", [leader, corridor])
+@pytest.mark.parametrize("hazard", HAZARDS[:2], ids=["plain", "strengths"])
+def test_answers_are_feasible_stationary_and_no_worse_than_ipopts(problem, hazard):
+    formation = problem(hazard)
+    found = SpectralProjectedGradient().solve_batch(formation.nlp, formation.instances)
+    judged = Ipopt().solve_batch(formation.nlp, formation.instances)
+    assert found.success.mean() > 0.95
+    assert found.violation.max() < 1e-9
+    assert found.stationarity[found.success].max() <= 1e-7
+    worse = found.objective > judged.objective + 1e-6 * np.abs(judged.objective)
+    assert not worse[found.success].any()
+
+
+def test_several_starts_find_better_minima_where_members_collide():
+    formation = corridor(HAZARDS[2], states=200)
+    one, many = (
+        SpectralProjectedGradient(starts=starts).solve_batch(formation.nlp, formation.instances)
+        for starts in (1, 8)
+    )
+    both = one.success & many.success
+    assert both.mean() >= 0.98
+    better = (many.objective < one.objective * (1 - 1e-3))[both]
+    worse = (many.objective > one.objective * (1 + 1e-9) + 1e-12)[both]
+    assert better.mean() > 0.2
+    assert worse.mean() <= 0.01  # starts are compared coarsely, so a few are chosen wrongly
+
+
+def test_residuals_are_those_of_casadis_gradient():
+    formation = corridor(HAZARDS[2], states=20)
+    found = SpectralProjectedGradient(iterations=3).solve_batch(formation.nlp, formation.instances)
+    sets = formation.instances.sets
+    for i, x in enumerate(found.x):
+        gradient = np.asarray(formation.nlp.gradient(x, formation.instances.parameters[i])[1])
+        length, value = formation.instances.units[i]
+        moved = (x - length**2 / value * gradient.ravel()).reshape(-1, 2)
+        change = np.abs(sets[i].project(moved).ravel() - x).max() / length
+        assert found.stationarity[i] == pytest.approx(change, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("solver", [SpectralProjectedGradient(), Auto()], ids=lambda s: s.name)
+def test_a_states_answer_does_not_depend_on_its_batch(solver):
+    formation = corridor(HAZARDS[2], states=700)  # enough for two threads
+    instances = formation.instances
+    together = solver.solve_batch(formation.nlp, instances).x
+    order = np.random.default_rng(0).permutation(len(instances))
+    shuffled = solver.solve_batch(formation.nlp, instances[order]).x
+    np.testing.assert_array_equal(shuffled, together[order])
+    for i in (0, 13, 699):
+        alone = solver.solve_batch(formation.nlp, instances[slice(i, i + 1)]).x
+        np.testing.assert_array_equal(alone[0], together[i])
+
+
+def test_one_by_one_and_batched_answers_agree():
+    formation = leader(HAZARDS[2], states=10)
+    solver = SpectralProjectedGradient()
+    batch = solver.solve_batch(formation.nlp, formation.instances)
+    for i, solution in enumerate(solver.solve(formation.nlp, formation.instances)):
+        np.testing.assert_array_equal(solution.x, batch.x[i])
+        assert solution.objective == pytest.approx(batch.objective[i], rel=1e-12)
+        assert solution.residuals.stationarity < 1e-5
+
+
+def test_an_iteration_limit_is_no_success():
+    formation = corridor(HAZARDS[2])
+    solver = SpectralProjectedGradient(iterations=1, starts=1)
+    found = solver.solve_batch(formation.nlp, formation.instances)
+    assert not found.success.all()
+    statuses = {str(s.status) for s in solver.solve(formation.nlp, formation.instances)}
+    assert "iteration limit" in statuses
+
+
+def test_auto_solves_again_what_the_batch_solver_leaves_and_counts_it():
+    formation = corridor(HAZARDS[2])
+    hasty = Auto(batch=SpectralProjectedGradient(iterations=1, starts=1))
+    found = hasty.solve_batch(formation.nlp, formation.instances)
+    assert found.resolved.sum() > 10
+    assert found.success.all()
+    assert found.stationarity.max() < 1e-5
+    patient = Auto().solve_batch(formation.nlp, formation.instances)
+    assert patient.resolved.sum() < found.resolved.sum()
+    assert patient.success.all()
+
+
+def test_auto_never_accepts_what_is_not_finite():
+    formation = leader(HAZARDS[0], states=4)
+    parameters = formation.instances.parameters.copy()
+    parameters[1, 0] = np.nan  # a position
+    found = Auto().solve_batch(formation.nlp, replace(formation.instances, parameters=parameters))
+    assert found.success.tolist() == [True, False, True, True]
+    assert found.resolved.tolist() == [False, True, False, False]
+
+
+def rate(positions, alive):
+    return 1 / (1 + ca.sum2(positions**2)) + 0 * alive
+
+
+@pytest.mark.parametrize("problem", [leader, corridor])
+def test_rates_that_are_no_kernels_are_solved_by_casadis_maps(problem):
+    formation = problem(cs.CustomHazard(rate), states=300)
+    assert formation.nlp.compiled is None
+    found = Auto().solve_batch(formation.nlp, formation.instances)
+    judged = Ipopt().solve_batch(formation.nlp, formation.instances)
+    assert found.success.all()
+    assert not found.resolved.any()
+    assert found.stationarity.max() <= 1e-6
+    assert found.violation.max() < 1e-9
+    assert (found.objective <= judged.objective * (1 + 1e-6)).all()
+
+
+@pytest.mark.parametrize("problem", [leader, corridor])
+@pytest.mark.parametrize("hazard", HAZARDS, ids=["plain", "strengths", "collision", "gaussian"])
+def test_mapped_and_compiled_loops_find_the_same(problem, hazard):
+    formation = problem(hazard, states=40)
+    solver = SpectralProjectedGradient(starts=1)
+    compiled = solver.solve_batch(formation.nlp, formation.instances)
+    mapped = solver.solve_batch(replace(formation.nlp, compiled=None), formation.instances)
+    convex = hazard in HAZARDS[:2]  # nearly: the others have local minima, and long valleys
+    assert mapped.success.mean() >= (1.0 if convex else 0.7)
+    both = compiled.success & mapped.success
+    same = np.isclose(mapped.objective, compiled.objective, rtol=1e-6, atol=1e-12)
+    assert same[both].mean() >= (1.0 if convex else 0.7)
+
+
+def test_mapped_loop_never_calls_what_is_not_finite_solved():
+    formation = leader(cs.CustomHazard(rate), states=4)
+    parameters = formation.instances.parameters.copy()
+    parameters[1, 0] = np.nan
+    instances = replace(formation.instances, parameters=parameters)
+    found = SpectralProjectedGradient().solve_batch(formation.nlp, instances)
+    assert found.success.tolist() == [True, False, True, True]
+
+
+def test_problems_with_other_constraints_are_refused_by_spectral():
+    formation = leader(HAZARDS[0], states=3)
+    with pytest.raises(SolverError, match="boxes and discs"):
+        SpectralProjectedGradient().solve(formation.nlp, replace(formation.instances, sets=None))
+
+
+@pytest.mark.parametrize("options", [{"tolerance": 0.0}, {"iterations": 0}, {"starts": 0}])
+def test_options_out_of_range_are_refused(options):
+    with pytest.raises(SolverError, match=next(iter(options))):
+        SpectralProjectedGradient(**options)
+
+
+@pytest.mark.parametrize("collision", [False, True])
+def test_a_thousand_members_are_solved(collision):
+    rng = np.random.default_rng(0)
+    hazard = HAZARDS[2] if collision else HAZARDS[0]
+    positions = rng.uniform(-6, 0, (1, 1000, 2))
+    alive = np.ones((1, 1000), bool)
+    data = Step(hazard, MOTION, positions, np.ones((1, 1000, 2)), alive, GOAL)
+    formation = leader_formation(data, np.zeros(1, np.intp))
+    found = SpectralProjectedGradient(starts=1).solve_batch(formation.nlp, formation.instances)
+    assert found.success.all()
+
+
+@pytest.mark.parametrize("solver", [Auto(), Ipopt(), SpectralProjectedGradient()])
+def test_an_empty_batch_has_no_answers(solver):
+    formation = leader(HAZARDS[0], states=2)
+    found = solver.solve_batch(formation.nlp, formation.instances[slice(0, 0)])
+    assert len(found.success) == len(found.x) == 0
+
+
+@pytest.mark.parametrize("length", [1e-2, 1e4])
+@pytest.mark.parametrize("risk", [1e-6, 1e3])
+@pytest.mark.parametrize("problem", [leader, corridor])
+def test_answers_do_not_depend_on_the_units(problem, length, risk):
+    """Lengths in other units, and rates in other units of time, give the same velocities."""
+    one = problem(HAZARDS[0])
+    hazard = cs.Saturation(
+        tuple((length * x, length * y) for x, y in RADARS),
+        alpha_1=4.0 * risk * length**2,
+        alpha_2=3.0,
+        alpha_3=4.0 / length**2,
+    )
+    data = step(HAZARDS[0])
+    scaled = Step(
+        hazard,
+        Motion(2.0 * length, 0.5 * length**2, MOTION.dt),
+        length * data.positions,
+        length * data.previous,
+        data.alive,
+        length * GOAL,
+    )
+    other = (
+        leader_formation(scaled, np.zeros(len(data.alive), np.intp))
+        if problem is leader
+        else corridor_formation(scaled, 0.05 * length**2)
+    )
+    np.testing.assert_array_equal(other.shortfalls, one.shortfalls)
+    answers = [Auto().solve_batch(f.nlp, f.instances) for f in (one, other)]
+    assert answers[1].success.all()
+    np.testing.assert_allclose(
+        answers[1].objective, risk * answers[0].objective, rtol=1e-6, atol=0.0
+    )

@@ -1,0 +1,316 @@
+"""Backends that answer NaN, lie, raise, hang or kill their process: counted, and life goes on."""
+
+from __future__ import annotations
+
+import logging
+import pickle
+import subprocess
+import sys
+
+import casadi as ca
+import numpy as np
+import pytest
+from faulty_solvers import FAULTS, Faulty
+from known_problems import nearest_in_box
+from small_scenarios import small
+
+import casswarm as cs
+from casswarm.comparison import Problem
+from casswarm.errors import ComparisonError, SolverError
+from casswarm.optimization.solution import Status
+from casswarm.optimization.solvers import Ipopt, Isolated
+from casswarm.policies import formation
+from casswarm.problems.formation import formation_nlp
+
+PAPER = cs.load_scenario("paper-1")
+DEADLY = ("hang", "exit", "abort", "kill")
+WORDS = {
+    "hang": "no answer within",
+    "exit": "exit code 3",
+    "abort": "(SIGABRT); the last that it printed: something terrible",
+    "kill": "exit code -9 (SIGKILL)",
+    "raise": "raised ZeroDivisionError: not today",
+    "build": "building raised RuntimeError: cannot be built",
+    "wrong shape": "gave x of shape (1,)",
+    "nothing": "raised TypeError",
+    "nan": "fine",
+    "infeasible lie": "fine",
+}
+
+
+def goals(*points):
+    """Instances whose first parameter is the first coordinate of a goal."""
+    return nearest_in_box(np.array(points, float))
+
+
+# --- one instance costs no other
+
+
+@pytest.mark.parametrize("fault", [f for f in WORDS if f not in DEADLY])
+def test_an_instance_that_goes_wrong_costs_no_other(fault):
+    solver = Faulty(fault, above=-np.inf if fault == "build" else 2.0)
+    fine, bad, other = solver.solve(*goals((0.5, 3.0), (2.5, 0.0), (-2.0, 0.1)))
+    assert bad.status is Status.FAILED
+    assert WORDS[fault] in bad.message
+    if fault == "build":
+        assert fine.status is other.status is Status.FAILED
+    else:
+        assert fine.status is other.status is Status.SOLVED
+        np.testing.assert_allclose([fine.x, other.x], [[0.5, 1], [-1, 0.1]], atol=1e-6)
+
+
+def test_ctrl_c_inside_casadi_is_no_failure():
+    class Interrupted(Faulty):
+        def _misbehave(self):
+            raise RuntimeError("Error in Function::call: KeyboardInterrupt")
+
+    with pytest.raises(KeyboardInterrupt):
+        Interrupted().solve(*goals((0.0, 0.0)))
+
+
+# --- a process of its own
+
+
+@pytest.mark.parametrize("fault", DEADLY)
+def test_a_process_that_ends_or_hangs_is_a_failed_answer_and_is_replaced(fault):
+    solver = Isolated(Faulty(fault, above=2.0), seconds=2.0)
+    fine, bad, other = solver.solve(*goals((0.5, 3.0), (2.5, 0.0), (-2.0, 0.1)))
+    assert bad.status is (Status.TIME_LIMIT if fault == "hang" else Status.FAILED)
+    assert WORDS[fault] in bad.message
+    assert fine.status is other.status is Status.SOLVED
+    np.testing.assert_allclose([fine.x, other.x], [[0.5, 1], [-1, 0.1]], atol=1e-6)
+    solver.close()
+
+
+def test_isolated_answers_are_those_of_the_solver():
+    problem = goals((0.5, 3.0), (-2.0, 0.1), (0.3, 0.2))
+    isolated = Isolated(Ipopt(), seconds=30.0)
+    for a, b in zip(isolated.solve(*problem), Ipopt().solve(*problem), strict=True):
+        np.testing.assert_array_equal(a.x, b.x)
+        assert (a.solver, a.status, a.residuals, a.iterations) == (
+            ("ipopt", b.status, b.residuals, b.iterations)
+        )
+    batch = isolated.solve_batch(*problem)
+    assert batch.success.all()
+    assert batch.words is not None
+    assert isolated.solve(*goals((0.0, 0.0)))[0].build_seconds > 0
+    isolated.close()
+    assert pickle.loads(pickle.dumps(isolated)) == isolated
+
+
+def test_a_solver_that_always_dies_is_given_up_after_a_few_tries():
+    solver = Isolated(Faulty("exit"), seconds=20.0)
+    solutions = solver.solve(*goals(*np.zeros((6, 2))))
+    assert [s.status for s in solutions] == [Status.FAILED] * 6
+    assert [s.message.startswith("not tried") for s in solutions] == [False] * 3 + [True] * 3
+
+
+def test_what_cannot_be_sent_to_a_process_is_a_solver_error():
+    class Local(Faulty):
+        pass
+
+    with pytest.raises(SolverError, match="must be defined in a module"):
+        Isolated(Local()).solve(*goals((0.0, 0.0)))
+    with pytest.raises(SolverError, match="allowed: a Solver"):
+        Isolated("ipopt")
+    with pytest.raises(SolverError, match="seconds = 0; allowed: above zero"):
+        Isolated(Ipopt(), 0)
+
+
+def test_programs_pickle_with_their_blocks_and_derivatives():
+    nlp = formation_nlp(PAPER.hazard, 5, True)
+    again = pickle.loads(pickle.dumps(nlp))
+    x, p = np.random.default_rng(0).uniform(0, 1, (2, 64))
+    x, p = x[: nlp.sizes[0]], p[: nlp.sizes[1]]
+    assert (again.name, again.sizes, again.row_names) == (nlp.name, nlp.sizes, nlp.row_names)
+    assert (again.unroll, again.compiled.source) == (nlp.unroll, nlp.compiled.source)
+    for name in ("evaluate", "gradient", "jacobian"):
+        ours, theirs = getattr(nlp, name)(x, p), getattr(again, name)(x, p)
+        for a, b in zip(ours, theirs, strict=True) if isinstance(ours, tuple) else [(ours, theirs)]:
+            np.testing.assert_array_equal(np.asarray(ca.DM(a)), np.asarray(ca.DM(b)))
+
+
+def test_instances_pickle_as_they_are():
+    instances = goals((0.5, 3.0), (1.0, 2.0))[1]
+    again = pickle.loads(pickle.dumps(instances))
+    for name in ("start", "parameters", "lower", "upper", "lower_g", "upper_g"):
+        ours, theirs = getattr(instances, name), getattr(again, name)
+        np.testing.assert_array_equal(ours, theirs)
+        # compiled code is compiled again for arrays that can be written to
+        assert ours.flags.writeable == theirs.flags.writeable
+
+
+def test_script_without_a_guard_is_told_about_it(tmp_path):
+    (tmp_path / "study.py").write_text(
+        "from casswarm.optimization.solvers import Ipopt, Isolated\nIsolated(Ipopt()).start()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "study.py"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert "if __name__ == '__main__':" in done.stderr.splitlines()[-1]
+
+
+# --- in a comparison
+
+
+def problems(count=2):
+    """Small problems, the nearest points of a box."""
+    made = []
+    for number in range(count):
+        nlp, instances = goals((0.5 + 2 * number, 3.0))
+        made.append(Problem(f"goal-{number}", "goals", nlp, {"cold": instances}))
+    return made
+
+
+@pytest.fixture(scope="module")
+def study():
+    solvers = {fault: Faulty(fault, above=2.0) for fault in FAULTS if fault != "build"}
+    solvers |= {"build": Faulty("build"), "ipopt": Ipopt()}
+    return cs.compare(problems(), solvers, seconds=2.0)
+
+
+def test_every_fault_is_a_row_with_its_reason_and_the_comparison_goes_on(study):
+    cells = study.cells.set_index(["solver", "problem"])
+    assert len(cells) == 2 * (len(FAULTS) + 1)
+    for fault in FAULTS:
+        bad = cells.loc[fault, "goal-1"]
+        assert not bad["solved"]
+        assert bad["status"] == ("time limit" if fault == "hang" else bad["status"])
+        assert WORDS.get(fault, "") in bad["words"]
+        assert bad["reason"]
+        assert cells.loc[fault, "goal-0"]["solved"] == (fault != "build")
+    assert cells.loc["ipopt"]["solved"].all()
+
+
+def test_lies_are_counted_as_lies(study):
+    cells = study.cells[study.cells["problem"] == "goal-1"].set_index("solver")
+    for lie in ("nan", "infeasible lie", "feasible lie"):
+        assert cells.loc[lie, "said"]
+        assert not cells.loc[lie, "true"]
+        assert cells.loc[lie, "reason"].startswith("called solved, but ")
+    assert "stationarity" in cells.loc["feasible lie", "reason"]
+    assert "violation" in cells.loc["infeasible lie", "reason"]
+    counts = study.summary.set_index("solver")
+    assert counts.loc["feasible lie", "said_not_true"] == 1
+    assert counts.loc["feasible lie", "solved"] == 0.5
+    assert counts.loc["hang", "neither"] == 1
+
+
+# --- in a simulation
+
+
+@pytest.fixture(scope="module")
+def guide():
+    return cs.plan(PAPER)
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        ("nan", "failed: fine"),
+        ("infeasible lie", "failed: fine"),
+        ("feasible lie", "solved: fine, but not stationary"),
+        ("raise", "raised ZeroDivisionError: not today"),
+    ],
+)
+def test_a_failing_solver_is_counted_in_the_tables_and_its_reason_told(
+    fault, reason, guide, caplog
+):
+    formation._tell_once.cache_clear()
+    with caplog.at_level(logging.WARNING, "casswarm"):
+        study = cs.simulate(PAPER, ["constrained"], 10, guide=guide, solver=Faulty(fault))
+    assert (study.runs["solver_failures"] > 0).all()
+    assert study.summary["solver_failures"][0] == study.runs["solver_failures"].sum()
+    assert reason in caplog.text
+    assert len(caplog.records) == len({record.getMessage() for record in caplog.records})
+
+
+def test_failed_states_alone_are_counted(guide):
+    # the first parameter is where member 0 is: it goes wrong on the way, not at the start
+    study = cs.simulate(PAPER, ["constrained"], 10, guide=guide, solver=Faulty("raise", above=3.0))
+    late = study.runs["steps"].max()
+    assert 0 < study.runs["solver_failures"].max() < late
+
+
+@pytest.mark.parametrize(
+    ("fault", "runs", "reason"),
+    [
+        ("exit", 3, "its process ended with exit code 3"),
+        ("kill", 3, "its process ended with exit code -9 (SIGKILL)"),
+        ("hang", 1, "time limit: no answer within 4 s, so its process was ended"),
+    ],
+)
+def test_a_solver_that_hangs_or_kills_its_process_costs_a_simulation_nothing_but_its_answers(
+    fault, runs, reason, caplog
+):
+    formation._tell_once.cache_clear()
+    scenario = small([(0.0, 0.0), (0.3, 0.0)], (1.5, 0.0), [(0.7, 1.5)], 3, hazard__alpha_1=0.1)
+    # once member 0 is on its way
+    deadly = Isolated(Faulty(fault, above=0.5), seconds=4.0 if fault == "hang" else 20.0)
+    with caplog.at_level(logging.WARNING, "casswarm"):
+        study = cs.simulate(scenario, ["leader"], runs, solver=deadly)
+    deadly.close()
+    assert study.runs["survivors"].tolist() == [2] * runs
+    assert (study.runs["solver_failures"] > 0).all()
+    assert (study.runs["solver_failures"] < study.runs["steps"]).all()
+    assert study.summary["solver_failures"][0] == study.runs["solver_failures"].sum()
+    assert reason in caplog.text
+
+
+# --- a folder that is gone back to
+
+
+def test_a_comparison_goes_on_where_it_ended_and_forgives_a_cut_line(tmp_path):
+    first = cs.compare(problems(), ["ipopt"], folder=tmp_path, seconds=20.0)
+    lines = (tmp_path / "cells.jsonl").read_bytes().splitlines(keepends=True)
+    assert len(lines) == 2
+    (tmp_path / "cells.jsonl").write_bytes(lines[0] + lines[1][:20])
+    told = []
+    again = cs.compare(
+        problems(),
+        ["ipopt"],
+        folder=tmp_path,
+        seconds=20.0,
+        progress=lambda *words: told.append(words),
+    )
+    assert [(done, total) for done, total, _ in told] == [(1, 2), (2, 2)]
+    same = ["problem", "objective", "status"]
+    assert first.cells[same].equals(again.cells[same])
+    assert first.cells["solve_seconds"][0] == again.cells["solve_seconds"][0]
+    assert len((tmp_path / "cells.jsonl").read_bytes().splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"seed": 3}, "seed: 0 there, 3 here"),
+        ({"seconds": 5.0}, "seconds: 10.0 there, 5.0 here"),
+        ({"solvers": [Ipopt(tolerance=1e-4)]}, "Ipopt(tolerance=1e-08"),
+        ({"solvers": {"ipopt": Ipopt(), "other": Ipopt()}}, "solvers.other is not there"),
+        ({"families": problems(1)}, "problems.goal-1 is there alone"),
+    ],
+)
+def test_a_folder_of_other_inputs_is_refused_and_the_difference_named(tmp_path, changed, words):
+    from casswarm.comparison.journal import Journal
+    from casswarm.comparison.run import _inputs, _solvers
+
+    usual = {"families": problems(), "solvers": ["ipopt"], "seed": 0, "seconds": 10.0}
+    now = usual | changed
+
+    def inputs(families, solvers, seed, seconds):
+        return _inputs(families, families, _solvers(solvers), None, seed, seconds)
+
+    Journal(tmp_path, inputs(**usual))
+    with pytest.raises(ComparisonError) as caught:
+        Journal(tmp_path, inputs(**now))
+    assert words in str(caught.value)
+    assert "choose another folder" in str(caught.value)
+
+
+def test_a_damaged_line_inside_is_an_error_that_names_it(tmp_path):
+    cs.compare(problems(1), ["ipopt"], folder=tmp_path)
+    cells = tmp_path / "cells.jsonl"
+    cells.write_bytes(b"nonsense\n" + cells.read_bytes())
+    with pytest.raises(ComparisonError, match="damaged at line 1"):
+        cs.compare(problems(1), ["ipopt"], folder=tmp_path)

@@ -1,0 +1,200 @@
+"""Look-ahead problems and their solver: formulas, known answers, Ipopt and the judge."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+from small_scenarios import Array, rate_by_hand
+from window_cases import COLLIDING, DT, GOAL, HAZARD, MOTION, RADARS, RHO, both, leaders_of, window
+
+from casswarm import make_solver
+from casswarm.optimization.kkt import judge
+from casswarm.optimization.solvers.batch.interior_point import Barrier
+from casswarm.policies.mpc import flown
+from casswarm.policies.mpc_instances import leader_ahead
+from casswarm.problems.formation import (
+    Motion,
+    Step,
+    corridor_formation,
+    formation_nlp,
+)
+from casswarm.problems.mpc_formation import Window, lookahead_nlp
+
+# --- the program
+
+
+def test_program_of_one_step_is_the_formation_program_with_every_number_the_same() -> None:
+    rng = np.random.default_rng(0)
+    step = Step(HAZARD, MOTION, *_state(rng), np.ones((1, 4), bool), GOAL)
+    for corridor in (False, True):
+        one, ahead = formation_nlp(HAZARD, 4, corridor), lookahead_nlp(HAZARD, 4, 1, corridor)
+        assert one.sizes == ahead.sizes
+        p = corridor_formation(step, RHO).instances.parameters[0]
+        for _ in range(5):
+            v = rng.normal(size=8)
+            for a, b in zip(one.evaluate(v, p), ahead.evaluate(v, p), strict=True):
+                np.testing.assert_array_equal(np.asarray(a), np.asarray(b))
+
+
+def _state(rng: np.random.Generator) -> tuple[Array, Array]:
+    return rng.normal(size=(1, 4, 2)), rng.normal(size=(1, 4, 2))
+
+
+@pytest.mark.parametrize("corridor", [False, True])
+def test_program_is_the_stated_one_with_every_formula_written_out(corridor: bool) -> None:
+    data = window(1, 3, 3, seed=3)
+    problem = both(data)[corridor]
+    u = np.random.default_rng(4).normal(size=(3, 3, 2))
+    f, g = (
+        np.asarray(part).ravel()
+        for part in problem.nlp.evaluate(u.ravel(), problem.instances.parameters[0])
+    )
+    counted = np.flatnonzero(data.alive[0]) if corridor else leaders_of(data)
+    places = data.positions[0] + DT * u
+    rates = [rate_by_hand(i, places[s], data.alive[0], RADARS) for s in range(3) for i in counted]
+    assert f[0] == pytest.approx(sum(rates), rel=1e-12)
+    v = np.diff(u, axis=0, prepend=np.zeros((1, 3, 2)))
+    w = np.diff(v, axis=0, prepend=data.previous[:1])
+    rows = [(w**2).sum(axis=-1).ravel(), v[1:].ravel()]
+    if corridor:
+        rows.append(((places - data.goals[:, None]) ** 2).sum(axis=-1).ravel())
+    np.testing.assert_allclose(g, np.concatenate(rows), rtol=1e-12)
+
+
+# --- known answers
+
+
+def stopping(steps: int) -> Window:
+    """A leader at speed 1, one unit from a guide that stands still; |v' - v| <= 0.5, dt = 1."""
+    motion = Motion(v_max=2.0, a_max=0.25, dt=1.0)
+    goals = np.tile([1.0, 0.0], (steps, 1))
+    previous = np.array([[[1.0, 0.0]]])
+    return Window(HAZARD, motion, np.zeros((1, 1, 2)), previous, np.ones((1, 1), bool), goals)
+
+
+def test_leader_too_fast_for_its_guide_brakes_in_time_as_computed_by_hand() -> None:
+    """One step ahead it flies there, cannot stop, and is 0.5 beyond. In view of three steps the
+    squares (1 - x)^2 + (1.5 - 2x)^2 + 0 of its lags are least at x = 0.8: lags 0.2, -0.1, 0.
+    """
+    lags = {}
+    for steps in (1, 3):
+        data, worst = stopping(steps), []
+        for _ in range(4):
+            v = flown(data, leader_ahead(data, np.zeros(1, int)), make_solver("auto")).velocities
+            data = replace(data, positions=data.positions + v, previous=v)
+            worst.append(1.0 - data.positions[0, 0, 0])
+        lags[steps] = worst
+    np.testing.assert_allclose(lags[1], [0, -0.5, -0.5, 0], atol=1e-6)
+    np.testing.assert_allclose(lags[3], [0.2, -0.1, 0, 0], atol=1e-5)
+
+
+@pytest.mark.parametrize("steps", [2, 5, 8])
+def test_nearest_paths_on_a_line_are_those_of_bounded_least_squares(steps: int) -> None:
+    """On a line the discs of a_max are intervals of the changes of velocity: a convex QP."""
+    rng = np.random.default_rng(5)
+    data = window(1, 1, steps, seed=6)
+    limits = replace(data.limits, speed=50.0)  # out of reach
+    before = np.stack([rng.normal(0, 1, 30), np.zeros(30)], axis=1)
+    goals = np.cumsum(rng.normal(0, 2, (30, steps)), axis=1)
+    paths, failed = limits.following(before, np.stack([goals, 0 * goals], axis=-1), np.zeros(steps))
+    assert not failed.any()
+    total = np.tril(np.ones((steps, steps)))
+    for b in range(30):
+        without = before[b, 0] * np.arange(1, steps + 1)
+        exact = lsq_linear(
+            total @ total, goals[b] - without, (-limits.change, limits.change), tol=1e-14
+        )
+        np.testing.assert_allclose(paths[b, :, 0], without + total @ total @ exact.x, atol=2e-6)
+    assert np.abs(paths[..., 1]).max() <= 1e-6
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.5])
+def test_nearest_paths_are_those_of_ipopt(radius: float) -> None:
+    rng = np.random.default_rng(7)
+    limits = window(1, 1, 4, seed=0).limits
+    before = rng.uniform(-1.9, 1.9, (12, 2))
+    goals = np.cumsum(before[:, None] + rng.normal(0, 0.8, (12, 4, 2)), axis=1)
+    goals += rng.normal(0, 0.7, (12, 1, 2))
+    paths, failed = limits.following(before, goals, np.full(4, radius))
+    assert not failed.any()
+    for b in range(12):
+        exact = _nearest_by_ipopt(before[b], goals[b], radius, limits.speed, limits.change)
+        out = np.maximum(0.0, np.hypot(*(paths[b] - goals[b]).T) - radius)
+        assert (out**2).sum() == pytest.approx(exact, abs=2e-6)
+
+
+def _nearest_by_ipopt(
+    before: Array, goals: Array, radius: float, speed: float, change: float
+) -> float:
+    """Least sum of squared distances to discs, by Opti with slack variables."""
+    opti = ca.Opti()
+    u, out = opti.variable(2, 4), opti.variable(4)
+    velocity, place = before, ca.MX.zeros(2)
+    for s in range(4):
+        v = u[:, s] - place
+        opti.subject_to(opti.bounded(-speed, v, speed))
+        opti.subject_to(ca.sumsqr(v - velocity) <= change**2)
+        opti.subject_to(ca.sumsqr(u[:, s] - goals[s]) <= (radius + out[s]) ** 2)
+        velocity, place = v, u[:, s]
+    opti.subject_to(out >= 0)
+    opti.set_initial(out, 5.0)
+    opti.minimize(ca.sumsqr(out))
+    opti.solver("ipopt", {"print_time": False}, {"print_level": 0, "sb": "yes", "tol": 1e-9})
+    return float(opti.solve().value(ca.sumsqr(out)))
+
+
+# --- against Ipopt, and the judge
+
+
+@pytest.mark.parametrize("steps", [2, 3, 5])
+def test_batch_solver_is_no_worse_than_ipopt_from_the_same_start(steps: int) -> None:
+    data = window(12, 4, steps, seed=8)
+    for problem in both(data):
+        rows = np.flatnonzero(problem.free.any(axis=1))
+        instances = problem.instances[rows]
+        batch = Barrier().solve_batch(problem.nlp, instances)
+        ipopt = make_solver("ipopt").solve(problem.nlp, instances)
+        assert batch.success.all()
+        solved = [solution.status.success for solution in ipopt]
+        assert sum(solved) >= len(rows) - 2
+        exact = np.array(
+            [s.objective if ok else np.inf for s, ok in zip(ipopt, solved, strict=True)]
+        )
+        assert (batch.objective <= exact * (1 + 1e-6) + 1e-9).all()
+
+
+def test_with_collisions_the_batch_solver_is_more_often_better_than_ipopt_than_worse() -> None:
+    """Local minima abound; the batch solver has several starts, Ipopt the one."""
+    data = replace(window(16, 4, 3, seed=9, deaths=0.1), hazard=COLLIDING)
+    worse, better = 0, 0
+    for problem in both(data):
+        instances = problem.instances
+        batch = make_solver("auto").solve_batch(problem.nlp, instances)
+        ipopt = make_solver("ipopt").solve(problem.nlp, instances)
+        exact = np.array([s.objective if s.status.success else np.inf for s in ipopt])
+        worse += int((batch.objective > exact * (1 + 1e-6)).sum())
+        better += int((batch.objective < exact * (1 - 1e-6)).sum())
+    assert worse <= 6 < better
+
+
+def test_residuals_and_multipliers_are_those_of_the_independent_judge() -> None:
+    data = window(8, 4, 3, seed=10)
+    for problem in both(data):
+        rows = np.flatnonzero(problem.free.any(axis=1))
+        instances = problem.instances[rows]
+        run = Barrier().run(problem.nlp, instances)
+        for i, answer in enumerate(run.answers()):
+            found = judge(problem.nlp, instances[i : i + 1], answer.x, answer.multipliers)
+            assert found.violation <= 1e-12
+            unit = instances.units[i, 1] / instances.units[i, 0]  # type: ignore[index]
+            assert found.stationarity <= unit * run.judged[i, 2] + 1e-9
+            assert found.complementarity <= 1e-6
+            low, high = answer.multipliers  # type: ignore[misc]
+            estimated = judge(problem.nlp, instances[i : i + 1], answer.x)
+            assert estimated.stationarity <= 1e-3
+            assert (high[: 3 * 4] >= 0).all()
+            assert np.isfinite(low).all()

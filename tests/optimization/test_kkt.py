@@ -1,0 +1,217 @@
+"""The judge: residuals at solutions that are known, and away from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from known_problems import (
+    INF,
+    KNOWN,
+    Known,
+    active_box,
+    hs_6,
+    hs_7,
+    hs_21,
+    hs_35,
+    hs_71,
+    known,
+    planar,
+)
+
+from casswarm.optimization.kkt import ACTIVE, judge
+from casswarm.optimization.problem import Instances, Nlp
+from casswarm.optimization.solution import Residuals
+from casswarm.optimization.solvers import Ipopt
+
+each = pytest.mark.parametrize("problem", KNOWN, ids=lambda problem: problem.__name__)
+
+ROUNDED = 3e-7  # the published digits of HS 71, times the curvature of its constraints
+
+
+def judged(case: Known, x: object = None, *multipliers: object) -> Residuals:
+    given = tuple(np.array(part, float) for part in multipliers)
+    at = case.x if x is None else np.array(x, float)
+    return judge(case.nlp, case.instance, at, given or None)  # type: ignore[arg-type]
+
+
+# --- at solutions
+
+
+@each
+def test_a_solution_with_its_multipliers_has_no_residuals(
+    problem: Callable[[], Known],
+) -> None:
+    case = problem()
+    residuals = judged(case, None, case.bound_multipliers, case.row_multipliers)
+    assert residuals.violation < ROUNDED
+    assert residuals.stationarity < ROUNDED
+    assert residuals.complementarity < ROUNDED
+
+
+@each
+def test_estimated_multipliers_show_a_solution_as_stationary(problem: Callable[[], Known]) -> None:
+    residuals = judged(problem())
+    assert residuals.stationarity < ROUNDED
+    assert residuals.complementarity < ROUNDED
+
+
+@pytest.mark.parametrize("problem", [active_box, hs_7, hs_21, hs_35, hs_71])
+def test_multipliers_of_the_other_sign_are_not_stationary(problem: Callable[[], Known]) -> None:
+    case = problem()
+    residuals = judged(case, None, -case.bound_multipliers, -case.row_multipliers)
+    largest = np.abs([*case.bound_multipliers, *case.row_multipliers]).max()
+    assert residuals.stationarity > largest / 2
+
+
+@pytest.mark.parametrize("problem", [active_box, hs_7, hs_21, hs_35, hs_71])
+def test_a_multiplier_is_what_its_bound_costs(problem: Callable[[], Known]) -> None:
+    """The sign convention: the optimal value falls by the multiplier where its bound rises."""
+    case, step, solver = problem(), 1e-4, Ipopt(tolerance=1e-11)
+
+    def value(change: dict[str, np.ndarray]) -> float:
+        moved = {name: getattr(case.instance, name) + by for name, by in change.items()}
+        return solver.solve(case.nlp, replace(case.instance, **moved))[0].objective
+
+    for multipliers, names in (
+        (case.bound_multipliers, ("lower", "upper")),
+        (case.row_multipliers, ("lower_g", "upper_g")),
+    ):
+        for row in np.flatnonzero(multipliers):
+            shift = step * (np.arange(len(multipliers)) == row)
+            ahead, behind = (value(dict.fromkeys(names, by)) for by in (shift, -shift))
+            assert (ahead - behind) / (2 * step) == pytest.approx(-multipliers[row], rel=1e-3)
+
+
+@each
+def test_estimated_multipliers_serve_as_well_as_those_of_ipopt(
+    problem: Callable[[], Known],
+) -> None:
+    case = problem()
+    solution = Ipopt().solve(case.nlp, case.instance)[0]
+    estimated = judge(case.nlp, case.instance, solution.x)
+    assert solution.residuals.stationarity < 1e-6
+    assert estimated.stationarity < 1e-6
+    assert estimated.complementarity < 1e-6
+    assert estimated.violation == solution.residuals.violation
+
+
+@each
+def test_a_sparse_estimate_equals_a_dense_one(
+    problem: Callable[[], Known], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = problem()
+    dense = judged(case)
+    monkeypatch.setattr("casswarm.optimization.kkt._DENSE", 0)
+    sparse = judged(case)
+    assert sparse.stationarity == pytest.approx(dense.stationarity, abs=1e-6)
+
+
+# --- away from solutions
+
+
+def test_stationarity_is_the_largest_component_of_the_gradient_of_the_lagrangian() -> None:
+    case = active_box()
+    assert judged(case, [0.5, 2]).stationarity == 6  # gradient (-3, 6), no bound near
+    assert judged(case, [0.5, 2], [1, 0], []).stationarity == 6
+    assert judged(case, [0.5, 2], [-4, 0], []).stationarity == 7
+    assert judged(hs_6(), [0, 0], [0, 0], [1]).stationarity == 10  # (-2, 0) + (0, 10)
+
+
+def test_a_bound_on_the_wrong_side_excuses_nothing() -> None:
+    case = active_box()
+    assert judged(case, [0, -1]).stationarity == pytest.approx(4)  # f falls towards the inside
+    assert judged(case, [1, 3]).stationarity == pytest.approx(8)
+
+
+@pytest.mark.parametrize(("distance", "stationarity"), [(0.5 * ACTIVE, 0), (2 * ACTIVE, 2)])
+def test_only_rows_near_their_bounds_carry_estimated_multipliers(
+    distance: float, stationarity: float
+) -> None:
+    residuals = judged(active_box(), [1 - distance, -1])
+    assert residuals.stationarity == pytest.approx(stationarity, abs=1e-5)
+
+
+def test_complementarity_is_the_largest_product_of_multiplier_and_slack() -> None:
+    case = active_box()
+    assert judged(case, [0.75, -1], [2, 0], []).complementarity == 0.5
+    assert judged(case, [0.75, -1], [-2, 0], []).complementarity == 1.5
+    assert judged(case, [0.75, -1], [0, -4], []).complementarity == 8
+    assert judged(case, [0.75, -1], [0, 0], []).complementarity == 0
+
+
+def test_a_multiplier_of_a_bound_that_does_not_exist_counts_in_full() -> None:
+    assert judged(hs_35(), None, [0.5, 0, 0], [2 / 9]).complementarity == 0.5
+    assert judged(hs_35(), None, [0, 0, 0], [-0.25]).complementarity == 0.25
+
+
+# --- violation
+
+
+@pytest.mark.parametrize(
+    ("x", "violation", "worst"),
+    [
+        ([0.5, 0.5], 0, ""),
+        ([-0.25, -0.25], 0.25, "bound[0]"),
+        ([-2, -3], 3, "bound[1]"),
+        ([1, 1], 1, "sum[0]"),
+        ([0, 1.5], 1.5, "difference[0]"),
+        ([1.5, 0], 1.5, "difference[0]"),
+    ],
+)
+def test_the_row_that_is_violated_most_is_named(
+    x: list[float], violation: float, worst: str
+) -> None:
+    case = known(
+        "triangle",
+        ca.sumsqr,
+        ([0, 0], 0),
+        [0, 0],
+        box=([0, 0], [1, 1]),
+        rows={
+            "sum": (lambda x: x[0] + x[1], -INF, 1),
+            "difference": (lambda x: x[0] - x[1], 0, 0),
+        },
+    )
+    residuals = judged(case, x)
+    assert (residuals.violation, residuals.worst) == (violation, worst)
+
+
+def test_a_row_is_named_by_its_place_in_its_block() -> None:
+    discs = np.array([[0.0, 0, 1], [3, 0, 1], [6, 0, 1]])
+    wide = np.full((3, 2), 9.0)
+    nlp, instance = planar(ca.sumsqr, np.zeros((3, 2)), -wide, wide, discs)
+    residuals = judge(nlp, instance, np.array([0.5, 0, 3, 3, 6, 2.0]))
+    assert (residuals.violation, residuals.worst) == (8, "discs[1]")
+
+
+# --- not finite
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_an_answer_that_is_not_finite_has_infinite_residuals(value: float) -> None:
+    expected = Residuals(INF, INF, INF, "not finite")
+    assert judged(hs_35(), [value, 0, 0]) == expected
+    assert judged(hs_35(), [value, 0, 0], [0, 0, 0], [0]) == expected
+    unseen = known("unseen", lambda x: x[1] ** 2, ([0, 0], 0), [0, 0])
+    assert judged(unseen, [value, 0]) == expected
+
+
+@pytest.mark.parametrize("rows", [{}, {"root": (lambda x: ca.sqrt(x[0]), 0, 1)}])
+def test_functions_that_are_not_finite_have_infinite_residuals(rows: dict[str, object]) -> None:
+    objective = ca.sumsqr if rows else (lambda x: ca.log(x[0]))
+    case = known("outside", objective, ([-1], 0), [-1], rows=rows)  # type: ignore[arg-type]
+    assert judged(case) == Residuals(INF, INF, INF, "not finite")
+
+
+def test_the_parameters_of_the_instance_are_those_that_count() -> None:
+    x, q = ca.MX.sym("x"), ca.MX.sym("q")
+    nlp = Nlp("shifted", {"x": x}, {"q": q}, (x - q) ** 2, {"above": x - q})
+    for goal in (1.0, 3.0):
+        one = np.array([[goal]])
+        instance = Instances(one, one, one - 9, one + 9, 0 * one, np.full((1, 1), INF))
+        assert judge(nlp, instance, np.array([goal])) == Residuals(0, 0, 0)
+        assert judge(nlp, instance, np.array([goal - 0.5])).violation == 0.5

@@ -1,0 +1,277 @@
+"""Projection onto box and discs: known answers, emptiness, wishes, errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from planar_cases import INF, PLANE, Array, random_cases, scale, single
+
+from casswarm.optimization.feasible_sets.planar import PlanarSets
+from casswarm.optimization.feasible_sets.planar_kernels import ROUNDING
+
+
+@pytest.fixture(scope="module")
+def cases() -> tuple[PlanarSets, Array]:
+    """Thousands of non-empty sets and a point for each."""
+    sets, points = random_cases(np.random.default_rng(7), 60_000)
+    some = ~sets.is_empty
+    return sets[some], points[some]
+
+
+# --- Emptiness by exact reasoning. ---
+
+
+def test_discs_apart_by_a_known_gap_are_empty_and_overlapping_are_not() -> None:
+    rng = np.random.default_rng(12)
+    count = 5_000
+    angle, radii = rng.uniform(0, 2 * np.pi, count), rng.exponential(size=(count, 2))
+    gap = rng.choice([-1, 1], count) * 10.0 ** rng.uniform(-12, 0, count)
+    gap = np.maximum(gap, -radii.min(axis=1))
+    first = rng.normal(size=(count, 2))
+    towards = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    second = first + (radii.sum(axis=1) + gap)[:, None] * towards
+    sets = PlanarSets(*PLANE, np.stack([first, second], axis=1), radii)
+    np.testing.assert_array_equal(sets.is_empty, gap > 0)
+
+
+def test_disc_outside_box_by_a_known_gap_is_empty() -> None:
+    rng = np.random.default_rng(13)
+    gap = rng.choice([-1, 1], 5_000) * 10.0 ** rng.uniform(-12, -1, 5_000)
+    angle = rng.uniform(0, np.pi / 2, 5_000)  # off the corner (1, 1)
+    center = 1 + (0.5 + gap)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    sets = PlanarSets(-np.ones(2), np.ones(2), center[:, None], np.full(1, 0.5))
+    np.testing.assert_array_equal(sets.is_empty, gap > 0)
+
+
+def test_three_sets_that_meet_pairwise_only_are_empty() -> None:
+    # The discs meet in the lens around the origin of half-height sqrt(0.75); the box is above it.
+    top = np.sqrt(0.75)
+    for gap, empty in ((1e-12, True), (-1e-12, False)):
+        sets = single([-1, top + gap], [1, 3], (-0.5, 0, 1), (0.5, 0, 1))
+        assert sets.is_empty == empty
+    assert not single([-1, top + gap], [1, 3], (-0.5, 0, 1)).is_empty
+
+
+# --- Known cases. ---
+
+CASES = [
+    ("no_discs", single([-1, -1], [1, 1]), (3, 0.5), (1, 0.5)),
+    ("corner", single([-1, -1], [1, 1], (0, 0, 5)), (3, 4), (1, 1)),
+    ("disc_inside_box", single([-9, -9], [9, 9], (1, 0, 2)), (1, 7), (1, 2)),
+    ("whole_plane", single([-INF, -INF], [INF, INF], (0, 0, INF)), (1e9, -3), (1e9, -3)),
+    ("half_plane", single([-INF, 0], [INF, INF], (0, 0, INF), (5, 5, INF)), (2, -3), (2, 0)),
+    ("half_disc", single([0, -INF], [INF, INF], (0, 0, 1)), (-1, 4), (0, 1)),
+    ("lens_tip", single([-9, -9], [9, 9], (-3, 0, 5), (3, 0, 5)), (0, 9), (0, 4)),
+    ("lens_side", single([-9, -9], [9, 9], (-3, 0, 5), (3, 0, 5)), (7, 0), (2, 0)),
+    ("tangent_outside", single([-9, -9], [9, 9], (-1, 0, 1), (2, 0, 2)), (4, 7), (0, 0)),
+    ("tangent_inside", single([-9, -9], [9, 9], (0, 0, 2), (1, 0, 1)), (9, 0), (2, 0)),
+    ("tangent_to_box", single([1, -1], [2, 1], (0, 0, 1)), (-3, 8), (1, 0)),
+    ("touching_corner", single([3, 4], [9, 9], (0, 0, 5)), (8, 8), (3, 4)),
+    ("concentric", single([-9, -9], [9, 9], (1, 1, 3), (1, 1, 2)), (1, 8), (1, 3)),
+    ("coincident", single([-9, -9], [9, 9], (1, 1, 2), (1, 1, 2)), (1, 8), (1, 3)),
+    ("coincident_cut", single([-9, -9], [9, 1], (1, 1, 2), (1, 1, 2)), (8, 8), (3, 1)),
+    ("zero_radius", single([-9, -9], [9, 9], (1, 1, 0), (0, 0, 5)), (8, 3), (1, 1)),
+    ("zero_radius_on_circle", single([-9, -9], [9, 9], (3, 4, 0), (0, 0, 5)), (8, 3), (3, 4)),
+    ("zero_radius_at_its_centre", single([1, 1], [9, 9], (1, 1, 0)), (1, 1), (1, 1)),
+    ("two_zero_radii", single([0, 0], [9, 9], (1, 1, 0), (1, 1, 0)), (8, 3), (1, 1)),
+    ("segment", single([3, -9], [3, 9], (0, 0, 5)), (-7, 9), (3, 4)),
+    ("single_point_box", single([3, 4], [3, 4], (0, 0, 5), (3, 4, 0)), (-7, 9), (3, 4)),
+    ("at_centre_outside_box", single([3, -9], [9, 9], (0, 0, 5)), (0, 0), (3, 0)),
+    ("at_centre_outside_disc", single([-9, -9], [9, 9], (0, 0, 5), (6, 0, 2)), (0, 0), (4, 0)),
+    ("huge_disc", single([-9, -9], [9, 9], (0, 0, 1e300), (0, 0, 1)), (3, 4), (0.6, 0.8)),
+    ("tiny_offset", single([-9, -9], [9, 9], (0, 0, 1), (5e-324, 0, 1)), (0, 4), (0, 1)),
+]
+
+
+@pytest.mark.parametrize(
+    ("sets", "point", "expected"), [case[1:] for case in CASES], ids=[case[0] for case in CASES]
+)
+def test_known_projection(
+    sets: PlanarSets, point: tuple[float, float], expected: tuple[float, float]
+) -> None:
+    assert not sets.is_empty
+    np.testing.assert_allclose(sets.project(point), expected, rtol=1e-14, atol=1e-14)
+
+
+def test_tangent_discs_at_any_angle_and_scale_meet_where_they_touch() -> None:
+    rng = np.random.default_rng(14)
+    count = 5_000
+    factor = 10.0 ** rng.uniform(-8, 8, count)
+    angle, radii = (
+        rng.uniform(0, 2 * np.pi, count),
+        factor[:, None] * rng.exponential(size=(count, 2)),
+    )
+    towards = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    first = factor[:, None] * rng.normal(size=(count, 2))
+    second = first + radii.sum(axis=1, keepdims=True) * towards
+    sets = PlanarSets(*PLANE, np.stack([first, second], axis=1), radii)
+    assert not sets.is_empty.any()
+    nearest = sets.project(factor[:, None] * rng.normal(size=(count, 2)))
+    touch = first + radii[:, :1] * towards
+    # Ill-conditioned: a change e of the data moves the point by order sqrt(e).
+    assert (np.abs(nearest - touch).max(axis=1) / scale(sets, touch)).max() < 1e-6
+    assert (sets.violation(nearest) <= ROUNDING * scale(sets, nearest)).all()
+
+
+def test_slivers_as_thin_as_rounding_are_projected_on_from_anywhere() -> None:
+    rng = np.random.default_rng(15)
+    count = 20_000
+    angle, radii = rng.uniform(0, 2 * np.pi, count), np.exp(2 * rng.normal(size=(count, 2)))
+    gap = rng.choice([-1, 1], count) * 10.0 ** rng.uniform(-18, -12, count)
+    first = rng.normal(size=(count, 2))
+    towards = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    second = first + (radii.sum(axis=1) + gap)[:, None] * towards
+    sets = PlanarSets(*PLANE, np.stack([first, second], axis=1), radii)
+    sets = sets[~sets.is_empty]
+    for spread in (1e-3, 1.0, 1e4):
+        nearest = sets.project(spread * rng.normal(size=(*sets.shape, 2)))
+        assert (sets.violation(nearest) <= ROUNDING * scale(sets, nearest)).all()
+
+
+# --- Shapes, values, errors. ---
+
+
+def test_points_and_sets_broadcast() -> None:
+    sets = PlanarSets(-np.ones(2), np.ones((3, 1, 2)), np.zeros((1, 2)), np.full((4, 1), 0.5))
+    assert sets.shape == (3, 4)
+    assert sets.project(np.ones(2)).shape == (3, 4, 2)
+    assert sets.project(np.ones((5, 1, 1, 2))).shape == (5, 3, 4, 2)
+    assert sets.is_empty.shape == sets.violation([0.0, 0.0]).shape == (3, 4)
+    assert sets[0].shape == (4,)
+    assert sets[:, 1].shape == (3,)
+    assert sets[np.eye(3, 4, dtype=bool)].shape == (3,)
+    assert sets[np.array([0, 0, 2])].shape == (3, 4)
+    assert sets[0:0].project(np.ones(2)).shape == (0, 4, 2)
+    with pytest.raises(IndexError):
+        sets[0, 0, 0]
+
+
+def test_index_selects_the_sets(cases: tuple[PlanarSets, Array]) -> None:
+    sets, points = cases
+    chosen = points[:, 0] > 1
+    np.testing.assert_array_equal(
+        sets[chosen].project(points[chosen]), sets.project(points)[chosen]
+    )
+    np.testing.assert_array_equal(sets[3].project(points[3]), sets.project(points)[3])
+
+
+def test_violation_is_the_largest_distance_to_one_of_the_sets() -> None:
+    sets = single([-1, -1], [1, 1], (0, 0, 1), (2, 0, INF))
+    np.testing.assert_allclose(sets.violation([[0, 0], [0, 3], [4, 5]]), [0, 2, np.sqrt(41) - 1])
+    assert single([-1, -1], [1, 1]).violation([4.0, 5.0]) == 5
+    assert sets.contains([0, 1.5], 0.5)
+    assert not sets.contains([0, 1.5], 0.4)
+
+
+@pytest.mark.parametrize("bad", [np.nan, INF, -INF])
+def test_points_that_are_not_finite_give_nan_and_leave_the_others(bad: float) -> None:
+    sets = single([-1, -1], [1, 1], (0, 0, 1), (1, 0, 1))
+    nearest = sets.project([[bad, 0], [0, bad], [3, 0]])
+    assert np.isnan(nearest[:2]).all()
+    np.testing.assert_allclose(nearest[2], [1, 0])
+    assert np.isnan(sets.violation([bad, 0]))
+    assert not sets.contains([bad, 0], 1.0)
+
+
+def test_projection_on_empty_sets_raises_with_their_number() -> None:
+    sets = PlanarSets(
+        -np.ones(2), np.ones(2), np.array([[[0.0, 0]], [[9, 9]], [[7, 0]]]), np.ones(1)
+    )
+    with pytest.raises(ValueError, match="2 of 3 points"):
+        sets.project([0.0, 0.0])
+
+
+def test_sets_are_immutable_and_leave_the_arguments_alone() -> None:
+    lower = -np.ones(2)
+    sets = PlanarSets(lower, np.ones(2), np.zeros((1, 2)), np.ones(1))
+    points = np.full((2, 2), 3.0)
+    sets.project(points)
+    assert (points == 3).all()
+    assert (lower == -1).all()
+    with pytest.raises(ValueError, match="read-only"):
+        sets.lower[0] = 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"lower": [2.0, 0.0]}, "lower"),
+        ({"lower": [np.nan, 0.0]}, "lower"),
+        ({"lower": [INF, 0.0], "upper": [INF, 1.0]}, "lower"),
+        ({"lower": [-INF, 0.0], "upper": [-INF, 1.0]}, "upper"),
+        ({"centers": [[INF, 0.0]]}, "centers"),
+        ({"radii": [-1.0]}, "radii"),
+        ({"radii": [np.nan]}, "radii"),
+        ({"radii": 1.0}, "shapes"),
+        ({"radii": [1.0, 2.0]}, "shapes"),
+        ({"lower": [0.0, 0.0, 0.0]}, "shapes"),
+        ({"centers": np.zeros((3, 2)), "radii": np.ones(3)}, "K = 0, 1 or 2"),
+        ({"lower": np.zeros((3, 2)), "upper": np.ones((4, 2))}, "broadcast"),
+    ],
+)
+def test_wrong_sets_raise(changes: dict[str, object], message: str) -> None:
+    right = {"lower": [-1.0, -1], "upper": [1.0, 1], "centers": [[0.0, 0]], "radii": [1.0]}
+    with pytest.raises(ValueError, match=message):
+        PlanarSets(**(right | changes))
+
+
+def test_points_of_wrong_shape_raise() -> None:
+    with pytest.raises(ValueError, match="points must have shape"):
+        single([-1, -1], [1, 1]).project(np.zeros(3))
+
+
+# --- Wishes. ---
+
+
+def test_unfulfillable_wish_becomes_the_nearest_physical_point() -> None:
+    rng = np.random.default_rng(16)
+    count = 300
+    lower = -rng.exponential(size=(count, 2))
+    upper = rng.exponential(size=(count, 2))
+    centers = np.stack([0.3 * rng.normal(size=(count, 2)), 2 * rng.normal(size=(count, 2))], axis=1)
+    radii = np.column_stack([1 + rng.random(count), 0.5 * rng.random(count)])
+    sets = PlanarSets(lower, upper, centers, radii)
+    fulfilled, shortfall = sets.fulfil()
+    assert 100 < np.count_nonzero(shortfall) < 290
+    assert not fulfilled.is_empty.any()
+    angles, shares = np.meshgrid(np.linspace(0, 2 * np.pi, 721), np.linspace(0, 1, 101))
+    polar = np.stack([shares * np.cos(angles), shares * np.sin(angles)], axis=-1).reshape(-1, 2)
+    for i in np.flatnonzero(shortfall):
+        point = fulfilled.lower[i]
+        np.testing.assert_array_equal(point, fulfilled.upper[i])
+        np.testing.assert_array_equal(fulfilled[i].project(rng.normal(size=2)), point)
+        physical = PlanarSets(lower[i], upper[i], centers[i, :1], radii[i, :1])
+        assert physical.contains(point, 1e-13)
+        tries = np.clip(centers[i, 0] + radii[i, 0] * polar, lower[i], upper[i])
+        tries = tries[np.hypot(*(tries - centers[i, 0]).T) <= radii[i, 0]]
+        best = np.hypot(*(tries - centers[i, 1]).T).min()
+        reached = np.hypot(*(point - centers[i, 1]))
+        assert best - 0.02 <= reached <= best + 1e-12
+        assert reached > radii[i, 1]  # the wish is indeed not fulfilled
+
+
+def test_fulfillable_wishes_are_untouched() -> None:
+    sets = PlanarSets(
+        -np.ones(2), np.ones(2), np.array([[[0.0, 0], [1, 0]], [[0, 0], [5, 0]]]), np.ones(2)
+    )
+    fulfilled, shortfall = sets.fulfil()
+    np.testing.assert_array_equal(shortfall, [False, True])
+    np.testing.assert_array_equal(fulfilled.lower, [[-1, -1], [1, 0]])
+    np.testing.assert_array_equal(fulfilled.upper, [[1, 1], [1, 0]])
+    np.testing.assert_array_equal(fulfilled.centers, sets.centers)
+    np.testing.assert_array_equal(fulfilled.radii, [[1, 1], [INF, INF]])
+    same, none = sets[:1].fulfil()
+    assert same.radii[0, 1] == 1
+    assert not none.any()
+
+
+def test_a_single_set_without_leading_axes_is_fulfilled() -> None:
+    fulfilled, shortfall = single([-9, -9], [9, 9], (0, 0, 1), (5, 0, 1)).fulfil()
+    assert shortfall.shape == fulfilled.shape == ()
+    np.testing.assert_allclose(fulfilled.project([3, 3]), [1, 0])
+
+
+def test_impossible_physical_limits_raise_with_their_number() -> None:
+    centers = np.array([[[0.0, 0], [1, 0]], [[9, 0], [1, 0]], [[0, 9], [1, 0]]])
+    with pytest.raises(ValueError, match="2 of 3 sets"):
+        PlanarSets(-np.ones(2), np.ones(2), centers, np.ones(2)).fulfil()

@@ -1,0 +1,243 @@
+"""The problem's layout: blocks in and out, names of rows, instances; and that it scales."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from casswarm.errors import SolverError
+from casswarm.hazard import Saturation, SaturationCollision
+from casswarm.optimization.feasible_sets.planar import PlanarSets
+from casswarm.optimization.problem import Instances, Nlp
+from casswarm.problems.formation import formation_nlp
+
+RADARS = ((4.4, 4.6), (4.5, 3.0))
+
+
+def sample(unroll: bool = False) -> Nlp:
+    """Three points, two angles; a center and a weight; two constraints."""
+    points, angles = ca.MX.sym("points", 2, 3), ca.MX.sym("angles", 1, 2)
+    center, weight = ca.MX.sym("center", 2), ca.MX.sym("weight")
+    offsets = points - ca.repmat(center, 1, 3)
+    return Nlp(
+        name="sample",
+        variables={"points": points, "angles": angles},
+        parameters={"center": center, "weight": weight},
+        objective=ca.sumsqr(offsets) + weight * ca.sum2(ca.sin(angles)),
+        constraints={"radius": ca.sum1(offsets**2), "sum": points[:, 0] + angles.T},
+        unroll=unroll,
+    )
+
+
+@pytest.fixture(params=[False, True], ids=["matrices", "unrolled"])
+def nlp(request: pytest.FixtureRequest) -> Nlp:
+    return sample(request.param)
+
+
+def blocks(batch: int) -> dict[str, Any]:
+    numbers = np.arange(8.0 * batch)
+    return {
+        "points": numbers[: 6 * batch].reshape(batch, 3, 2),
+        "angles": numbers[6 * batch :].reshape(batch, 2, 1),
+    }
+
+
+# --- layout
+
+
+def test_sizes_count_numbers(nlp: Nlp) -> None:
+    assert nlp.sizes == (8, 3, 5)
+
+
+def test_packed_blocks_come_back(nlp: Nlp) -> None:
+    given = blocks(4)
+    x = nlp.pack_variables(**given)
+    assert x.shape == (4, 8)
+    for name, block in given.items():
+        np.testing.assert_array_equal(nlp.variable(name, x), block)
+        np.testing.assert_array_equal(nlp.variable(name, x[2]), block[2])
+        np.testing.assert_array_equal(nlp.variable(name, x.reshape(2, 2, 8))[1, 0], block[2])
+
+
+def test_the_layout_is_that_of_the_symbols(nlp: Nlp) -> None:
+    given = blocks(1)
+    x = nlp.pack_variables(**given)[0]
+    split = ca.Function("split", [nlp.x], list(nlp.variables.values()))(x)
+    for block, column in zip(given.values(), split, strict=True):
+        np.testing.assert_array_equal(np.asarray(column), block[0].T)
+    p = nlp.pack_parameters(center=[[7, 8]], weight=[[9]])
+    assert p.tolist() == [[7, 8, 9]]
+    bounds = nlp.pack_constraints(radius=[[1], [2], [3]], sum=[[4, 5]])
+    assert bounds.tolist() == [[1, 2, 3, 4, 5]]
+
+
+def test_functions_and_derivatives_are_those_of_the_formulas(nlp: Nlp) -> None:
+    points, angles = np.array([[1.0, 2.0], [3.0, 5.0], [0.0, -1.0]]), np.array([0.5, 2.0])
+    center, weight = np.array([1.0, 1.0]), 3.0
+    x = nlp.pack_variables(points=points, angles=angles[:, None])[0]
+    p = nlp.pack_parameters(center=center[None], weight=[[weight]])[0]
+    f, g = (np.asarray(part).ravel() for part in nlp.evaluate(x, p))
+    assert f == pytest.approx([((points - center) ** 2).sum() + weight * np.sin(angles).sum()])
+    np.testing.assert_allclose(g, [1, 20, 5, 1.5, 4.0])
+    value, gradient = nlp.gradient(x, p)
+    assert float(value) == f[0]
+    slope = [*(2 * (points - center)).ravel(), *(weight * np.cos(angles))]
+    np.testing.assert_allclose(np.asarray(gradient).ravel(), slope)
+    jacobian = np.asarray(nlp.jacobian(x, p))
+    expected = np.zeros((5, 8))
+    for i in range(3):
+        expected[i, 2 * i : 2 * i + 2] = 2 * (points[i] - center)
+    expected[3, [0, 6]] = expected[4, [1, 7]] = 1
+    np.testing.assert_allclose(jacobian, expected)
+
+
+def test_one_block_serves_a_whole_batch(nlp: Nlp) -> None:
+    given = blocks(3)
+    x = nlp.pack_variables(points=given["points"], angles=given["angles"][0])
+    assert x.shape == (3, 8)
+    assert (nlp.variable("angles", x) == given["angles"][0]).all()
+    assert nlp.pack_variables(points=0.0, angles=1.0).tolist() == [[0] * 6 + [1] * 2]
+
+
+def test_an_empty_batch_has_no_rows(nlp: Nlp) -> None:
+    assert nlp.pack_variables(**blocks(0)).shape == (0, 8)
+
+
+def test_a_problem_without_constraints_has_bounds_of_no_width() -> None:
+    nlp = replace(sample(), constraints={})
+    assert nlp.sizes == (8, 3, 0)
+    assert nlp.pack_constraints().shape == (1, 0)
+    assert nlp.row_names == ()
+    assert np.asarray(nlp.evaluate(np.ones(8), np.ones(3))[1]).size == 0
+
+
+def test_every_row_of_the_constraints_has_a_name(nlp: Nlp) -> None:
+    assert nlp.row_names == ("radius[0]", "radius[1]", "radius[2]", "sum[0]", "sum[1]")
+
+
+# --- wrong blocks
+
+
+@pytest.mark.parametrize(
+    ("names", "given"),
+    [(("points",), "['points']"), (("points", "angle"), "['angle', 'points']"), ((), "[]")],
+)
+def test_wrong_block_names_are_listed_beside_the_right_ones(
+    nlp: Nlp, names: tuple[str, ...], given: str
+) -> None:
+    with pytest.raises(SolverError) as caught:
+        nlp.pack_variables(**dict.fromkeys(names, 0.0))
+    assert str(caught.value) == f"blocks given: {given}; expected: ['angles', 'points']"
+
+
+def test_a_block_of_a_wrong_shape_is_named(nlp: Nlp) -> None:
+    with pytest.raises(SolverError) as caught:
+        nlp.pack_variables(points=np.zeros((4, 2, 3)), angles=[[0], [0]])
+    assert str(caught.value) == "block 'points' has shape (4, 2, 3); expected (4, 3, 2)"
+    with pytest.raises(SolverError, match=r"block 'center' has shape \(3,\); expected \(1, 1, 2\)"):
+        nlp.pack_parameters(center=[0, 0, 0], weight=0)
+
+
+def test_an_unknown_variable_is_a_key_error(nlp: Nlp) -> None:
+    with pytest.raises(KeyError, match="weight"):
+        nlp.variable("weight", np.zeros(8))
+
+
+# --- instances
+
+
+def batch(sets: PlanarSets | None = None) -> Instances:
+    rows = np.arange(5.0)[:, None]
+    return Instances(
+        start=np.hstack([rows, rows + 0.5]),
+        parameters=rows * 10,
+        lower=np.array([-1.0, -2.0]),
+        upper=np.hstack([rows + 1, rows + 2]),
+        lower_g=np.full(3, -np.inf),
+        upper_g=np.hstack([rows + 3, rows + 4, rows + 5]),
+        sets=sets,
+    )
+
+
+@pytest.mark.parametrize(
+    ("rows", "kept"),
+    [
+        (slice(1, 3), [1, 2]),
+        (slice(None, None, 2), [0, 2, 4]),
+        (np.array([True, False, False, False, True]), [0, 4]),
+        (np.array([3, 3, 0]), [3, 3, 0]),
+        (slice(5, None), []),
+    ],
+)
+def test_instances_are_taken_by_slices_masks_and_indices(rows: Any, kept: list[int]) -> None:
+    sets = PlanarSets(
+        np.full(2, -9), np.full(2, 9), np.zeros((5, 1, 1, 2)), np.arange(5.0).reshape(5, 1, 1)
+    )
+    some = batch(sets)[rows]
+    assert len(some) == len(kept)
+    assert some.start[:, 0].tolist() == kept
+    assert some.parameters[:, 0].tolist() == [10 * i for i in kept]
+    assert some.upper.tolist() == [[i + 1, i + 2] for i in kept]
+    assert some.lower.shape == (len(kept), 2)
+    assert some.upper_g.tolist() == [[i + 3, i + 4, i + 5] for i in kept]
+    assert some.lower_g.shape == (len(kept), 3)
+    assert some.sets is not None
+    assert some.sets.radii[:, 0, 0].tolist() == kept
+    assert batch()[rows].sets is None
+
+
+def test_bounds_that_all_share_are_spread_over_the_batch() -> None:
+    some = batch()
+    assert len(some) == 5
+    assert some.lower.tolist() == [[-1, -2]] * 5
+    assert some.lower_g.tolist() == [[-np.inf] * 3] * 5
+
+
+def test_restarted_instances_differ_only_in_their_start() -> None:
+    some, start = batch(), np.zeros((5, 2))
+    other = some.restarted(start)
+    assert other.start is start
+    for name in ("parameters", "lower", "upper", "lower_g", "upper_g"):
+        np.testing.assert_array_equal(getattr(other, name), getattr(some, name))
+    assert some.start[1, 1] == 1.5
+
+
+def test_instances_pickle() -> None:
+    other = pickle.loads(pickle.dumps(batch()))
+    np.testing.assert_array_equal(other.start, batch().start)
+    np.testing.assert_array_equal(other.upper, batch().upper)
+
+
+# --- a thousand members
+
+
+def test_the_matrix_form_has_as_many_operations_for_three_members_as_for_a_thousand() -> None:
+    counts = []
+    for n in (3, 1000):
+        nlp = formation_nlp(SaturationCollision(RADARS), n, corridor=True)
+        function = ca.Function(
+            "f", [nlp.x, nlp.p], [nlp.objective, ca.gradient(nlp.objective, nlp.x)]
+        )
+        counts.append(function.n_nodes())
+    assert counts[0] == counts[1] < 500
+
+
+def test_a_thousand_members_have_rates_and_a_gradient() -> None:
+    n, hazard = 1000, Saturation(RADARS)
+    rng = np.random.default_rng(0)
+    positions, alive = rng.uniform(-3, 3, (n, 2)), rng.random(n) < 0.9
+    x = ca.MX.sym("x", 2, n)
+    rates = hazard.expression(x, ca.DM(alive.astype(float)).T)
+    total = ca.dot(rates, ca.DM(alive.astype(float)).T)
+    gradient = ca.Function("gradient", [x], [rates, ca.gradient(total, x)])
+    symbolic, slope = (np.asarray(part) for part in gradient(positions.T))
+    numeric = hazard.rates(positions, alive)
+    np.testing.assert_allclose(numeric, np.where(alive, symbolic[0], 0), rtol=1e-12)
+    direction = rng.normal(size=(n, 2))
+    ahead, behind = (hazard.rates(positions + d * direction, alive) for d in (1e-6, -1e-6))
+    assert (ahead - behind).sum() / 2e-6 == pytest.approx((slope.T * direction).sum(), rel=1e-6)

@@ -1,0 +1,204 @@
+"""The paper's projected gradient: closed forms, Ipopt's answers, and what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from formation_cases import formations
+from known_problems import hs_35, nearest_in_box, planar
+
+from casswarm.errors import SolverError
+from casswarm.optimization.problem import Nlp
+from casswarm.optimization.solution import Status
+from casswarm.optimization.solvers import Ipopt, ProjectedGradient
+
+FAR = np.full((1, 2), 50.0)
+
+
+# --- closed forms
+
+
+@pytest.mark.parametrize(
+    ("goal", "nearest"),
+    [
+        ([5.0, 0.0], [3, 0]),  # on the circle of radius 3
+        ([0.5, -0.5], [0.5, -0.5]),  # inside
+        ([3.0, 4.0], [np.sqrt(9 - 2.2**2), 2.2]),  # where the box's edge crosses the circle
+        ([0.0, 7.0], [0, 2.2]),  # on the box
+    ],
+)
+def test_the_nearest_point_of_a_box_and_a_disc(goal: list[float], nearest: list[float]) -> None:
+    box = np.array([[4.0, 2.2]])
+    nlp, instance = planar(
+        lambda x: ca.sumsqr(x - ca.DM(goal)), np.zeros((1, 2)), -box, box, np.array([[0.0, 0, 3]])
+    )
+    solution = ProjectedGradient().solve(nlp, instance)[0]
+    assert solution.status is Status.SOLVED
+    np.testing.assert_allclose(solution.x, nearest, atol=1e-6)
+    assert solution.residuals.stationarity < 1e-5
+    assert solution.residuals.violation < 1e-12
+
+
+def test_the_distance_of_two_discs_is_that_of_their_centers_less_the_radii() -> None:
+    discs = np.array([[0.0, 0, 1], [3, 4, 2]])
+    wide = np.repeat(FAR, 2, axis=0)
+    start = np.array([[1.0, -9], [7, 7]])
+    nlp, instance = planar(lambda x: ca.sumsqr(x[:, 0] - x[:, 1]), start, -wide, wide, discs)
+    solution = ProjectedGradient().solve(nlp, instance)[0]
+    assert solution.status is Status.SOLVED
+    assert solution.objective == pytest.approx((5 - 3) ** 2)
+    np.testing.assert_allclose(solution.x, [0.6, 0.8, 1.8, 2.4], atol=1e-5)
+
+
+def test_the_least_of_a_slope_over_a_disc_is_at_its_rim() -> None:
+    nlp, instance = planar(
+        lambda x: 3 * x[0] - 4 * x[1], np.zeros((1, 2)), -FAR, FAR, np.array([[1.0, 2, 5]])
+    )
+    solution = ProjectedGradient().solve(nlp, instance)[0]
+    np.testing.assert_allclose(solution.x, [1 - 3, 2 + 4], atol=1e-6)
+
+
+# --- the algorithm
+
+
+def by_hand(x: np.ndarray, goal: np.ndarray, step: float, iterations: int) -> np.ndarray:
+    for _ in range(iterations):
+        x = np.clip(x - step * 2 * (x - goal), -1, 1)
+    return x
+
+
+@pytest.mark.parametrize("iterations", [0, 1, 2, 7])
+def test_iterates_are_those_of_the_paper(iterations: int) -> None:
+    goals = np.array([[0.5, -0.2], [3.0, 0.1]])
+    nlp, instances = nearest_in_box(goals)
+    solver = ProjectedGradient(step=0.1, iterations=iterations, tolerance=0)
+    solutions = solver.solve(nlp, instances)
+    expected = by_hand(np.zeros((2, 2)), goals, 0.1, iterations)
+    np.testing.assert_allclose([s.x for s in solutions], expected, rtol=1e-14)
+    for solution in solutions:
+        assert solution.status is Status.ITERATION_LIMIT
+        assert solution.message == "iterations exhausted"
+        assert solution.iterations == iterations
+
+
+def test_a_start_outside_is_projected_first() -> None:
+    nlp, instances = nearest_in_box(np.zeros((1, 2)))
+    outside = instances.restarted(np.array([[9.0, -9.0]]))
+    solution = ProjectedGradient(step=0.1, iterations=1).solve(nlp, outside)[0]
+    np.testing.assert_allclose(solution.x, [0.8, -0.8])
+
+
+def test_the_papers_start_is_the_projection_of_zero() -> None:
+    nlp, instances = nearest_in_box(np.ones((1, 2)))
+    shifted = replace(instances.restarted(np.ones((1, 2))), lower=np.array([[0.25, -1.0]]))
+    for start, expected in (("given", [1, 1]), ("zero", [0.25, 0])):
+        solver = ProjectedGradient(iterations=0, start=start)  # type: ignore[arg-type]
+        assert solver.solve(nlp, shifted)[0].x.tolist() == expected
+
+
+def test_an_instance_stops_when_its_steps_are_small() -> None:
+    goals = np.array([[0.0, 0.0], [0.5, 0.5]])  # the first starts at its solution
+    first, second = ProjectedGradient(step=0.25).solve(*nearest_in_box(goals))
+    assert first.iterations == 1
+    assert first.x.tolist() == [0, 0]
+    assert 10 < second.iterations < 40  # the error halves; 1e-6 is reached in twenty
+    assert np.abs(second.x - 0.5).max() <= 1e-6
+    assert second.status is first.status is Status.SOLVED
+
+
+@pytest.mark.parametrize("chunk", [1, 2, 256])
+def test_instances_do_not_depend_on_their_company(
+    chunk: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nlp, instances = nearest_in_box(np.random.default_rng(3).uniform(-2, 2, (9, 2)))
+    solver = ProjectedGradient()
+    alone = [solver.solve(nlp, instances[i : i + 1])[0] for i in range(9)]
+    monkeypatch.setattr("casswarm.optimization.solvers.projected_gradient.CHUNK", chunk)
+    for one, other in zip(alone, solver.solve(nlp, instances), strict=True):
+        np.testing.assert_array_equal(one.x, other.x)
+        assert (one.iterations, one.status) == (other.iterations, other.status)
+
+
+def zigzag(keep: Any) -> Any:
+    """A kink at 0.3 that a fixed step of 0.5 jumps over, from either side."""
+    nlp, instances = nearest_in_box(np.zeros((1, 2)))
+    kink = replace(nlp, objective=ca.fabs(nlp.x[0] - 0.3) + nlp.x[0] ** 2 / 4)
+    return ProjectedGradient(step=0.5, iterations=8, keep=keep).solve(kink, instances)[0]
+
+
+def test_the_best_iterate_is_kept_on_request() -> None:
+    last, best = zigzag("last"), zigzag("best")
+    assert best.objective < last.objective
+    assert best.status is last.status is Status.ITERATION_LIMIT
+    x, seen = 0.0, []
+    for _ in range(8):
+        seen.append(abs(x - 0.3) + x**2 / 4)
+        x = np.clip(x - 0.5 * (np.sign(x - 0.3) + x / 2), -1, 1)
+    assert best.objective == pytest.approx(min(seen))
+
+
+@pytest.mark.parametrize("keep", ["last", "best"])
+def test_a_gradient_that_is_not_finite_is_a_failure_in_words(keep: Any) -> None:
+    nlp, instances = nearest_in_box(np.zeros((1, 2)))
+    root = replace(nlp, objective=ca.norm_2(nlp.x))  # no slope at zero, where it starts
+    solution = ProjectedGradient(keep=keep).solve(root, instances)[0]
+    assert solution.status is Status.FAILED
+    assert solution.message == "gradient not finite"
+    assert solution.iterations == 1
+
+
+# --- what it refuses
+
+
+def test_general_constraints_are_refused_by_name() -> None:
+    case = hs_35()
+    with pytest.raises(SolverError) as caught:
+        ProjectedGradient().solve(case.nlp, case.instance)
+    assert str(caught.value) == (
+        "projected-gradient cannot take HS 35: its constraints (budget) are no product of boxes "
+        "and discs"
+    )
+
+
+def test_a_problem_without_constraints_but_a_box_is_taken() -> None:
+    x = ca.MX.sym("x", 3)  # no points in the plane
+    nlp = Nlp("sphere", {"x": x}, {}, ca.sumsqr(x - 1), {})
+    case = hs_35()
+    none = np.empty((1, 0))
+    instance = replace(case.instance, lower_g=none, upper_g=none)
+    np.testing.assert_allclose(ProjectedGradient().solve(nlp, instance)[0].x, 1, atol=1e-6)
+
+
+# --- formations
+
+
+@pytest.mark.parametrize("which", [0, 1], ids=["leader", "corridor"])
+def test_converged_formations_of_paper_1_are_those_of_ipopt(which: int) -> None:
+    formation = formations("paper-1", 8)[which]
+    patient = ProjectedGradient(step=1.0, iterations=20000)  # the paper's 0.05 takes 20000 too
+    mine = patient.solve(formation.nlp, formation.instances)
+    theirs = Ipopt().solve(formation.nlp, formation.instances)
+    for one, other in zip(mine, theirs, strict=True):
+        assert one.status is other.status is Status.SOLVED
+        assert one.objective == pytest.approx(other.objective, abs=1e-7)
+        np.testing.assert_allclose(one.x, other.x, atol=1e-3)  # the valleys are flat
+        assert one.residuals.violation < 1e-12
+        assert one.residuals.stationarity < 1e-5
+
+
+@pytest.mark.parametrize("name", ["paper-1", "paper-2"])
+def test_the_papers_step_keeps_formations_feasible_and_never_ends_worse(name: str) -> None:
+    for formation in formations(name, 4):
+        nlp, instances = formation.nlp, formation.instances
+        solver = ProjectedGradient(step=0.05, iterations=100, keep="best")
+        for i, solution in enumerate(solver.solve(nlp, instances)):
+            start = float(nlp.evaluate(instances.start[i], instances.parameters[i])[0])
+            assert solution.objective <= start
+            assert solution.residuals.violation < 1e-12
+            assert np.isfinite(solution.x).all()
+            still = np.repeat(~formation.free[i], 2)
+            np.testing.assert_array_equal(solution.x[still], instances.lower[i, still])

@@ -1,0 +1,143 @@
+"""Every backend at its limits: options, iterations, time, numbers that are none, Ctrl-C."""
+
+from __future__ import annotations
+
+import pickle
+import subprocess
+import sys
+from dataclasses import FrozenInstanceError, fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from backend_cases import Case, formation, guide
+from known_problems import active_box
+
+from casswarm.errors import SolverError
+from casswarm.optimization.problem import Instances, Nlp
+from casswarm.optimization.solution import Residuals, Status
+from casswarm.optimization.solvers import SOLVERS, make_solver
+
+NAMES = list(SOLVERS)
+GENERAL = [name for name in NAMES if SOLVERS[name].abilities.problems == "any"]
+TIMED = [name for name in NAMES if SOLVERS[name].abilities.time_limit]
+LIMITS: dict[str, dict[str, Any]] = {
+    "spectral": {"iterations": 2},
+    "projected-gradient": {"iterations": 2},
+    "alpaqa": {"max_outer": 2, "max_inner": 2},
+}
+"""Options that stop a backend early; max_iterations for the others."""
+
+
+def hard(name: str) -> Case:
+    return guide(4.62) if name in GENERAL else formation("constrained, collisions")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_options_are_frozen_fields_and_unknown_ones_are_rejected_by_name(name: str) -> None:
+    solver = make_solver(name)
+    assert is_dataclass(solver)
+    first = fields(solver)[0].name
+    with pytest.raises(FrozenInstanceError):
+        setattr(solver, first, getattr(solver, first))
+    with pytest.raises(SolverError) as caught:
+        make_solver(name, **{f"{first}x": 1})
+    message = str(caught.value)
+    assert message.startswith(f"solver {name!r} has no option '{first}x'; did you mean {first!r}?")
+    assert all(option.name in message for option in fields(solver))
+    assert pickle.loads(pickle.dumps(solver)) == solver
+    assert hash(solver) == hash(make_solver(name))
+
+
+@pytest.mark.parametrize("name", [n for n in NAMES if n != "auto"])
+def test_options_out_of_range_are_rejected_with_what_is_allowed(name: str) -> None:
+    numbers = [f.name for f in fields(SOLVERS[name]) if f.type in ("int", "float")]  # type: ignore[arg-type]
+    assert numbers
+    for option in numbers:
+        with pytest.raises(SolverError, match=f"{name}: {option} = -1; allowed: "):
+            make_solver(name, **{option: -1})
+
+
+@pytest.mark.parametrize("name", [n for n in NAMES if n != "spectral"])  # which wants sets
+def test_what_is_not_a_number_is_never_a_success(name: str) -> None:
+    """The objective of the second instance is NaN everywhere; the others do not suffer."""
+    x, q = ca.MX.sym("x", 2), ca.MX.sym("q")
+    nlp = Nlp("root", {"x": x}, {"q": q}, ca.sumsqr(x - ca.sqrt(q)), {})
+    wide, none = np.full((3, 2), 10.0), np.empty((3, 0))
+    parameters = np.array([[4.0], [-1.0], [9.0]])
+    instances = Instances(np.ones((3, 2)), parameters, -wide, wide, none, none)
+    solver = make_solver(name)
+    good, bad, other = solver.solve(nlp, instances)
+    assert (good.status, other.status) == (Status.SOLVED, Status.SOLVED)
+    np.testing.assert_allclose([good.x, other.x], [[2, 2], [3, 3]], atol=1e-5)
+    assert not bad.status.success
+    assert bad.residuals == Residuals(np.inf, np.inf, np.inf, "not finite")
+
+
+@pytest.mark.parametrize("name", [n for n in NAMES if n != "auto"])
+def test_a_limit_of_iterations_is_named_and_no_success(name: str) -> None:
+    solution = make_solver(name, **LIMITS.get(name, {"max_iterations": 2})).solve(*hard(name))[0]
+    assert solution.status is Status.ITERATION_LIMIT, solution
+    assert solution.message
+    assert np.isfinite(solution.residuals.stationarity)
+
+
+@pytest.mark.parametrize("name", TIMED)
+def test_a_limit_of_time_is_named_and_no_success(name: str) -> None:
+    solution = make_solver(name, max_seconds=1e-3).solve(*guide(10.0))[0]
+    assert solution.status is Status.TIME_LIMIT, solution
+    assert solution.message
+    assert solution.x.shape == guide(10.0)[1].start.shape[1:]
+
+
+def test_solvers_that_know_no_limit_of_time_say_so() -> None:
+    assert set(GENERAL) - set(TIMED) == {"auto", "sqp"}
+
+
+@pytest.mark.parametrize("name", GENERAL)
+def test_a_box_without_inside_is_no_success(name: str) -> None:
+    case = active_box()
+    lower, upper = case.instance.upper + 1.0, case.instance.lower
+    upside_down = Instances(
+        case.instance.start,
+        case.instance.parameters,
+        lower,
+        upper,
+        case.instance.lower_g,
+        case.instance.upper_g,
+    )
+    solution = make_solver(name).solve(case.nlp, upside_down)[0]
+    assert not solution.status.success
+    assert solution.message
+
+
+INTERRUPTED = """
+import os, signal, sys, threading, time
+sys.path.insert(0, {tests!r})
+from backend_cases import guide
+from casswarm.optimization.solvers import make_solver
+
+for name in {names!r}:
+    solver, case = make_solver(name), guide(10.0)
+    solver._build(case[0])
+    timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
+    end = time.monotonic() + 30
+    timer.start()
+    try:
+        while time.monotonic() < end:
+            solver.solve(*case)
+        print(name, "swallowed it")
+    except KeyboardInterrupt:
+        print(name, "stopped")
+"""
+
+
+def test_ctrl_c_stops_every_backend_and_is_never_swallowed() -> None:
+    script = INTERRUPTED.format(tests=str(Path(__file__).parents[1] / "helpers"), names=GENERAL)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=240, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == [f"{name} stopped" for name in GENERAL]

@@ -1,0 +1,294 @@
+"""What all solvers have in common: one verb, answers that are judged, names, pickles."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Sequence
+from dataclasses import FrozenInstanceError, dataclass, replace
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+import pytest
+from known_problems import active_box, hs_35, nearest_in_box
+
+from casswarm.errors import SolverError
+from casswarm.optimization.problem import Instances, Nlp
+from casswarm.optimization.solution import Residuals, Solution, Status
+from casswarm.optimization.solvers import (
+    SOLVERS,
+    Answer,
+    Ipopt,
+    ProjectedGradient,
+    Solver,
+    make_solver,
+)
+from casswarm.optimization.solvers.base import VIOLATION
+
+NAMES = ", ".join(SOLVERS)
+
+both = pytest.mark.parametrize("solver", [Ipopt(), ProjectedGradient()], ids=lambda s: s.name)
+
+
+# --- every solver
+
+
+@both
+def test_both_solvers_find_the_corner_of_a_box(solver: Solver) -> None:
+    case = active_box()
+    solution = solver.solve(case.nlp, case.instance)[0]
+    assert solution.status is Status.SOLVED
+    assert solution.solver == solver.name
+    np.testing.assert_allclose(solution.x, case.x, atol=1e-6)
+    assert solution.objective == pytest.approx(case.objective)
+    assert solution.residuals.violation == 0
+    assert solution.residuals.stationarity < 1e-5
+    assert solution.residuals.complementarity < 1e-6
+    assert solution.iterations > 0
+    assert solution.evaluations > 0
+    assert solution.solve_seconds > 0
+
+
+@both
+def test_solutions_come_in_the_order_of_the_instances(solver: Solver) -> None:
+    goals = np.random.default_rng(0).uniform(-3, 3, (300, 2))
+    solutions = solver.solve(*nearest_in_box(goals))
+    assert len(solutions) == 300
+    nearest = np.stack([solution.x for solution in solutions])
+    np.testing.assert_allclose(nearest, np.clip(goals, -1, 1), atol=1e-6)
+    assert all(solution.status.success for solution in solutions)
+    distances = [((goal - np.clip(goal, -1, 1)) ** 2).sum() for goal in goals]
+    np.testing.assert_allclose([s.objective for s in solutions], distances, atol=1e-6)
+
+
+@both
+def test_a_batch_as_arrays_holds_the_same_solutions(solver: Solver) -> None:
+    problem = nearest_in_box(np.array([[0.5, 3.0], [-2.0, 0.1], [np.nan, 0.0]]))
+    batch, one_by_one = solver.solve_batch(*problem), solver.solve(*problem)
+    for i, solution in enumerate(one_by_one):
+        np.testing.assert_array_equal(batch.x[i], solution.x)
+        np.testing.assert_array_equal(batch.objective[i], solution.objective)
+        assert batch.success[i] == solution.status.success
+        assert batch.violation[i] == solution.residuals.violation
+        assert batch.stationarity[i] == solution.residuals.stationarity
+    assert batch.success.tolist() == [True, True, False]
+
+
+@both
+def test_no_instances_have_no_solutions(solver: Solver) -> None:
+    assert solver.solve(*nearest_in_box(np.empty((0, 2)))) == []
+
+
+@both
+def test_solving_leaves_the_instances_as_they_are(solver: Solver) -> None:
+    case = active_box()
+    names = ("start", "lower", "upper")
+    before = [getattr(case.instance, name).copy() for name in names]
+    solver.solve(case.nlp, case.instance)
+    for name, array in zip(names, before, strict=True):
+        np.testing.assert_array_equal(getattr(case.instance, name), array)
+
+
+@both
+def test_an_objective_that_is_nan_fails_that_instance_only(solver: Solver) -> None:
+    x, q = ca.MX.sym("x", 2), ca.MX.sym("q")
+    nlp = Nlp("root", {"x": x}, {"q": q}, ca.sumsqr(x - ca.sqrt(q)), {})
+    q_values = np.array([[4.0], [-1.0], [9.0]])
+    wide = np.full((3, 2), 10.0)
+    none = np.empty((3, 0))
+    good, bad, other = solver.solve(
+        nlp, Instances(np.ones((3, 2)), q_values, -wide, wide, none, none)
+    )
+    assert (good.status, other.status) == (Status.SOLVED, Status.SOLVED)
+    np.testing.assert_allclose([good.x, other.x], [[2, 2], [3, 3]], atol=1e-5)
+    assert bad.status is Status.FAILED
+    assert np.isnan(bad.objective)
+    assert bad.residuals == Residuals(np.inf, np.inf, np.inf, "not finite")
+
+
+@pytest.mark.parametrize(
+    "solver", [Ipopt(max_iterations=1), ProjectedGradient(iterations=1)], ids=lambda s: s.name
+)
+def test_a_limit_of_iterations_is_no_success(solver: Solver) -> None:
+    case = active_box()
+    solution = solver.solve(case.nlp, case.instance)[0]
+    assert solution.status is Status.ITERATION_LIMIT
+    assert not solution.status.success
+    assert solution.iterations == 1
+
+
+@both
+def test_a_box_without_inside_is_no_success(solver: Solver) -> None:
+    case = active_box()
+    upside_down = replace(case.instance, lower=case.instance.upper, upper=case.instance.lower)
+    solution = solver.solve(case.nlp, upside_down)[0]
+    assert solution.status is Status.FAILED
+    assert solution.residuals.violation > 0
+
+
+def test_only_solved_and_acceptable_are_success() -> None:
+    assert [status for status in Status if status.success] == [Status.SOLVED, Status.ACCEPTABLE]
+
+
+# --- solvers that lie
+
+
+@dataclass(frozen=True)
+class Liar(Solver):
+    """Answers `x` to everything, with the status and words it was told."""
+
+    x: tuple[float, ...]
+    status: Status = Status.SOLVED
+    answers: int | None = None
+
+    name: ClassVar[str] = "liar"
+    summary: ClassVar[str] = "says what it was told"
+
+    def _build(self, nlp: Nlp) -> None:
+        pass
+
+    def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:  # noqa: ARG002
+        count = len(instances) if self.answers is None else self.answers
+        return [Answer(np.array(self.x), self.status, "trust me", 3, 4, 0.5)] * count
+
+
+def lie(*x: float, status: Status = Status.SOLVED) -> Solution:
+    case = hs_35()
+    return Liar(x, status).solve(case.nlp, case.instance)[0]
+
+
+def test_an_honest_answer_keeps_its_status() -> None:
+    solution = lie(4 / 3, 7 / 9, 4 / 9)
+    assert solution.status is Status.SOLVED
+    assert solution.objective == pytest.approx(1 / 9)
+    assert solution.residuals.stationarity < 1e-6
+    numbers = (solution.iterations, solution.evaluations, solution.solve_seconds)
+    assert numbers == (3, 4, 0.5)
+
+
+@pytest.mark.parametrize("status", [Status.SOLVED, Status.ACCEPTABLE])
+@pytest.mark.parametrize(
+    ("x", "worst"),
+    [
+        ((1, 1, 1), "budget[0]"),
+        ((1, -0.1, 0), "bound[1]"),
+        ((1, 1, 0.5 + VIOLATION), "budget[0]"),
+        ((np.nan, 0, 0), "not finite"),
+        ((0, np.inf, 0), "not finite"),
+    ],
+)
+def test_success_that_violates_or_is_not_finite_is_failure_in_its_own_words(
+    x: tuple[float, ...], worst: str, status: Status
+) -> None:
+    solution = lie(*x, status=status)
+    assert solution.status is Status.FAILED
+    assert solution.message == "trust me"
+    assert solution.residuals.worst == worst
+    assert solution.residuals.violation > VIOLATION
+
+
+def test_a_violation_of_the_order_of_rounding_is_forgiven() -> None:
+    assert lie(1, 1, 0.5 + VIOLATION / 4).status is Status.SOLVED
+
+
+@pytest.mark.parametrize("status", [status for status in Status if not status.success])
+def test_failure_is_never_turned_into_success(status: Status) -> None:
+    assert lie(4 / 3, 7 / 9, 4 / 9, status=status).status is status
+    assert lie(9, 9, 9, status=status).status is status
+
+
+def test_a_solver_that_drops_an_instance_is_an_error() -> None:
+    with pytest.raises(SolverError, match="liar gave 1 answers for 3"):
+        Liar((0.0, 0.0), answers=1).solve(*nearest_in_box(np.zeros((3, 2))))
+
+
+# --- solutions
+
+
+def test_a_solution_prints_its_outcome_and_residuals() -> None:
+    text = str(lie(1, 1, 1))
+    assert text.startswith("failed by liar (trust me): objective 0, violation 1.0e+00,")
+    assert text.endswith("3 iterations, 500.0 ms")
+
+
+def test_a_solution_as_a_row_holds_plain_values() -> None:
+    row = lie(1, 1, 1).as_row()
+    assert "x" not in row
+    assert row["status"] == "failed"
+    assert type(row["status"]) is str
+    assert (row["violation"], row["worst"], row["message"]) == (1, "budget[0]", "trust me")
+    assert {type(value) for value in row.values()} <= {str, int, float}
+
+
+# --- names and options
+
+
+def test_solvers_are_listed_by_their_names() -> None:
+    assert {"ipopt", "projected-gradient"} <= set(SOLVERS)
+    for name, kind in SOLVERS.items():
+        assert kind.name == name
+        assert kind.summary
+        assert make_solver(name) == kind()
+
+
+def test_make_solver_takes_names_with_options_and_solvers() -> None:
+    assert make_solver("ipopt", max_iterations=7) == Ipopt(max_iterations=7)
+    own = Liar((0.0,))
+    assert make_solver(own) is own
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("ipop", {}, f"solver 'ipop' is unknown; did you mean 'ipopt'? (known: {NAMES})"),
+        ("simplex", {}, f"solver 'simplex' is unknown (known: {NAMES})"),
+        (
+            "ipopt",
+            {"tolerence": 1e-9},
+            "solver 'ipopt' has no option 'tolerence'; did you mean 'tolerance'? "
+            "(known: tolerance, max_iterations, max_seconds, hessian, memory, "
+            "barrier, feasibility, push, first_barrier)",
+        ),
+        (
+            "projected-gradient",
+            {"zeal": 1},
+            "solver 'projected-gradient' has no option 'zeal' "
+            "(known: step, iterations, tolerance, keep, start)",
+        ),
+        ("ipopt", {"tolerance": 0.0}, "ipopt: tolerance = 0.0; allowed: above zero"),
+        ("ipopt", {"tolerance": np.nan}, "ipopt: tolerance = nan; allowed: above zero"),
+        ("ipopt", {"max_iterations": -1}, "ipopt: max_iterations = -1; allowed: zero or above"),
+        ("ipopt", {"max_seconds": 0}, "ipopt: max_seconds = 0; allowed: above zero"),
+        (
+            "ipopt",
+            {"hessian": "bfgs"},
+            "ipopt: hessian = 'bfgs'; allowed: 'exact' or 'limited-memory'",
+        ),
+        ("projected-gradient", {"step": 0}, "step = 0; allowed: above zero, finite"),
+        ("projected-gradient", {"iterations": -1}, "iterations = -1; allowed: zero or above"),
+        ("projected-gradient", {"tolerance": -1}, "tolerance = -1; allowed: zero or above"),
+        ("projected-gradient", {"keep": "first"}, "keep = 'first'; allowed: 'last' or 'best'"),
+        ("projected-gradient", {"start": "one"}, "start = 'one'; allowed: 'given' or 'zero'"),
+    ],
+)
+def test_wrong_names_and_options_are_answered_with_the_right_ones(
+    name: str, options: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(SolverError) as caught:
+        make_solver(name, **options)
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["ipopt", "projected-gradient"])
+def test_solvers_pickle_hash_and_do_not_change(name: str) -> None:
+    solver = make_solver(name, tolerance=1e-7)
+    case = active_box()
+    solver.solve(case.nlp, case.instance)  # compiles what does not pickle
+    other = pickle.loads(pickle.dumps(solver))
+    assert other == solver != make_solver(name)
+    assert hash(other) == hash(solver)
+    np.testing.assert_array_equal(
+        other.solve(case.nlp, case.instance)[0].x, solver.solve(case.nlp, case.instance)[0].x
+    )
+    with pytest.raises(FrozenInstanceError):
+        solver.tolerance = 1.0  # type: ignore[attr-defined]

@@ -1,0 +1,142 @@
+"""Certified guides: equal optima, straight lines, users' rates, limits, and errors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import pytest
+from small_scenarios import (
+    TWO,
+    Array,
+    Point,
+    free,
+    patrolled,
+)
+
+from casswarm import HazardError, Saturation, ScenarioError, load_scenario, plan
+from casswarm.planning.plan import certificate_of
+
+
+def test_symmetric_scenario_has_two_equal_optima_and_reports_one() -> None:
+    guide = plan(free((6.0, 0.0), [(3.0, 0.0)], 14), gap=1e-4)
+    ways = guide.ways()
+    assert [way.sides for way in ways] in (["L", "R"], ["R", "L"])
+    assert ways[0].risk == pytest.approx(ways[1].risk, rel=1e-6)
+    assert guide.risk == ways[0].risk
+    assert guide.gap < 1e-4
+
+
+def least_patrolled(
+    lower: Array, upper: Array, radars: tuple[Point, ...] = (), background: float = 0.1
+) -> Array:
+    total = np.full(lower.shape[:-1], background)
+    for radar in radars:
+        farthest = np.maximum(np.abs(lower - radar), np.abs(upper - radar))
+        total += 1 / (0.1 + (farthest**2).sum(axis=-1))
+    return total
+
+
+def bounded(positions: ca.MX, alive: ca.MX, **parameters: object) -> ca.MX:
+    return patrolled(positions, alive, **parameters)
+
+
+bounded.least_lone_rate = least_patrolled
+
+
+def test_where_place_makes_no_difference_the_straight_line_is_proven_to_rounding() -> None:
+    scenario = free((6.0, 0.0), [(50.0, 50.0)], 12).with_hazard(bounded, background=0.3)
+    guide = plan(scenario, gap=1e-6)
+    assert guide.arrival == 9
+    assert guide.risk == pytest.approx(0.3 * 9 * 0.33, rel=1e-12)
+    assert 0 <= guide.gap < 1e-9
+
+
+def test_users_rates_are_certified_by_their_least_rate_over_boxes_alone() -> None:
+    scenario = free((5.0, 1.0), [(2.5, 0.2)], 16)
+    plain = plan(scenario.with_hazard(patrolled, radars=[(2.5, 0.2)]))
+    assert (plain.risk_bound, plain.gap, plain.certificate) == (None, None, None)
+    assert "not certified" in str(plain)
+    known = plan(scenario.with_hazard(bounded, radars=[(2.5, 0.2)]), gap=0.003)
+    assert known.risk == pytest.approx(plain.risk, rel=1e-9)
+    assert 0 <= known.gap <= 0.003
+
+
+def test_a_users_least_rate_that_is_none_is_refused() -> None:
+    def wrong(positions: ca.MX, alive: ca.MX) -> ca.MX:
+        return patrolled(positions, alive)
+
+    wrong.least_lone_rate = lambda lower, upper: 0.2 + 0 * lower[..., 0]  # noqa: ARG005
+    scenario = free((5.0, 1.0), [(2.5, 0.2)], 16)
+    with pytest.raises(HazardError, match="is no lower bound"):
+        plan(scenario.with_hazard(wrong))
+    wrong.least_lone_rate = lambda lower, upper: 0.05  # noqa: ARG005
+    with pytest.raises(HazardError, match="expected a number a box"):
+        plan(scenario.with_hazard(wrong))
+
+
+@dataclass(frozen=True)
+class Weaker(Saturation):
+    """With a kernel of its own, of which the paper's bound knows nothing."""
+
+    def source(self, squared_distance: ca.SX) -> ca.SX:
+        return 0.1 / (1.0 + squared_distance)
+
+
+def test_bound_of_the_papers_rate_is_not_passed_on_to_other_kernels() -> None:
+    hazard = Weaker(tuple(TWO))
+    corner = np.zeros(2)
+    assert hazard.least_lone_rate(corner, corner) is None
+    assert hazard.lone_rates_below(np.zeros(2), np.zeros(2), 0.1) is None
+
+
+@pytest.mark.parametrize(
+    ("target", "radars", "steps"),
+    [
+        ((4.0, 0.0), [(4.0 + math.cos(a), math.sin(a)) for a in np.arange(6) * math.pi / 3], 16),
+        ((4.0, 1.0), [(0.05, 0.02)], 14),
+        ((5.5, 3.0), [(2.0, 2.0)], 8),  # 5.0 to go and 5.28 at the most
+    ],
+    ids=["target enclosed by radars", "start next to a radar", "just reachable"],
+)
+def test_hard_geometries_are_certified(target: Point, radars: list[Point], steps: int) -> None:
+    guide = plan(free(target, radars, steps), gap=0.001)
+    assert 0 <= guide.gap <= 0.001
+
+
+def test_target_out_of_reach_is_an_error_with_the_fewest_possible_steps() -> None:
+    with pytest.raises(ScenarioError, match="the shortest possible way takes 9 steps"):
+        free((6.0, 0.0), [(2.0, 2.0)], 8)
+
+
+def test_limits_of_acceleration_keep_the_bound_and_widen_the_gap() -> None:
+    values = {"guide.search": "global", "guide.arrival": "any"}
+    scenario = load_scenario("paper-1").with_values(values)
+    guides = [
+        plan(scenario.with_values({"guide.flyable": flyable, "guide.margin": 0.0}))
+        for flyable in (False, True)
+    ]
+    assert guides[0].gap < 0.01 < guides[1].gap
+    assert guides[1].certificate.best == pytest.approx(guides[0].risk, rel=1e-5)
+    assert guides[0].risk_bound == pytest.approx(guides[1].risk_bound, rel=0.01)
+
+
+def test_path_that_a_solvers_tolerance_keeps_out_of_the_target_counts() -> None:
+    """At full speed nearly everywhere, so that what the dynamics miss adds up to a rim not met."""
+    certificate = certificate_of(load_scenario("ring"), plan(load_scenario("ring"), certify=False))
+    assert certificate.best == pytest.approx(1.1039, abs=2e-4)
+    assert certificate.gap < 0.01
+
+
+def test_certifying_is_left_out_where_it_is_not_asked_for() -> None:
+    scenario = free((4.0, 1.0), [(2.0, 0.5)], 12)
+    assert plan(scenario, certify=False).certificate is None
+    assert certificate_of(scenario, plan(scenario, certify=False)).gap < 0.01
+
+
+@pytest.mark.parametrize(("name", "value"), [("gap", 0.0), ("gap", 1.0), ("time_limit", 0.0)])
+def test_limits_of_the_proof_out_of_range_are_refused(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{name} = .*allowed"):
+        plan(free((4.0, 1.0), [(2.0, 0.5)], 12), **{name: value})

@@ -1,0 +1,296 @@
+"""The guide's geometry and arithmetic, and both of its programs, against formulas written out."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from small_scenarios import Array, lone_rate_by_hand
+
+from casswarm import Candidate, Guide, Residuals, Saturation, Solution, Status
+from casswarm.optimization.problem import Instances, Nlp
+from casswarm.planning.guide import guide_from, path_of, sides_of
+from casswarm.problems.guide import GuideTask, guide_instance, guide_nlp
+from casswarm.problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp
+
+RADARS = ((1.5, 0.8), (3.0, -1.0))
+HAZARD = Saturation(RADARS)
+TASK = GuideTask(
+    start=np.array([0.0, 0.1]),
+    center=np.array([4.0, 0.5]),
+    radius=0.5,
+    before=np.array([1.0, -0.5]),
+    a_max=0.4,
+    a_max_first=0.7,
+    v_max=2.0,
+    dt=0.33,
+)
+NOTHING = Solution(
+    x=np.empty(0),
+    objective=0.0,
+    status=Status.SOLVED,
+    message="",
+    solver="none",
+    residuals=Residuals(0.0, 0.0, 0.0),
+    iterations=0,
+    evaluations=0,
+    build_seconds=0.0,
+    solve_seconds=0.0,
+)
+
+
+def guide_along(velocities: Array, candidates: tuple[Candidate, ...] = ()) -> Guide:
+    best = Candidate("straight", len(velocities), "", velocities, 1.0, NOTHING)
+    return guide_from(HAZARD, np.zeros(2), best, candidates, 0.33, np.full(2, 9.0), "local")
+
+
+def walk(steps: int, seed: int) -> Array:
+    return np.random.default_rng(seed).uniform(-2, 2, (steps, 2))
+
+
+def arc(first: float, last: float) -> Array:
+    """A path (40, 2) on the unit circle between two angles, in degrees."""
+    angle = np.radians(np.linspace(first, last, 40))
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+# --- the path and its price
+
+
+def test_path_follows_the_dynamics_to_the_last_bit() -> None:
+    velocities, start = walk(50, 0), np.array([0.1, -7.3])
+    positions = path_of(start, velocities, 0.33)
+    assert (positions[0] == start).all()
+    assert (positions[1:] == positions[:-1] + 0.33 * velocities).all()
+
+
+def test_guide_pays_the_lone_rate_at_every_point_but_the_first() -> None:
+    guide = guide_along(walk(7, 1))
+    rates = [lone_rate_by_hand(x, y, RADARS) for x, y in guide.positions[1:]]
+    np.testing.assert_allclose(guide.rates, rates, rtol=1e-12)
+    assert guide.risk == pytest.approx(0.33 * sum(rates), rel=1e-12)
+    assert guide.survival == pytest.approx(math.prod(math.exp(-0.33 * r) for r in rates))
+    assert guide.arrival == 7
+
+
+def test_guide_refers_to_the_centre_after_its_arrival() -> None:
+    guide = guide_along(walk(3, 2))
+    points = [guide.reference(step).tolist() for step in range(6)]
+    assert points == [*guide.positions.tolist(), [9.0, 9.0], [9.0, 9.0]]
+
+
+def test_guide_arrives_if_the_risk_of_its_candidate_is_finite() -> None:
+    best = Candidate("straight", 2, "", walk(2, 3), math.inf, NOTHING)
+    lost = guide_from(HAZARD, np.zeros(2), best, (best,), 0.33, np.full(2, 9.0), "global")
+    assert (lost.arrives, lost.search) == (False, "global")
+    assert guide_along(walk(2, 3)).arrives
+
+
+def test_gap_is_known_only_where_the_risk_is_certified() -> None:
+    guide = guide_along(walk(3, 3))
+    assert guide.gap is None
+    assert "not certified" in str(guide)
+    certified = replace(guide, risk_bound=0.75 * guide.risk)
+    assert certified.gap == pytest.approx(0.25)
+    told = float(re.search(r"no guide can exceed ([0-9.]+)", str(certified))[1])
+    assert math.exp(-0.75 * guide.risk) <= told < math.exp(-0.75 * guide.risk) + 1e-4
+    assert replace(guide, rates=0.0 * guide.rates, risk_bound=0.0).gap == 0.0
+    assert "DOES NOT ARRIVE" in str(replace(guide, arrives=False))
+
+
+def test_ways_are_the_best_arriving_candidate_of_every_side_best_first() -> None:
+    velocities = walk(2, 4)
+    candidates = tuple(
+        Candidate(f"start {i}", 2, sides, velocities, risk, NOTHING)
+        for i, (sides, risk) in enumerate(
+            [("LR", 3.0), ("LL", 1.0), ("LR", 2.0), ("RR", math.inf), ("LL", 4.0), ("RL", 2.5)]
+        )
+    )
+    ways = guide_along(velocities, candidates).ways()
+    assert [(c.sides, c.risk) for c in ways] == [("LL", 1.0), ("LR", 2.0), ("RL", 2.5)]
+
+
+# --- sides
+
+
+@pytest.mark.parametrize(
+    ("radar", "side"),
+    [((0.5, 1.0), "L"), ((0.5, -1.0), "R"), ((5.0, 0.1), "L"), ((-5.0, -0.1), "R")],
+)
+def test_radar_north_of_an_eastward_path_is_on_its_left(
+    radar: tuple[float, float], side: str
+) -> None:
+    assert sides_of(np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([radar])) == side
+
+
+@pytest.mark.parametrize(("last", "side"), [(170, "L"), (270, "L"), (-170, "R"), (-300, "R")])
+def test_side_is_that_of_the_turn_even_beyond_half_a_circle(last: float, side: str) -> None:
+    assert sides_of(arc(0, last), np.zeros((1, 2))) == side
+
+
+def test_path_that_turns_before_a_radar_passes_it_on_another_side_than_one_that_goes_around() -> (
+    None
+):
+    radar = np.array([[2.0, 0.0]])
+    before = np.array([[0.0, 0.0], [1.0, 0.0], [1.5, 3.0]])
+    around = np.array([[0.0, 0.0], [1.0, -1.0], [3.0, -1.0], [3.0, 1.0], [1.5, 3.0]])
+    assert (sides_of(before, radar), sides_of(around, radar)) == ("R", "L")
+
+
+def test_every_radar_has_its_letter_in_the_given_order() -> None:
+    path = np.array([[0.0, 0.0], [4.0, 0.0]])
+    assert sides_of(path, np.array([[3.0, 1.0], [1.0, -1.0], [2.0, 2.0]])) == "LRL"
+    assert sides_of(path, np.empty((0, 2))) == ""
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=50, deadline=None)
+def test_sides_swap_when_the_path_is_reversed_or_mirrored(seed: int) -> None:
+    path, radars = np.cumsum(walk(12, seed), axis=0), walk(3, seed + 1)
+    swapped = sides_of(path, radars).translate(str.maketrans("LR", "RL"))
+    assert sides_of(path[::-1], radars) == swapped
+    assert sides_of(path * [1, -1], radars * [1, -1]) == swapped
+
+
+# --- the program by multiple shooting
+
+
+def task_instance(horizon: int, arrival: int, seed: int) -> tuple[Nlp, Instances]:
+    nlp = guide_nlp(HAZARD, horizon)
+    return nlp, guide_instance(nlp, TASK, arrival, walk(arrival, seed))
+
+
+def test_program_is_the_paper_s_with_every_formula_written_out() -> None:
+    nlp, instance = task_instance(horizon=6, arrival=4, seed=5)
+    rng = np.random.default_rng(6)
+    X, V = rng.uniform(0, 4, (6, 2)), rng.uniform(-2, 2, (6, 2))
+    x = nlp.pack_variables(positions=X, velocities=V)[0]
+    objective, g = (np.asarray(part).ravel() for part in nlp.evaluate(x, instance.parameters[0]))
+
+    risk = sum(0.33 * lone_rate_by_hand(*X[t], RADARS) for t in range(4))
+    assert objective[0] == pytest.approx(risk, rel=1e-12)
+    places, speeds = [TASK.start, *X], [TASK.before, *V]
+    dynamics = [places[t + 1] - places[t] - 0.33 * V[t] for t in range(6)]
+    turns = [math.dist(speeds[t + 1], speeds[t]) ** 2 for t in range(6)]
+    expected = [*np.ravel(dynamics), *turns, math.dist(X[-1], TASK.center) ** 2]
+    np.testing.assert_allclose(g, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_bounds_are_the_limits_until_arrival_and_rest_after_it() -> None:
+    nlp, instance = task_instance(horizon=6, arrival=4, seed=7)
+    box = [[2.0, 2.0]] * 4 + [[0.0, 0.0]] * 2
+    assert nlp.variable("velocities", instance.upper[0]).tolist() == box
+    assert nlp.variable("velocities", -instance.lower[0]).tolist() == box
+    assert np.isinf(nlp.variable("positions", instance.upper[0])).all()
+    names = np.array([name.partition("[")[0] for name in nlp.row_names])
+    assert (instance.lower_g[0, names == "dynamics"] == 0).all()
+    assert (instance.upper_g[0, names == "dynamics"] == 0).all()
+    limits = instance.upper_g[0, (names == "acceleration") | (names == "arrival")]
+    exact = np.array([0.7, 0.4, 0.4, 0.4, math.inf, math.inf, 0.25])
+    np.testing.assert_allclose(limits, exact, rtol=1e-6)
+    assert (limits[np.isfinite(exact)] <= exact[np.isfinite(exact)] - 0.9e-7).all()  # see ROOM
+
+
+def test_start_of_a_solve_is_a_path_that_obeys_the_dynamics_and_the_box() -> None:
+    nlp = guide_nlp(HAZARD, 6)
+    instance = guide_instance(nlp, TASK, 4, 3 * walk(4, 8))
+    V = nlp.variable("velocities", instance.start[0])
+    np.testing.assert_array_equal(V[:4], np.clip(3 * walk(4, 8), -2, 2))
+    np.testing.assert_array_equal(V[4:], 0.0)
+    X = nlp.variable("positions", instance.start[0])
+    np.testing.assert_allclose(X, path_of(TASK.start, V, 0.33)[1:], rtol=1e-14)
+
+
+def test_dimensionless_task_is_the_same_program_in_lengths_of_a_step() -> None:
+    nlp, unit = guide_nlp(HAZARD, 4), 0.33 * 2.0
+    X, V = walk(4, 12) + np.array([3.0, 1.0]), walk(4, 13)
+    found = []
+    for task, x in (
+        (TASK, nlp.pack_variables(positions=X, velocities=V)),
+        (
+            TASK.dimensionless(),
+            nlp.pack_variables(positions=(X - TASK.start) / unit, velocities=V / 2.0),
+        ),
+    ):
+        instance = guide_instance(nlp, task, 4, V)
+        values = [np.asarray(part) for part in nlp.evaluate(x[0], instance.parameters[0])]
+        found.append([np.concatenate(values).ravel(), instance.upper_g[0]])
+    scale = np.array([1.0, *[unit] * 8, *[4.0] * 4, unit**2])
+    np.testing.assert_allclose(scale * found[1][0], found[0][0], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(scale[1:] * found[1][1], found[0][1], rtol=1e-6)
+
+
+# --- the paper's penalised program
+
+
+def penalised(velocities: Array, gamma: float = 10.0) -> tuple[float, Array]:
+    nlp = penalised_guide_nlp(HAZARD, len(velocities))
+    instance = penalised_guide_instance(nlp, TASK, gamma, velocities)
+    value, gradient = nlp.gradient(velocities.ravel(), instance.parameters[0])
+    return float(value), np.asarray(gradient).reshape(-1, 2)
+
+
+def penalised_by_hand(velocities: Array, gamma: float = 10.0) -> float:
+    """-exp(-sum) + gamma d, equation by equation; the sum ends with the arrival step."""
+    x, y = TASK.start
+    risk, arrived = 0.0, False
+    for vx, vy in velocities:
+        x, y = x + 0.33 * vx, y + 0.33 * vy
+        if not arrived:
+            risk += 0.33 * lone_rate_by_hand(x, y, RADARS)
+        arrived = arrived or math.dist((x, y), TASK.center) <= 0.5
+    return -math.exp(-risk) + gamma * max(0.0, math.dist((x, y), TASK.center) - 0.5)
+
+
+def through_the_target() -> Array:
+    """Arrives at step 7 of 10 and leaves again, well away from the zone's edge at every step."""
+    way = (TASK.center - TASK.start) / (0.33 * 7)
+    return np.concatenate([np.tile(way, (7, 1)), np.tile([1.5, 1.0], (3, 1))])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_penalised_objective_is_survival_and_distance(seed: int) -> None:
+    velocities = walk(8, seed) + np.array([1.0, 0.2])
+    assert penalised(velocities)[0] == pytest.approx(penalised_by_hand(velocities), rel=1e-12)
+
+
+def test_penalised_risk_ends_with_the_arrival_step() -> None:
+    velocities = through_the_target()
+    inside = np.hypot(*(path_of(TASK.start, velocities, 0.33) - TASK.center).T) <= 0.5
+    assert inside.argmax() == 7
+    assert not inside[-1]
+    assert penalised(velocities)[0] == pytest.approx(penalised_by_hand(velocities), rel=1e-12)
+    # what comes after the arrival moves the distance alone
+    survival = [-penalised(v, gamma=1e-300)[0] for v in (velocities, velocities[:7])]
+    assert survival[0] == pytest.approx(survival[1], rel=1e-12)
+
+
+@pytest.mark.parametrize("velocities", [walk(6, 9), through_the_target()])
+def test_penalised_gradient_is_that_of_finite_differences(velocities: Array) -> None:
+    step = 1e-6
+    differences = np.empty_like(velocities)
+    for index in np.ndindex(*velocities.shape):
+        change = np.zeros_like(velocities)
+        change[index] = step
+        differences[index] = (
+            penalised_by_hand(velocities + change) - penalised_by_hand(velocities - change)
+        ) / (2 * step)
+    np.testing.assert_allclose(penalised(velocities)[1], differences, rtol=1e-6, atol=1e-7)
+
+
+def test_penalised_gradient_exists_at_the_centre_of_the_target() -> None:
+    velocities = np.tile((TASK.center - TASK.start) / (0.33 * 6), (6, 1))
+    assert np.isfinite(penalised(velocities)[1]).all()
+
+
+def test_penalised_program_has_the_box_alone() -> None:
+    nlp = penalised_guide_nlp(HAZARD, 5)
+    instance = penalised_guide_instance(nlp, TASK, 10.0, walk(5, 10))
+    assert nlp.sizes[2] == 0
+    assert (instance.upper == 2.0).all()
+    assert (instance.lower == -2.0).all()

@@ -1,0 +1,309 @@
+"""Plans: against grids and brute force, their laws, and what happens where there is none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from small_scenarios import DT, V_MAX, grid_bounds, lone_rate_by_hand, patrolled, small
+
+from casswarm import Guide, PlanningError, Scenario, SolverError, Status, load_scenario, plan
+from casswarm.optimization.problem import Instances, Nlp
+from casswarm.optimization.solvers import Answer, Ipopt, Solver
+from casswarm.planning.plan import plan_from
+
+MEMBER = [(0.0, 0.0)]
+
+
+@cache
+def two_radars(**values: object) -> Guide:
+    """Start (0, 0), target (10, 10), radars (3, 4) and (7, 6), Table I's numbers."""
+    return plan(small(MEMBER, (10.0, 10.0), [(3.0, 4.0), (7.0, 6.0)], 30, **values))
+
+
+# --- against independent solutions
+
+
+@pytest.mark.parametrize(
+    ("radar", "target", "steps"),
+    [((2.0, 0.3), (4.0, 0.5), 10), ((1.5, 1.4), (3.0, 3.0), 12), ((-0.4, 0.6), (3.0, 1.0), 9)],
+)
+def test_guide_around_one_radar_is_between_the_bounds_of_a_fine_grid(
+    radar: tuple[float, float], target: tuple[float, float], steps: int
+) -> None:
+    guide = plan(small(MEMBER, target, [radar], steps, guide__flyable=False))
+    lower, upper = grid_bounds(radar, target, steps, cells=44)
+    assert 0.93 * upper < lower  # the bounds say something
+    assert lower <= guide.risk <= upper
+    assert guide.risk == pytest.approx(upper, rel=2e-3)  # a path on cell centres is nearly as good
+
+
+def test_local_search_ends_between_the_radars_and_global_search_goes_around_them() -> None:
+    local = two_radars(guide__flyable=False, guide__search="local")
+    globally = two_radars(guide__flyable=False)
+    assert local.risk == pytest.approx(1.156, abs=0.001)
+    assert globally.risk == pytest.approx(0.3305, abs=0.0005)
+    assert globally.arrival == local.arrival == 30
+    sides = [min(guide.candidates, key=lambda c: c.risk).sides for guide in (local, globally)]
+    assert sides == ["LR", "LL"]
+
+
+def test_long_way_around_is_kept_where_a_whole_guide_risks_little() -> None:
+    """Ten times as far from the radars: a tenth of the risk, below the weight of a barrier."""
+    radars = [(30.0, 40.0), (70.0, 60.0)]
+    scenario = small(MEMBER, (100.0, 100.0), radars, 300, guide__flyable=False)
+    guide = plan(scenario, certify=False)
+    assert guide.risk == pytest.approx(0.0344, abs=0.0002)
+    assert [way.sides for way in guide.ways()[:2]] == ["LL", "RR"]
+
+
+def patrol(steps: int, **values: object) -> Scenario:
+    """A rate that makes time cost something, so that arriving early may pay."""
+    scenario = small(MEMBER, (5.0, 1.0), [(2.5, 0.2)], steps, guide__search="local", **values)
+    return scenario.with_hazard(patrolled, radars=[(2.5, 0.2)], background=0.02)
+
+
+def test_arrival_step_is_the_best_of_all_of_them() -> None:
+    guide = plan(patrol(40))
+    every = [plan(patrol(steps, guide__arrival="horizon")) for steps in range(8, 41)]
+    best = min(every, key=lambda other: other.risk)
+    assert 8 < best.arrival < 40  # neither the first nor the last
+    assert guide.arrival == best.arrival
+    assert guide.risk == pytest.approx(best.risk, rel=1e-7)
+
+
+def test_neighbours_of_the_best_arrival_step_have_been_tried() -> None:
+    guide = plan(patrol(40))
+    tried = {c.arrival for c in guide.candidates}
+    assert {guide.arrival - 1, guide.arrival + 1} <= tried
+    assert len(tried) < 20
+
+
+@pytest.mark.parametrize(("target", "steps"), [((6.0, 0.0), 9), ((4.0, 4.0), 6), ((0.0, -3.0), 4)])
+def test_guide_is_straight_and_of_the_fewest_steps_where_place_makes_no_difference(
+    target: tuple[float, float], steps: int
+) -> None:
+    scenario = small(MEMBER, target, [(50.0, 50.0)], 30)
+    guide = plan(scenario.with_hazard(patrolled, background=0.3))
+    assert guide.arrival == steps
+    assert guide.risk == pytest.approx(0.3 * steps * DT, rel=1e-12)
+    across = np.array([-target[1], target[0]]) / math.hypot(*target)
+    assert np.abs(guide.positions @ across).max() < 1e-6
+
+
+# --- what every guide obeys
+
+PLANS = {
+    "flyable": {},
+    "unlimited": {"guide__flyable": False},
+    "own limit": {"guide__a_max": 0.1},
+    "no margin": {"guide__margin": 0.0, "swarm__a_max": 0.02},
+    "given velocity": {"swarm__velocity": [0.3, -1.0]},
+    "horizon": {"guide__arrival": "horizon", "guide__margin": 0.3},
+}
+
+
+@pytest.mark.parametrize("values", PLANS.values(), ids=PLANS.keys())
+def test_guide_obeys_dynamics_limits_and_zone(values: dict[str, object]) -> None:
+    scenario = small(MEMBER, (6.0, 4.0), [(2.0, 2.0), (4.5, 1.5)], 20, **values)
+    guide = plan(scenario)
+    X, V = guide.positions, guide.velocities
+    assert guide.solution.status is Status.SOLVED
+    assert X[0].tolist() == [0.0, 0.0]
+    assert (X[1:] == X[:-1] + DT * V).all()
+    assert np.abs(V).max() <= V_MAX
+    assert (np.diff(V, axis=0) ** 2).sum(axis=1).max() <= scenario.guide_a_max
+    distances = np.hypot(*(X - [6.0, 4.0]).T)
+    assert (distances[:-1] > 0.5).all()  # it ends at its first arrival
+    assert distances[-1] <= 0.5 - scenario.arrival_margin
+    rates = [lone_rate_by_hand(x, y, scenario.hazard_table.radars) for x, y in X[1:]]
+    assert guide.risk == pytest.approx(DT * sum(rates), rel=1e-12)
+
+
+def test_guide_starts_with_the_given_velocity_or_with_any() -> None:
+    """The members' own limit bounds the first change, the guide's the later ones."""
+    scenario = small(MEMBER, (6.0, 4.0), [(2.0, 2.0)], 20, guide__a_max=0.3)
+    backwards = (-1.5, -1.5)
+    free = plan(scenario)
+    for guide in (
+        plan(scenario.with_values({"swarm.velocity": backwards})),
+        plan_from(scenario, (0.5, -0.5), before=backwards),
+    ):
+        first = math.dist(guide.velocities[0], backwards) ** 2
+        assert 0.3 < first <= 0.5 < math.dist(free.velocities[0], backwards) ** 2
+        assert (np.diff(guide.velocities, axis=0) ** 2).sum(axis=1).max() <= 0.3
+    assert guide.positions[0].tolist() == [0.5, -0.5]
+
+
+def test_guide_ends_at_its_first_arrival_and_the_swarm_aims_at_the_centre_then() -> None:
+    scenario = load_scenario("paper-1")
+    guide = plan(scenario)
+    assert guide.arrival < scenario.n_steps  # planned for the horizon, and at the rim before it
+    inside = scenario.target.contains(guide.positions)
+    assert inside[-1]
+    assert not inside[:-1].any()
+    assert guide.reference(guide.arrival).tolist() == guide.positions[-1].tolist()
+    assert guide.reference(guide.arrival + 1).tolist() == list(scenario.target.center)
+
+
+def test_plan_near_a_known_guide_finds_what_a_full_search_finds() -> None:
+    scenario = small(MEMBER, (6.0, 4.0), [(2.0, 2.0), (4.5, 1.5)], 20)
+    known, start = plan(scenario), (0.3, -0.2)
+    full = plan_from(scenario, start)
+    near = plan_from(scenario, start, near=known)
+    assert near.risk == pytest.approx(full.risk, rel=1e-6)
+    assert len(near.candidates) < len(full.candidates)
+    # of a guide that a user made there is nothing to start from
+    assert plan_from(scenario, start, near=replace(known, candidates=())).risk == full.risk
+
+
+TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])  # (x, y) @ TURN = (-y, x)
+
+
+def moved(points: Sequence[tuple[float, float]], motion: str) -> list[tuple[float, float]]:
+    array = np.array(points)
+    changed = {
+        "mirrored": array * [1, -1],
+        "swapped": array[:, ::-1],
+        "turned": array @ TURN,
+        "shifted": array + np.array([-7.0, 3.0]),
+    }[motion]
+    return [(float(x), float(y)) for x, y in changed]
+
+
+@pytest.mark.parametrize("motion", ["mirrored", "swapped", "turned", "shifted"])
+def test_risk_is_the_same_in_a_moved_plane(motion: str) -> None:
+    places = [(0.2, 0.1), (6.0, 3.0), (2.0, 2.0), (4.5, 1.0), (3.0, -0.4)]
+    start, target, *radars = moved(places, motion)
+    guide = plan(small([start], target, radars, 15))
+    reference = plan(small([places[0]], places[1], places[2:], 15))
+    assert guide.risk == pytest.approx(reference.risk, rel=1e-6)
+    assert guide.arrival == reference.arrival
+    expected = moved([tuple(x) for x in reference.positions], motion)
+    np.testing.assert_allclose(guide.positions, expected, atol=1e-3)
+
+
+# --- searches
+
+
+@pytest.mark.parametrize(
+    ("target", "radars", "steps"),
+    [
+        ((8.1, 5.4), [(4.1, 8.1)], 25),  # the straight start has the best arrival step
+        ((6.0, 4.0), [(2.0, 2.0), (4.5, 1.5), (3.0, 4.0)], 20),
+        ((4.0, 0.0), [(2.0, 0.1)], 12),
+    ],
+)
+def test_searching_more_is_never_worse(
+    target: tuple[float, float], radars: list[tuple[float, float]], steps: int
+) -> None:
+    def risk(search: str, arrival: str) -> float:
+        values = {"guide__search": search, "guide__arrival": arrival}
+        return plan(small(MEMBER, target, radars, steps, **values)).risk
+
+    room = 1 + 1e-9  # two starts that end in the same minimum do so to a solver's tolerance
+    assert risk("global", "any") <= room * risk("local", "any")
+    assert risk("local", "any") <= room * risk("local", "horizon")
+    assert risk("global", "any") <= room * risk("global", "horizon")
+    assert risk("global", "horizon") <= room * risk("local", "horizon")
+
+
+def test_search_that_is_asked_for_overrules_the_scenario() -> None:
+    scenario = small(MEMBER, (4.0, 0.0), [(2.0, 0.1)], 12)
+    told: list[str] = []
+    guide = plan(scenario, search="local", progress=told.append)
+    assert {c.start for c in guide.candidates} == {"straight"}
+    assert {t.split(",")[0] for t in told} == {"straight", "certificate"}
+    with pytest.raises(SolverError, match="'local', 'global'"):
+        plan(scenario, search="everywhere")
+
+
+def test_candidates_are_the_straight_start_and_ways_on_both_sides() -> None:
+    guide = two_radars()
+    tried: dict[str, set[int]] = {}
+    for candidate in guide.candidates:
+        tried.setdefault(candidate.start, set()).add(candidate.arrival)
+    assert {"straight", "LL", "RR"} <= tried.keys()
+    assert {15, 30} <= tried["straight"]  # the fewest possible steps and all of them
+    assert {29, 30} <= tried["LL"]  # the best arrival step without limits, and next to it
+    assert guide.risk == min(c.risk for c in guide.candidates)
+
+
+class Fickle(Solver):
+    """Ipopt, made to report a failure for every other arrival step."""
+
+    name = "fickle"
+
+    def _build(self, nlp: Nlp) -> None:
+        Ipopt()._build(nlp)
+
+    def _run(self, nlp: Nlp, instances: Instances) -> list[Answer]:
+        answer = Ipopt()._run(nlp, instances)[0]
+        moving = (nlp.variable("velocities", instances.upper[0])[:, 0] > 0).sum()
+        if moving % 2 == 0:
+            return [answer]
+        nowhere = np.full_like(answer.x, np.nan)
+        return [Answer(nowhere, Status.DIVERGED, "no mood", 1, 1, 0.0)]
+
+
+def test_failed_starts_stay_among_the_candidates_and_are_not_chosen() -> None:
+    guide = plan(small(MEMBER, (4.0, 0.0), [(2.0, 0.1)], 13, guide__arrival="any"), Fickle())
+    assert {c.solution.status for c in guide.candidates} == {Status.SOLVED, Status.DIVERGED}
+    for candidate in guide.candidates:
+        failed = candidate.arrival % 2 == 1
+        assert (candidate.solution.message == "no mood") == failed
+        assert math.isinf(candidate.risk) == failed
+    assert guide.solution.status is Status.SOLVED
+    assert guide.arrival % 2 == 0
+
+
+# --- where there is no guide
+
+
+def impossible(a_max: float) -> Scenario:
+    """Full speed the other way, and hardly any way to turn."""
+    values = {"swarm__velocity": [-2.0, -2.0], "swarm__a_max": a_max, "guide__search": "local"}
+    return small(MEMBER, (10.0, 10.0), [(3.0, 4.0), (7.0, 6.0)], 30, **values)
+
+
+def test_plan_without_outcome_raises_and_counts_outcomes() -> None:
+    expected = r"of (\d+) solves \(\1 infeasible\) none arrives .* check=False"
+    with pytest.raises(PlanningError, match=expected):
+        plan(impossible(1e-4))
+
+
+@pytest.mark.parametrize("a_max", [1e-4, 1e-2, 0.1])
+def test_unchecked_plan_without_outcome_is_a_guide_that_does_not_arrive(a_max: float) -> None:
+    """Nor does a path that arrives by violating its limits count, such as solvers give up with."""
+    guide = plan(impossible(a_max), check=False)
+    assert not guide.arrives
+    assert not guide.solution.status.success
+    assert guide.solution.residuals.violation > 0.1
+    assert all(math.isinf(c.risk) for c in guide.candidates)
+    assert np.isfinite(guide.positions).all()
+
+
+# --- the paper's penalised form
+
+
+def test_projected_gradient_s_guide_respects_the_box_and_arrives() -> None:
+    scenario = load_scenario("paper-1")
+    guide = plan(scenario, "projected-gradient")
+    assert guide.arrives
+    assert np.abs(guide.velocities).max() <= V_MAX
+    assert (guide.positions[1:] == guide.positions[:-1] + DT * guide.velocities).all()
+    inside = scenario.target.contains(guide.positions)
+    assert inside.nonzero()[0].tolist() == [guide.arrival]
+    assert [c.start for c in guide.candidates] == ["straight"]
+    assert guide.solution.solver == "projected-gradient"
+
+
+def test_projected_gradient_is_no_better_than_a_global_search() -> None:
+    scenario = small(MEMBER, (4.0, 0.5), [(2.0, 1.2)], 12, guide__flyable=False)
+    line = small(MEMBER, (4.0, 0.5), [(2.0, 1.2)], 12, guide__iterations=1)
+    paper = plan(scenario, "projected-gradient")
+    assert plan(scenario).risk <= paper.risk < plan(line, "projected-gradient").risk

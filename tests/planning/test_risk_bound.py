@@ -1,0 +1,291 @@
+"""The proven bound: its lemmas, independent methods, and that no guide ever falls below it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import minimum_filter
+from small_scenarios import (
+    TWO,
+    Point,
+    free,
+    grid_bounds,
+    lone_rate_by_hand,
+)
+
+from casswarm import Saturation, Scenario, plan
+from casswarm.planning.bounds.dynamic_programming import Prices, backward, forward, least
+from casswarm.planning.bounds.grid import Grid, Relaxation, whole_size
+from casswarm.planning.bounds.risk_bound import certify, first_grid
+from casswarm.planning.bounds.windows import box_minimum
+
+
+def geometry(seed: int) -> Scenario:
+    """A random scenario of one to four radars."""
+    rng = np.random.default_rng(seed)
+    radars = [(float(x), float(y)) for x, y in rng.uniform(-1, 6, (int(rng.integers(1, 5)), 2))]
+    radars = [radar for radar in radars if math.hypot(*radar) > 0.1] or [(2.0, 1.0)]
+    target = (float(rng.uniform(3, 5)), float(rng.uniform(-2, 5)))
+    return free(target, radars, int(rng.integers(10, 20)))
+
+
+# --- lemmas
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_box_minimum_is_that_of_every_window(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n, m, k = rng.integers(1, 20, 3)
+    values = rng.uniform(size=(n, m))
+    first, shape = tuple(rng.integers(-30, 30, 2)), tuple(rng.integers(1, 30, 2))
+    padded = np.pad(values, 80, constant_values=np.inf)
+    expected = minimum_filter(padded, 2 * k + 1, mode="constant", cval=np.inf)
+    rows, columns = (slice(80 + f, 80 + f + s) for f, s in zip(first, shape, strict=True))
+    np.testing.assert_array_equal(box_minimum(values, first, shape, k), expected[rows, columns])
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(-3.5, 0.5))
+@settings(max_examples=80, deadline=None)
+def test_interpolated_node_rates_are_nowhere_above_the_rate(seed: int, decade: float) -> None:
+    rng = np.random.default_rng(seed)
+    h = 10.0**decade
+    k = int(rng.integers(1, 5))
+    radars = rng.uniform(-3, 3, (k, 2)) * h * 10 ** rng.uniform(0, 1.5)
+    hazard = Saturation(radars, tuple(rng.uniform(0.1, 3, k)))
+    low = rng.uniform(-3, 3, 2) * h * 10 ** rng.uniform(0, 1.5)
+    if rng.random() < 0.5:  # at a radar, where it matters
+        low = radars[0] + rng.uniform(-10, 10, 2) * h
+    east, north = (start + h * np.arange(3) for start in low)
+    nodes = hazard.lone_rates_below(east, north, h)
+    u, v = rng.uniform(0, 1, (2, 200))
+    for i, j in itertools.product((0, 1), (0, 1)):
+        corner = nodes[i : i + 2, j : j + 2]
+        inside = np.stack([east[i] + h * u, north[j] + h * v], axis=-1)
+        share = [(1 - u) * (1 - v), (1 - u) * v, u * (1 - v), u * v]
+        interpolated = sum(s * c for s, c in zip(share, corner.ravel(), strict=True))
+        assert (interpolated <= hazard.lone_rates(inside) * (1 + 1e-12)).all()
+    assert (nodes > 0).all()
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_least_rate_of_a_box_is_nowhere_above_the_rate(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    radars = rng.uniform(-1, 1, (3, 2)) * 10.0 ** rng.uniform(-3, 0)
+    hazard = Saturation(radars)
+    lower = radars[0] + rng.uniform(-0.02, 0.02, 2)
+    upper = lower + 10.0 ** rng.uniform(-4, 0, 2)
+    points = rng.uniform(lower, upper, (300, 2))
+    assert hazard.least_lone_rate(lower, upper) <= hazard.lone_rates(points).min()
+
+
+def test_node_rates_come_up_to_the_rate_as_the_square_of_the_spacing() -> None:
+    hazard = Saturation(tuple(TWO))
+    missing = []
+    for h in (0.1, 0.05, 0.025):
+        below = hazard.lone_rates_below(np.array([0.0, h]), np.array([1.0, 1.0 + h]), h)[0, 0]
+        missing.append(hazard.lone_rates(np.array([0.0, 1.0])) - below)
+    assert 3.5 < missing[0] / missing[1] < 4.8
+    assert 3.8 < missing[1] / missing[2] < 4.4
+
+
+def explicit_least(task: Relaxation, reach: int) -> float:
+    """The recursion, node by node: every path on the grid, with the costs of the docs."""
+    h = task.step / reach
+    size = task.steps * reach + 1
+    axis = np.arange(-size, size + 1)
+    rates = task.hazard.lone_rates_below(task.start[0] + h * axis, task.start[1] + h * axis, h)
+    cost = {
+        (i, j): task.dt * rates[a, b]
+        for (a, i), (b, j) in itertools.product(enumerate(axis), enumerate(axis))
+    }
+
+    def arrives(node: tuple[int, int]) -> bool:
+        near = [
+            max(abs(x + h * n - c) - h, 0.0)
+            for x, n, c in zip(task.start, node, task.center, strict=True)
+        ]
+        return math.hypot(*near) <= task.radius
+
+    to_go = {node: 0.0 if arrives(node) else math.inf for node in cost}
+    steps = list(itertools.product(range(-reach, reach + 1), repeat=2))
+    for step in range(task.steps):
+        total = {node: cost[node] + to_go[node] for node in cost}
+
+        def onwards(i: int, j: int, total: dict[tuple[int, int], float] = total) -> float:
+            return min(total.get((i + a, j + b), math.inf) for a, b in steps)
+
+        last = step == task.steps - 1
+        nodes = [(0, 0)] if last else list(cost)
+        to_go = {n: onwards(*n) if last else min(to_go[n], onwards(*n)) for n in nodes}
+    return to_go[0, 0]
+
+
+@pytest.mark.parametrize("reach", [1, 2])
+def test_recursion_is_that_of_all_paths_on_the_grid(reach: int) -> None:
+    task = Relaxation.of(free((1.9, 0.7), [(1.0, 0.5), (0.5, -0.6)], 4))
+    prices = Prices(Grid.whole(task, 1, reach))
+    assert least(prices, backward(prices)) == pytest.approx(explicit_least(task, reach), rel=1e-12)
+
+
+def test_forward_and_backward_costs_agree_at_every_step() -> None:
+    task = Relaxation.of(free((4.0, 3.0), [(2.0, 1.0)], 12))
+    prices = Prices(Grid.whole(task, 1, 2))
+    values = backward(prices)
+    bound = least(prices, values)
+    for arriving, going in itertools.islice(zip(forward(prices), values, strict=True), 4):
+        assert min((a + g).min() for a, g in zip(arriving, going, strict=True)) == pytest.approx(
+            bound, rel=1e-12
+        )
+
+
+# --- against independent methods
+
+
+@pytest.mark.parametrize(
+    ("radar", "target", "steps"),
+    [((2.0, 0.3), (4.0, 0.5), 10), ((1.5, 1.4), (3.0, 3.0), 12), ((-0.4, 0.6), (3.0, 1.0), 9)],
+)
+def test_bound_is_between_those_of_a_plain_fine_grid(
+    radar: Point, target: Point, steps: int
+) -> None:
+    """Cells with their least rate, reach and target rounded outwards, without any refinement."""
+    scenario = free(target, [radar], steps)
+    lower, upper = grid_bounds(radar, target, steps, cells=44)
+    guide = plan(scenario, gap=1e-4)
+    assert guide.gap < 1e-4
+    assert lower < guide.risk_bound <= upper
+    assert lower < guide.risk
+
+
+def random_guides(scenario: Scenario, count: int, seed: int) -> list[float]:
+    """Risks of random paths that obey the speed limit and arrive, some of them nearly straight."""
+    rng = np.random.default_rng(seed)
+    task, steps = Relaxation.of(scenario), scenario.n_steps
+    limit = scenario.swarm.v_max * scenario.time.dt
+    risks = []
+    for _ in range(count):
+        T = int(rng.integers(1, steps + 1))
+        goal = task.center + task.radius * 0.999 * rng.uniform(-0.7, 0.7, 2)
+        if np.abs(goal - task.start).max() > T * limit:
+            continue
+        x, path = task.start, []
+        spread = limit * rng.choice([0.05, 0.3, 1.0, 3.0])
+        drift = rng.normal(0, spread, 2)
+        for t in range(T):
+            rest = (T - t - 1) * limit
+            wish = x + (goal - x) / (T - t) + drift * math.sin(math.pi * (t + 1) / T)
+            wish = np.clip(wish + rng.normal(0, 0.1 * spread, 2), goal - rest, goal + rest)
+            x = np.clip(wish, x - limit, x + limit)
+            path.append(x)
+        inside = scenario.target.contains(np.array(path))
+        assert inside[-1]
+        path = path[: int(inside.argmax()) + 1]
+        assert np.abs(np.diff([task.start, *path], axis=0)).max() <= limit * (1 + 1e-12)
+        risks.append(
+            scenario.time.dt
+            * sum(lone_rate_by_hand(*place, scenario.hazard_table.radars) for place in path)
+        )
+    return risks
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=8, deadline=None)
+def test_bound_never_exceeds_the_risk_of_a_random_guide(seed: int) -> None:
+    scenario = geometry(seed)
+    guide = plan(scenario, gap=1e-3)
+    risks = random_guides(scenario, 300, seed)
+    assert len(risks) > 50
+    assert guide.risk_bound <= min(*risks, guide.risk, *(c.risk for c in guide.candidates))
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 3.0))
+@settings(max_examples=6, deadline=None)
+def test_no_weight_of_the_rim_makes_the_bound_exceed_a_guide(seed: int, weight: float) -> None:
+    scenario = geometry(seed)
+    guide = plan(scenario, certify=False)
+    task = Relaxation.of(scenario)
+    prices = Prices(first_grid(task, 30_000), multiplier=weight * guide.risk)
+    assert least(prices, backward(prices)) <= guide.risk
+
+
+# --- refinement
+
+
+def test_bound_grows_and_the_gap_shrinks_with_every_refinement() -> None:
+    scenario = free((10.0, 10.0), TWO, 30)
+    guide = plan(scenario, gap=1e-6)
+    levels = guide.certificate.levels
+    bounds = [level.bound for level in levels]
+    assert len(levels) >= 4
+    assert (np.diff(bounds) > 0).all()
+    gaps = [1 - bound / guide.risk for bound in bounds]
+    assert gaps[3] < gaps[0] / 16  # the square of the spacing would be a 64th
+    assert guide.gap < 2e-6
+    nodes = [level.nodes for level in levels]
+    assert nodes[1] < nodes[0] / 10  # the cells that cannot carry a better guide are gone
+
+
+def test_unpruned_grids_give_the_same_bound_as_refined_ones() -> None:
+    """Discarding cells must not raise the bound above that of the whole grid and the best risk."""
+    scenario = free((6.0, 4.0), [(2.0, 2.0), (4.5, 1.5)], 16)
+    guide = plan(scenario, certify=False)
+    task = Relaxation.of(scenario)
+    certificate = certify(task, guide.risk, gap=1e-12, most=200_000, time_limit=5)
+    assert certificate.levels[1].nodes < whole_size(task, 1, certificate.levels[1].reach) / 2
+    for level in certificate.levels:
+        if whole_size(task, 1, level.reach) < 2_000_000:
+            prices = Prices(Grid.whole(task, 1, level.reach))
+            assert level.bound == pytest.approx(least(prices, backward(prices)), rel=1e-9)
+
+
+@pytest.mark.parametrize("merged", [2, 4, 8])
+def test_merging_steps_weakens_the_bound_and_keeps_it(merged: int) -> None:
+    scenario = free((4.0, 3.0), [(2.0, 1.0)], 90, time__dt=0.033, time__t_f=90 * 0.033)
+    task = Relaxation.of(scenario)
+    bounds = []
+    for m in (1, merged):
+        prices = Prices(Grid.whole(task, m, 2))
+        bounds.append(least(prices, backward(prices)))
+    guide = plan(scenario, certify=False)
+    assert 0.5 * guide.risk < bounds[1] <= bounds[0] <= guide.risk
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([2_000, 5_000, 20_000]))
+@settings(max_examples=8, deadline=None)
+def test_refining_merged_steps_never_exceeds_a_guide(seed: int, first: int) -> None:
+    """Cells are discarded while steps are merged, too; what is known of a whole grid stays true."""
+    scenario = geometry(seed)
+    fine = scenario.with_values({"time.dt": 0.055, "time.t_f": scenario.time.t_f * (1 + 1e-9)})
+    guide = plan(fine, certify=False)
+    task = Relaxation.of(fine)
+    certificate = certify(task, guide.risk, gap=0.002, first=first, most=2_000_000)
+    assert certificate.levels[0].merged > 1
+    assert certificate.bound <= min(*random_guides(fine, 100, seed), guide.risk)
+    assert certificate.gap < 0.03 or "nodes" in certificate.reason
+    one = Prices(Grid.whole(task, 1, 1))
+    exact = least(one, backward(one))
+    assert all(level.bound <= guide.risk for level in certificate.levels)
+    assert (
+        certificate.bound >= min(exact, guide.risk) * (1 - 1e-9)
+        or certificate.levels[-1].merged > 1
+    )
+
+
+def test_bound_holds_at_the_limits_of_nodes_and_time_and_says_so() -> None:
+    scenario = free((10.0, 10.0), TWO, 30)
+    guide = plan(scenario, certify=False)
+    task = Relaxation.of(scenario)
+    few = certify(task, guide.risk, gap=1e-9, most=1000)
+    assert "more than 1,000 nodes" in few.reason
+    short = certify(task, guide.risk, gap=1e-9, time_limit=1e-9)
+    assert "time limit" in short.reason
+    assert len(short.levels) == 1
+    for certificate in (few, short):
+        assert 0.9 * guide.risk < certificate.bound < guide.risk

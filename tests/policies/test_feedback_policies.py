@@ -1,0 +1,241 @@
+"""Policies with feedback: their ways on, against loops by hand, and what they are worth."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import pickle
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from small_scenarios import DT, Array, lone_rate_by_hand, small
+
+from casswarm import Scenario, evaluate, make_policy, plan, simulate
+from casswarm.optimization.feasible_sets.planar import PlanarSets
+from casswarm.planning.bounds.value_function import ValueFunction
+from casswarm.planning.plan import plan_from
+from casswarm.policies.feedback import FeedbackPolicy
+
+RADARS = [(2.0, 1.2), (3.0, -1.0)]
+PLACES = [(0.0, 0.0), (0.8, -0.9), (-0.7, 0.7), (-0.6, -0.8)]  # apart: off any one guide
+NAMES = ("leader-feedback", "constrained-feedback")
+STOPS = 3 + math.ceil(2.0 / math.sqrt(0.5))  # steps of a manoeuvre
+
+Flags = NDArray[np.bool_]
+
+
+@cache
+def scenario(**values: object) -> Scenario:
+    """Four members apart, two radars across the way."""
+    return small(PLACES, (5.0, 0.5), RADARS, 16, guide__search="global", **values)
+
+
+@cache
+def policy(name: str) -> FeedbackPolicy:
+    found = make_policy(name, scenario())
+    assert isinstance(found, FeedbackPolicy)
+    return found
+
+
+def states(batch: int, seed: int) -> tuple[Array, Array, Flags]:
+    """Swarms anywhere between the start and the target, the entries of the destroyed zero."""
+    rng = np.random.default_rng(seed)
+    alive = rng.random((batch, 4)) < 0.7
+    alive[:, 0] |= ~alive.any(axis=1)
+    positions = rng.uniform((-0.5, -1), (4, 1), (batch, 1, 2)) + rng.normal(0, 0.4, (batch, 4, 2))
+    previous = rng.uniform(-2, 2, (batch, 4, 2))
+    living = alive[..., None]
+    return positions * living, previous * living, alive
+
+
+# --- the way on
+
+
+def test_way_on_is_the_best_of_all_manoeuvres_one_by_one() -> None:
+    step, place, before = 4, np.array([0.7, -0.4]), np.array([1.1, -0.6])
+    found = policy("leader-feedback")
+    best = (math.inf, place)
+    for aim in itertools.product(np.linspace(-2, 2, 9), repeat=2):
+        x, v, risk, first = place, before, 0.0, place
+        for k in range(1, STOPS + 1):
+            missing = np.array(aim) - v
+            v = v + missing * min(1.0, math.sqrt(0.5) / max(math.hypot(*missing), 1e-300))
+            x = x + DT * v
+            first = x if k == 1 else first
+            cost = DT * lone_rate_by_hand(*x, RADARS)
+            if k == STOPS:
+                risk += float(found.value.after(step + k, x))  # its own cost and what follows
+                break
+            risk += cost
+            if math.dist(x, (5.0, 0.5)) <= 0.5:
+                break
+        best = min(best, (risk, first), key=lambda pair: pair[0])
+    points, risks = found.ways_on(step, place[None], before[None])
+    assert risks[0] == pytest.approx(best[0], rel=1e-12)
+    np.testing.assert_allclose(points[0], best[1], atol=1e-12)
+
+
+def test_without_time_to_arrive_the_way_is_straight_to_the_target() -> None:
+    place, before = np.array([[-1.0, 0.5]]), np.array([[1.9, 0.0]])
+    points, risks = policy("leader-feedback").ways_on(14, place, before)
+    assert np.isinf(risks).all()
+    assert points[0] == pytest.approx([-1.0 + DT * 2.0, 0.5])
+
+
+def followed(places: Array, previous: Array) -> Array:
+    """Risks of lone agents that follow the feedback guide from step 0; infinite if one is late."""
+    task, x, v = scenario(), places, previous
+    risk, arrived = np.zeros(len(x)), np.zeros(len(x), bool)
+    for step in range(task.n_steps):
+        y = policy("leader-feedback").ways_on(step, x, v)[0]
+        moved = (y - x) / DT
+        assert (np.hypot(*(moved - v)[~arrived].T) <= math.sqrt(0.5) * (1 + 1e-9)).all()
+        assert np.abs(moved).max() <= 2.0 * (1 + 1e-9)
+        x, v = np.where(arrived[:, None], x, y), np.where(arrived[:, None], v, moved)
+        risk += np.where(arrived, 0.0, DT * task.hazard.lone_rates(x))
+        arrived |= task.target.contains(x)
+    return np.where(arrived, risk, np.inf)
+
+
+def test_feedback_guide_arrives_from_wherever_there_is_time_for_it() -> None:
+    rng = np.random.default_rng(5)
+    x, v = rng.uniform((-0.5, -0.5), (1.0, 0.5), (100, 2)), rng.uniform(-2, 2, (100, 2))
+    assert np.isfinite(policy("leader-feedback").ways_on(0, x, v)[1]).all()
+    risks = followed(x, v)
+    assert np.isfinite(risks).all()
+    assert (ValueFunction.of(scenario()).bounds(0, x)[0] <= risks).all()
+
+
+def test_feedback_guide_costs_at_most_half_more_risk_than_the_best_guide() -> None:
+    x = np.array([[0.0, 0.0], [0.4, -0.4], [0.0, 0.8], [-0.4, -0.2]])
+    v = np.array([[0.0, 1.0], [1.0, 1.0], [-0.5, 0.5], [0.0, 0.0]])
+    best = [plan_from(scenario(), place, before=u).risk for place, u in zip(x, v, strict=True)]
+    ratios = followed(x, v) / best
+    assert (ratios >= 1 - 1e-6).all()
+    assert ratios.max() < 1.5
+
+
+def test_lone_agent_s_law_is_its_feedback_guide() -> None:
+    alone = small(PLACES[:1], (5.0, 0.5), RADARS, 16, guide__search="global")
+    guide = plan(alone, certify=False)
+    law = evaluate(alone, "leader-feedback", guide=guide)
+    risk = followed(np.zeros((1, 2)), guide.velocities[:1])
+    assert law.success[0] == pytest.approx(math.exp(-risk[0]), rel=1e-9)
+    assert law.success[1] < plan(alone, gap=1e-3).survival_bound
+
+
+# --- decisions
+
+
+@pytest.mark.parametrize("name", NAMES)
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=8, deadline=None)
+def test_decisions_do_not_depend_on_the_other_states_of_a_batch(name: str, seed: int) -> None:
+    positions, previous, alive = states(30, seed)
+    whole = policy(name).decide(3, positions, previous, alive)
+    for rows in (slice(0, 1), slice(7, 20)):
+        part = policy(name).decide(3, positions[rows], previous[rows], alive[rows])
+        np.testing.assert_array_equal(part.velocities, whole.velocities[rows])
+        np.testing.assert_array_equal(part.shortfalls, whole.shortfalls[rows])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_decisions_do_not_depend_on_the_destroyed_or_the_order_of_members(name: str) -> None:
+    positions, previous, alive = states(30, 2)
+    expected = policy(name).decide(3, positions, previous, alive).velocities
+    order = [2, 0, 3, 1]
+    turned = policy(name).decide(3, positions[:, order], previous[:, order], alive[:, order])
+    np.testing.assert_allclose(turned.velocities, expected[:, order], atol=1e-4)
+    elsewhere = np.where(alive[..., None], positions, 7.0)
+    other = policy(name).pathfinders(3, elsewhere, previous, alive)
+    same = policy(name).pathfinders(3, positions, previous, alive)
+    np.testing.assert_array_equal(other[0], same[0])
+    np.testing.assert_array_equal(other[1], same[1])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_pathfinder_is_alive_and_reaches_the_best_next_point(name: str) -> None:
+    positions, previous, alive = states(200, 3)
+    first, goals = policy(name).pathfinders(2, positions, previous, alive)
+    rows = np.arange(len(first))
+    assert alive[rows, first].all()
+    risks = policy(name).ways_on(2, positions.reshape(-1, 2), previous.reshape(-1, 2))[1]
+    risks = np.where(alive, risks.reshape(alive.shape), np.inf)
+    known = np.isfinite(risks).any(axis=1)
+    assert known.mean() > 0.8
+    least = risks.min(axis=1)[known]
+    np.testing.assert_allclose(risks[rows, first][known], least, rtol=1e-8)
+    decision = policy(name).decide(2, positions, previous, alive)
+    reached = positions[rows, first] + DT * decision.velocities[rows, first]
+    np.testing.assert_allclose(reached[known], goals[known], atol=1e-9)
+    assert decision.failures.sum() == 0
+
+
+def test_the_rest_of_the_corridor_is_around_the_pathfinder_or_counted() -> None:
+    positions, previous, alive = states(200, 4)
+    found = policy("constrained-feedback")
+    first, goals = found.pathfinders(2, positions, previous, alive)
+    decision = found.decide(2, positions, previous, alive)
+    ends = positions + DT * decision.velocities
+    away = np.hypot(*np.moveaxis(ends - goals[:, None], -1, 0))
+    physical = PlanarSets(  # within their limits, the nearest that members can be to the centre
+        np.full(2, -2.0), np.full(2, 2.0), previous[..., None, :], np.full(1, math.sqrt(0.5))
+    )
+    nearest = positions + DT * physical.project((goals[:, None] - positions) / DT)
+    distance = np.hypot(*np.moveaxis(nearest - goals[:, None], -1, 0))
+    able = alive & (distance < math.sqrt(0.05) * 0.999)
+    assert able.sum() > len(able)
+    assert (away[able] <= math.sqrt(0.05) * (1 + 1e-6)).all()
+    others = alive & (np.arange(4) != first[:, None])
+    unable = others & (distance > math.sqrt(0.05) * 1.001)
+    assert (decision.shortfalls >= unable.sum(axis=1)).all()
+    np.testing.assert_allclose(away[unable], distance[unable], atol=1e-6)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_policies_with_feedback_pickle_and_need_no_guide(name: str) -> None:
+    again = pickle.loads(pickle.dumps(policy(name)))
+    state = states(5, 6)
+    np.testing.assert_array_equal(
+        again.decide(1, *state).velocities, policy(name).decide(1, *state).velocities
+    )
+    assert again.name == name
+
+
+# --- what they are worth
+
+
+@pytest.mark.parametrize("name", ["leader", "constrained"])
+def test_feedback_brings_more_swarms_through_where_members_start_apart(name: str) -> None:
+    guide = plan(scenario(), certify=False)
+    options = {"tolerance": 0.02, "merging": 1e-6, "guide": guide}
+    fixed = evaluate(scenario(), name, **options)
+    feedback = evaluate(scenario(), f"{name}-feedback", **options)
+    assert feedback.success[0] > fixed.success[1]
+
+
+def test_sampled_runs_agree_with_the_exact_law() -> None:
+    guide = plan(scenario(), certify=False)
+    law = evaluate(scenario(), "leader-feedback", 1e-3, merging=1e-6, guide=guide)
+    study = simulate(scenario(), ["leader-feedback"], runs=1000, seed=7, guide=guide)
+    row = study.summary.iloc[0]
+    assert row.success_low <= law.success[1]
+    assert law.success[0] <= row.success_high
+    assert row.solver_failures == 0
+
+
+def test_simulate_takes_them_by_name(tmp_path: Path) -> None:
+    words = "simulate single-agent --policy leader-feedback --policy constrained-feedback"
+    command = [Path(sys.executable).parent / "casswarm", *words.split(), "--runs", "20", "--json"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(done.stdout)["result"]["summary"]
+    assert [row["policy"] for row in rows] == list(NAMES)

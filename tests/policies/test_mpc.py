@@ -1,0 +1,324 @@
+"""Look-ahead policies: the paper's method at one step, limits, laws, names, what they buy."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from commands import casswarm
+from small_scenarios import Array
+from window_cases import COLLIDING, DT, GOAL, HAZARD, MOTION, RADARS, RHO, both, leaders_of, window
+
+import casswarm as cs
+from casswarm import Saturation, make_solver
+from casswarm.errors import PolicyError, SolverError
+from casswarm.figures import look_ahead_chart
+from casswarm.optimization.solvers.batch.interior_point import Barrier
+from casswarm.policies import LeaderAheadPolicy, LeaderPolicy, make_policy
+from casswarm.policies.mpc import flown
+from casswarm.policies.mpc_instances import MARGIN, corridor_ahead, leader_ahead
+from casswarm.problems.formation import (
+    Step,
+    corridor_formation,
+    leader_formation,
+)
+from casswarm.problems.mpc_formation import LookAhead, Window
+
+
+def paths_of(problem: LookAhead, data: Window) -> Array:
+    """Advances (B, H, n, 2) by the batch solver, every one converged; those given as they are."""
+    batch, n = data.alive.shape
+    rows = np.flatnonzero(problem.free.any(axis=1))
+    found = problem.instances.start.copy()
+    run = Barrier().run(problem.nlp, problem.instances[rows])
+    assert run.judged[:, 2].max(initial=0.0) <= 1e-6
+    found[rows] = run.x
+    return found.reshape(batch, data.steps, n, 2)
+
+
+def velocities_of(advances: Array) -> Array:
+    return np.diff(advances, axis=1, prepend=np.zeros_like(advances[:, :1]))
+
+
+# --- one step: the paper's method
+
+
+@pytest.mark.parametrize("name", ["leader", "constrained"])
+def test_a_look_ahead_of_one_step_gives_the_one_step_policy_bit_for_bit(name: str) -> None:
+    scenario = cs.load_scenario("paper-1")
+    guide = cs.plan(scenario, certify=False)
+    paper = make_policy(name, scenario, guide)
+    assert type(make_policy(name, scenario, guide, look_ahead=1)) is type(paper)
+    assert type(make_policy(f"{name}-ahead-1", scenario, guide)) is type(paper)
+    ahead = replace(make_policy(name, scenario, guide, look_ahead=4), look_ahead=1)  # type: ignore[type-var]
+    last = make_policy(name, scenario, guide, look_ahead=4)
+    rng = np.random.default_rng(1)
+    for step, policies in ((0, [ahead]), (9, [ahead]), (guide.arrival - 1, [ahead, last])):
+        alive = rng.random((6, 5)) > 0.3
+        alive[:, 0] = True
+        X = (guide.reference(step) + rng.normal(0, 0.2, (6, 5, 2))) * alive[..., None]
+        before = rng.uniform(-1.5, 1.5, (6, 5, 2)) * alive[..., None]
+        expected = paper.decide(step, X, before, alive)
+        for policy in policies:
+            found = policy.decide(step, X, before, alive)
+            np.testing.assert_array_equal(found.velocities, expected.velocities)
+            np.testing.assert_array_equal(found.shortfalls, expected.shortfalls)
+
+
+def test_window_of_one_step_has_the_one_step_answer_by_the_other_solver() -> None:
+    data = window(40, 4, 1, seed=2)
+    step = Step(HAZARD, MOTION, data.positions, data.previous, data.alive, data.goals[0])
+    leaders = leaders_of(data)
+    pairs = ((leader_formation(step, leaders), 0.0), (corridor_formation(step, RHO), MARGIN))
+    for ahead, (one, margin) in zip(both(data), pairs, strict=True):
+        found, paper = flown(data, ahead, Barrier()), one.instances.lower.reshape(40, 4, 2).copy()
+        rows = np.flatnonzero(one.free.any(axis=1))
+        solution = make_solver("spectral").solve_batch(one.nlp, one.instances[rows])
+        assert solution.success.all()
+        paper[rows] = solution.x.reshape(-1, 4, 2)
+        assert not found.failures.any()
+        np.testing.assert_array_equal(found.shortfalls, one.shortfalls.sum(axis=1))
+        # who misses the corridor has the margin's room, which moves the others a little
+        calm = ~one.shortfalls.any(axis=1, keepdims=True) | (margin == 0.0)
+        met = data.alive & calm
+        np.testing.assert_allclose(found.velocities[met], paper[met], atol=2e-4)
+        reached = data.positions + DT * found.velocities, data.positions + DT * paper
+        far, near = (np.hypot(*(place - GOAL).transpose(2, 0, 1)) for place in reached)
+        lost = data.alive & one.shortfalls
+        assert (far[lost] <= near[lost] + margin * math.sqrt(RHO) + 1e-6).all()
+
+
+# --- laws
+
+
+@pytest.mark.parametrize("steps", [2, 4])
+def test_limits_hold_along_the_path_and_to_rounding_in_what_is_flown(steps: int) -> None:
+    data = window(30, 4, steps, seed=11, spread=0.6)
+    for problem in both(data):
+        v = velocities_of(paths_of(problem, data))[problem.free.any(axis=1)]
+        assert np.abs(v).max() <= MOTION.v_max + 1e-9
+        before = np.concatenate([data.previous[problem.free.any(axis=1)][:, None], v], axis=1)
+        turns = (np.diff(before, axis=1) ** 2).sum(axis=-1)
+        assert turns.max() <= MOTION.a_max + 1e-9
+        decision = flown(data, problem, make_solver("auto"))
+        assert not decision.failures.any()
+        first = decision.velocities
+        assert np.abs(first).max() <= MOTION.v_max + 1e-9
+        turns = ((first - data.previous) ** 2).sum(axis=-1)
+        assert turns[data.alive].max() <= MOTION.a_max + 1e-9
+        assert (first[~data.alive] == 0).all()
+
+
+def test_shortfalls_are_counted_where_the_next_wish_is_missed() -> None:
+    data = window(40, 4, 3, seed=12)
+    led, kept = both(data)
+    for problem, wished, radius in (
+        (led, np.arange(4) == leaders_of(data)[:, None], 0.0),
+        (kept, data.alive, math.sqrt(RHO)),
+    ):
+        decision = flown(data, problem, make_solver("auto"))
+        away = data.positions + DT * decision.velocities - data.goals[0]
+        missed = np.hypot(away[..., 0], away[..., 1]) > radius + 1e-6 * MOTION.v_max * DT
+        np.testing.assert_array_equal(decision.shortfalls, (missed & wished).sum(axis=1))
+        assert 0 < decision.shortfalls.sum() < wished.sum()
+
+
+def decisions(data: Window) -> list[Array]:
+    return [flown(data, problem, make_solver("auto")).velocities for problem in both(data)]
+
+
+def test_permutation_of_members_permutes_the_answer() -> None:
+    data = window(6, 5, 3, seed=13)
+    order = np.array([3, 0, 4, 1, 2])
+    permuted = replace(
+        data,
+        positions=data.positions[:, order],
+        previous=data.previous[:, order],
+        alive=data.alive[:, order],
+    )
+    moved = np.asarray(order.argsort()[leaders_of(data)])
+    here = both(data)
+    there = [leader_ahead(permuted, moved), corridor_ahead(permuted, RHO)]
+    for a, b in zip(here, there, strict=True):
+        found = flown(data, a, make_solver("auto")).velocities
+        again = flown(permuted, b, make_solver("auto")).velocities
+        np.testing.assert_allclose(again, found[:, order], atol=1e-4)
+
+
+def test_translation_of_everything_moves_nothing() -> None:
+    data, shift = window(6, 4, 3, seed=14), np.array([7.0, -3.0])
+    moved = replace(
+        data,
+        hazard=Saturation(tuple((x + 7.0, y - 3.0) for x, y in RADARS)),
+        positions=data.positions + shift * data.alive[..., None],
+        goals=data.goals + shift,
+    )
+    for a, b in zip(decisions(data), decisions(moved), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-4)
+
+
+@pytest.mark.parametrize("hazard", [HAZARD, COLLIDING], ids=["saturation", "collision"])
+def test_destroyed_never_move_the_result(hazard: Saturation) -> None:
+    data = replace(window(8, 4, 3, seed=15), hazard=hazard)
+    dead = ~data.alive[..., None]
+    elsewhere = replace(
+        data,
+        positions=np.where(dead, GOAL + 0.05, data.positions),
+        previous=np.where(dead, 0.3, data.previous),
+    )
+    for a, b in zip(decisions(data), decisions(elsewhere), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-7)
+
+
+def test_batch_equals_one_by_one() -> None:
+    data = window(7, 4, 3, seed=16)
+    whole = decisions(data)
+    for b in range(7):
+        one = replace(
+            data,
+            positions=data.positions[b : b + 1],
+            previous=data.previous[b : b + 1],
+            alive=data.alive[b : b + 1],
+        )
+        for all_, alone in zip(whole, decisions(one), strict=True):
+            np.testing.assert_array_equal(all_[b : b + 1], alone)
+
+
+def test_lone_members_and_lone_leaders_are_decided_too() -> None:
+    data = window(5, 1, 3, seed=17, deaths=0.0)
+    for velocities in decisions(data):
+        assert np.isfinite(velocities).all()
+        assert np.abs(velocities).max() <= MOTION.v_max
+
+
+def test_the_corridor_is_met_where_it_can_be_and_a_plan_s_rest_fits_the_next_window() -> None:
+    """Flown window after window, members who have met every corridor go on to do so."""
+    data = window(20, 3, 4, seed=18, spread=0.05, deaths=0.0)
+    met = np.ones(20, bool)
+    pace = 1.4 * np.stack([np.cos(0.25 * np.arange(12)), np.sin(0.25 * np.arange(12))], axis=1)
+    way = GOAL + DT * np.concatenate([np.zeros((1, 2)), np.cumsum(pace[1:], axis=0)])
+    short = []
+    for t in range(8):
+        now = replace(data, goals=way[t : t + 4])
+        decision = flown(now, corridor_ahead(now, RHO), make_solver("auto"))
+        X = data.positions + DT * decision.velocities
+        data = replace(data, positions=X, previous=decision.velocities)
+        short.append(decision.shortfalls)
+        met &= decision.shortfalls == 0
+    assert met.sum() >= 10
+    assert sum(short[4:]).sum() == 0
+
+
+# --- rates that are no kernels, solvers, pickling, names
+
+
+def test_rates_that_are_no_kernels_are_solved_by_ipopt() -> None:
+    scenario = cs.load_scenario("paper-1").with_values(
+        {
+            "hazard": {"kind": "small_scenarios:patrolled", "radars": [[4.4, 4.6]]},
+            "swarm.positions": [[0.0, 0.0], [0.3, 0.0]],
+        }
+    )
+    guide = cs.plan(scenario, certify=False)
+    policy = make_policy("constrained", scenario, guide, look_ahead=2)
+    X = scenario.positions[None]
+    decision = policy.decide(0, X, np.tile(guide.velocities[0], (1, 2, 1)), np.ones((1, 2), bool))
+    assert not decision.failures.any()
+    assert not decision.resolved.any()
+
+
+def test_solvers_of_other_problems_say_that_they_cannot() -> None:
+    problem = both(window(2, 3, 2, seed=19))[0]
+    with pytest.raises(SolverError, match="spectral cannot take look-ahead"):
+        make_solver("spectral").solve_batch(problem.nlp, problem.instances)
+    step = window(2, 3, 1, seed=19)
+    data = Step(HAZARD, MOTION, step.positions, step.previous, step.alive, GOAL)
+    formation = corridor_formation(data, RHO)
+    with pytest.raises(SolverError, match="needs paths within limits"):
+        Barrier().solve_batch(formation.nlp, formation.instances)
+
+
+def test_policies_and_problems_pickle() -> None:
+    scenario = cs.load_scenario("paper-1")
+    guide = cs.plan(scenario, certify=False)
+    policy = make_policy("leader-ahead-3", scenario, guide)
+    assert policy.name == "leader-ahead-3"
+    X = scenario.positions[None]
+    state = (0, X, np.tile(guide.velocities[0], (1, 5, 1)), np.ones((1, 5), bool))
+    again = pickle.loads(pickle.dumps(policy))
+    np.testing.assert_array_equal(again.velocities(*state), policy.velocities(*state))
+
+
+@pytest.mark.parametrize(
+    ("name", "look_ahead", "words"),
+    [
+        ("leader", 0, "look_ahead = 0; allowed: whole numbers from 1"),
+        ("leader", 2.5, "look_ahead = 2.5"),
+        ("naive", 3, "'naive' has no look-ahead"),
+        ("leader-ahead-0", 1, "look_ahead = 0"),
+        ("leader-ahead-3", 2, "names its look-ahead"),
+        ("leader-ahead-H", 1, "'leader-ahead-H' is unknown; .*leader-ahead-3"),
+        ("leader-ahead-", 1, "unknown"),
+        ("naive-ahead-3", 1, "unknown"),
+    ],
+)
+def test_wrong_look_aheads_are_told(name: str, look_ahead: int, words: str) -> None:
+    with pytest.raises(PolicyError, match=words):
+        make_policy(name, cs.load_scenario("paper-1"), look_ahead=look_ahead)
+
+
+# --- what it buys
+
+
+def test_looking_ahead_avoids_most_shortfalls_of_the_corridor() -> None:
+    scenario = cs.load_scenario("paper-1")
+    guide = cs.plan(scenario, certify=False)
+    study = cs.simulate(scenario, ["constrained", "constrained-ahead-5"], 40, guide=guide)
+    near, far = study.summary["shortfalls"]
+    assert far < 0.4 * near
+    assert not study.summary["solver_failures"].any()
+
+
+def test_leader_ahead_is_a_leader() -> None:
+    scenario = cs.load_scenario("paper-1")
+    policy = make_policy("leader", scenario, succession="first", look_ahead=2)
+    assert isinstance(policy, LeaderAheadPolicy)
+    assert isinstance(policy, LeaderPolicy)
+    assert policy.succession == "first"
+
+
+def test_commands_take_several_look_aheads_side_by_side(tmp_path: Path) -> None:
+    names = ["leader", "leader-ahead-2", "constrained-ahead-3"]
+    policies = [word for name in names for word in ("--policy", name)]
+    told = casswarm(tmp_path, "simulate", "paper-1", *policies, "--runs", 20, "--quiet").stdout
+    assert all(f"\n{name} " in told for name in names)
+    told = casswarm(
+        tmp_path, "evaluate", "paper-1", *policies[2:], "--tolerance", 0.2, "--merge", 1e-6
+    ).stdout
+    assert "leader-ahead-2 " in told
+    assert "constrained-ahead-3 " in told
+    words = ("simulate", "paper-1", "--policy", "leader-ahead-x", "--runs", 5)
+    assert "leader-ahead-3" in casswarm(tmp_path, *words, code=2).stderr
+
+
+def test_chart_has_success_above_and_shortfalls_below_for_every_scenario() -> None:
+    table = pd.DataFrame(
+        {
+            "scenario": ["a", "a", "b", "b"],
+            "policy": ["leader"] * 4,
+            "look_ahead": [1, 3, 1, 3],
+            "success": [0.2, 0.5, 0.1, 0.4],
+            "success_low": [0.1, 0.4, 0.1, 0.3],
+            "success_high": [0.3, 0.6, 0.1, 0.5],
+            "shortfalls": [8.0, 1.0, 4.0, 0.0],
+        }
+    )
+    axes = look_ahead_chart(table).axes
+    assert [panel.get_title() for panel in axes] == ["a", "b", "", ""]
+    np.testing.assert_array_equal(axes[2].lines[0].get_xydata(), [[1, 8], [3, 1]])
+    np.testing.assert_array_equal(axes[1].lines[0].get_xydata(), [[1, 0.1], [3, 0.4]])

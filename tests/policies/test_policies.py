@@ -1,0 +1,300 @@
+"""Policies: what each one does, who leads, and what a user's own must return."""
+
+from __future__ import annotations
+
+import pickle
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from small_scenarios import DT, Array, small
+
+from casswarm import (
+    Decision,
+    Guide,
+    Policy,
+    PolicyError,
+    Saturation,
+    Scenario,
+    SolverError,
+    Status,
+    make_policy,
+    plan,
+    simulate,
+)
+from casswarm.optimization.problem import Instances, Nlp
+from casswarm.optimization.solvers import Answer, Ipopt, Solver
+from casswarm.planning.plan import initial_velocities
+from casswarm.policies import POLICIES, SUCCESSIONS, member_guides
+from casswarm.problems.formation import Motion, Step
+
+Flags = NDArray[np.bool_]
+PLACES = [(0.0, 0.0), (0.4, -0.3), (-0.3, 0.35), (0.1, 0.6)]
+
+
+@cache
+def scenario() -> Scenario:
+    """Four members and a radar beside the way; the guide bends around it."""
+    return small(PLACES, (4.0, 1.5), [(2.0, 0.2)], 14, guide__search="local", guide__a_max=0.3)
+
+
+@cache
+def guide() -> Guide:
+    return plan(scenario())
+
+
+def states(batch: int, seed: int, step: int = 2) -> tuple[Array, Array, Flags]:
+    """Swarms around the guide at a step, the entries of the destroyed zero."""
+    rng = np.random.default_rng(seed)
+    alive = rng.random((batch, 4)) < 0.7
+    alive[:, 0] |= ~alive.any(axis=1)
+    positions = guide().positions[step] + rng.normal(0, 0.15, (batch, 4, 2))
+    previous = guide().velocities[step - 1] + rng.normal(0, 0.2, (batch, 4, 2))
+    living = alive[..., None]
+    return positions * living, np.clip(previous, -2, 2) * living, alive
+
+
+@cache
+def policy(name: str, **options: Any) -> Policy:
+    return make_policy(name, scenario(), guide(), **options)
+
+
+def decided(name: str, state: tuple[Array, ...], step: int = 2, **options: Any) -> Decision:
+    return policy(name, **options).decide(step, *state)
+
+
+# --- every policy given by name
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_decision_respects_the_physical_limits_and_leaves_the_destroyed(name: str) -> None:
+    positions, previous, alive = states(40, seed=0)
+    velocities = decided(name, (positions, previous, alive)).velocities
+    assert velocities.shape == positions.shape
+    assert np.abs(velocities[alive]).max() <= 2.0
+    changes = np.hypot(*(velocities - previous)[alive].T)
+    assert changes.max() <= np.sqrt(0.5) + 1e-9
+    assert (velocities[~alive] == 0).all()
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_deciding_a_batch_is_deciding_every_state_alone(name: str) -> None:
+    state = states(9, seed=1)
+    together = decided(name, state)
+    for b in range(9):
+        alone = decided(name, tuple(part[b : b + 1] for part in state))
+        np.testing.assert_allclose(together.velocities[b], alone.velocities[0], atol=1e-9)
+        assert together.shortfalls[b] == alone.shortfalls[0]
+        assert together.failures[b] == alone.failures[0] == 0
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_velocities_are_those_of_the_decision(name: str) -> None:
+    state = states(5, seed=2)
+    found = policy(name).velocities(3, *state)
+    np.testing.assert_array_equal(found, decided(name, state, step=3).velocities)
+    assert policy(name).name == name
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_policies_pickle(name: str) -> None:
+    state = states(5, seed=3)
+    again = pickle.loads(pickle.dumps(policy(name)))
+    np.testing.assert_array_equal(again.velocities(2, *state), policy(name).velocities(2, *state))
+
+
+@pytest.mark.parametrize("name", ["leader", "constrained"])
+def test_after_the_guide_s_arrival_the_target_s_centre_is_the_goal(name: str) -> None:
+    rng = np.random.default_rng(4)
+    center = np.array([4.0, 1.5])
+    positions = center + rng.normal(0, 0.1, (5, 4, 2))
+    state = (positions, np.zeros_like(positions), np.ones((5, 4), bool))
+    velocities = decided(name, state, step=guide().arrival).velocities
+    distances = np.linalg.norm(positions + DT * velocities - center, axis=-1)
+    if name == "leader":
+        assert (distances.min(axis=1) < 1e-9).all()
+    else:
+        assert distances.max() <= np.sqrt(0.05) + 1e-9
+
+
+# --- naive
+
+
+def test_members_guides_start_where_and_as_the_members_start() -> None:
+    guides = member_guides(scenario(), guide())
+    assert [tuple(g.positions[0]) for g in guides] == PLACES
+    before = guide().velocities[0]
+    for g in guides:
+        assert ((g.velocities[0] - before) ** 2).sum() <= 0.5 + 1e-6
+        assert g.arrives
+
+
+def test_naive_members_follow_their_own_guides_and_ignore_the_others() -> None:
+    guides = policy("naive").guides
+    positions = np.array([[g.positions[2] for g in guides]] * 3)
+    previous = np.array([[g.velocities[1] for g in guides]] * 3)
+    alive = np.array([[True] * 4, [True, False, False, True], [False, False, True, False]])
+    decision = decided("naive", (positions, previous, alive))
+    expected = np.array([g.velocities[2] for g in guides])
+    for b in range(3):
+        np.testing.assert_allclose(decision.velocities[b][alive[b]], expected[alive[b]], atol=1e-9)
+    assert decision.shortfalls.tolist() == [0, 0, 0]
+
+
+def test_naive_member_off_its_guide_counts_as_a_shortfall_while_alive() -> None:
+    guides = policy("naive").guides
+    positions = np.array([[g.positions[2] for g in guides]] * 2)
+    previous = np.array([[g.velocities[1] for g in guides]] * 2)
+    positions[:, 1] += 3.0
+    alive = np.array([[True] * 4, [True, False, True, True]])
+    assert decided("naive", (positions, previous, alive)).shortfalls.tolist() == [1, 0]
+
+
+def test_swarm_starts_with_the_guide_s_first_velocity_or_the_given_one() -> None:
+    np.testing.assert_array_equal(
+        initial_velocities(scenario(), guide()), np.tile(guide().velocities[0], (4, 1))
+    )
+    given = scenario().with_values({"swarm.velocity": [0.5, -0.25]})
+    assert initial_velocities(given, guide()).tolist() == [[0.5, -0.25]] * 4
+
+
+# --- leader
+
+
+def test_leader_stays_on_the_guide_while_alive() -> None:
+    study = simulate(scenario(), ["leader"], runs=60, seed=1, guide=guide(), traces=60)
+    led = 0
+    for trace in study.traces["leader"]:
+        steps = np.flatnonzero(trace.alive[:, 0])[1:]  # member 0 starts on the guide
+        expected = np.array([guide().reference(step) for step in steps]).reshape(-1, 2)
+        np.testing.assert_allclose(trace.positions[steps, 0], expected, atol=1e-9)
+        led += len(steps)
+    assert led > 100
+    assert {trace.alive[-1, 0] for trace in study.traces["leader"]} == {True, False}
+
+
+def test_nearest_survivor_leads_after_the_leader_s_death() -> None:
+    place = guide().positions[2]
+    offsets = np.array([[0.0, 0.0], [0.2, 0.0], [0.0, 0.1], [0.0, 0.15]])
+    positions = (place + offsets)[None]
+    previous = np.tile(guide().velocities[2], (1, 4, 1))
+    goal = guide().positions[3]
+    for alive, leader in [([1] * 4, 0), ([0, 1, 1, 1], 2), ([0, 1, 0, 1], 3), ([0, 1, 0, 0], 1)]:
+        state = (positions, previous, np.array([alive], bool))
+        following = positions[0] + DT * decided("leader", state).velocities[0]
+        distances = np.where(alive, np.hypot(*(following - goal).T), np.inf)
+        assert distances[leader] < 1e-9
+
+
+HAZARD = Saturation(((2.0, 2.0),))
+
+
+def leaders(rule: str, positions: Array, alive: list[list[int]]) -> list[int]:
+    batch = np.array([positions] * len(alive))
+    living = np.array(alive, bool)
+    step = Step(HAZARD, Motion(2.0, 0.5, DT), batch, 0 * batch, living, np.zeros(2))
+    return [int(i) for i in SUCCESSIONS[rule](step, np.zeros(2))]
+
+
+def test_succession_goes_by_its_rule_and_ties_go_to_the_lower_index() -> None:
+    # distances from the guide 1, 1, 1/2, 2; the radar is nearest to member 3, then to 0 and 1
+    positions = np.array([[1.0, 0.0], [0.0, 1.0], [-0.5, 0.0], [2.0, 0.0]])
+    alive = [[1, 1, 1, 1], [1, 1, 0, 1], [0, 1, 0, 1], [0, 0, 0, 1]]
+    assert leaders("nearest", positions, alive) == [2, 0, 1, 3]
+    assert leaders("first", positions, alive) == [0, 0, 1, 3]
+    assert leaders("safest", positions[[3, 0, 1, 2]], [[1, 1, 1, 0]]) == [1]
+    assert leaders("safest", positions, [[1, 1, 0, 0], [0, 1, 0, 1], [0, 0, 0, 1]]) == [0, 1, 3]
+
+
+def test_ties_are_ties_in_spite_of_rounding() -> None:
+    positions = np.array([[0.1 + 0.2, 0.0], [0.0, 0.3], [0.3, 0.0], [5.0, 5.0]])
+    assert leaders("nearest", positions, [[1, 1, 1, 1], [0, 1, 1, 1]]) == [0, 1]
+
+
+# --- constrained
+
+
+def test_constrained_members_stay_in_the_corridor_unless_they_cannot() -> None:
+    positions, previous, alive = states(30, seed=6)
+    decision = decided("constrained", (positions, previous, alive))
+    following = positions + DT * decision.velocities
+    away = np.linalg.norm(following - guide().positions[3], axis=-1) > np.sqrt(0.05) + 1e-8
+    assert ((away & alive).sum(axis=1) == decision.shortfalls).all()
+    assert 0 < decision.shortfalls.sum() < alive.sum() / 2
+
+
+# --- solvers that fail
+
+
+class Broken(Solver):
+    """Fails in every other state: with NaN, with an answer far outside, or with an admission."""
+
+    name = "broken"
+
+    def __init__(self, x: float, status: Status) -> None:
+        self.x, self.status = x, status
+
+    def _build(self, nlp: Nlp) -> None:
+        pass
+
+    def _run(self, nlp: Nlp, instances: Instances) -> list[Answer]:
+        start = instances.start
+        return [
+            Answer(np.full_like(start[i], self.x), self.status, "broken", 0, 0, 0.0)
+            if i % 2
+            else answer
+            for i, answer in enumerate(Ipopt()._answers(nlp, instances))
+        ]
+
+
+@pytest.mark.parametrize(
+    ("x", "status"),
+    [(np.nan, Status.SOLVED), (9.0, Status.SOLVED), (1.0, Status.ITERATION_LIMIT)],
+)
+@pytest.mark.parametrize("name", ["leader", "constrained"])
+def test_solver_failure_is_counted_and_its_fallback_feasible(
+    name: str, x: float, status: Status
+) -> None:
+    positions, previous, _ = states(6, seed=7)
+    alive = np.ones((6, 4), bool)
+    state = (np.where(positions == 0, guide().positions[2], positions), previous, alive)
+    decision = decided(name, state, solver=Broken(x, status))
+    assert decision.failures.tolist() == [0, 1] * 3
+    assert np.abs(decision.velocities).max() <= 2.0
+    assert np.linalg.norm(decision.velocities - previous, axis=-1).max() <= np.sqrt(0.5) + 1e-9
+    assert (decision.shortfalls == decided(name, state).shortfalls).all()
+    if name == "leader" and np.isnan(x):  # protectors keep their velocity, the leader leads
+        kept = (decision.velocities == previous).all(axis=2).sum(axis=1)
+        assert kept[1::2].tolist() == [3] * 3
+
+
+def test_solver_failures_reach_the_tables() -> None:
+    study = simulate(
+        scenario(), ["constrained"], runs=20, guide=guide(), solver=Broken(np.nan, Status.FAILED)
+    )
+    assert study.summary["solver_failures"][0] == study.runs["solver_failures"].sum() > 0
+
+
+# --- names
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("leeder", {}, "policy 'leeder' is unknown; did you mean 'leader'"),
+        ("xyz", {}, "policy 'xyz' is unknown .known: naive, constrained, leader"),
+        ("leader", {"succession": "neerest"}, "did you mean 'nearest'"),
+    ],
+)
+def test_unknown_name_gets_the_nearest_known_one(
+    name: str, options: dict[str, str], message: str
+) -> None:
+    with pytest.raises(PolicyError, match=message):
+        make_policy(name, scenario(), guide(), **options)
+
+
+def test_unknown_solver_of_a_policy_is_a_solver_error() -> None:
+    with pytest.raises(SolverError, match="did you mean 'ipopt'"):
+        make_policy("leader", scenario(), guide(), solver="ipop")

@@ -1,0 +1,244 @@
+"""The paper reproduced: what is checked in is what the code makes, and says what it should."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from formation_cases import formations
+from reproduced import CHECKED_IN, checked_in
+
+import casswarm as cs
+from casswarm.chain.confidence import wilson
+from casswarm.figures import (
+    beyond_chart,
+    convergence_chart,
+    guides_map,
+    sensitivity_chart,
+    shortfall_chart,
+    table_2_chart,
+)
+from casswarm.optimization.problem import Instances
+from casswarm.optimization.solvers import ProjectedGradient
+from casswarm.policies import member_guides
+from casswarm.reproduction import FIGURES, PAPER_SUCCESS, TABLES, readings, reproduce, table_1
+from casswarm.reproduction.convergence import (
+    condensed,
+    formation_convergence,
+    guide_convergence,
+    iterates,
+    whole_swarm,
+)
+from casswarm.reproduction.infeasibility import POLICIES, shortfall_steps
+from casswarm.reproduction.paper import geometry
+from casswarm.reproduction.reproduce import run_like_the_papers
+from casswarm.reproduction.success import beyond, sensitivity, small_changes, table_2, variants
+
+FIRST, SECOND = cs.load_scenario("paper-1"), cs.load_scenario("paper-2")
+
+FATE = 0.002
+"""How far shares of runs may differ between processors: some fates hang on a solve's last digit."""
+
+
+def silent(_):
+    """No progress."""
+
+
+@pytest.fixture(scope="module")
+def guide():
+    return cs.plan(FIRST, certify=False)
+
+
+# --- what the paper states
+
+
+def test_table_1_is_what_the_scenarios_use():
+    table = table_1(SECOND)
+    assert (table["paper"] == table["used"]).all()
+    assert len(table) == 15
+    assert (table_1(SECOND.with_values({"formation.rho": 0.1}))["used"] != table["used"]).sum() == 1
+
+
+def test_both_scenarios_share_their_geometry():
+    pd.testing.assert_frame_equal(geometry(FIRST), geometry(SECOND))
+
+
+def test_every_reading_says_what_the_paper_has_and_what_casswarm_does():
+    table = readings()
+    assert list(table.columns) == ["place", "kind", "paper", "reading", "letter"]
+    assert set(table["kind"]) == {"slip", "silence", "unit", "geometry"}
+    assert (table.drop(columns="letter").map(len) > 2).all(axis=None)
+
+
+# --- what is checked in
+
+
+def test_every_table_and_figure_is_checked_in_and_shown():
+    shown = (CHECKED_IN / "README.md").read_text(encoding="utf-8")
+    for name in FIGURES:
+        assert (CHECKED_IN / f"{name}.png").stat().st_size > 10_000
+        assert f"({name}.png)" in shown
+    for name in TABLES:
+        assert (CHECKED_IN / f"{name}.csv").exists()
+        assert f"`{name}.csv`" in shown or name == "readings"
+
+
+@pytest.mark.parametrize(
+    ("name", "made"),
+    [("table-1", lambda: table_1(SECOND)), ("geometry", lambda: geometry(FIRST))],
+)
+def test_stated_tables_are_those_checked_in(name, made):
+    pd.testing.assert_frame_equal(checked_in(name), made(), check_dtype=False)
+
+
+def test_readings_are_those_checked_in():
+    pd.testing.assert_frame_equal(checked_in("readings").fillna(""), readings())
+
+
+def test_table_2_is_the_one_checked_in_and_lies_in_the_papers_intervals(guide):
+    told, made = checked_in("table-2"), table_2(FIRST, guide)
+    assert list(made.columns) == list(told.columns)
+    assert made["policy"].tolist() == told["policy"].tolist() == list(PAPER_SUCCESS)
+    for (_, old), (_, new) in zip(told.iterrows(), made.iterrows(), strict=True):
+        for column in ("paper", "paper_low", "paper_high"):
+            assert new[column] == pytest.approx(old[column], abs=1e-6)
+        for row in (old, new):
+            assert row["exact_high"] - row["exact_low"] <= 1e-3
+            assert row["paper_low"] < row["exact_low"] <= row["exact_high"] < row["paper_high"]
+            assert row["inside"]
+            # the larger simulation and the law tell of one number
+            assert wilson(round(10_000 * row["runs_10000"]), 10_000, 0.9999)[0] < row["exact_high"]
+            assert wilson(round(10_000 * row["runs_10000"]), 10_000, 0.9999)[1] > row["exact_low"]
+        assert new["exact_low"] <= old["exact_high"] + 1e-4  # two brackets of one number
+        assert old["exact_low"] <= new["exact_high"] + 1e-4
+        assert new["runs_50"] == pytest.approx(old["runs_50"], abs=0.02)  # one run of fifty
+        assert new["runs_10000"] == pytest.approx(old["runs_10000"], abs=FATE)
+    exact = made["exact_low"].tolist()
+    assert exact == sorted(exact), "the paper's order"
+
+
+def test_sensitivity_is_the_one_checked_in():
+    told = checked_in("sensitivity")
+    assert told["change"].tolist() == [name for name, _ in small_changes(FIRST)]
+    made = sensitivity(FIRST, silent, ["naive", "leader"]).set_index("change")
+    for _, row in told.iterrows():
+        for column in ("risk", "naive", "leader"):
+            assert made.loc[row["change"], column] == pytest.approx(row[column], abs=0.011), row[
+                "change"
+            ]
+    assert told["leader_within"].all()
+    assert told["constrained_within"].all()
+
+
+@pytest.mark.parametrize(
+    "name", ["I: no time to go around, t_f = 4", "I: ring", "II: the paper's, local guide"]
+)
+def test_scenarios_beyond_are_those_checked_in(name):
+    told = checked_in("beyond").set_index(["scenario", "policy"]).loc[name]
+    made = beyond({name: variants()[name]}, silent, states=5000, runs=500).set_index("policy")
+    for policy, row in made.iterrows():
+        old = told.loc[policy]
+        assert row["guide_survival"] == pytest.approx(old["guide_survival"], rel=1e-3)
+        assert row["success_low"] <= old["success_high"] + 1e-3  # intervals of one number
+        assert old["success_low"] <= row["success_high"] + 1e-3
+
+
+def test_scenario_2_is_harder_under_every_policy():
+    success = checked_in("beyond").set_index(["scenario", "policy"])
+    for guide_of in ("the paper's, local guide", "global guide", "no time to go around, t_f = 4"):
+        for policy in PAPER_SUCCESS:
+            harder, easier = success.loc[(f"II: {guide_of}", policy)], (f"I: {guide_of}", policy)
+            assert harder["success_high"] < success.loc[easier]["success_low"]
+
+
+# --- convergence
+
+
+def test_iterates_are_those_of_one_solve():
+    formation = formations("paper-1", 3)[1]
+    nlp, instances = formation.nlp, formation.instances
+    assert isinstance(instances, Instances)
+    found = dict(iterates(nlp, instances, 0.05, (0, 3, 10, 40), "zero"))
+    for count, solutions in found.items():
+        whole = ProjectedGradient(step=0.05, iterations=count, start="zero").solve(nlp, instances)
+        for part, all_ in zip(solutions, whole, strict=True):
+            np.testing.assert_array_equal(part.x, all_.x)
+
+
+def test_the_papers_method_improves_the_straight_line_but_hardly():
+    points = (0, 10, 100)
+    made, told = guide_convergence(FIRST, points), checked_in("guide-convergence")
+    told = told[told["iteration"].isin(points)].reset_index(drop=True)
+    for column in ("objective", "risk", "survival"):
+        np.testing.assert_allclose(made[column], told[column], rtol=1e-3)
+    assert (np.diff(made["objective"]) < 0).all()
+
+
+def test_whole_swarm_is_the_run_in_which_nobody_is_lost(guide):
+    data = whole_swarm(FIRST, "leader", guide)
+    study = cs.simulate(FIRST.with_values({"hazard.alpha_1": 1e-9}), ["leader"], 1, guide=guide)
+    trace = study.traces["leader"][0]
+    assert trace.alive.all()
+    np.testing.assert_allclose(data.positions, trace.positions[:-1], atol=0.05)
+    np.testing.assert_allclose(data.positions[:, 0], guide.positions[:-1], atol=1e-6)
+
+
+def test_formation_convergence_is_the_one_checked_in(guide):
+    points = (0, 1, 10, 50)
+    made = condensed({"leader, I": formation_convergence(FIRST, "leader", guide, points)})
+    told = checked_in("formation-convergence")
+    told = told[(told["problems"] == "leader, I") & told["iteration"].isin(points)]
+    np.testing.assert_allclose(made["gap_median"], told["gap_median"], rtol=0.01)
+    np.testing.assert_array_equal(made["count"], told["count"])
+    assert (np.diff(made["gap_median"]) <= 0).all()
+
+
+# --- empty sets
+
+
+def test_shortfalls_are_those_that_the_simulation_counts(guide):
+    table = shortfall_steps(FIRST, guide, runs=50)
+    study = cs.simulate(FIRST, POLICIES, 50, guide=guide)
+    for policy in POLICIES:
+        rows = table[table["policy"] == policy]
+        counted = study.runs.loc[study.runs["policy"] == policy, "shortfalls"].sum()
+        assert (rows["short"] * rows["runs"]).sum() == pytest.approx(counted, abs=0.5)
+        assert (rows["short"] <= rows["alive"] + 1e-9).all()
+
+
+def test_sets_are_empty_less_often_where_limits_are_looser():
+    table = checked_in("empty-sets").set_index(["change", "policy"])
+    short = table["shortfalls"].xs("constrained", level="policy")
+    by_a_max = [short[f"a_max = {a_max}, rho = 0.05"] for a_max in ("0.5", "1", "4")]
+    assert by_a_max == sorted(by_a_max, reverse=True)
+    assert short["a_max = 4, rho = 0.2"] == 0
+
+
+# --- pictures
+
+
+def test_the_run_shown_succeeds_and_loses_two(guide):
+    number, trace = run_like_the_papers(FIRST, "leader", guide, runs=50)
+    assert trace.alive[-1].sum() == 3
+    assert cs.simulate(FIRST, ["leader"], 50, guide=guide).runs["success"][number]
+
+
+def test_charts_are_drawn_from_what_is_checked_in(guide):
+    beyond_table = checked_in("beyond")
+    figures = [
+        table_2_chart(checked_in("table-2"), 10_000),
+        beyond_chart(beyond_table),
+        shortfall_chart(checked_in("shortfalls")),
+        sensitivity_chart(checked_in("sensitivity"), {"naive": (0.2, 0.4), "leader": (0.5, 0.8)}),
+        convergence_chart(
+            checked_in("guide-convergence"), checked_in("formation-convergence"), {"best": 0.7}
+        ),
+        guides_map(FIRST, member_guides(FIRST, guide)),
+    ]
+    assert [len(figure.axes) for figure in figures] == [1, 1, 2, 2, 4, 2]
+    marks = [line for line in figures[1].axes[0].lines if line.get_marker() not in ("None", "")]
+    assert len(marks) == len(beyond_table)
+
+
+@pytest.mark.parametrize("runs", [50, 10.5])
+def test_runs_must_be_more_than_the_papers(runs):
+    with pytest.raises(ValueError, match="above 50"):
+        reproduce(runs)

@@ -1,0 +1,251 @@
+"""Scenarios as objects."""
+
+from __future__ import annotations
+
+import copy
+import math
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builtin_names import BUILTIN
+from scenario_messages import message
+
+from casswarm.hazard import Saturation, SaturationCollision
+from casswarm.scenario import (
+    HazardTable,
+    Scenario,
+    Swarm,
+    Target,
+    Time,
+    builtin_scenarios,
+    load_scenario,
+    save_scenario,
+)
+
+
+@pytest.fixture
+def paper() -> Scenario:
+    return load_scenario("paper-1")
+
+
+# --- what a scenario holds
+
+
+def test_paper_1_has_the_numbers_of_table_1(paper: Scenario) -> None:
+    assert (paper.n, paper.n_steps) == (5, 30)
+    assert (paper.swarm.v_max, paper.swarm.a_max, paper.swarm.velocity) == (2.0, 0.5, "guide")
+    assert (paper.guide.gamma, paper.guide.learning_rate, paper.guide.iterations) == (
+        10,
+        0.05,
+        6000,
+    )
+    assert (paper.formation.rho, paper.formation.iterations) == (0.05, 2000)
+    assert (paper.guide.search, paper.guide.a_max, paper.guide.flyable) == ("local", 0.2, True)
+    radars = ((4.4, 4.6), (4.5, 3.0))
+    assert paper.hazard == Saturation(radars=radars, alpha_1=4.0, alpha_2=3.0, alpha_3=4.0)
+
+
+def test_paper_2_is_paper_1_with_collisions(paper: Scenario) -> None:
+    betas = {"hazard.kind": "saturation+collision", "hazard.beta_1": 0.2, "hazard.beta_2": 6}
+    other = load_scenario("paper-2")
+    names = {"name": other.name, "description": other.description}
+    assert paper.with_values({**names, **betas}) == other
+    assert isinstance(other.hazard, SaturationCollision)
+
+
+@pytest.mark.parametrize("name", BUILTIN)
+def test_every_builtin_loads_and_describes_itself(name: str) -> None:
+    scenario = load_scenario(name)
+    assert scenario.name == name
+    assert len(scenario.description) > 20
+    assert "\n" not in scenario.description
+    rates = scenario.hazard.rates(scenario.positions, np.ones(scenario.n, bool))
+    assert rates.shape == (scenario.n,)
+    assert (rates < 1).all()
+
+
+def test_the_list_of_builtins_is_their_descriptions() -> None:
+    listed = builtin_scenarios()
+    assert list(listed) == BUILTIN
+    assert listed == {name: load_scenario(name).description for name in BUILTIN}
+
+
+def test_builtins_differ_in_what_they_show() -> None:
+    assert load_scenario("single-agent").n == 1
+    assert load_scenario("large-swarm").n == 50
+    assert load_scenario("crossfire").hazard_table.strengths is not None
+    assert load_scenario("gauntlet").hazard_table.kind == "saturation+collision"
+
+
+@pytest.mark.parametrize(
+    ("t_f", "dt", "steps"),
+    [(10, 0.33, 30), (1.0, 0.1, 10), (0.3, 0.1, 3), (0.99, 0.1, 9), (7, 1, 7), (0.33, 0.33, 1)],
+)
+def test_steps_are_counted_without_rounding_errors(t_f: float, dt: float, steps: int) -> None:
+    assert Time(t_f=t_f, dt=dt).steps == steps
+
+
+def test_guide_starts_at_the_member_nearest_to_the_centroid(paper: Scenario) -> None:
+    moved = paper.with_values({"swarm.positions": [[0.5, 0], [0, 0.5], [0, 0], [-0.5, 0]]})
+    assert moved.guide_start.tolist() == [0, 0]
+
+
+def test_the_first_of_equally_central_members_starts_the_guide(paper: Scenario) -> None:
+    # 0.1 + 0.2 is not 0.3: rounding alone would prefer one of the two
+    pair = paper.with_values({"swarm.positions": [[0.1, 0.3], [0.1, 0.1]]})
+    assert pair.guide_start.tolist() == [0.1, 0.3]
+    assert paper.with_values({"swarm.positions": [[1, 1], [1, 1]]}).guide_start.tolist() == [1, 1]
+
+
+def test_guide_a_max_falls_back_to_the_members_and_to_infinity(paper: Scenario) -> None:
+    assert paper.guide_a_max == 0.2
+    assert paper.with_values({"guide.a_max": None}).guide_a_max == 0.5
+    assert paper.with_values({"guide.flyable": False}).guide_a_max == math.inf
+
+
+def test_arrival_margin_is_the_corridor_but_at_most_half_the_target(paper: Scenario) -> None:
+    free = paper
+    assert free.arrival_margin == math.sqrt(0.05)
+    assert free.with_values({"formation.rho": 1.0}).arrival_margin == 0.25
+    assert free.with_values({"target.radius": 0.2}).arrival_margin == 0.1
+
+
+def test_arrival_margin_of_a_lone_member_is_next_to_nothing(paper: Scenario) -> None:
+    assert load_scenario("single-agent").arrival_margin == pytest.approx(5e-7)
+    alone = paper.with_values({"guide.margin": None, "swarm.positions": [[0, 0]]})
+    assert alone.arrival_margin == pytest.approx(1e-6 * paper.target.radius)
+
+
+def test_an_arrival_margin_that_is_given_is_kept(paper: Scenario) -> None:
+    assert paper.guide.margin is None
+    assert paper.with_values({"guide.margin": 0.05}).arrival_margin == 0.05
+
+
+def test_arrival_at_any_step_is_the_default_and_the_papers_is_the_horizon(paper: Scenario) -> None:
+    assert paper.guide.arrival == load_scenario("paper-2").guide.arrival == "horizon"
+    assert paper.with_values({"guide.arrival": None}).guide.arrival == "any"
+    assert load_scenario("wall").guide.arrival == "any"
+
+
+def test_arrays_are_read_only(paper: Scenario) -> None:
+    for array in (paper.positions, paper.guide_start):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+
+
+def test_scenarios_are_frozen(paper: Scenario) -> None:
+    with pytest.raises(ValueError, match="frozen"):
+        paper.name = "other"  # type: ignore[misc]
+    with pytest.raises(ValueError, match="frozen"):
+        paper.swarm.v_max = 1.0  # type: ignore[misc]
+
+
+def test_scenarios_can_be_built_in_python() -> None:
+    scenario = Scenario(
+        name="mine",
+        swarm=Swarm(positions=np.zeros((2, 2)), v_max=np.float64(2), a_max=1),
+        target=Target(center=(3, 0), radius=0.5),
+        time=Time(dt=1, t_f=5),
+        hazard=HazardTable(kind="saturation", radars=[(1, 1)], alpha_1=1, alpha_2=0, alpha_3=1),
+    )
+    assert scenario.swarm.positions == ((0.0, 0.0), (0.0, 0.0))
+    assert (scenario.guide.search, scenario.guide.iterations) == ("global", 6000)
+    assert type(scenario.swarm.v_max) is float
+    assert "2 members, 1 radars, saturation hazard, 5 steps" in repr(scenario)
+
+
+def test_building_in_python_raises_the_same_errors() -> None:
+    text = message(Swarm, positions=[], v_max=-1.0, a_mx=3)
+    assert text.splitlines() == [
+        "this Swarm is wrong:",
+        "  positions is []; it must be a list of [x, y] pairs of numbers, one for each member, "
+        "at least one",
+        "  v_max is -1.0; it must be a number above 0 (from 1e-09 to 1e+09)",
+        "  a_max is missing; it must be a number above 0 (from 1e-09 to 1e+09)",
+        "  unknown key 'a_mx'; did you mean 'a_max'?",
+    ]
+
+
+def test_every_key_is_described_in_the_schema() -> None:
+    schema = Scenario.model_json_schema()
+    for table in [schema, *schema["$defs"].values()]:
+        for key, entry in table["properties"].items():
+            assert entry.get("description"), key
+
+
+def test_importing_scenarios_does_not_import_casadi() -> None:
+    code = "import sys, casswarm.scenario as s; s.builtin_scenarios(); s.load_scenario('paper-1')"
+    check = f"{code}; sys.exit('casadi' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0
+
+
+# --- equality, copies, pickles
+
+
+def test_equal_values_make_equal_scenarios(paper: Scenario, tmp_path: Path) -> None:
+    save_scenario(paper, tmp_path / "my.toml")
+    loaded = load_scenario(tmp_path / "my.toml")
+    assert loaded == paper
+    assert hash(loaded) == hash(paper)
+    assert loaded != paper.with_values({"formation.rho": 0.1})
+    assert paper != "paper-1"
+
+
+def test_scenarios_pickle_and_copy(paper: Scenario) -> None:
+    _ = paper.hazard, paper.positions
+    for other in (
+        pickle.loads(pickle.dumps(paper)),
+        copy.copy(paper),
+        copy.deepcopy(paper),
+        paper.model_copy(),
+    ):
+        assert other == paper
+        assert other.hazard == paper.hazard
+        assert other.positions.tolist() == paper.positions.tolist()
+
+
+def test_model_copy_derives_anew(paper: Scenario) -> None:
+    _ = paper.hazard, paper.positions
+    other = load_scenario("ring")
+    changed = paper.model_copy(update={"hazard_table": other.hazard_table})
+    assert changed.hazard == other.hazard
+    assert "unknown" in message(paper.model_copy, update={"swram": 1})
+
+
+# --- with_values
+
+
+def test_with_values_changes_keys_and_keeps_the_rest(paper: Scenario) -> None:
+    changed = paper.with_values({"formation.rho": 0.1, "swarm.a_max": 1})
+    assert (changed.formation.rho, changed.swarm.a_max) == (0.1, 1.0)
+    assert changed.with_values({"formation.rho": 0.05, "swarm.a_max": 0.5}) == paper
+    assert paper.formation.rho == 0.05
+
+
+def test_with_values_takes_numpy_and_whole_tables(paper: Scenario) -> None:
+    positions = np.array([[0.0, 1.0], [1.0, 1.0]])
+    target = {"center": [3.0, 3.0], "radius": 1.0}
+    changed = paper.with_values(
+        {"swarm.positions": positions, "target": target, "target.radius": np.float32(0.25)}
+    )
+    assert changed.n == 2
+    assert changed.target.radius == 0.25
+    assert target["radius"] == 1.0
+
+
+def test_with_values_suggests_the_nearest_key(paper: Scenario) -> None:
+    text = message(paper.with_values, {"formation.ro": 0.1, "swarm.vmax": 1.0})
+    assert "unknown key 'formation.ro'; did you mean 'formation.rho'?" in text
+    assert "unknown key 'swarm.vmax'; did you mean 'swarm.v_max'?" in text
+    assert "'paper-1'" in text
+
+
+def test_with_values_names_the_wrong_key(paper: Scenario) -> None:
+    text = message(paper.with_values, {"formation.rho": "wide"})
+    assert "formation.rho is 'wide'; it must be a number above 0" in text
+    text = message(paper.with_values, {"swarm": 3, "swarm.v_max": 1.0})
+    assert "swarm.v_max cannot be set: swarm was given as 3" in text

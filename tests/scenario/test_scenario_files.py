@@ -1,0 +1,172 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from builtin_names import BUILTIN
+from scenario_messages import message
+
+from casswarm.scenario import (
+    Scenario,
+    load_scenario,
+    save_scenario,
+)
+from casswarm.scenario.validation import fields, subtable
+
+
+@pytest.fixture
+def paper() -> Scenario:
+    return load_scenario("paper-1")
+
+
+@pytest.fixture
+def file(tmp_path: Path, paper: Scenario) -> Callable[..., Path]:
+    """Write paper-1 with some text replaced."""
+
+    def write(*replacements: tuple[str, str]) -> Path:
+        text = paper.to_toml()
+        for old, new in replacements:
+            assert old in text
+            text = text.replace(old, new, 1)
+        path = tmp_path / "my.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_unknown_name_suggests_the_nearest_and_lists_all() -> None:
+    text = message(load_scenario, "paper1")
+    assert "no scenario 'paper1': it is neither a built-in scenario nor a file" in text
+    assert "did you mean 'paper-1'?" in text
+    assert all(name in text for name in BUILTIN)
+
+
+@pytest.mark.parametrize("source", ["", "zzzzzz", "a\0b", "no/such/file.toml"])
+def test_a_name_like_no_other_lists_all(source: str) -> None:
+    text = message(load_scenario, source)
+    assert "did you mean" not in text
+    assert "crossfire" in text
+
+
+def test_a_path_is_never_a_builtin() -> None:
+    assert "no scenario 'paper-1'" in message(load_scenario, Path("paper-1"))
+
+
+def test_a_folder_is_no_scenario(tmp_path: Path) -> None:
+    assert f"{tmp_path} is a folder; name a TOML file in it" in message(load_scenario, tmp_path)
+
+
+def test_a_file_that_the_system_refuses_says_why(
+    file: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_: Path) -> bytes:
+        raise PermissionError(13, "Permission denied")
+
+    path = file()
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    assert f"{path} cannot be read: Permission denied" in message(load_scenario, path)
+
+
+def test_a_binary_file_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "binary.toml"
+    path.write_bytes(b"name = \xff\xfe\x00")
+    text = message(load_scenario, path)
+    assert f"{path} is not a text in UTF-8 (byte 7); save it as" in text
+
+
+@pytest.mark.parametrize("text", ["", "\n\n", "# nothing yet\n"])
+def test_an_empty_file_says_how_to_start(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "empty.toml"
+    path.write_text(text)
+    assert f"{path} is empty; start from a built-in one" in message(load_scenario, path)
+
+
+def test_a_syntax_error_gives_line_and_column(file: Callable[..., Path]) -> None:
+    path = file(("v_max = 2.0", "v_max = 2.0.0"))
+    text = message(load_scenario, path)
+    line = 1 + path.read_text()[: path.read_text().index("v_max")].count("\n")
+    assert f"scenario file {path} is not valid TOML:" in text
+    assert f"(at line {line}, column 12)" in text
+
+
+@pytest.mark.parametrize("value", ["1" * 5000, "[" * 100_000])
+def test_monstrous_values_are_refused(file: Callable[..., Path], value: str) -> None:
+    path = file(("v_max = 2.0", f"v_max = {value}"))
+    assert f"scenario file {path} cannot be read" in message(load_scenario, path)
+
+
+def test_a_byte_order_mark_and_windows_line_ends_are_read(
+    file: Callable[..., Path], paper: Scenario
+) -> None:
+    path = file()
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
+    assert load_scenario(path) == paper
+
+
+def test_unknown_key_suggests_the_nearest(file: Callable[..., Path]) -> None:
+    text = message(load_scenario, file(("v_max =", "vmax =")))
+    assert "unknown key 'swarm.vmax'; did you mean 'swarm.v_max'?" in text
+
+
+def test_key_in_the_wrong_table_suggests_the_right_one(file: Callable[..., Path]) -> None:
+    text = message(load_scenario, file(("[time]\ndt", "dt"), ("t_f", "[time]\nt_f")))
+    assert "unknown key 'target.dt'; did you mean 'time.dt'?" in text
+    assert "time.dt is missing; it must be a number above 0" in text
+
+
+def test_key_like_no_other_lists_the_keys_of_its_table(file: Callable[..., Path]) -> None:
+    text = message(load_scenario, file(("rho", "zzz = 1\nrho")))
+    assert (
+        "unknown key 'formation.zzz'; the keys of [formation] are rho, learning_rate, iterations"
+        in text
+    )
+
+
+def test_unknown_table_suggests_the_nearest(file: Callable[..., Path]) -> None:
+    text = message(load_scenario, file(("[swarm]", "[swarms]")))
+    assert "unknown key 'swarms'; did you mean 'swarm'?" in text
+    assert "swarm is missing; it must be a table with the keys positions, velocity" in text
+
+
+def test_several_errors_are_listed_one_a_line(file: Callable[..., Path]) -> None:
+    path = file(("v_max = 2.0", 'v_max = "2"'), ("dt = 0.33", "dt = -1"), ("alpha_1 = 4.0\n", ""))
+    assert message(load_scenario, path).splitlines() == [
+        f"scenario file {path} is wrong:",
+        "  swarm.v_max is '2'; it must be a number above 0 (from 1e-09 to 1e+09)",
+        "  time.dt is -1; it must be a number above 0 (from 1e-09 to 1e+09)",
+        "  hazard.alpha_1 is missing; kind 'saturation' needs it: a number above 0 "
+        "(from 1e-09 to 1e+09)",
+    ]
+
+
+# --- files written
+
+
+def test_a_saved_file_reads_like_the_design(paper: Scenario) -> None:
+    text = paper.to_toml()
+    assert "    [0.0, 0.0],\n    [0.5, 0.0],\n" in text
+    assert "center = [8.0, 6.5]" in text
+    assert "beta_1" not in text
+    assert "parameters" not in text
+
+
+def test_a_file_that_cannot_be_written_says_so(paper: Scenario, tmp_path: Path) -> None:
+    path = tmp_path / "no" / "such" / "folder.toml"
+    text = message(save_scenario, paper, path)
+    assert text == f"cannot write the scenario file {path}: No such file or directory"
+
+
+@pytest.mark.parametrize("name", BUILTIN)
+def test_comments_say_what_every_key_means_and_change_nothing(name: str, tmp_path: Path) -> None:
+    scenario = load_scenario(name)
+    save_scenario(scenario, tmp_path / "told.toml", comments=True)
+    assert load_scenario(tmp_path / "told.toml") == scenario
+    text = (tmp_path / "told.toml").read_text(encoding="utf-8")
+    lines = text.splitlines()
+    told = " ".join(line.removeprefix("# ") for line in lines if line.startswith("# "))
+    models = [Scenario, *filter(None, map(subtable, fields(Scenario).values()))]
+    known = [item for model in models for item in fields(model).items()]
+    for key in (line.split(" = ")[0] for line in lines if " = " in line and line[0] != "#"):
+        assert any(name == key and str(field.description) in told for name, field in known), key

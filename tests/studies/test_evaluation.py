@@ -1,0 +1,311 @@
+"""Exact laws, against enumeration by hand, closed recursions and Monte Carlo."""
+
+import math
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from scipy.stats import binom, binomtest
+
+import casswarm as cs
+from casswarm.chain.exact import propagate
+from casswarm.chain.monte_carlo import Chain
+from casswarm.chain.stratified import sample_rest
+from casswarm.errors import PolicyError
+from casswarm.policies import POLICIES, as_policy
+from casswarm.problems.formation import motion_of
+from casswarm.studies.evaluation import evaluate
+
+PAPER = cs.load_scenario("paper-1")
+SMALL = PAPER.with_values(
+    {
+        "swarm.positions": [[0.0, 0.0], [0.5, 0.0]],
+        "time.t_f": 1.4,
+        "target.center": [2.0, 0.5],
+        "hazard.alpha_1": 60.0,
+    }
+)
+
+
+def homing(scenario):
+    """Everybody toward the target as fast as the limits allow: no guide, no solver."""
+
+    def go(step, positions, previous, alive):  # noqa: ARG001
+        return motion_of(scenario).toward(positions, previous, np.array(scenario.target.center))
+
+    return go
+
+
+@pytest.fixture(scope="module")
+def guide():
+    return cs.plan(PAPER)
+
+
+def enumerated(scenario, before):
+    """Success probability and law of survivors: every fate of every member, by recursion."""
+    policy, dt, n = homing(scenario), scenario.time.dt, scenario.n
+    survivors = np.zeros(n + 1)
+
+    def go(step, positions, previous, alive, weight):
+        if not any(alive) or step == scenario.n_steps:
+            survivors[sum(alive)] += weight
+            return 0.0
+        mask = np.array(alive)
+        shown = mask[:, None]
+        velocities = policy(step, shown * positions, shown * previous, mask)
+        following = positions + dt * shown * velocities
+        rates = scenario.hazard.rates(following, mask)
+        success = 0.0
+        for fate in product((False, True), repeat=n):
+            if any(f and not a for f, a in zip(fate, alive, strict=True)):
+                continue
+            factors = [
+                (np.exp(-dt * rate) if f else 1 - np.exp(-dt * rate)) if a else 1.0
+                for f, a, rate in zip(fate, alive, rates, strict=True)
+            ]
+            mass = weight * np.prod(factors)
+            inside = scenario.target.contains(following)
+            if any(f and i for f, i in zip(fate, inside, strict=True)):
+                survivors[sum(fate)] += mass
+                success += mass
+            else:
+                success += go(step + 1, following, velocities, fate, mass)
+        return success
+
+    return go(0, scenario.positions, before, (True,) * n, 1.0), survivors
+
+
+def test_two_members_have_the_law_of_enumeration_by_hand():
+    given = SMALL.with_values({"swarm.velocity": [1.0, 0.0]})
+    law = evaluate(given, homing(given), tolerance=0.0)
+    success, survivors = enumerated(given, np.tile([1.0, 0.0], (2, 1)))
+    assert 0.05 < success < 0.95
+    assert law.unresolved == 0.0
+    assert law.success == pytest.approx((success, success), rel=1e-12)
+    np.testing.assert_allclose(law.survivors, survivors, rtol=1e-12, atol=1e-15)
+
+
+def test_one_member_along_the_guide_has_the_guides_survival():
+    scenario = cs.load_scenario("single-agent")
+    guide = cs.plan(scenario)
+    law = evaluate(scenario, "leader", tolerance=0.0, guide=guide)
+    assert law.success == pytest.approx((guide.survival, guide.survival), rel=1e-12)
+    assert law.arrival.argmax() == guide.arrival
+
+
+def test_naive_has_the_law_of_the_recursion_over_alive_sets(guide):
+    law = evaluate(PAPER, "naive", tolerance=0.0, guide=guide)
+    policy = cs.make_policy("naive", PAPER, guide)
+    n, dt = PAPER.n, PAPER.time.dt
+    paths, previous = [PAPER.positions], np.tile(guide.velocities[0], (n, 1))
+    for step in range(PAPER.n_steps):
+        alive = np.ones((1, n), bool)
+        previous = policy.velocities(step, paths[-1][None], previous[None], alive)[0]
+        paths.append(paths[-1] + dt * previous)
+    sets = [np.array(alive) for alive in product((False, True), repeat=n)]
+    value = {tuple(alive): 0.0 for alive in sets}  # probability of success from here on
+    for positions in reversed(paths[1:]):
+        inside, following = PAPER.target.contains(positions), value
+        value = {}
+        for alive in sets:
+            survival = np.exp(-dt * PAPER.hazard.rates(positions, alive))
+            value[tuple(alive)] = sum(
+                np.prod(np.where(alive, np.where(fate, survival, 1 - survival), 1.0))
+                * (1.0 if (fate & inside).any() else following[tuple(fate)])
+                for fate in sets
+                if not (fate & ~alive).any()
+            )
+    assert law.success == pytest.approx((value[(True,) * n],) * 2, rel=1e-9)
+
+
+PAIRS = [("paper-1", policy) for policy in POLICIES]
+PAIRS += [("paper-2", policy) for policy in POLICIES if "ahead" not in policy]  # beyond any budget
+WIDE = {("paper-2", "constrained"), ("paper-1", "constrained-ahead-3")}
+"""Laws that need more states than a test has time for; they are brackets all the same."""
+
+
+@pytest.mark.parametrize(("name", "policy"), PAIRS)
+def test_the_law_agrees_with_twenty_thousand_runs(name, policy):
+    scenario = cs.load_scenario(name)
+    guide = cs.plan(scenario)
+    paper = policy in ("naive", "constrained", "leader")
+    tolerance, most = (1e-3, 300_000) if paper else (0.03, 20_000)
+    made = cs.make_policy(policy, scenario, guide)  # one, so that joint plans are made once
+    law = evaluate(scenario, made, tolerance, most_states=most, guide=guide)
+    assert law.complete or (name, policy) in WIDE
+    (low, high), runs = law.success, 20_000
+    assert high - low < 0.1
+    row = cs.simulate(scenario, [made], runs, seed=3, guide=guide).summary.iloc[0]
+    interval = binomtest(int(row["successes"]), runs).proportion_ci(0.999, method="wilson")
+    assert interval.low <= high
+    assert low <= interval.high
+
+
+def test_brackets_are_nested_as_the_tolerance_shrinks(guide):
+    brackets = [
+        evaluate(PAPER, "leader", tolerance, guide=guide).success
+        for tolerance in (1e-1, 1e-2, 1e-3, 1e-4)
+    ]
+    for (low, high), (inner_low, inner_high) in pairwise(brackets):
+        assert low <= inner_low <= inner_high <= high
+    for tolerance, (low, high) in zip((1e-1, 1e-2, 1e-3, 1e-4), brackets, strict=True):
+        assert high - low <= tolerance
+
+
+def test_all_mass_is_accounted_for(guide):
+    law = evaluate(PAPER, "leader", 1e-3, guide=guide)
+    assert law.survivors.sum() + law.unresolved == pytest.approx(1.0, abs=1e-12)
+    assert law.members.sum() == pytest.approx(law.survivors @ np.arange(6), rel=1e-12)
+    assert law.arrival.sum() <= law.survivors[1:].sum() + 1e-12
+
+
+def test_too_few_states_widen_the_bracket_around_the_truth(guide):
+    narrow = evaluate(PAPER, "leader", 1e-3, guide=guide)
+    wide = evaluate(PAPER, "leader", 1e-3, most_states=20, guide=guide)
+    assert wide.unresolved > 1e-3
+    assert wide.states <= 20
+    assert "allow more of them" in wide.help
+    assert not narrow.help
+    assert wide.success[0] <= narrow.success[0]
+    assert narrow.success[1] <= wide.success[1]
+    (low, high), (inner_low, inner_high) = wide.population_mean, narrow.population_mean
+    assert (low <= inner_low + 1e-12).all()
+    assert (inner_high <= high + 1e-12).all()
+    arrived, inner = wide.arrival.cumsum(), narrow.arrival.cumsum()
+    assert (arrived <= inner + 1e-12).all()
+    assert (inner + narrow.unknown <= arrived + wide.unknown + 1e-12).all()
+
+
+def test_progress_tells_states_and_the_mass_that_is_left(guide):
+    told = []
+    law = evaluate(PAPER, "leader", 1e-3, guide=guide, progress=lambda *news: told.append(news))
+    states, left = zip(*told, strict=True)
+    assert told[0] == (1, pytest.approx(1.0))
+    assert list(states) == sorted(states)
+    assert states[-1] == law.states
+    assert all(after <= before + 1e-12 for before, after in pairwise(left))
+    assert left[-1] == pytest.approx(law.unresolved, rel=1e-9)
+
+
+def test_the_number_alive_at_every_step_is_that_of_the_runs(guide):
+    law = evaluate(PAPER, "leader", 1e-4, guide=guide)
+    np.testing.assert_allclose(law.population.sum(axis=1) + law.unknown, 1.0, atol=1e-12)
+    np.testing.assert_allclose(law.population[-1], law.survivors, atol=law.unresolved)
+    runs = 2000
+    traces = cs.simulate(PAPER, ["leader"], runs, guide=guide, traces=runs).traces["leader"]
+    for step in (5, 12, 18):
+        alive = [int(trace.alive[min(step, len(trace.alive) - 1)].sum()) for trace in traces]
+        for k, count in enumerate(np.bincount(alive, minlength=6)):
+            interval = binomtest(int(count), runs).proportion_ci(0.9999, method="exact")
+            low = law.population[step, k]
+            assert interval.low <= low + law.unknown[step]
+            assert low <= interval.high
+
+
+@pytest.mark.parametrize("policy", ["leader", "constrained"])
+def test_merging_nearly_equal_states_changes_nothing_beyond_the_bracket(guide, policy):
+    exact = evaluate(PAPER, policy, 3e-3, guide=guide)
+    assert exact.proven
+    for merging in (1e-8, 1e-6):
+        law = evaluate(PAPER, policy, 3e-3, guide=guide, merging=merging)
+        assert not law.proven
+        assert f"within {merging:g}" in str(law)
+        assert law.states < exact.states
+        assert max(law.success[0], exact.success[0]) <= min(law.success[1], exact.success[1])
+
+
+def test_what_is_too_light_in_a_step_is_counted():
+    """Thirteen members have 8192 outcomes a step, which are not all followed."""
+    ring = 0.3 * np.stack([np.cos(np.arange(13)), np.sin(np.arange(13))], axis=1)
+    given = SMALL.with_values({"swarm.positions": ring.tolist(), "hazard.alpha_1": 1.0})
+    law = evaluate(given, homing(given), 1e-2)
+    assert 0.0 < law.unresolved <= 1e-2
+    assert law.survivors.sum() + law.unresolved == pytest.approx(1.0, abs=1e-9)
+    row = cs.simulate(given, [homing(given)], 2000).summary.iloc[0]
+    interval = binomtest(int(row["successes"]), 2000).proportion_ci(0.999, method="wilson")
+    assert interval.low <= law.success[1]
+    assert law.success[0] <= interval.high
+
+
+# --- the head exactly, the rest sampled
+
+
+def test_estimate_holds_the_truth_and_says_what_is_proven(guide):
+    truth = evaluate(PAPER, "leader", 1e-4, guide=guide).success
+    found = cs.estimate(PAPER, "leader", 2000, most_states=300, guide=guide)
+    low, high = found.success
+    first, last = found.head.success
+    assert first <= low <= truth[0] <= truth[1] <= high <= last
+    assert f"{found.sampled:.4g} sampled" in str(found)
+    assert "95% confidence; proven" in str(found)
+    assert cs.estimate(PAPER, "leader", 2000, most_states=300, guide=guide).success == (low, high)
+
+
+@pytest.mark.parametrize("runs", [60, 100])
+def test_estimates_cover_the_truth_as_often_as_they_say(runs):
+    given = SMALL.with_values({"swarm.velocity": [1.0, 0.0]})
+    policy, before = as_policy(homing(given)), np.tile([1.0, 0.0], (2, 1))
+    truth = evaluate(given, policy, 0.0).success[0]
+    head = propagate(given, policy, before, 1e-4, most_states=4)
+    assert head.waiting_mass > 0.2
+    found = [sample_rest(head, Chain(given, before, seed), runs).success for seed in range(1000)]
+    covered = sum(low <= truth <= high for low, high in found)
+    assert covered >= binom(1000, 0.95).ppf(0.001)
+
+
+@pytest.mark.parametrize("name", ["paper-1", "paper-2"])
+@pytest.mark.parametrize("policy", ["leader", "constrained"])
+def test_estimate_is_narrower_than_plain_sampling_with_as_many_solves(name, policy):
+    scenario = cs.load_scenario(name)
+    guide = cs.plan(scenario, certify=False)
+    found = cs.estimate(scenario, policy, 2000, guide=guide)
+    runs, solved = 2000, 0
+    while solved < found.states:  # distinct ones: plain runs meet equal states too
+        plain = cs.simulate(scenario, [policy], runs, guide=guide, traces=0)
+        solved = plain.effort["states"][0]
+        runs = math.ceil(runs * max(1.05, found.states / solved))
+    row = plain.summary.iloc[0]
+    assert found.success[1] - found.success[0] < row.success_high - row.success_low
+
+
+def test_estimate_is_plain_sampling_where_no_head_can_be_followed():
+    scenario = cs.load_scenario("large-swarm")
+    found = cs.estimate(scenario, homing(scenario), 50)
+    row = cs.simulate(scenario, [homing(scenario)], 50).summary.iloc[0]
+    assert found.sampled == 1.0
+    assert found.success == pytest.approx((row.success_low, row.success_high))
+
+
+def test_estimate_takes_fifty_members():
+    scenario = cs.load_scenario("large-swarm")
+    found = cs.estimate(scenario, homing(scenario), 50, most_states=20)
+    low, high = found.success
+    assert 0.0 <= low < high <= 1.0
+    assert found.runs == 50
+
+
+def test_nothing_is_sampled_where_the_law_is_closed():
+    given = SMALL.with_values({"swarm.velocity": [1.0, 0.0]})
+    found = cs.estimate(given, homing(given), 10, tolerance=0.0, most_states=1000)
+    assert found.runs == 0
+    assert found.success == found.head.success
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "words"),
+    [
+        ({"tolerance": 1.0}, ValueError, "tolerance"),
+        ({"tolerance": -0.1}, ValueError, "tolerance"),
+        ({"most_states": 0}, ValueError, "most_states"),
+        ({"merging": -1.0}, ValueError, "merging"),
+        ({"policy": "leeder"}, PolicyError, "did you mean 'leader'"),
+    ],
+)
+def test_wrong_arguments_are_explained(guide, options, error, words):
+    with pytest.raises(error, match=words):
+        evaluate(PAPER, guide=guide, **options)
+
+
+def test_a_swarm_too_large_to_be_enumerated_is_refused_with_a_way_out():
+    with pytest.raises(PolicyError, match=r"50 members.*give a tolerance"):
+        evaluate(cs.load_scenario("large-swarm"), tolerance=0.0)

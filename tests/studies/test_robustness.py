@@ -1,0 +1,184 @@
+"""What goes wrong is caught where it happens: faulty backends, policies, guides and workers."""
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+import casswarm as cs
+from casswarm.errors import PlanningError, PolicyError, SolverError
+from casswarm.hazard import KernelHazard
+from casswarm.optimization.solution import Status
+from casswarm.optimization.solvers import Answer, Auto, Solver, SpectralProjectedGradient
+from casswarm.optimization.solvers.batch.spg_kernels import CONVERGED
+from casswarm.planning.plan import plan_from
+from casswarm.problems.formation import formation_nlp
+
+PAPER = cs.load_scenario("paper-1")
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@dataclass(frozen=True)
+class NotANumber(Solver):
+    """A backend that answers NaN, and calls it solved."""
+
+    name: ClassVar[str] = "nan"
+    summary: ClassVar[str] = "answers NaN"
+
+    def _build(self, nlp):
+        """Nothing."""
+
+    def _run(self, nlp, instances):
+        nothing = np.full(nlp.sizes[0], np.nan)
+        return [Answer(nothing, Status.SOLVED, "fine", 0, 0, 0.0) for _ in range(len(instances))]
+
+
+def test_backend_that_answers_nan_gives_no_guide():
+    with pytest.raises(PlanningError, match=r"1 failed"):
+        cs.plan(PAPER, NotANumber())
+    guide = cs.plan(PAPER, NotANumber(), check=False)
+    assert not guide.arrives
+    assert guide.solution.status is Status.FAILED
+
+
+def test_backend_that_answers_nan_is_counted_at_every_step():
+    guide = cs.plan(PAPER)
+    study = cs.simulate(PAPER, ["leader"], 20, guide=guide, solver=NotANumber())
+    runs = study.runs
+    assert (runs["solver_failures"] > 0).all()
+    assert (runs["solver_failures"] <= runs["steps"]).all()
+
+
+@dataclass(frozen=True)
+class Hasty(SpectralProjectedGradient):
+    """A batch solver that stops after an iteration, and calls what it has solved."""
+
+    def run(self, nlp, instances):
+        run = SpectralProjectedGradient(iterations=1).run(nlp, instances)
+        run.outcome[:] = CONVERGED
+        return run
+
+
+def test_auto_does_not_take_the_batch_solvers_word():
+    guide = cs.plan(PAPER)
+    honest, lied_to = (
+        cs.simulate(PAPER, ["constrained"], 40, guide=guide, solver=solver).runs
+        for solver in (Auto(), Auto(batch=Hasty()))
+    )
+    assert lied_to["resolved"].sum() > 100
+    assert (lied_to["success"] == honest["success"]).all()
+
+
+def test_policy_cannot_bring_the_dead_back():
+    def cheat(step, positions, previous, alive):  # noqa: ARG001
+        alive[:] = True
+        return previous
+
+    with pytest.raises(ValueError, match="read-only"):
+        cs.simulate(PAPER, [cheat], 5)
+
+
+def test_guide_of_another_scenario_is_refused():
+    guide = cs.plan(cs.load_scenario("single-agent"))
+    with pytest.raises(PolicyError, match="plan a guide for this scenario"):
+        cs.simulate(PAPER, ["leader"], 5, guide=guide)
+
+
+def test_member_whose_planning_fails_is_counted_and_steers_at_the_target():
+    far = PAPER.with_values({"swarm.positions": [[0.0, 0.0], [0.1, 0.0], [-30.0, -30.0]]})
+    assert not plan_from(far, (-30.0, -30.0)).arrives
+    study = cs.simulate(far, ["naive"], 20)
+    assert (study.runs["solver_failures"] > 0).all()
+
+
+def test_members_guides_are_searched_for_as_the_swarms_guide_was():
+    scenario = PAPER.with_values({"guide.arrival": "any"})
+    guide = cs.plan(scenario, search="global")
+    own = cs.make_policy("naive", scenario, guide).guides
+    assert {g.search for g in own} == {"global"}
+    assert min(g.survival for g in own) > 0.8 * guide.survival
+
+
+def test_global_search_by_projected_gradient_is_refused():
+    with pytest.raises(SolverError, match="straight line"):
+        cs.plan(PAPER, "projected-gradient", search="global")
+    quick = PAPER.with_values({"guide.search": "global", "guide.iterations": 5})
+    assert cs.plan(quick, "projected-gradient", check=False).search == "local"
+
+
+@dataclass(frozen=True)
+class Branching(KernelHazard):
+    """Kernels that branch on a number of theirs, which symbols cannot do."""
+
+    sharp: float = 2.0
+
+    def source(self, squared_distance):
+        power = 1 if self.sharp > 1 else 2
+        return 1 / (1 + squared_distance) ** power
+
+    def density(self, squared_distance):
+        return 1 / (1 + squared_distance)
+
+    def collision(self, squared_distance):
+        return 0 * squared_distance
+
+    def combine(self, source, density, collision):
+        return source / (1 + density) + collision
+
+
+def test_kernels_that_branch_on_their_numbers_are_compiled_with_them():
+    sharp, blunt = (formation_nlp(Branching(((1.0, 1.0),), sharp=s), 2, False) for s in (2.0, 0.5))
+    assert sharp.compiled.source != blunt.compiled.source
+
+
+def script(text, tmp_path, *command):
+    (tmp_path / "study.py").write_text(text)
+    return subprocess.run(
+        [sys.executable, *(command or ["study.py"])],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+
+
+def test_script_without_a_guard_is_told_about_it(tmp_path):
+    done = script(
+        "import casswarm as cs\n"
+        "cs.simulate(cs.load_scenario('paper-1'), ['naive'], 10, workers=2)\n",
+        tmp_path,
+    )
+    assert done.returncode == 1
+    assert "if __name__ == '__main__':" in done.stderr.splitlines()[-1]
+
+
+def test_worker_that_dies_is_an_error_and_no_hang(tmp_path):
+    done = script(
+        "import os, casswarm as cs\n"
+        "def die(step, positions, previous, alive):\n"
+        "    os._exit(1)\n"
+        "if __name__ == '__main__':\n"
+        "    cs.simulate(cs.load_scenario('paper-1'), [die], 10, workers=2)\n",
+        tmp_path,
+    )
+    assert done.returncode == 1
+    assert "a worker process died" in done.stderr.splitlines()[-1]
+
+
+@pytest.mark.skipif(not (ROOT / "problems").exists(), reason="not in a checkout")
+def test_package_can_be_imported_in_the_folder_of_a_checkout():
+    done = subprocess.run(
+        [sys.executable, "-c", "import casswarm.problems.guide, casswarm.cli; print('fine')"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": ""},
+    )
+    assert done.stdout == "fine\n", done.stderr

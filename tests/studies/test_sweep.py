@@ -1,0 +1,293 @@
+"""Sweeps: every cell what evaluate and simulate give, failures told, nothing lost."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import slow_policy
+from slow_policy import toward
+from sweep_cases import GRID, SMALL
+
+import casswarm as cs
+from casswarm.errors import PolicyError, ScenarioError, StoreError
+from casswarm.scenario.variations import with_parameters
+
+CASSWARM = Path(sys.executable).parent / "casswarm"
+
+
+def test_cells_are_what_evaluate_and_simulate_give() -> None:
+    exact = cs.sweep(SMALL, GRID, [toward, "leader"], tolerance=1e-3).table
+    sampled = cs.sweep(SMALL, GRID, [toward], runs=50, seed=3).table
+    assert len(exact) == 12
+    assert exact[["hazard.alpha_1", "n", "policy"]].drop_duplicates().shape[0] == 12
+    for row in exact.to_dict("records"):
+        scenario = with_parameters(SMALL, {key: row[key] for key in GRID})
+        policy = toward if row["policy"] == "toward" else "leader"
+        law = cs.evaluate(scenario, policy, 1e-3)
+        assert (row["success_low"], row["success_high"]) == law.success
+        assert (row["status"], row["method"], row["states"]) == ("ok", "exact", law.states)
+    for row in sampled.to_dict("records"):
+        scenario = with_parameters(SMALL, {key: row[key] for key in GRID})
+        summary = cs.simulate(scenario, [toward], 50, 3).summary.iloc[0]
+        assert row["success_high"] == summary["success_high"]
+        assert row["successes"] == summary["successes"]
+
+
+def test_a_cell_that_fails_is_a_row_with_its_reason() -> None:
+    found = cs.sweep(SMALL, {"formation.rho": [0.05, -1.0, 0.1]}, ["leader"], tolerance=0.1)
+    assert found.table["status"].tolist() == ["ok", "failed", "ok"]
+    assert "formation.rho is -1" in found.table["reason"][1]
+    assert np.isnan(found.table["success"][1])
+    assert found.failures == 1
+
+
+@pytest.mark.parametrize(
+    ("grid", "message"),
+    [
+        ({"formation.rhoo": [1]}, r"formation\.rhoo.*n and spacing"),
+        ({"formation.rho": []}, "has no values"),
+        ({"formation.rho": "0.1"}, "has no values"),
+        ({"n": [2], "swarm.positions": [[[0.0, 0.0]]]}, "together with n"),
+    ],
+)
+def test_wrong_grids_are_told_before_anything_runs(grid: dict[str, Any], message: str) -> None:
+    with pytest.raises(ScenarioError, match=f"(?s){message}"):
+        cs.sweep(SMALL, grid, ["leader"])
+
+
+def test_n_and_spacing_place_the_members() -> None:
+    places = SMALL.positions
+    np.testing.assert_array_equal(with_parameters(SMALL, {"n": 2}).positions, places[:2])
+    more = with_parameters(SMALL, {"n": 12}).positions
+    np.testing.assert_array_equal(more[:3], places)
+    apart = np.hypot(*(more[:, None] - more[None]).transpose(2, 0, 1)) + 9 * np.eye(12)
+    assert apart.min() > 0.25
+    wider = with_parameters(SMALL, {"spacing": 1.0}).positions
+    np.testing.assert_allclose(wider.mean(axis=0), places.mean(axis=0), atol=1e-12)
+    np.testing.assert_allclose(np.hypot(*(wider[1] - wider[0])), 1.0)
+    for wrong in ({"n": 0}, {"n": 2.5}, {"spacing": -1.0}, {"n": 1, "spacing": 1.0}):
+        with pytest.raises(ScenarioError, match=r"allowed|two members"):
+            with_parameters(SMALL, wrong)
+
+
+# --- nothing is lost
+
+
+def test_a_sweep_that_was_stopped_is_resumed_to_the_same_table(tmp_path: Path) -> None:
+    whole = cs.sweep(SMALL, GRID, [toward], runs=20)
+
+    def stop(done: int, total: int) -> None:
+        assert total == 6
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        cs.sweep(SMALL, GRID, [toward], runs=20, folder=tmp_path, progress=stop)
+    with pytest.raises(StoreError, match="unfinished"):
+        cs.sweep(SMALL, GRID, [toward], runs=20, folder=tmp_path)
+    with pytest.raises(StoreError, match=r"options\.runs: 20 there, 30 now"):
+        cs.sweep(SMALL, GRID, [toward], runs=30, folder=tmp_path, resume=True)
+    told: list[int] = []
+    resumed = cs.sweep(
+        SMALL,
+        GRID,
+        [toward],
+        runs=20,
+        folder=tmp_path,
+        resume=True,
+        progress=lambda done, total: told.append(done),  # noqa: ARG005
+    )
+    assert told == [3, 4, 5, 6]
+    assert resumed.table.to_csv() == whole.table.to_csv()
+
+
+KILLED = """
+import os, random, signal, sys, time
+import casswarm as cs
+from casswarm.studies.sweep import sweep
+from pathlib import Path
+import numpy, pandas, numba, scipy.stats
+from slow_policy import toward
+
+scenario, folder, kills = cs.load_scenario(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
+chance = random.Random(1)
+grid = {"hazard.alpha_1": [float(a) for a in range(1, 61)]}
+
+def work(resume):
+    return sweep(scenario, grid, [toward], runs=5, folder=folder, resume=resume)
+
+def cells():
+    return len(list((folder / "cells").glob("*.npz")))
+
+for kill in range(kills):
+    before, child = cells(), os.fork()
+    if child == 0:
+        work(kill > 0)
+        os._exit(0)
+    while kill % 2 and cells() == before:  # half of them once something new is there
+        time.sleep(0.001)
+    time.sleep(chance.uniform(0.0, 0.15))
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    print(cells(), flush=True)
+work(True).table.to_csv(sys.argv[4], index=False)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork to begin children quickly")
+def test_twenty_kills_at_random_moments_lose_nothing(tmp_path: Path) -> None:
+    cs.save_scenario(SMALL, tmp_path / "small.toml")
+    (tmp_path / "killed.py").write_text(KILLED)
+    done = {}
+    for kills in (20, 0):
+        command = ["killed.py", "small.toml", f"folder-{kills}", kills, f"{kills}.csv"]
+        done[kills] = subprocess.run(
+            [sys.executable, *map(str, command)],
+            cwd=tmp_path,
+            env=os.environ
+            | {"PYTHONPATH": str(Path(slow_policy.__file__).parent), "SLOW": "0.004"},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done[kills].returncode == 0, done[kills].stderr
+    counts = [int(line) for line in done[20].stdout.split()]
+    assert counts == sorted(counts)
+    assert len(set(counts)) > 3  # kills came in the middle of the work
+    assert counts[0] < counts[-1] < 60
+    assert (tmp_path / "20.csv").read_bytes() == (tmp_path / "0.csv").read_bytes()
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("command", ["sweep", "simulate"])
+def test_commands_that_were_stopped_are_resumed_to_the_same_bytes(
+    tmp_path: Path, how: signal.Signals, command: str
+) -> None:
+    cs.save_scenario(SMALL, tmp_path / "small.toml")
+    slow = os.environ | {"PYTHONPATH": str(Path(slow_policy.__file__).parent), "SLOW": "0.02"}
+    base = [CASSWARM, command, "small.toml", "--policy", "slow_policy:toward"]
+    if command == "sweep":
+        base += ["--runs", "7", "--set", "hazard.alpha_1=1:20:20"]
+    else:
+        base += ["--policy", "naive", "--runs", "4000", "--workers", "2"]
+    options: dict[str, Any] = {"cwd": tmp_path, "text": True, "env": slow}
+    begun = subprocess.Popen([*base, "--out", "cut"], stderr=subprocess.PIPE, **options)
+    cells = tmp_path / "cut" / "cells"
+    deadline = time.monotonic() + 60
+    while not list(cells.glob("*.npz")) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    begun.send_signal(how)
+    _, told = begun.communicate(timeout=60)
+    assert begun.returncode != 0
+    assert "Traceback" not in told
+    if how == signal.SIGINT:
+        assert "go on with --resume" in told
+    kept = {path.name: path.stat().st_mtime_ns for path in cells.glob("*.npz")}
+    assert kept
+    for more in (["--out", "cut", "--resume"], ["--out", "whole"]):
+        fast = options | {"env": slow | {"SLOW": "0"}}
+        subprocess.run([*base, *more], check=True, capture_output=True, **fast)
+    for name, then in kept.items():
+        assert (cells / name).stat().st_mtime_ns == then  # not done again
+    for table in (tmp_path / "whole").glob("*.csv"):
+        if table.name != "effort.csv":
+            assert (tmp_path / "cut" / table.name).read_bytes() == table.read_bytes()
+
+
+def test_a_disk_that_fills_up_costs_nothing_that_is_done(tmp_path: Path) -> None:
+    """A limit on the size of files stands for the full disk: writing raises the same way."""
+    resource = pytest.importorskip("resource")
+    cs.save_scenario(SMALL, tmp_path / "small.toml")
+    options = ["--runs", "300", "--policy", "naive", "--policy", "leader", "--out", "here"]
+    base = [CASSWARM, "simulate", "small.toml", *options]
+
+    def small_files() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+
+    full = subprocess.run(
+        base, cwd=tmp_path, capture_output=True, text=True, preexec_fn=small_files, check=False
+    )
+    assert full.returncode == 1, full.stderr
+    assert "Traceback" not in full.stderr
+    assert "--resume" in full.stderr
+    assert not list((tmp_path / "here").rglob("*.part"))
+    subprocess.run([*base, "--resume"], cwd=tmp_path, check=True, capture_output=True)
+    assert len(pd.read_csv(tmp_path / "here" / "runs.csv")) == 600
+
+
+# --- the command
+
+
+def run(folder: Path, *arguments: object, code: int = 0) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run(
+        [CASSWARM, "sweep", *map(str, arguments)],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    return done
+
+
+def test_sweep_draws_lines_and_a_heat_map_in_one_folder(tmp_path: Path) -> None:
+    grid = ("--set", "hazard.alpha_1=1:100:3:log", "--set", "n=1,2")
+    done = run(tmp_path, "paper-1", *grid, "--policy", "naive", "--tolerance", 0.01)
+    folder = tmp_path / "results" / "sweep-paper-1"
+    for name in ("over-hazard-alpha_1.png", "over-n.png", "heat-map.png"):
+        assert (folder / name).read_bytes().startswith(b"\x89PNG")
+    table = pd.read_csv(folder / "sweep.csv")
+    assert table["hazard.alpha_1"].tolist() == [1.0, 1.0, 10.0, 10.0, 100.0, 100.0]
+    assert table["n"].tolist() == [1, 2] * 3
+    assert (table["success_high"] - table["success_low"]).max() <= 0.01
+    assert "bracket" in done.stdout
+
+
+def test_a_sweep_in_which_every_cell_fails_has_failed(tmp_path: Path) -> None:
+    done = run(tmp_path, "paper-1", "--set", "formation.rho=-1,-2", "--policy", "naive", code=1)
+    assert "every cell failed" in done.stderr
+    assert "formation.rho is -2" in done.stdout
+    assert (tmp_path / "results" / "sweep-paper-1" / "sweep.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "nothing to sweep"),
+        (("--set", "rho"), "KEY=V1,V2"),
+        (("--set", "formation.rho=0:1"), "START:STOP:COUNT"),
+        (("--set", "formation.rho=0:1:3:log"), "above 0 for log"),
+        (("--set", "n=1,2", "--exact", "--runs", 5), "give one of them"),
+        (("--set", "n=1,2", "--policy", "no_such:policy"), "cannot be imported"),
+        (("--set", "n=1", "--runs", 2, "--dask", "tcp://127.0.0.1:1"), "Dask"),
+    ],
+)
+def test_wrong_sweeps_are_explained(
+    tmp_path: Path, arguments: tuple[object, ...], message: str
+) -> None:
+    code = 1 if "--dask" in arguments else 2
+    if code == 1:
+        pytest.importorskip("distributed")
+    assert message in run(tmp_path, "paper-1", *arguments, code=code).stderr
+
+
+def test_policies_that_cannot_be_sent_are_told() -> None:
+    with pytest.raises(PolicyError, match="cannot be sent"):
+        cs.sweep(SMALL, {"n": [1, 2]}, [lambda *state: 0 * state[1]], runs=2, workers=2)
+
+
+def test_random_is_seeded_nowhere() -> None:
+    before = random.getstate()
+    cs.sweep(SMALL, {"n": [1]}, [toward], runs=2)
+    assert random.getstate() == before
