@@ -21,12 +21,12 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-import casswarm as cs
+import casswarm as csw
 from casswarm.optimization.feasible_sets.planar import PlanarSets
 from casswarm.optimization.problem import Instances, Nlp
 from casswarm.optimization.solvers import Auto, Ipopt
 from casswarm.policies.base import Decision, Policy
-from casswarm.policies.leader_selection import SUCCESSIONS
+from casswarm.policies.leader_selection import LEADER_SELECTION
 from casswarm.problems.formation import Step, corridor_formation, leader_formation, motion_of
 
 PROBLEMS = {
@@ -47,19 +47,19 @@ class Recorder(Policy):
     name: str = "recorded"
 
     def decide(
-        self, step: int, positions: np.ndarray, previous: np.ndarray, alive: np.ndarray
+        self, step: int, positions: np.ndarray, previous_velocities: np.ndarray, alive: np.ndarray
     ) -> Decision:
         """Note the states, and decide as the inner policy does."""
-        self.seen.append((step, positions.copy(), previous.copy(), alive.copy()))
-        return self.inner.decide(step, positions, previous, alive)
+        self.seen.append((step, positions.copy(), previous_velocities.copy(), alive.copy()))
+        return self.inner.decide(step, positions, previous_velocities, alive)
 
 
-def formations(name: str, policy: str, states: int) -> tuple[cs.Scenario, Nlp, Instances]:
+def formations(name: str, policy: str, states: int) -> tuple[csw.Scenario, Nlp, Instances]:
     """Formation problems of states at random from 300 runs, at least two members alive."""
-    scenario = cs.load_scenario(name)
-    guide = cs.plan(scenario)
-    recorder = Recorder(cs.make_policy(policy, scenario, guide), [])
-    cs.simulate(scenario, [recorder], runs=300, guide=guide)
+    scenario = csw.load_scenario(name)
+    guide = csw.plan(scenario)
+    recorder = Recorder(csw.make_policy(policy, scenario, guide), [])
+    csw.simulate(scenario, [recorder], runs=300, guide=guide)
     places = [
         (k, row)
         for k, (_, _, _, alive) in enumerate(recorder.seen)
@@ -67,7 +67,7 @@ def formations(name: str, policy: str, states: int) -> tuple[cs.Scenario, Nlp, I
     ]
     chosen = np.random.default_rng(0).choice(len(places), states, replace=states > len(places))
     nlp, parts = None, []
-    for k, (step, positions, previous, alive) in enumerate(recorder.seen):
+    for k, (step, positions, previous_velocities, alive) in enumerate(recorder.seen):
         rows = np.array([places[c][1] for c in chosen if places[c][0] == k], dtype=int)
         if rows.size:
             goal = guide.reference(step + 1)
@@ -75,12 +75,12 @@ def formations(name: str, policy: str, states: int) -> tuple[cs.Scenario, Nlp, I
                 scenario.hazard,
                 motion_of(scenario),
                 positions[rows],
-                previous[rows],
+                previous_velocities[rows],
                 alive[rows],
                 goal,
             )
             formation = (
-                leader_formation(data, SUCCESSIONS["nearest"](data, guide.reference(step)))
+                leader_formation(data, LEADER_SELECTION["nearest"](data, guide.reference(step)))
                 if policy == "leader"
                 else corridor_formation(data, scenario.formation.rho)
             )
@@ -179,7 +179,7 @@ def alpaqa(nlp: Nlp, instances: Instances) -> Callable[[], object]:
     return run
 
 
-def jax(scenario: cs.Scenario, nlp: Nlp, instances: Instances) -> Callable[[], np.ndarray]:
+def jax(scenario: csw.Scenario, nlp: Nlp, instances: Instances) -> Callable[[], np.ndarray]:
     """All states at once by the same algorithm in JAX, from the same starts."""
     from jax_program import batch_program
 
@@ -251,7 +251,7 @@ def row(name: str, states: int, repeats: int) -> None:
     wanted = f" of {goal} x" if goal else ""
     print(f"| {name}{wanted} | " + " | ".join(cells), end=" | ")
     print(
-        f"{worse.sum()} worse, {better.sum()} better than Ipopt, {found.resolved.sum()} resolved, "
+        f"{worse.sum()} worse, {better.sum()} better than Ipopt, {found.fallbacks.sum()} resolved, "
         f"{(~found.success).sum()} unsolved of {states}; "
         f"stationarity <= {found.stationarity.max():.0e} |",
         flush=True,

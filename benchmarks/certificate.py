@@ -2,7 +2,7 @@
 
 Run with the installed package::
 
-    python benchmarks/certificate.py                # gaps, rivals, flyable and scale: some minutes
+    python benchmarks/certificate.py                # gaps, rivals, acceleration_limited and scale: some minutes
     python benchmarks/certificate.py long           # the gap after 60 seconds each: half an hour
     python benchmarks/certificate.py --quick        # every table, on few cases
     python benchmarks/certificate.py gaps scale     # some tables
@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-import casswarm as cs
+import casswarm as csw
 from casswarm import Guide, Scenario
 
 SEEDS = 24
@@ -43,7 +43,7 @@ def scenario_of(radars: np.ndarray, target: tuple[float, float], **values: objec
             "alpha_2": 3.0,
             "alpha_3": 4.0,
         },
-        "guide": {"flyable": False},
+        "guide": {"acceleration_limited": False},
     }
     for key, value in values.items():
         table, _, name = key.partition(".")
@@ -65,10 +65,10 @@ def random_geometry(seed: int) -> Scenario:
 
 def cases(quick: bool) -> dict[str, Scenario]:
     """All that is certified without limits of acceleration and margin: random and built in."""
-    free = {"guide.flyable": False, "guide.search": "global", "guide.arrival": "any"}
+    free = {"guide.acceleration_limited": False, "guide.search": "global", "guide.arrival": "any"}
     found = {f"seed {seed}": random_geometry(seed) for seed in range(3 if quick else SEEDS)}
-    for name in list(cs.builtin_scenarios())[: 2 if quick else None]:
-        scenario = cs.load_scenario(name)
+    for name in list(csw.builtin_scenarios())[: 2 if quick else None]:
+        scenario = csw.load_scenario(name)
         found[name] = scenario.with_values(free | {"guide.margin": 1e-6 * scenario.target.radius})
     return found
 
@@ -86,7 +86,7 @@ class Time(NamedTuple):
 def timed(scenario: Scenario, solver: str = "ipopt", **options: object) -> tuple[Guide, Time]:
     """A guide and the time that it took, the first build of its program included."""
     wall, cpu = time.perf_counter(), time.process_time()
-    guide = cs.plan(scenario, solver, **options)  # type: ignore[arg-type]
+    guide = csw.plan(scenario, solver, **options)  # type: ignore[arg-type]
     return guide, Time(time.perf_counter() - wall, time.process_time() - cpu)
 
 
@@ -151,12 +151,12 @@ def rivals(quick: bool) -> None:
     print()
 
 
-def flyable(quick: bool) -> None:
+def acceleration_limited(quick: bool) -> None:
     """What the limit of acceleration and the margin explain of the gap, on the built-in cases."""
     rows = []
-    for name in list(cs.builtin_scenarios())[: 2 if quick else None]:
+    for name in list(csw.builtin_scenarios())[: 2 if quick else None]:
         values = {"guide.search": "global", "guide.arrival": "any"}
-        guide, took = timed(cs.load_scenario(name).with_values(values), gap=0.001)
+        guide, took = timed(csw.load_scenario(name).with_values(values), gap=0.001)
         proof = guide.certificate
         assert proof is not None
         assert guide.gap is not None
@@ -226,7 +226,13 @@ def scale(quick: bool) -> None:
     table(head, rows)
 
 
-TABLES = {"gaps": gaps, "rivals": rivals, "flyable": flyable, "scale": scale, "long": long}
+TABLES = {
+    "gaps": gaps,
+    "rivals": rivals,
+    "acceleration_limited": acceleration_limited,
+    "scale": scale,
+    "long": long,
+}
 
 if __name__ == "__main__":
     asked = [name for name in sys.argv[1:] if name != "--quick"]

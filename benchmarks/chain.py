@@ -30,7 +30,7 @@ from unittest import mock
 import numpy as np
 import pandas as pd
 
-import casswarm as cs
+import casswarm as csw
 from casswarm.chain import monte_carlo as sampling
 from casswarm.scenario.variations import with_parameters
 from casswarm.studies.simulation import PAPER_POLICIES
@@ -54,15 +54,15 @@ def laws(quick: bool) -> Rows:
     """Exact laws to a width: paper-1 to 1e-4, paper-2 to 1e-3; merged at 1e-8, and not at all."""
     rows = []
     for name, tolerance, goal in (("paper-1", 1e-4, "3 s in all"), ("paper-2", 1e-3, "60 s each")):
-        scenario = cs.load_scenario(name)
-        guide = cs.plan(scenario, certify=False)
-        for merging in (0.0, 1e-8):
+        scenario = csw.load_scenario(name)
+        guide = csw.plan(scenario, certify=False)
+        for aggregation_tol in (0.0, 1e-8):
             whole = np.zeros(2)
             for policy in PAPER_POLICIES:
-                options: dict[str, Any] = {"guide": guide, "merging": merging}
-                cs.evaluate(scenario, policy, 0.1, **options)
+                options: dict[str, Any] = {"guide": guide, "aggregation_tol": aggregation_tol}
+                csw.evaluate(scenario, policy, 0.1, **options)
                 law, wall, cpu = timed(
-                    lambda p=policy, s=scenario, o=options, t=tolerance: cs.evaluate(s, p, t, **o),
+                    lambda p=policy, s=scenario, o=options, t=tolerance: csw.evaluate(s, p, t, **o),
                     1 if quick else 3,
                 )
                 whole += wall, cpu
@@ -70,7 +70,7 @@ def laws(quick: bool) -> Rows:
                 rows.append(
                     {
                         "scenario": name,
-                        "merging": merging,
+                        "aggregation_tol": aggregation_tol,
                         "policy": policy,
                         "low": low,
                         "high": high,
@@ -91,8 +91,8 @@ def laws(quick: bool) -> Rows:
 
 def runs(quick: bool) -> Rows:
     """Three policies on paper-1: 10,000 runs, and 1,000,000, on one process and on two."""
-    scenario = cs.load_scenario("paper-1")
-    cs.simulate(scenario, runs=100)
+    scenario = csw.load_scenario("paper-1")
+    csw.simulate(scenario, runs=100)
     rows = []
     for number, workers, goal in (
         (10_000, 1, "5 s"),
@@ -100,7 +100,7 @@ def runs(quick: bool) -> Rows:
         (100_000 if quick else 1_000_000, 2, "120 s"),
     ):
         study, wall, cpu = timed(
-            lambda r=number, w=workers: cs.simulate(scenario, runs=r, workers=w)
+            lambda r=number, w=workers: csw.simulate(scenario, runs=r, workers=w)
         )
         rows.append(
             {
@@ -126,12 +126,12 @@ def equal(quick: bool) -> Rows:
     """Whether it pays to solve equal states once, in sampling: runs with and without, in turn."""
     number, rows = 2_000 if quick else 20_000, []
     for name in ("paper-1", "paper-2"):
-        scenario = cs.load_scenario(name)
-        guide = cs.plan(scenario, certify=False)
+        scenario = csw.load_scenario(name)
+        guide = csw.plan(scenario, certify=False)
         for policy in PAPER_POLICIES:
 
-            def sample(policy: str = policy, s: Any = scenario, g: Any = guide) -> cs.Study:
-                return cs.simulate(s, [policy], number, guide=g, traces=0)
+            def sample(policy: str = policy, s: Any = scenario, g: Any = guide) -> csw.Study:
+                return csw.simulate(s, [policy], number, guide=g, traces=0)
 
             sample()
             once, wall, cpu = timed(sample, 3)
@@ -158,15 +158,19 @@ def versus(quick: bool) -> Rows:
     """Time to the same width: the exact law against plain Monte Carlo, extrapolated in its runs."""
     number, rows = 10_000 if quick else 100_000, []
     for name, tolerances in (("paper-1", (1e-3, 1e-4)), ("paper-2", (1e-2, 1e-3))):
-        scenario = cs.load_scenario(name)
-        guide = cs.plan(scenario, certify=False)
+        scenario = csw.load_scenario(name)
+        guide = csw.plan(scenario, certify=False)
         for policy in PAPER_POLICIES:
             _, _, plain = timed(
-                lambda p=policy, s=scenario, g=guide: cs.simulate(s, [p], number, guide=g, traces=0)
+                lambda p=policy, s=scenario, g=guide: csw.simulate(
+                    s, [p], number, guide=g, traces=0
+                )
             )
             for tolerance in tolerances:
                 law, _, cpu = timed(
-                    lambda p=policy, s=scenario, g=guide, t=tolerance: cs.evaluate(s, p, t, guide=g)
+                    lambda p=policy, s=scenario, g=guide, t=tolerance: csw.evaluate(
+                        s, p, t, guide=g
+                    )
                 )
                 width = law.success[1] - law.success[0]
                 p = sum(law.success) / 2
@@ -188,21 +192,21 @@ def versus(quick: bool) -> Rows:
 def hybrid(quick: bool) -> Rows:
     """The head exactly and the rest sampled against plain runs: widths at as many solved states."""
     numbers, rows = (100, 500) if quick else (100, 1000, 5000), []
-    seeds, swarm = range(3 if quick else 7), cs.load_scenario("large-swarm")
-    small = [(cs.load_scenario(n), p) for n in ("paper-1", "paper-2") for p in PAPER_POLICIES[1:]]
+    seeds, swarm = range(3 if quick else 7), csw.load_scenario("large-swarm")
+    small = [(csw.load_scenario(n), p) for n in ("paper-1", "paper-2") for p in PAPER_POLICIES[1:]]
     cases = [(*case, number) for case in small for number in numbers]
     cases += [(with_parameters(swarm, {"n": n}), "leader", numbers[1]) for n in (10, 50)]
     for scenario, policy, runs in cases:
-        guide = cs.plan(scenario, certify=False)
-        found = [cs.estimate(scenario, policy, runs, seed, guide=guide) for seed in seeds]
+        guide = csw.plan(scenario, certify=False)
+        found = [csw.estimate(scenario, policy, runs, seed, guide=guide) for seed in seeds]
         states = float(np.median([one.states for one in found]))
         more, solved = runs, 0
         while solved < states and more < 60 * numbers[-1]:
-            plain = cs.simulate(scenario, [policy], more, guide=guide, traces=0)
+            plain = csw.simulate(scenario, [policy], more, guide=guide, traces=0)
             solved, done = int(plain.effort["states"][0]), more
             more = math.ceil(more * max(1.05, states / solved))
         others = [
-            cs.simulate(scenario, [policy], done, seed, guide=guide, traces=0).summary.iloc[0]
+            csw.simulate(scenario, [policy], done, seed, guide=guide, traces=0).summary.iloc[0]
             for seed in seeds
         ]
         own = float(np.median([one.success[1] - one.success[0] for one in found]))
@@ -230,11 +234,11 @@ def measured(n: int, number: int) -> dict[str, Any]:
     """Growth's point, in a process of its own: seconds, states, and the peak of memory."""
     import resource
 
-    scenario = with_parameters(cs.load_scenario("paper-1"), {"n": n})
-    guide = cs.plan(scenario, certify=False)
-    cs.simulate(scenario, ["leader"], 2, guide=guide)
+    scenario = with_parameters(csw.load_scenario("paper-1"), {"n": n})
+    guide = csw.plan(scenario, certify=False)
+    csw.simulate(scenario, ["leader"], 2, guide=guide)
     study, wall, cpu = timed(
-        lambda: cs.simulate(scenario, ["leader"], number, guide=guide, traces=0)
+        lambda: csw.simulate(scenario, ["leader"], number, guide=guide, traces=0)
     )
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return {
@@ -298,17 +302,17 @@ def growth_chart(table: pd.DataFrame, path: Path) -> None:
 def sweep(quick: bool) -> Rows:
     """100 cells of 50,000 runs (20 of 2,000) on one process and on two, and if tables are equal."""
     side, number = (5, 2_000) if quick else (10, 50_000)
-    scenario = cs.load_scenario("paper-1")
+    scenario = csw.load_scenario("paper-1")
     grid = {
         "formation.rho": np.linspace(0.02, 0.2, side if not quick else 4).round(4).tolist(),
         "hazard.alpha_2": np.linspace(1.0, 9.0, side).round(4).tolist(),
     }
     found, rows = {}, []
-    cs.simulate(scenario, ["constrained"], 100)
+    csw.simulate(scenario, ["constrained"], 100)
     for workers in (1, 2):
         with tempfile.TemporaryDirectory() as folder:
             found[workers], wall, cpu = timed(
-                lambda w=workers, f=folder: cs.sweep(
+                lambda w=workers, f=folder: csw.sweep(
                     scenario, grid, ["constrained"], runs=number, workers=w, folder=Path(f)
                 )
             )

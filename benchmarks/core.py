@@ -71,14 +71,14 @@ def formation() -> list[Row]:
     """One formation step of 50 members, built and solved by Ipopt."""
     import numpy as np
 
-    import casswarm as cs
+    import casswarm as csw
     from casswarm.planning.plan import initial_velocities
     from casswarm.problems.formation import formation_nlp
 
     rows = []
-    scenario = cs.load_scenario("large-swarm")
+    scenario = csw.load_scenario("large-swarm")
     collision = {"hazard.kind": "saturation+collision", "hazard.beta_1": 0.1, "hazard.beta_2": 6.0}
-    guide = cs.plan(scenario, search="local")
+    guide = csw.plan(scenario, search="local")
     for kind, variant in (("", scenario), (" + collision", scenario.with_values(collision))):
         state = (
             scenario.positions[None],
@@ -89,7 +89,7 @@ def formation() -> list[Row]:
 
             def build_and_solve(name=name, variant=variant, state=state) -> None:
                 formation_nlp.cache_clear()  # so that nothing is compiled already
-                decision = cs.make_policy(name, variant, guide, "ipopt").decide(0, *state)
+                decision = csw.make_policy(name, variant, guide, "ipopt").decide(0, *state)
                 assert not decision.failures.any()
 
             took = seconds(build_and_solve)
@@ -102,9 +102,9 @@ def rates() -> list[Row]:
     import casadi as ca
     import numpy as np
 
-    import casswarm as cs
+    import casswarm as csw
 
-    hazard = cs.SaturationCollision(radars=((4.4, 4.6), (4.5, 3.0)))
+    hazard = csw.SaturationCollision(radars=((4.4, 4.6), (4.5, 3.0)))
     n = 1000
     positions = np.random.default_rng(0).uniform(0, 10, (n, 2))
     functions = []
@@ -127,10 +127,10 @@ def rates() -> list[Row]:
 FIRST_USE = """
 import resource, time
 import numpy as np
-import casswarm as cs
+import casswarm as csw
 from casswarm.problems.formation import Step, leader_formation, motion_of
 from casswarm.optimization.solvers import Auto
-scenario = cs.load_scenario("paper-2")
+scenario = csw.load_scenario("paper-2")
 x = scenario.positions[None]
 started = time.perf_counter()
 step = Step(scenario.hazard, motion_of(scenario), x, 0.8 + 0 * x, np.ones((1, 5), bool), x[0, 1])

@@ -8,7 +8,7 @@ Run with the installed package::
 Prints a Markdown table: brackets, where forty thousand states suffice for one of width 0.01, and
 otherwise (marked ~) intervals with 95 % confidence, what the states leave being sampled. It is
 what ``casswarm evaluate`` gives, too, for the scenario and the ``--set`` options of `cases`, with
-``--merge 1e-6``. The lone agent starts in the middle of the swarm: its survival along the fixed
+``--aggregation-tol 1e-6``. The lone agent starts in the middle of the swarm: its survival along the fixed
 guide, and along the feedback guide.
 """
 
@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-import casswarm as cs
+import casswarm as csw
 from casswarm import Guide, Scenario
 
 POLICIES = ("leader", "leader-feedback", "constrained", "constrained-feedback")
@@ -31,29 +31,29 @@ APART = [(0.0, 0.0), (2.0, -1.0), (-1.0, 2.0), (-2.0, -1.0), (1.0, -2.0)]
 
 def cases() -> dict[str, Scenario]:
     """Scenarios in which members are off the guide, and some in which they are not."""
-    paper = cs.load_scenario("paper-1").with_values(BEST)
-    sharp = {"guide.flyable": False}
+    paper = csw.load_scenario("paper-1").with_values(BEST)
+    sharp = {"guide.acceleration_limited": False}
     found = {
         "paper-1, the best guide": paper,
-        "paper-2, the best guide": cs.load_scenario("paper-2").with_values(BEST),
+        "paper-2, the best guide": csw.load_scenario("paper-2").with_values(BEST),
         "paper-1, members start apart": paper.with_values({"swarm.positions": APART}),
         "paper-1, the guide knows no a_max": paper.with_values(sharp),
         "the same, a_max = 0.1": paper.with_values(sharp | {"swarm.a_max": 0.1}),
     }
     return found | {
-        name: cs.load_scenario(name) for name in ("wall", "ring", "crossfire", "gauntlet")
+        name: csw.load_scenario(name) for name in ("wall", "ring", "crossfire", "gauntlet")
     }
 
 
 def lone(scenario: Scenario, guide: Guide) -> float:
     """Survival of one agent along the feedback guide from where the fixed guide starts."""
-    policy = cs.make_policy("leader-feedback", scenario)
+    policy = csw.make_policy("leader-feedback", scenario)
     place, velocity = guide.positions[:1, None], guide.velocities[:1, None]
     risk, alive = 0.0, np.ones((1, 1), bool)
     for step in range(scenario.n_steps):
         velocity = policy.velocities(step, place, velocity, alive)
         place = place + scenario.time.dt * velocity
-        risk += scenario.time.dt * float(scenario.hazard.lone_rates(place[0, 0]))
+        risk += scenario.time.dt * float(scenario.hazard.single_agent_rates(place[0, 0]))
         if scenario.target.contains(place[0, 0]):
             return float(np.exp(-risk))
     return 0.0
@@ -61,20 +61,22 @@ def lone(scenario: Scenario, guide: Guide) -> float:
 
 def main() -> None:
     """Print the table."""
-    options: dict[str, Any] = {"tolerance": 1e-2, "most_states": 20_000}
+    options: dict[str, Any] = {"tolerance": 1e-2, "max_states": 20_000}
     if "--quick" not in sys.argv:
-        options: dict[str, Any] = {"tolerance": 1e-3, "most_states": 40_000}
+        options: dict[str, Any] = {"tolerance": 1e-3, "max_states": 40_000}
     print("| scenario | lone agent: fixed | feedback | " + " | ".join(POLICIES) + " |")
     print("| --- " * (3 + len(POLICIES)) + "|", flush=True)
     for name, scenario in cases().items():
-        guide = cs.plan(scenario, certify=False)
+        guide = csw.plan(scenario, certify=False)
         row = [name, f"{guide.survival:.3f}", f"{lone(scenario, guide):.3f}"]
         for policy in POLICIES:
             started = time.process_time()
-            law = cs.evaluate(scenario, policy, guide=guide, merging=1e-6, **options)
+            law = csw.evaluate(scenario, policy, guide=guide, aggregation_tol=1e-6, **options)
             (low, high), mark = law.success, ""
             if high - low > WIDE:
-                found = cs.estimate(scenario, policy, 2000, guide=guide, merging=1e-6, **options)
+                found = csw.estimate(
+                    scenario, policy, 2000, guide=guide, aggregation_tol=1e-6, **options
+                )
                 (low, high), mark = found.success, "~ "
             row.append(f"{mark}{low:.4f} to {high:.4f}")
             took = time.process_time() - started

@@ -21,16 +21,16 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-import casswarm as cs
+import casswarm as csw
 from casswarm import Scenario, SwarmPlan
 from casswarm.optimization.problem import Nlp
 from casswarm.optimization.solvers import Ipopt
-from casswarm.planning.joint.distribution import PlanLaw
+from casswarm.planning.joint.distribution import PlanDistribution
 from casswarm.planning.joint.initial_guesses import SwarmStart
 from casswarm.planning.joint.optimize import joint_task
 from casswarm.planning.joint.replan import PlanTree
 from casswarm.planning.joint.solve import JointProblem
-from casswarm.policies import JointFeedbackPolicy, JointPolicy
+from casswarm.policies import JointPolicy, ReplanningPolicy
 from casswarm.problems.joint import JointForm, joint_nlp
 from casswarm.problems.joint_instances import joint_instance
 
@@ -56,20 +56,20 @@ def around(name: str, n: int) -> Scenario:
     """A built-in scenario with n members on a circle."""
     angles = 2 * np.pi * np.arange(n) / n
     positions = [[0.5 * math.cos(angle), 0.5 * math.sin(angle)] for angle in angles]
-    return cs.load_scenario(name).with_values({"swarm.positions": positions})
+    return csw.load_scenario(name).with_values({"swarm.positions": positions})
 
 
 def seeds(quick: bool) -> Iterable[Row]:
     """The least and the greatest success over seeds, and the time of a plan."""
     for name in SCENARIOS[:2] if quick else SCENARIOS:
-        scenario = cs.load_scenario(name)
+        scenario = csw.load_scenario(name)
         count = 2 if quick or not name.startswith("paper") else 5
-        plans = [timed(partial(cs.plan_swarm, scenario, seed=seed)) for seed in range(count)]
+        plans = [timed(partial(csw.plan_swarm, scenario, seed=seed)) for seed in range(count)]
         values = [found.value for found, _, _ in plans]
         clock, cpu = (float(np.median([row[k] for row in plans])) for k in (1, 2))
         best = plans[0][0]
         assert best.bound is not None
-        leader = cs.evaluate(scenario, "leader", 1e-3, merging=1e-6).success
+        leader = csw.evaluate(scenario, "leader", 1e-3, aggregation_tol=1e-6).success
         yield (
             name,
             f"{leader[0]:.4f}",
@@ -85,7 +85,7 @@ def sizes(quick: bool) -> Iterable[Row]:
     for name in ("paper-1", "paper-2"):
         for n in (2, 3, 4, 5) if quick else MEMBERS[name]:
             scenario = around(name, n)
-            found, clock, cpu = timed(partial(cs.plan_swarm, scenario))
+            found, clock, cpu = timed(partial(csw.plan_swarm, scenario))
             assert found.law is not None
             yield (
                 name,
@@ -144,12 +144,12 @@ def horizons(quick: bool) -> Iterable[Row]:
     """Planning against the number of steps, in the same time, five members."""
     for steps in (15, 30, 60) if quick else (15, 30, 60, 120):
         for name in ("paper-1", "paper-2"):
-            given = cs.load_scenario(name)
+            given = csw.load_scenario(name)
             share = 30 / steps  # per step, a change of velocity that much smaller
             values = {"time.dt": 9.9 / steps, "swarm.a_max": given.swarm.a_max * share**2}
             values |= {"guide.a_max": given.guide_a_max * share**2}
             scenario = given.with_values(values)
-            found, clock, cpu = timed(partial(cs.plan_swarm, scenario))
+            found, clock, cpu = timed(partial(csw.plan_swarm, scenario))
             yield (
                 name,
                 steps,
@@ -164,7 +164,7 @@ def surrogate(quick: bool) -> Iterable[Row]:
     for name in ("paper-1", "paper-2"):
         for n in (2, 5) if quick else (2, 4, 6, 8, 10):
             scenario = around(name, n).with_values({"hazard.alpha_1": 12.0})
-            exact = cs.plan_swarm(scenario, starts=["formations"])
+            exact = csw.plan_swarm(scenario, starts=["formations"])
             told, worth = by_mean_field(scenario, exact)
             yield name, n, f"{exact.value:.5f}", f"{told:.5f}", f"{worth:.5f}"
 
@@ -179,18 +179,18 @@ def by_mean_field(scenario: Scenario, exact: SwarmPlan) -> tuple[float, float]:
     solver = Ipopt(1e-5, 500, hessian="limited-memory", memory=20, feasibility=1e-8)
     start = SwarmStart("", exact.arrivals, exact.velocities)
     found = problem.solved(start, solver)
-    law = PlanLaw.of(scenario, problem.positions(found.velocities))
+    law = PlanDistribution.of(scenario, problem.positions(found.velocities))
     return 1 / (1 + math.exp(odds)), 1 - law.failure
 
 
 def feedback(quick: bool) -> Iterable[Row]:
     """Open loop against planning again for survivors."""
     for name in ("gauntlet",) if quick else ("paper-1", "paper-2", "ring", "wall", "gauntlet"):
-        scenario = cs.load_scenario(name)
-        first = cs.plan_swarm(scenario)
+        scenario = csw.load_scenario(name)
+        first = csw.plan_swarm(scenario)
         tree = PlanTree.of(scenario, first)
         used = time.process_time()
-        law = cs.evaluate(scenario, JointFeedbackPolicy(tree, JointPolicy.of(first)), 1e-4)
+        law = csw.evaluate(scenario, ReplanningPolicy(tree, JointPolicy.of(first)), 1e-4)
         yield (
             name,
             f"{first.value:.6f}",
@@ -205,11 +205,11 @@ def feedback(quick: bool) -> Iterable[Row]:
 def bounds(quick: bool) -> Iterable[Row]:
     """The bound against the number of nodes."""
     for name in SCENARIOS[:3] if quick else SCENARIOS:
-        scenario = cs.load_scenario(name)
+        scenario = csw.load_scenario(name)
         cells = []
         for nodes in (100_000, 1_000_000, 10_000_000):
             used = time.process_time()
-            bound = cs.success_bound(scenario, nodes)
+            bound = csw.success_bound(scenario, nodes)
             cells.append(f"{bound.failure:.4g} ({1000 * (time.process_time() - used):.0f} ms)")
         yield name, *cells
 

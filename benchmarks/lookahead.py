@@ -11,7 +11,7 @@ ratio to Ipopt, medians of passes in turn; then the time of a law and of a thous
 prints a Markdown table, and writes lookahead.csv and lookahead.png in the current folder: brackets
 by the exact law, where its states suffice for one of width 0.01, and otherwise (marked ~) intervals
 with 95 % confidence, what the states leave being sampled. It is what ``casswarm evaluate SCENARIO
---policy leader-ahead-3 --merge 1e-6`` gives.
+--policy leader-mpc-3 --aggregation-tol 1e-6`` gives.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-import casswarm as cs
+import casswarm as csw
 from casswarm import make_policy
-from casswarm.figures import look_ahead_chart, save
+from casswarm.figures import mpc_chart, save
 from casswarm.optimization.problem import Instances, Nlp
 from casswarm.optimization.solution import BatchSolution
 from casswarm.optimization.solvers import Auto, Ipopt
@@ -53,11 +53,11 @@ class Recorder(Auto):
 ASKED: list[tuple[Nlp, Instances]] = []
 
 
-def windows(scenario: cs.Scenario, name: str, runs: int) -> list[tuple[Nlp, Instances]]:
+def windows(scenario: csw.Scenario, name: str, runs: int) -> list[tuple[Nlp, Instances]]:
     """The problems of simulated runs, a batch a step."""
-    guide = cs.plan(scenario, certify=False)
+    guide = csw.plan(scenario, certify=False)
     ASKED.clear()
-    cs.simulate(scenario, [make_policy(name, scenario, guide, Recorder())], runs, guide=guide)
+    csw.simulate(scenario, [make_policy(name, scenario, guide, Recorder())], runs, guide=guide)
     return list(ASKED)
 
 
@@ -69,7 +69,7 @@ def timed(work: Callable[[], object]) -> float:
 
 def one_speed(name: str, problem: str, steps: int, runs: int, few: int) -> str:
     """A row: times a state of `auto` and of Ipopt on the same windows, and how answers compare."""
-    scenario = cs.load_scenario(name)
+    scenario = csw.load_scenario(name)
     asked = windows(scenario, named(problem, steps), runs)
     states = sum(len(instances) for _, instances in asked)
     rng = np.random.default_rng(0)
@@ -93,17 +93,17 @@ def one_speed(name: str, problem: str, steps: int, runs: int, few: int) -> str:
     same = [auto.solve_batch(nlp, instances) for nlp, instances in chosen]
     f = np.array([s.objective[0] for s in same])
     g = np.array([s.objective[0] if s.success[0] else np.inf for s in exact])
-    resolved = sum(int(s.resolved.sum()) for s in found)
+    fallbacks = sum(int(s.fallbacks.sum()) for s in found)
     failed = sum(int((~s.success).sum()) for s in found)
     return (
         f"| {name} | {problem} | {steps} | {states} | {1e6 * ours:.0f} µs | {1e3 * theirs:.1f} ms "
-        f"| {ratio:.0f} x | {resolved} | {failed} | {int((f > g * (1 + 1e-6)).sum())}, "
+        f"| {ratio:.0f} x | {fallbacks} | {failed} | {int((f > g * (1 + 1e-6)).sum())}, "
         f"{int((f < g * (1 - 1e-6)).sum())} of {few} |"
     )
 
 
 def named(policy: str, steps: int) -> str:
-    return policy if steps == 1 else f"{policy}-ahead-{steps}"
+    return policy if steps == 1 else f"{policy}-mpc-{steps}"
 
 
 def speed(quick: bool) -> None:
@@ -119,48 +119,48 @@ def speed(quick: bool) -> None:
         for steps in STEPS:
             print(one_speed(name, problem, steps, runs, few), flush=True)
     print()
-    scenario = cs.load_scenario("paper-1")
-    guide = cs.plan(scenario, certify=False)
+    scenario = csw.load_scenario("paper-1")
+    guide = csw.plan(scenario, certify=False)
     for problem in ("leader", "constrained"):
         policy = make_policy(named(problem, 3), scenario, guide)
         started = time.perf_counter()
-        law = cs.evaluate(scenario, policy, 1e-2, guide=guide)
+        law = csw.evaluate(scenario, policy, 1e-2, guide=guide)
         took = time.perf_counter() - started
         low, high = law.success
         print(f"{policy.name}: {low:.4f} to {high:.4f}, {law.states} states, {took:.1f} s")
         policy = make_policy(named(problem, 8), scenario, guide)
-        took = timed(lambda policy=policy: cs.simulate(scenario, [policy], 1000, guide=guide))
+        took = timed(lambda policy=policy: csw.simulate(scenario, [policy], 1000, guide=guide))
         print(f"{policy.name}: 1000 runs in {took:.1f} s")
 
 
-def measured(scenario: cs.Scenario, guide: cs.Guide, name: str, quick: bool) -> dict[str, Any]:
+def measured(scenario: csw.Scenario, guide: csw.Guide, name: str, quick: bool) -> dict[str, Any]:
     """A policy's success, as a bracket or an interval, and its shortfalls and failures a run."""
     # collisions make windows slow and laws wide: fewer states there, and more runs
     collides = scenario.hazard_table.kind != "saturation"
     most = (3_000 if quick else 20_000) // (10 if collides else 1)
-    options: dict[str, Any] = {"guide": guide, "merging": 1e-6, "most_states": most}
+    options: dict[str, Any] = {"guide": guide, "aggregation_tol": 1e-6, "max_states": most}
     policy = make_policy(name, scenario, guide)
-    law = cs.evaluate(scenario, policy, 5e-3, **options)
+    law = csw.evaluate(scenario, policy, 5e-3, **options)
     (low, high), mark, states = law.success, "", law.states
     if high - low > WIDE:
         runs = (100 if quick else 500) if collides else (500 if quick else 2000)
-        study = cs.simulate(scenario, [policy], runs, guide=guide, traces=0)
+        study = csw.simulate(scenario, [policy], runs, guide=guide, traces=0)
         row = study.summary.iloc[0]
         low, high, mark = row["success_low"], row["success_high"], "~ "
-        success, shortfalls = row["success"], row["shortfalls"] / runs
-        failures, resolved = row["solver_failures"] / runs, row["resolved"] / runs
+        success, infeasible = row["success"], row["infeasible"] / runs
+        failures, fallbacks = row["solver_failures"] / runs, row["fallbacks"] / runs
         states = int(study.effort["states"].iloc[0])
     else:
-        success, shortfalls = 0.5 * (low + high), law.shortfalls
-        failures, resolved = law.failures, np.nan
+        success, infeasible = 0.5 * (low + high), law.infeasible
+        failures, fallbacks = law.failures, np.nan
     return {
         "success": success,
         "success_low": low,
         "success_high": high,
         "mark": mark,
-        "shortfalls": shortfalls,
+        "infeasible": infeasible,
         "failures": failures,
-        "resolved": resolved,
+        "fallbacks": fallbacks,
         "states": states,
     }
 
@@ -171,23 +171,23 @@ def value(quick: bool) -> None:
     print("| scenario | policy | " + " | ".join(f"H = {steps}" for steps in STEPS) + " |")
     print("| --- | --- " + "| --- " * len(STEPS) + "|", flush=True)
     for name in SCENARIOS:
-        scenario = cs.load_scenario(name)
-        guide = cs.plan(scenario, certify=False)
+        scenario = csw.load_scenario(name)
+        guide = csw.plan(scenario, certify=False)
         for problem in ("leader", "constrained"):
             cells = []
             for steps in STEPS:
                 started = time.process_time()
                 found = measured(scenario, guide, named(problem, steps), quick)
                 took = time.process_time() - started
-                rows.append({"scenario": name, "policy": problem, "look_ahead": steps, **found})
+                rows.append({"scenario": name, "policy": problem, "horizon": steps, **found})
                 cells.append(
                     f"{found['mark']}{found['success_low']:.3f} to {found['success_high']:.3f}; "
-                    f"{found['shortfalls']:.1f}"
+                    f"{found['infeasible']:.1f}"
                 )
                 print(f"{name}, {problem}, H = {steps}: {took:.0f} s, {found}", file=sys.stderr)
                 pd.DataFrame(rows).to_csv("lookahead.csv", index=False)
             print(f"| {name} | {problem} | " + " | ".join(cells) + " |", flush=True)
-    save(look_ahead_chart(pd.DataFrame(rows)), Path("lookahead.png"))
+    save(mpc_chart(pd.DataFrame(rows)), Path("lookahead.png"))
 
 
 def main() -> None:

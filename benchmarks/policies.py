@@ -25,7 +25,7 @@ from typing import Any
 
 import pandas as pd
 
-import casswarm as cs
+import casswarm as csw
 import casswarm.policies
 from casswarm import Guide, Scenario
 
@@ -39,16 +39,16 @@ def cases() -> dict[str, Scenario]:
     """Scenarios in which every way leads past radars, none much safer than the others."""
     hurried = GENTLE | {"time.t_f": 5.0}
     return {
-        "alley": cs.load_scenario("alley"),
-        "barricade": cs.load_scenario("barricade"),
-        "ring, rates x 3, t_f = 8": cs.load_scenario("ring").with_values(
+        "alley": csw.load_scenario("alley"),
+        "barricade": csw.load_scenario("barricade"),
+        "ring, rates x 3, t_f = 8": csw.load_scenario("ring").with_values(
             GENTLE | {"hazard.alpha_1": 9.0, "time.t_f": 8.0}
         ),
-        "gauntlet": cs.load_scenario("gauntlet").with_values(GENTLE),
-        "paper-1, rates x 3, t_f = 5": cs.load_scenario("paper-1").with_values(
+        "gauntlet": csw.load_scenario("gauntlet").with_values(GENTLE),
+        "paper-1, rates x 3, t_f = 5": csw.load_scenario("paper-1").with_values(
             hurried | {"hazard.alpha_1": 12.0}
         ),
-        "paper-2, rates x 2, t_f = 5": cs.load_scenario("paper-2").with_values(
+        "paper-2, rates x 2, t_f = 5": csw.load_scenario("paper-2").with_values(
             hurried | {"hazard.alpha_1": 8.0}
         ),
     }
@@ -58,22 +58,23 @@ def makers() -> dict[str, Maker]:
     """How every policy is made."""
 
     def named(name: str, scenario: Scenario, guide: Guide, **options: Any) -> Any:
-        return cs.make_policy(name, scenario, guide, **options)
+        return csw.make_policy(name, scenario, guide, **options)
 
     rules = {
-        f"leader, {rule}": partial(named, "leader", succession=rule) for rule in ("first", "safest")
+        f"leader, {rule}": partial(named, "leader", leader_selection=rule)
+        for rule in ("first", "safest")
     }
-    names = [name for name in cs.policies.POLICIES if "ahead" not in name]
-    names += ["constrained-ahead-3", "leader-ahead-3", "leader-ahead-8"]
+    names = [name for name in csw.policies.POLICIES if "ahead" not in name]
+    names += ["constrained-mpc-3", "leader-mpc-3", "leader-mpc-8"]
     return {name: partial(named, name) for name in names} | rules
 
 
 def decided(scenario: Scenario, policy: Any, guide: Guide) -> float:
     """Microseconds of processor time a step and distinct state, in a thousand runs."""
     options: dict[str, Any] = {"guide": guide, "traces": 0}
-    cs.simulate(scenario, [policy], 10, **options)  # compiled before the clock starts
+    csw.simulate(scenario, [policy], 10, **options)  # compiled before the clock starts
     started = time.process_time()
-    study = cs.simulate(scenario, [policy], 1000, **options)
+    study = csw.simulate(scenario, [policy], 1000, **options)
     return 1e6 * (time.process_time() - started) / float(study.effort["states"].sum())
 
 
@@ -84,15 +85,15 @@ def row(
     started = time.process_time()
     policy = make(scenario, guide)
     planned += time.process_time() - started
-    law = cs.evaluate(scenario, policy, guide=guide, **options)
+    law = csw.evaluate(scenario, policy, guide=guide, **options)
     (low, high), proven = law.success, True
     if high - low > WIDE:
-        (low, high), proven = cs.estimate(scenario, policy, 4000, guide=guide).success, False
+        (low, high), proven = csw.estimate(scenario, policy, 4000, guide=guide).success, False
     return {
         "success_low": low,
         "success_high": high,
         "proven": proven,
-        "shortfalls": law.shortfalls,
+        "infeasible": law.infeasible,
         "failures": law.failures,
         "plan_seconds": planned,
         "decide_microseconds": decided(scenario, policy, guide),
@@ -105,7 +106,7 @@ def told(found: dict[str, Any]) -> str:
     cells = (
         found["policy"],
         bracket if found["proven"] else f"~ {bracket}",
-        f"{found['shortfalls']:.1f}",
+        f"{found['infeasible']:.1f}",
         f"{found['failures']:.3g}",
         f"{found['plan_seconds']:.2f}",
         f"{found['decide_microseconds']:.0f}",
@@ -116,13 +117,13 @@ def told(found: dict[str, Any]) -> str:
 def main() -> None:
     """Print the tables; with --out FOLDER, leave them there as policies.csv and policies.png."""
     quick = "--quick" in sys.argv
-    options: dict[str, Any] = {"tolerance": 1e-2 if quick else 1e-3, "most_states": 20_000}
+    options: dict[str, Any] = {"tolerance": 1e-2 if quick else 1e-3, "max_states": 20_000}
     rows = []
     for name, scenario in list(cases().items())[: 2 if quick else None]:
         started = time.process_time()
-        guide = cs.plan(scenario)
+        guide = csw.plan(scenario)
         planned = time.process_time() - started
-        bound = cs.success_bound(scenario)
+        bound = csw.success_bound(scenario)
         print(f"\n{name}: a lone agent survives with {guide.survival:.4f}; {bound}\n")
         print("| policy | success | shortfalls | failures | plan, s | decide, us |")
         print("| --- | --- | --- | --- | --- | --- |")
@@ -131,13 +132,13 @@ def main() -> None:
             rows.append({"scenario": name, "policy": policy, "bound": float(bound)} | found)
             print(told(rows[-1]), flush=True)
     if "--out" in sys.argv:
-        from casswarm.figures import rival_chart, save
+        from casswarm.figures import policy_comparison_chart, save
 
         folder = Path(sys.argv[sys.argv.index("--out") + 1])
         folder.mkdir(parents=True, exist_ok=True)
         table = pd.DataFrame(rows)
         table.round(6).to_csv(folder / "policies.csv", index=False)
-        save(rival_chart(table), folder / "policies.png", dpi=130)
+        save(policy_comparison_chart(table), folder / "policies.png", dpi=130)
 
 
 if __name__ == "__main__":

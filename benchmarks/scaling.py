@@ -26,10 +26,10 @@ from functools import cache
 import numba
 import numpy as np
 
-import casswarm as cs
+import casswarm as csw
 from casswarm.optimization.solvers import Auto
 from casswarm.optimization.solvers.batch.spg import _module
-from casswarm.policies.leader_selection import SUCCESSIONS
+from casswarm.policies.leader_selection import LEADER_SELECTION
 from casswarm.problems.formation import (
     Formation,
     Motion,
@@ -44,8 +44,8 @@ MOTION = Motion(v_max=2.0, a_max=0.5, dt=0.33)
 PACE = np.array([0.8, 0.8])  # of the guide
 RADARS = ((4.4, 4.6), (4.5, 3.0))
 HAZARDS = {
-    "": cs.Saturation(RADARS, alpha_1=4.0, alpha_2=3.0, alpha_3=4.0),
-    ", collisions": cs.SaturationCollision(
+    "": csw.Saturation(RADARS, alpha_1=4.0, alpha_2=3.0, alpha_3=4.0),
+    ", collisions": csw.SaturationCollision(
         RADARS, alpha_1=4.0, alpha_2=3.0, alpha_3=4.0, beta_1=0.2, beta_2=6.0
     ),
 }
@@ -60,7 +60,7 @@ class Measured:
     evaluations: int
     gradient: float
     solved: bool
-    resolved: bool
+    fallbacks: bool
 
 
 def lattice(n: int) -> np.ndarray:
@@ -73,7 +73,7 @@ def lattice(n: int) -> np.ndarray:
 def formation(step: Step, policy: str, here: np.ndarray) -> Formation:
     """The policy's formation problem; the corridor grows with the swarm's area."""
     if policy == "leader":
-        return leader_formation(step, SUCCESSIONS["nearest"](step, here))
+        return leader_formation(step, LEADER_SELECTION["nearest"](step, here))
     n = step.alive.shape[1]
     return corridor_formation(step, max(0.05, 0.3 * n * SPACING**2))
 
@@ -109,7 +109,7 @@ def _repeated(evaluate: Callable[..., float]) -> Callable[..., float]:
     return numba.njit(repeat)  # type: ignore[no-any-return]
 
 
-def flight(hazard: cs.Hazard, policy: str, n: int) -> list[Measured]:
+def flight(hazard: csw.Hazard, policy: str, n: int) -> list[Measured]:
     """Measure the states of one flight."""
     places, velocities = lattice(n)[None], np.broadcast_to(PACE, (1, n, 2))
     alive, solver, rows = np.ones((1, n), bool), Auto(), []
@@ -131,7 +131,7 @@ def flight(hazard: cs.Hazard, policy: str, n: int) -> list[Measured]:
                 int(runs[0].counts[0, 1]) + 1,  # and one to judge
                 gradient_seconds(found.x[0], problem),
                 bool(found.success[0]),
-                bool(found.resolved[0]),
+                bool(found.fallbacks[0]),
             )
         )
         velocities = found.x.reshape(1, n, 2)
@@ -162,7 +162,7 @@ def main() -> None:
                     f"{statistics.median(row.evaluations for row in rows):.0f}",
                     f"{statistics.median(r.solve / r.evaluations / r.gradient for r in rows):.2f}",
                     f"{sum(not row.solved for row in rows)} unsolved, "
-                    f"{sum(row.resolved for row in rows)} resolved of {len(rows)}",
+                    f"{sum(row.fallbacks for row in rows)} resolved of {len(rows)}",
                 )
                 print(f"| {' | '.join(cells)} |", flush=True)
             large = [n for n in medians if n >= 50]

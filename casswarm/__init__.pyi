@@ -1,15 +1,15 @@
-from .chain.distribution import Law
+from .chain.distribution import OutcomeDistribution
 from .chain.stratified import Estimate
 from .comparison import Comparison, Problem, Tolerances, compare
 from .errors import (
     CasswarmError,
+    CheckpointError,
     ComparisonError,
     HazardError,
     PlanningError,
     PolicyError,
     ScenarioError,
     SolverError,
-    StoreError,
     WorkerError,
 )
 from .figures.animation import animate
@@ -35,6 +35,7 @@ __all__ = [
     "Candidate",
     "CasswarmError",
     "Certificate",
+    "CheckpointError",
     "Comparison",
     "ComparisonError",
     "CustomHazard",
@@ -44,7 +45,7 @@ __all__ = [
     "Hazard",
     "HazardError",
     "KernelHazard",
-    "Law",
+    "OutcomeDistribution",
     "PlanningError",
     "Policy",
     "PolicyError",
@@ -58,7 +59,6 @@ __all__ = [
     "Solver",
     "SolverError",
     "Status",
-    "StoreError",
     "Study",
     "SuccessBound",
     "SwarmOutcome",

@@ -34,7 +34,7 @@ class ComparisonError(CasswarmError, ValueError):
     """A comparison of solvers that is misconfigured, or a folder that holds another one."""
 
 
-class StoreError(CasswarmError, RuntimeError):
+class CheckpointError(CasswarmError, RuntimeError):
     """A results folder that is in use, was made with other inputs, or holds unfinished work."""
 
 
@@ -42,7 +42,7 @@ class WorkerError(CasswarmError, RuntimeError):
     """Processes that were to do the work died again and again; what was done before is kept."""
 
 
-def among(word: str, known: Iterable[str]) -> str:
+def did_you_mean(word: str, known: Iterable[str]) -> str:
     """The end of a message about an unknown word: the known word nearest to it, and all of them."""
     words = list(known)
     close = get_close_matches(word, words, 1)

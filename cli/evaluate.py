@@ -10,8 +10,8 @@ import click
 
 from .common import load, named_policies, reported_errors
 from .options import (
+    distribution_options,
     figure_options,
-    law_options,
     policy_option,
     scenario_options,
     seed_option,
@@ -20,7 +20,7 @@ from .options import (
 from .output import Folder, aligned, json_text, say
 
 if TYPE_CHECKING:
-    from ..chain.distribution import Law
+    from ..chain.distribution import OutcomeDistribution
     from ..chain.stratified import Estimate
     from ..planning.bounds.success_bound import SuccessBound
     from ..scenario import Scenario
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 @scenario_options
 @figure_options
 @policy_option
-@law_options
+@distribution_options
 @click.option(
     "--runs",
     type=click.IntRange(1),
@@ -50,8 +50,8 @@ def evaluate(
     dpi: int,
     policies: tuple[str, ...],
     tolerance: float,
-    most_states: int | None,
-    merging: float,
+    max_states: int | None,
+    aggregation_tol: float,
     runs: int | None,
     seed: int,
     solver: str,
@@ -67,7 +67,7 @@ def evaluate(
     Examples:
       casswarm evaluate paper-1
       casswarm evaluate paper-2 --policy leader --tolerance 1e-4
-      casswarm evaluate paper-1 --tolerance 1e-6 --merge 1e-6
+      casswarm evaluate paper-1 --tolerance 1e-6 --aggregation-tol 1e-6
       casswarm evaluate large-swarm --policy leader --runs 2000
     """
     with reported_errors():
@@ -83,8 +83,8 @@ def evaluate(
         for policy in named_policies(policies):
             say(f"evaluating {getattr(policy, 'name', policy)}", quiet)
             options: dict[str, Any] = {
-                "most_states": most_states,
-                "merging": merging,
+                "max_states": max_states,
+                "aggregation_tol": aggregation_tol,
                 "guide": guide,
                 "solver": solver,
                 "progress": None if quiet else _tell,
@@ -98,8 +98,8 @@ def evaluate(
                 laws.append(estimates[-1].head)
     inputs = {
         "tolerance": tolerance,
-        "most_states": most_states,
-        "merging": merging,
+        "max_states": max_states,
+        "aggregation_tol": aggregation_tol,
         "runs": runs,
         "seed": seed,
         "solver": solver,
@@ -121,7 +121,7 @@ def _tell(states: int, left: float) -> None:
 def _write(
     folder: Folder,
     scenario: Scenario,
-    laws: list[Law],
+    laws: list[OutcomeDistribution],
     estimates: list[Estimate],
     bound: SuccessBound,
     inputs: dict[str, Any],
@@ -151,21 +151,21 @@ def _write(
     return folder.record(result, inputs)
 
 
-def _words(scenario: Scenario, laws: list[Law]) -> str:
-    head = ("policy", "success, bracket", "survivors", "states", "shortfalls", "solver failures")
+def _words(scenario: Scenario, laws: list[OutcomeDistribution]) -> str:
+    head = ("policy", "success, bracket", "survivors", "states", "infeasible", "solver failures")
     rows = [
         (
             law.policy,
             f"{law.success[0]:.6f} to {law.success[1]:.6f}",
             f"{law.survivors_mean[0]:.3f} to {law.survivors_mean[1]:.3f}",
             f"{law.states}",
-            f"{law.shortfalls:.2f}",
+            f"{law.infeasible:.2f}",
             f"{law.failures:.4f}",
         )
         for law in laws
     ]
     notes = [f"{law.policy}: {law.help}" for law in laws if not law.complete]
-    merged = [] if all(law.proven for law in laws) else [_MERGED.format(laws[0].merging)]
+    merged = [] if all(law.proven for law in laws) else [_MERGED.format(laws[0].aggregation_tol)]
     table = aligned([head, *rows])
     lines = [f"{scenario.name}, exact law; counts are means of a run", "", table]
     return "\n".join(lines + ([""] if notes or merged else []) + notes + merged)

@@ -34,7 +34,7 @@ policy_option = click.option(
     multiple=True,
     metavar="NAME",
     help="naive, constrained, leader, constrained-feedback, leader-feedback, joint, "
-    "joint-feedback, with H steps in view leader-ahead-H and constrained-ahead-H (H a number), or "
+    "joint-replanning, with H steps in view leader-mpc-H and constrained-mpc-H (H a number), or "
     "your own as module:function; repeatable. [default: the first three]",
 )
 """Which policies a command works on."""
@@ -94,7 +94,7 @@ figure_options = _together(
 )
 """How figures are drawn."""
 
-law_options = _together(
+distribution_options = _together(
     click.option(
         "--tolerance",
         type=click.FloatRange(0, 1, max_open=True),
@@ -103,14 +103,14 @@ law_options = _together(
         help="Width of the brackets of exact laws.",
     ),
     click.option(
-        "--most-states",
+        "--max-states",
         type=click.IntRange(1),
         help="States solved at the most; brackets may get wider. "
         "[default: a million, or 10000 with more than 12 members]",
     ),
     click.option(
-        "--merge",
-        "merging",
+        "--aggregation-tol",
+        "aggregation_tol",
         type=click.FloatRange(0),
         default=0.0,
         show_default=True,

@@ -14,7 +14,7 @@ from .output import Folder, json_text, say
 from .plan_joint import plan_joint
 
 if TYPE_CHECKING:
-    from ..planning.bounds.outlook import Outlook
+    from ..planning.bounds.outlook import CostToGoMap
     from ..planning.bounds.value_function import ValueFunction
     from ..planning.guide import Guide
     from ..scenario import Scenario
@@ -42,7 +42,11 @@ _WAYS = 6  # that are printed; candidates.csv has them all
     type=click.Choice(["any", "horizon"]),
     help="Choose the best arrival step, or use all the time. [default: the scenario's]",
 )
-@click.option("--flyable/--not-flyable", default=None, help="Whether the guide respects a_max.")
+@click.option(
+    "--acceleration_limited/--not-acceleration_limited",
+    default=None,
+    help="Whether the guide respects a_max.",
+)
 @click.option(
     "--certify/--no-certify", default=True, help="Prove how good any guide can be. [default: yes]"
 )
@@ -94,7 +98,7 @@ def plan(
     solver: str,
     search: str | None,
     arrival: str | None,
-    flyable: bool | None,
+    acceleration_limited: bool | None,
     certify: bool,
     gap: float,
     time_limit: float,
@@ -124,10 +128,14 @@ def plan(
       casswarm plan paper-2 --joint --min-distance 0.1
     """
     _require_apt(joint)
-    if solver == "projected-gradient" and (search, arrival, flyable) != (None, None, None):
+    if solver == "projected-gradient" and (search, arrival, acceleration_limited) != (
+        None,
+        None,
+        None,
+    ):
         raise WrongInput(
             "the paper's projected gradient starts from the straight line, takes all the time and "
-            "knows no a_max: --search, --arrival and --flyable do not apply to it"
+            "knows no a_max: --search, --arrival and --acceleration_limited do not apply to it"
         )
     with reported_errors():
         chosen = load(
@@ -135,7 +143,7 @@ def plan(
             settings,
             guide__search=search,
             guide__arrival=arrival,
-            guide__flyable=flyable,
+            guide__flyable=acceleration_limited,
         )
         from ..planning.plan import plan as find_guide
 
@@ -193,7 +201,11 @@ def _rival(scenario: Scenario, guide: Guide) -> Guide:
 
     from ..planning.plan import plan as find_guide
 
-    free = {"flyable": False, "margin": 1e-6 * scenario.target.radius, "arrival": "any"}
+    free = {
+        "acceleration_limited": False,
+        "margin": 1e-6 * scenario.target.radius,
+        "arrival": "any",
+    }
     wanted = scenario.with_values({f"guide.{key}": value for key, value in free.items()})
     found = find_guide(wanted, search="global", certify=False)
     return replace(found, risk_bound=guide.risk_bound, certificate=guide.certificate)
@@ -213,14 +225,14 @@ def _write(
     value: ValueFunction | None,
     inputs: dict[str, object],
 ) -> dict[str, object]:
-    from ..planning.guide import path_of
+    from ..planning.guide import integrate
     from ..results.catalogue import planned
     from ..studies.tables import candidate_table, guide_table, path_table, rival_table
 
     folder.table("guide", guide_table(guide))
     folder.table("candidates", candidate_table(guide))
     ways = {
-        f"{way.sides or 'way'} {number}": path_of(guide.positions[0], way.velocities, guide.dt)
+        f"{way.sides or 'way'} {number}": integrate(guide.positions[0], way.velocities, guide.dt)
         for number, way in enumerate(guide.ways())
     }
     rivals = {} if rival is None else {"projected gradient": guide, "global search": rival}
@@ -249,11 +261,11 @@ def _write(
     return folder.record(result, inputs)
 
 
-def _outlook(scenario: Scenario, guide: Guide, value: ValueFunction) -> Outlook:
+def _outlook(scenario: Scenario, guide: Guide, value: ValueFunction) -> CostToGoMap:
     from ..figures.base_map import extent
-    from ..planning.bounds.outlook import Outlook
+    from ..planning.bounds.outlook import CostToGoMap
 
-    return Outlook.of(value, *extent(scenario, [guide.positions, scenario.positions]))
+    return CostToGoMap.of(value, *extent(scenario, [guide.positions, scenario.positions]))
 
 
 def _words(scenario: Scenario, guide: Guide, rival: Guide | None) -> str:
@@ -303,11 +315,11 @@ def _ways(guide: Guide) -> list[str]:
 def _unproven(scenario: Scenario) -> list[str]:
     """What is missing for a proof, where it is the user's to give."""
     start = scenario.guide_start
-    if scenario.hazard.least_lone_rate(start, start) is not None:
+    if scenario.hazard.single_agent_lower_bound(start, start) is not None:
         return []
     return [
         "not certified: that needs a lower bound of your rates over boxes; give them a "
-        "least_lone_rate (docs: rates of your own)"
+        "single_agent_lower_bound (docs: rates of your own)"
     ]
 
 

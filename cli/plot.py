@@ -46,7 +46,7 @@ def plot(
       casswarm plot results/compare --width slide --out slides
     """
     with reported_errors():
-        from ..errors import StoreError, among
+        from ..errors import CheckpointError, did_you_mean
         from ..figures import look
         from ..results.folder import Saved
 
@@ -55,7 +55,9 @@ def plot(
             gallery = saved.gallery(run)
         for name in names:
             if name not in gallery:
-                raise StoreError(f"{folder} has no figure {name!r}{among(name, gallery)}")
+                raise CheckpointError(
+                    f"{folder} has no figure {name!r}{did_you_mean(name, gallery)}"
+                )
         target = Folder("plot", None, out or folder, figures, width=width, dpi=dpi)
         target.draw({name: drawn for name, drawn in gallery.items() if name in names or not names})
     if out is None:

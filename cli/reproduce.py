@@ -60,14 +60,16 @@ def reproduce(
     """
     with reported_errors():
         folder = Folder("reproduce", None, out, figures, width=width, dpi=dpi)
-        from ..errors import among
+        from ..errors import did_you_mean
         from ..reproduction import page
         from ..reproduction import reproduce as made_again
         from ..reproduction.reproduce import DRAWN, TABLES
 
         for name in only:
             if name not in (*TABLES, DRAWN):
-                raise WrongInput(f"--only {name!r} is unknown{among(name, [*TABLES, DRAWN])}")
+                raise WrongInput(
+                    f"--only {name!r} is unknown{did_you_mean(name, [*TABLES, DRAWN])}"
+                )
         started = time.perf_counter()
         found = made_again(
             runs,

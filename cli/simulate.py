@@ -206,10 +206,10 @@ def summary_text(summary: pd.DataFrame) -> str:
         "95 % interval",
         "survivors",
         "arrival step",
-        "shortfalls",
+        "infeasible",
         "solver failures",
-        "resolved",
-        "clipped",
+        "fallbacks",
+        "saturated",
     )
     rows = [
         (
@@ -219,10 +219,10 @@ def summary_text(summary: pd.DataFrame) -> str:
             f"{row['success_low']:.4f} to {row['success_high']:.4f}",
             f"{row['survivors_mean']:.2f}",
             f"{row['arrival_step_mean']:.1f}" if row["successes"] else "-",
-            f"{row['shortfalls']}",
+            f"{row['infeasible']}",
             f"{row['solver_failures']}",
-            f"{row['resolved']}",
-            f"{row['clipped']}",
+            f"{row['fallbacks']}",
+            f"{row['saturated']}",
         )
         for row in summary.to_dict("records")
     ]

@@ -17,11 +17,11 @@ def solvers(as_json: bool) -> None:
 
     Says of every other solver why it cannot be used here, or why it is left out.
     """
-    from ..optimization.solvers import LEFT_OUT
+    from ..optimization.solvers import UNSUPPORTED
 
     known = _known()
     if as_json:
-        click.echo(json_text({"solvers": known, "left_out": LEFT_OUT}))
+        click.echo(json_text({"solvers": known, "left_out": UNSUPPORTED}))
         return
     head = ("solver", "problems", "batch", "multipliers", "time limit")
     table = aligned([head, *map(_row, known)]).splitlines()
@@ -30,7 +30,7 @@ def solvers(as_json: bool) -> None:
     missing = [(row["name"], row["unavailable"]) for row in known if row["unavailable"]]
     if missing:
         click.echo("\nNot usable in this installation:\n" + _reasons(missing))
-    click.echo("\nLeft out:\n" + _reasons(list(LEFT_OUT.items())))
+    click.echo("\nLeft out:\n" + _reasons(list(UNSUPPORTED.items())))
 
 
 def _known() -> list[dict[str, Any]]:
@@ -40,7 +40,7 @@ def _known() -> list[dict[str, Any]]:
         {
             "name": name,
             "summary": solver.summary,
-            **asdict(solver.abilities),
+            **asdict(solver.capabilities),
             "unavailable": solver.unavailable(),
         }
         for name, solver in SOLVERS.items()

@@ -11,8 +11,8 @@ import click
 
 from .common import RESUME, Failure, WrongInput, executor, load, named_policies, reported_errors
 from .options import (
+    distribution_options,
     figure_options,
-    law_options,
     policy_option,
     scenario_options,
     seed_option,
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 )
 @click.option("--runs", type=click.IntRange(1), help="Sample so many runs of every cell instead.")
 @seed_option
-@law_options
+@distribution_options
 @study_options
 @solver_option
 def sweep(
@@ -51,8 +51,8 @@ def sweep(
     runs: int | None,
     seed: int,
     tolerance: float,
-    most_states: int | None,
-    merging: float,
+    max_states: int | None,
+    aggregation_tol: float,
     workers: int,
     dask: str | None,
     resume: bool,
@@ -93,8 +93,8 @@ def sweep(
             runs=runs,
             seed=seed,
             tolerance=tolerance,
-            most_states=most_states,
-            merging=merging,
+            max_states=max_states,
+            aggregation_tol=aggregation_tol,
             solver=solver,
             workers=stack.enter_context(executor(workers, dask)),
             folder=folder.path,
@@ -108,8 +108,8 @@ def sweep(
         "runs": runs,
         "seed": seed,
         "tolerance": tolerance,
-        "most_states": most_states,
-        "merging": merging,
+        "max_states": max_states,
+        "aggregation_tol": aggregation_tol,
         "solver": solver,
         "workers": workers,
     }

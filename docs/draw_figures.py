@@ -16,7 +16,7 @@ CASSWARM = Path(sys.executable).parent / "casswarm"
 SMALL = ("--dpi", "100", "--quiet")
 
 AHEAD = tuple(
-    word for name in ("leader", "leader-ahead-3", "leader-ahead-8") for word in ("--policy", name)
+    word for name in ("leader", "leader-mpc-3", "leader-mpc-8") for word in ("--policy", name)
 )
 RUNS = (
     ("plan", "paper-1", "--map"),
@@ -42,7 +42,7 @@ DRAWN = {
         "formation-constrained",
     ),
     "simulate-paper-2": ("formation-leader",),
-    "look-ahead": ("success", "run-leader", "run-leader-ahead-8"),
+    "look-ahead": ("success", "run-leader", "run-leader-mpc-8"),
     "evaluate-paper-1": ("arrival", "population", "survival"),
     "sweep-n": ("over-n",),
     "sweep-paper-1": ("over-spacing", "heat-map"),

@@ -31,7 +31,7 @@ import sys
 import numpy as np
 import pandas as pd
 
-import casswarm as cs
+import casswarm as csw
 from casswarm.chain.confidence import wilson
 
 SEARCHED = int(os.environ.get("CASSWARM_CALIBRATION", "0"))
@@ -100,11 +100,11 @@ def values_of(row):
 
 
 # %%
-def successes(scenario, tolerance=1e-2, most_states=20_000, policies=tuple(PAPER)):
+def successes(scenario, tolerance=1e-2, max_states=20_000, policies=tuple(PAPER)):
     """Exact success probabilities (middles of the brackets)."""
-    guide = cs.plan(scenario, certify=False)
-    options = {"tolerance": tolerance, "most_states": most_states, "guide": guide}
-    return {name: np.mean(cs.evaluate(scenario, name, **options).success) for name in policies}
+    guide = csw.plan(scenario, certify=False)
+    options = {"tolerance": tolerance, "max_states": max_states, "guide": guide}
+    return {name: np.mean(csw.evaluate(scenario, name, **options).success) for name in policies}
 
 
 def deviation(success):
@@ -150,8 +150,8 @@ def judged(scenario, values, limit=np.inf):
 
 
 # %%
-first = cs.load_scenario("paper-1")
-second = cs.load_scenario("paper-2")
+first = csw.load_scenario("paper-1")
+second = csw.load_scenario("paper-2")
 
 
 def search(count, seed=0, limit=1.5):
@@ -169,7 +169,7 @@ def search(count, seed=0, limit=1.5):
             if deviation(successes(scenario)) > 0.9:
                 continue
             row |= judged(first, values, limit)
-        except cs.CasswarmError:
+        except csw.CasswarmError:
             continue  # no guide, or a member that starts at a radar
         rows.append(row)
         print(len(rows), row["target"], values["hazard.radars"], f"{row['worst deviation']:.2f}")
@@ -209,16 +209,16 @@ CANDIDATES = {
 def row_of(values, thorough):
     """What is to be known of a candidate: robustness, scenario II, the paper's own guide."""
     scenario = first.with_values(values)
-    guide = cs.plan(scenario, certify=False)
+    guide = csw.plan(scenario, certify=False)
     row = judged(first, values) if thorough else judged(first, values, limit=-1)
-    law = cs.evaluate(scenario, "constrained", 1e-2, most_states=20_000, guide=guide)
-    row |= {"risk": guide.risk, "arrival": guide.arrival, "shortfalls": law.shortfalls}
+    law = csw.evaluate(scenario, "constrained", 1e-2, max_states=20_000, guide=guide)
+    row |= {"risk": guide.risk, "arrival": guide.arrival, "infeasible": law.infeasible}
     collisions = second.with_values(values)
     for name in PAPER:
-        found = cs.estimate(collisions, name, 1000, most_states=3000, guide=guide)
+        found = csw.estimate(collisions, name, 1000, max_states=3000, guide=guide)
         row[f"II {name}"] = np.mean(found.success)
     if thorough:
-        papers = cs.plan(scenario, "projected-gradient", certify=False)
+        papers = csw.plan(scenario, "projected-gradient", certify=False)
         row["projected-gradient risk"] = papers.risk
     return row
 

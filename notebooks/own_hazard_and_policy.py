@@ -22,7 +22,7 @@
 import casadi as ca
 import numpy as np
 
-import casswarm as cs
+import casswarm as csw
 from casswarm.figures import guide_map, success_chart, swarm_map
 
 # %% [markdown]
@@ -64,9 +64,9 @@ def least(lower, upper, radars=(), fire=1.5, reach=2.0, calm=0.05):
     return rates
 
 
-towers.least_lone_rate = least
+towers.single_agent_lower_bound = least
 
-scenario = cs.Scenario.from_data(
+scenario = csw.Scenario.from_data(
     {
         "name": "towers",
         "swarm": {
@@ -80,7 +80,7 @@ scenario = cs.Scenario.from_data(
         "guide": {"a_max": 0.1},
     }
 )
-guide = cs.plan(scenario)
+guide = csw.plan(scenario)
 print(guide)
 
 # %%
@@ -95,8 +95,8 @@ guide_map(scenario, guide, guide.ways())
 # step. *Naive* members do not look at each other at all.
 
 # %%
-study = cs.simulate(scenario, ["naive", "constrained", "leader"], runs=300, guide=guide)
-shown = ["policy", "success", "success_low", "success_high", "shortfalls"]
+study = csw.simulate(scenario, ["naive", "constrained", "leader"], runs=300, guide=guide)
+shown = ["policy", "success", "success_low", "success_high", "infeasible"]
 study.summary[shown]
 
 # %% [markdown]
@@ -117,34 +117,34 @@ swarm_map(scenario, study.traces["leader"][0], guide)
 # along the guide, together; the other sends half of the swarm along the best way on the other side.
 
 # %%
-from casswarm.planning.guide import path_of
+from casswarm.planning.guide import integrate
 from casswarm.policies import motion_of
 
 motion = motion_of(scenario)
-paths = [path_of(guide.positions[0], way.velocities, guide.dt) for way in guide.ways()[:2]]
+paths = [integrate(guide.positions[0], way.velocities, guide.dt) for way in guide.ways()[:2]]
 
 
-def along(path, step, positions, previous):
+def along(path, step, positions, previous_velocities):
     """Velocities (B, m, 2) of m members toward a path's next point."""
-    return motion.toward(positions, previous, path[min(step + 1, len(path) - 1)])
+    return motion.toward(positions, previous_velocities, path[min(step + 1, len(path) - 1)])
 
 
-def together(step, positions, previous, alive):
+def together(step, positions, previous_velocities, alive):
     """All along the guide."""
-    return along(paths[0], step, positions, previous)
+    return along(paths[0], step, positions, previous_velocities)
 
 
-def apart(step, positions, previous, alive):
+def apart(step, positions, previous_velocities, alive):
     """Half of the members along either way."""
     halves = [slice(0, 2), slice(2, 4)]
     parts = [
-        along(path, step, positions[:, half], previous[:, half])
+        along(path, step, positions[:, half], previous_velocities[:, half])
         for path, half in zip(paths, halves, strict=True)
     ]
     return np.concatenate(parts, axis=1)
 
 
-own = cs.simulate(scenario, ["leader", "naive", together, apart], runs=300, guide=guide)
+own = csw.simulate(scenario, ["leader", "naive", together, apart], runs=300, guide=guide)
 success_chart(own.summary, scenario.name)
 
 # %% [markdown]
@@ -157,7 +157,7 @@ own.paired.iloc[:, :5]
 # No sampling is needed to be sure. The exact laws are brackets, proven:
 
 # %%
-laws = [cs.evaluate(scenario, policy, 1e-3, guide=guide) for policy in (together, apart)]
+laws = [csw.evaluate(scenario, policy, 1e-3, guide=guide) for policy in (together, apart)]
 print(*laws, sep="\n")
 assert laws[0].success[0] > laws[1].success[1]
 

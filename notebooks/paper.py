@@ -20,14 +20,14 @@
 
 # %%
 # %matplotlib inline
-import casswarm as cs
+import casswarm as csw
 from casswarm.figures import convergence_chart, table_2_chart
 from casswarm.reproduction import readings, report, reproduce
 from casswarm.reproduction.convergence import condensed, formation_convergence, guide_convergence
 from casswarm.reproduction.report import table_2_words
 
-first, second = cs.load_scenario("paper-1"), cs.load_scenario("paper-2")
-found = reproduce(only=["table-1", "geometry", "table-2", "shortfalls", "figures"])
+first, second = csw.load_scenario("paper-1"), csw.load_scenario("paper-2")
+found = reproduce(only=["table-1", "geometry", "table-2", "infeasible", "figures"])
 
 # %% [markdown]
 # ## Table I, and what is not in it
@@ -96,7 +96,7 @@ convergence_chart(
 # steps 3 to 6, and once in the gate.
 
 # %%
-found.figures["shortfalls"]()
+found.figures["infeasible"]()
 
 # %% [markdown]
 # ## Is the order of the policies the paper's merit, or the guide's?
@@ -107,10 +107,10 @@ found.figures["shortfalls"]()
 
 # %%
 around = first.with_values({"guide.search": "global", "guide.arrival": "any"})
-guide = cs.plan(around, certify=False)
+guide = csw.plan(around, certify=False)
 print(guide)
 for policy in ("naive", "constrained", "leader"):
-    print(cs.evaluate(around, policy, 1e-3, guide=guide))
+    print(csw.evaluate(around, policy, 1e-3, guide=guide))
 
 # %% [markdown]
 # ## Slips and silences

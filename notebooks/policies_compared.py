@@ -23,11 +23,11 @@
 # %matplotlib inline
 import pandas as pd
 
-import casswarm as cs
-from casswarm.figures import rival_chart
+import casswarm as csw
+from casswarm.figures import policy_comparison_chart
 
-POLICIES = ["naive", "constrained", "leader", "leader-ahead-3", "joint"]
-scenarios = {name: cs.load_scenario(name) for name in ("alley", "barricade")}
+POLICIES = ["naive", "constrained", "leader", "leader-mpc-3", "joint"]
+scenarios = {name: csw.load_scenario(name) for name in ("alley", "barricade")}
 
 # %% [markdown]
 # The head of every law is followed exactly, and what it leaves, `sampled`, by 4000 runs: where that
@@ -38,10 +38,10 @@ scenarios = {name: cs.load_scenario(name) for name in ("alley", "barricade")}
 # %%
 rows = []
 for name, scenario in scenarios.items():
-    guide = cs.plan(scenario, certify=False)
-    bound = cs.success_bound(scenario)
+    guide = csw.plan(scenario, certify=False)
+    bound = csw.success_bound(scenario)
     for policy in POLICIES:
-        found = cs.estimate(scenario, policy, 4000, guide=guide)
+        found = csw.estimate(scenario, policy, 4000, guide=guide)
         rows.append(
             {
                 "scenario": name,
@@ -56,7 +56,7 @@ table = pd.DataFrame(rows)
 table.round(4)
 
 # %%
-rival_chart(table)
+policy_comparison_chart(table)
 
 # %% [markdown]
 # **What was learnt.** Leader protection beats flying for oneself, but leaves a lot: it follows a

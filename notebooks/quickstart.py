@@ -18,10 +18,10 @@
 
 # %%
 # %matplotlib inline
-import casswarm as cs
+import casswarm as csw
 from casswarm.figures import arrival_chart, guide_map, success_chart, swarm_map
 
-scenario = cs.load_scenario("paper-1")
+scenario = csw.load_scenario("paper-1")
 scenario
 
 # %% [markdown]
@@ -33,8 +33,8 @@ scenario
 # agent can survive at the best.
 
 # %%
-guide = cs.plan(scenario)
-around = cs.plan(scenario.with_values({"guide.arrival": "any"}), search="global")
+guide = csw.plan(scenario)
+around = csw.plan(scenario.with_values({"guide.arrival": "any"}), search="global")
 print("local: ", guide)
 print("global:", around)
 
@@ -56,15 +56,15 @@ print(around.solution)
 
 
 # %%
-def homing(step, positions, previous, alive):
+def homing(step, positions, previous_velocities, alive):
     """Everybody straight to the target, to be there on time."""
     remaining = scenario.n_steps - step
     return (scenario.target.center - positions) / (scenario.time.dt * remaining)
 
 
 policies = ["naive", "constrained", "leader", homing]
-study = cs.simulate(scenario, policies, runs=200, guide=guide)
-study.summary[["policy", "success", "success_low", "success_high", "shortfalls", "clipped"]]
+study = csw.simulate(scenario, policies, runs=200, guide=guide)
+study.summary[["policy", "success", "success_low", "success_high", "infeasible", "saturated"]]
 
 # %%
 success_chart(study.summary, scenario.name)
@@ -91,7 +91,7 @@ swarm_map(scenario, study.traces["leader"][0], guide)
 # not followed to its end is a mass, and every probability a bracket:
 
 # %%
-laws = [cs.evaluate(scenario, policy, 1e-3, guide=guide) for policy in ("naive", "leader")]
+laws = [csw.evaluate(scenario, policy, 1e-3, guide=guide) for policy in ("naive", "leader")]
 for law in laws:
     low, high = law.success
     row = study.summary.set_index("policy").loc[law.policy]
@@ -107,4 +107,4 @@ arrival_chart(laws, scenario.name)
 # The same policy along the global guide, around the radars instead of through the gate:
 
 # %%
-print(cs.evaluate(scenario, "leader", 1e-3, guide=around))
+print(csw.evaluate(scenario, "leader", 1e-3, guide=around))

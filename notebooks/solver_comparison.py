@@ -20,7 +20,7 @@
 
 # %%
 # %matplotlib inline
-import casswarm as cs
+import casswarm as csw
 from casswarm.comparison.profiles import (
     data_profile,
     pairwise_profiles,
@@ -45,7 +45,7 @@ solvers = {
     "spectral": "spectral",
     "projected-gradient": ProjectedGradient(iterations=500),
 }
-comparison = cs.compare(["quick"], solvers, problems=2, seconds=10)
+comparison = csw.compare(["quick"], solvers, problems=2, seconds=10)
 comparison.summary
 
 # %% [markdown]

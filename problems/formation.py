@@ -15,7 +15,7 @@ The paper's section IV.B, both of its problems as one program with weights:
 Per member the constraint set is a box and one or two discs in the plane, so the set of a state is
 a product, `PlanarSets` of n members. It can be empty, which the paper does not say. v_max and a_max
 are physical and always hold; a member that cannot reach its corridor goes as near to it as they
-allow, and is counted (`Formation.shortfalls`). The destroyed stay where they fell.
+allow, and is counted (`Formation.infeasible`). The destroyed stay where they fell.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from ..hazard import Hazard, KernelHazard
 from ..optimization.feasible_sets.planar import PlanarSets
 from ..optimization.problem import Instances, Nlp
-from ..typing import Booleans, Floats
+from ..typing import BoolArray, FloatArray
 from .formation_kernels import formation_objective
 
 if TYPE_CHECKING:
@@ -47,11 +47,11 @@ _UNROLL = 8  # members up to which scalar expressions are faster
 def formation_nlp(hazard: Hazard, n: int, corridor: bool) -> Nlp:
     """The program above for n members, with the corridor's constraints or without."""
     v = ca.MX.sym("velocities", 2, n)
-    X, previous = ca.MX.sym("positions", 2, n), ca.MX.sym("previous", 2, n)
+    X, previous_velocities = ca.MX.sym("positions", 2, n), ca.MX.sym("previous_velocities", 2, n)
     alive, weights = ca.MX.sym("alive", 1, n), ca.MX.sym("weights", 1, n)
     goal, dt = ca.MX.sym("goal", 2), ca.MX.sym("dt")
     following = X + dt * v
-    constraints = {"acceleration": ca.sum1((v - previous) ** 2)}
+    constraints = {"acceleration": ca.sum1((v - previous_velocities) ** 2)}
     if corridor:
         constraints["corridor"] = ca.sum1((following - ca.repmat(goal, 1, n)) ** 2)
     return Nlp(
@@ -59,7 +59,7 @@ def formation_nlp(hazard: Hazard, n: int, corridor: bool) -> Nlp:
         variables={"velocities": v},
         parameters={
             "positions": X,
-            "previous": previous,
+            "previous_velocities": previous_velocities,
             "alive": alive,
             "weights": weights,
             "goal": goal,
@@ -97,23 +97,25 @@ class Motion:
     a_max: float
     dt: float
 
-    def sets(self, previous: Floats) -> PlanarSets:
-        """Velocities (..., 2) that the limits allow after `previous` (..., 2)."""
+    def sets(self, previous_velocities: FloatArray) -> PlanarSets:
+        """Velocities (..., 2) that the limits allow after `previous_velocities` (..., 2)."""
         return PlanarSets(
             np.full(2, -self.v_max),
             np.full(2, self.v_max),
-            previous[..., None, :],
+            previous_velocities[..., None, :],
             np.full(1, np.sqrt(self.a_max)),
         )
 
-    def toward(self, positions: Floats, previous: Floats, goals: Floats) -> Floats:
+    def toward(
+        self, positions: FloatArray, previous_velocities: FloatArray, goals: FloatArray
+    ) -> FloatArray:
         """Velocities (..., 2) that bring positions (..., 2) as near to goals as is allowed.
 
         Equation (6)'s v_i = X* - X_i where the limits allow it, and its projection where not.
         """
-        return self.sets(previous).project((goals - positions) / self.dt)
+        return self.sets(previous_velocities).project((goals - positions) / self.dt)
 
-    def misses(self, positions: Floats, velocities: Floats, goals: Floats) -> Booleans:
+    def misses(self, positions: FloatArray, velocities: FloatArray, goals: FloatArray) -> BoolArray:
         """Whether the step (..., 2) ends elsewhere than at the goals, shape (...)."""
         missed = positions + self.dt * velocities - goals
         distance = np.hypot(missed[..., 0], missed[..., 1])
@@ -133,7 +135,7 @@ class Step:
     ----------
     hazard : Hazard
     motion : Motion
-    positions, previous : (B, n, 2)
+    positions, previous_velocities : (B, n, 2)
         X(t) and V(t-1).
     alive : (B, n) bool
     goal : (2,) or (B, 2)
@@ -142,10 +144,10 @@ class Step:
 
     hazard: Hazard
     motion: Motion
-    positions: Floats
-    previous: Floats
-    alive: Booleans
-    goal: Floats
+    positions: FloatArray
+    previous_velocities: FloatArray
+    alive: BoolArray
+    goal: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +161,7 @@ class Formation:
         B instances; members whose velocity is given have a box of zero width.
     free : (B, n) bool
         Whose velocity is to be found.
-    shortfalls : (B, n) bool
+    infeasible : (B, n) bool
         Who cannot fulfil its wish (the leader's place, the corridor) within the physical limits.
     fallback : (B, n, 2)
         Allowed velocities nearest to the previous ones, for when a solver fails.
@@ -167,28 +169,28 @@ class Formation:
 
     nlp: Nlp
     instances: Instances
-    free: Booleans
-    shortfalls: Booleans
-    fallback: Floats
+    free: BoolArray
+    infeasible: BoolArray
+    fallback: FloatArray
 
 
 def leader_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
     """Leader protection, problem (6); `leaders` (B,) are the indices of living members."""
     leads = np.arange(step.alive.shape[1]) == leaders[:, None]
-    sets = step.motion.sets(step.previous)
+    sets = step.motion.sets(step.previous_velocities)
     positions = step.positions[leads]
-    velocity = step.motion.toward(positions, step.previous[leads], step.goal)
+    velocity = step.motion.toward(positions, step.previous_velocities[leads], step.goal)
     given = np.zeros_like(step.positions)
     given[leads] = velocity
-    shortfalls = np.zeros_like(step.alive)
-    shortfalls[leads] = step.motion.misses(positions, velocity, step.goal)
-    shortfalls &= step.alive  # where nobody is alive, nobody falls short
+    infeasible = np.zeros_like(step.alive)
+    infeasible[leads] = step.motion.misses(positions, velocity, step.goal)
+    infeasible &= step.alive  # where nobody is alive, nobody falls short
     guess = None
     if isinstance(step.hazard, KernelHazard) and step.hazard.gathers:
         # solved in closed form: the nearer to the leader the better, every follower on its own
         following = positions + step.motion.dt * velocity
         guess = (following[:, None] - step.positions) / step.motion.dt
-    return _formation(step, sets, leads, step.alive & ~leads, given, shortfalls, guess)
+    return _formation(step, sets, leads, step.alive & ~leads, given, infeasible, guess)
 
 
 def corridor_formation(
@@ -198,12 +200,12 @@ def corridor_formation(
 
     `pathfinders` (B,) are the indices of members who fly to the goal itself, if there are any.
     """
-    physical = step.motion.sets(step.previous)
+    physical = step.motion.sets(step.previous_velocities)
     to_goal = (np.atleast_2d(step.goal)[:, None] - step.positions) / step.motion.dt
     wishes = PlanarSets(
         physical.lower,
         physical.upper,
-        np.stack([step.previous, to_goal], axis=-2),
+        np.stack([step.previous_velocities, to_goal], axis=-2),
         np.sqrt([step.motion.a_max, rho]) / [1.0, step.motion.dt],
     )
     sets, unmet = wishes.fulfil()
@@ -218,11 +220,11 @@ def corridor_formation(
 def _formation(
     step: Step,
     sets: PlanarSets,
-    weights: Booleans,
-    free: Booleans,
-    given: Floats,
-    shortfalls: Booleans,
-    guess: Floats | None = None,
+    weights: BoolArray,
+    free: BoolArray,
+    given: FloatArray,
+    infeasible: BoolArray,
+    guess: FloatArray | None = None,
 ) -> Formation:
     """Formation in which the living who are not free have the velocities `given` (B, n, 2).
 
@@ -235,7 +237,7 @@ def _formation(
     upper = np.where(free[..., None], sets.upper, fixed)
     radii = np.where(free[..., None], sets.radii, np.inf)
     sets = PlanarSets(lower, upper, sets.centers, radii)
-    fallback = sets.project(step.previous)
+    fallback = sets.project(step.previous_velocities)
     squared = (
         radii * [1.0, step.motion.dt][: radii.shape[-1]]
     ) ** 2  # as the constraints state them
@@ -243,7 +245,7 @@ def _formation(
         start=nlp.pack_variables(velocities=fallback if guess is None else sets.project(guess)),
         parameters=nlp.pack_parameters(
             positions=step.positions,
-            previous=step.previous,
+            previous_velocities=step.previous_velocities,
             alive=step.alive[..., None],
             weights=weights[..., None],
             goal=step.goal[None] if step.goal.ndim == 1 else step.goal[:, None],
@@ -258,10 +260,10 @@ def _formation(
         sets=sets,
         units=_units(step, weights),
     )
-    return Formation(nlp, instances, free, shortfalls, fallback)
+    return Formation(nlp, instances, free, infeasible, fallback)
 
 
-def _units(step: Step, weights: Booleans) -> Floats:
+def _units(step: Step, weights: BoolArray) -> FloatArray:
     """v_max, and what the members with a weight would risk alone where they are, (B, 2)."""
-    alone = (weights * step.hazard.lone_rates(step.positions)).sum(axis=1)
+    alone = (weights * step.hazard.single_agent_rates(step.positions)).sum(axis=1)
     return np.stack([np.full(len(alone), step.motion.v_max), np.where(alone > 0, alone, 1.0)], 1)

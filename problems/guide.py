@@ -6,7 +6,7 @@ The paper's section III as a nonlinear program, by direct multiple shooting:
     over        X(1..T), V(0..T-1)
     subject to  X(t+1) = X(t) + dt V(t)                    equation (3)
                 -v_max <= V(t) <= v_max                     equation (4)
-                ||V(t) - V(t-1)||^2 <= a_max                flyable: members can follow it
+                ||V(t) - V(t-1)||^2 <= a_max                acceleration_limited: members can follow it
                 ||X(T) - c||^2 <= (radius - margin)^2
 
 The paper writes *min* exp(-sum) + gamma d, a slip of sign: survival is to be maximised, and the
@@ -27,7 +27,7 @@ import numpy as np
 
 from ..hazard import Hazard
 from ..optimization.problem import Instances, Nlp
-from ..typing import Floats
+from ..typing import FloatArray
 
 ROOM = 1e-7
 """How much of a squared limit a solve leaves: its answers are as exact as its tolerance, and the
@@ -91,15 +91,15 @@ class GuideTask:
         (`dt` by default).
     """
 
-    start: Floats
-    center: Floats
+    start: FloatArray
+    center: FloatArray
     radius: float
-    before: Floats
+    before: FloatArray
     a_max: float
     a_max_first: float
     v_max: float
     dt: float
-    origin: Floats = field(default_factory=lambda: np.zeros(2))
+    origin: FloatArray = field(default_factory=lambda: np.zeros(2))
     length: float = 1.0
     clock: float | None = None
 
@@ -125,7 +125,7 @@ class GuideTask:
 
 
 def guide_instance(
-    nlp: Nlp, task: GuideTask, arrival: int, velocities: Floats, scale: float = 1.0
+    nlp: Nlp, task: GuideTask, arrival: int, velocities: FloatArray, scale: float = 1.0
 ) -> Instances:
     """Instance that arrives at step `arrival`, started from the path of `velocities`.
 
@@ -178,6 +178,6 @@ def guide_instance(
     )
 
 
-def within(limit: Floats) -> Floats:
+def within(limit: FloatArray) -> FloatArray:
     """Squared limits, less `ROOM`, or less a hundredth where they are small; infinite ones stay."""
     return np.asarray(limit * (1 - np.minimum(0.01, ROOM * np.maximum(1.0, 1.0 / limit))))

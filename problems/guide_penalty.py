@@ -18,7 +18,7 @@ import numpy as np
 
 from ..hazard import Hazard
 from ..optimization.problem import Instances, Nlp
-from ..typing import Floats
+from ..typing import FloatArray
 from .guide import UNROLL, GuideTask
 
 
@@ -51,7 +51,7 @@ def penalised_guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
 
 
 def penalised_guide_instance(
-    nlp: Nlp, task: GuideTask, gamma: float, velocities: Floats
+    nlp: Nlp, task: GuideTask, gamma: float, velocities: FloatArray
 ) -> Instances:
     """Instance of one agent's task, started from `velocities` (N, 2)."""
     limit = np.full_like(velocities, task.v_max)

@@ -47,8 +47,8 @@ import numpy as np
 
 from ..hazard import Hazard
 from ..optimization.problem import Nlp
-from ..typing import Expression
-from .joint_hessian import MOST, lagrangian_hessian
+from ..typing import Expr
+from .joint_hessian import MAX_ITERATIONS, lagrangian_hessian
 from .subsets import subsets
 
 OBJECTIVES = ("success", "arrivals", "survivors")
@@ -129,21 +129,21 @@ def joint_nlp(hazard: Hazard, form: JointForm) -> Nlp:
         objective=objective,
         constraints=constraints,
     )
-    if values is None or n > MOST:
+    if values is None or n > MAX_ITERATIONS:
         return program
     matrix = _matrix(hazard, n)
     hessian = lagrangian_hessian(program, matrix, places, values, _log_odds())
     return replace(program, hessian=hessian)
 
 
-def _log_odds() -> Expression:
+def _log_odds() -> Expr:
     """CasADi Function of a probability to its log-odds."""
     failure = ca.MX.sym("F")
     odds = ca.log(failure + _TINY) - ca.log(1.0 - failure + _CERTAIN)
     return ca.Function("log_odds", [failure], [odds])
 
 
-def _matrix(hazard: Hazard, n: int) -> Expression:
+def _matrix(hazard: Hazard, n: int) -> Expr:
     """CasADi Function of a step as a matrix over the sets, times a column."""
     column, x, clock = ca.MX.sym("b", 2**n), ca.MX.sym("x", 2 * n), ca.MX.sym("clock")
     ones, zeros = ca.DM.ones(2**n), ca.DM.zeros(2**n)
@@ -152,8 +152,8 @@ def _matrix(hazard: Hazard, n: int) -> Expression:
 
 
 def _recursion(
-    hazard: Hazard, form: JointForm, places: Expression, clock: Expression
-) -> tuple[dict[str, Expression], Expression]:
+    hazard: Hazard, form: JointForm, places: Expr, clock: Expr
+) -> tuple[dict[str, Expr], Expr]:
     """Parameters of the ends of runs, and F_0, ..., F_{N-1}, (2^n, N)."""
     count, steps = 2**form.n, form.horizon
     goes_on = ca.MX.sym("goes_on", count, steps)
@@ -171,7 +171,7 @@ def _recursion(
     return {"goes_on": goes_on, "costs": costs, "last": last}, values[:, ::-1]
 
 
-def _step(hazard: Hazard, n: int) -> Expression:
+def _step(hazard: Hazard, n: int) -> Expr:
     """CasADi Function of a step of the recursion: F_{t+1} and X(t+1) to F_t."""
     pairs = subsets(n)
     count = len(pairs.members)
@@ -191,10 +191,10 @@ def _step(hazard: Hazard, n: int) -> Expression:
 def _mean_field(
     hazard: Hazard,
     form: JointForm,
-    places: Expression,
-    clock: Expression,
-    arrivals: Expression,
-) -> Expression:
+    places: Expr,
+    clock: Expr,
+    arrivals: Expr,
+) -> Expr:
     """Log-odds of the surrogate's F."""
     n, steps = form.n, form.horizon
     alive, x, under_way = ca.MX.sym("alive", n), ca.MX.sym("x", 2 * n), ca.MX.sym("under_way", n)
@@ -216,16 +216,16 @@ def _mean_field(
     return logarithm - ca.log(_CERTAIN - ca.expm1(logarithm))
 
 
-def _squares(vectors: Expression) -> Expression:
+def _squares(vectors: Expr) -> Expr:
     """Squared lengths (m, c) of points in the plane (2 m, c)."""
     return ca.mtimes(_pairing(vectors.shape[0] // 2), vectors**2)
 
 
-def _pairing(count: int) -> Expression:
+def _pairing(count: int) -> Expr:
     return ca.kron(ca.DM.eye(count), ca.DM.ones(1, 2))
 
 
-def _differences(n: int) -> Expression:
+def _differences(n: int) -> Expr:
     """Matrix (n (n-1), 2 n) from members' places to the differences of all pairs."""
     first, second = np.triu_indices(n, 1)
     rows = np.zeros((len(first), n))

@@ -20,19 +20,19 @@ from __future__ import annotations
 import casadi as ca
 
 from ..optimization.problem import Nlp
-from ..typing import Expression
+from ..typing import Expr
 
-MOST = 6
+MAX_ITERATIONS = 6
 """Members up to which these derivatives are worth their time."""
 
 
 def lagrangian_hessian(
     nlp: Nlp,
-    step: Expression,
-    places: Expression,
-    values: Expression,
-    odds: Expression,
-) -> Expression | None:
+    step: Expr,
+    places: Expr,
+    values: Expr,
+    odds: Expr,
+) -> Expr | None:
     """CasADi Function (x, p, lam_f, lam_g) to the upper triangle that ``hess_lag`` wants.
 
     Parameters
@@ -75,12 +75,12 @@ def lagrangian_hessian(
 
 
 def _of_places(
-    parts: Expression,
-    after: Expression,
-    goes_on: Expression,
-    places: Expression,
-    clock: Expression,
-) -> tuple[Expression, Expression]:
+    parts: Expr,
+    after: Expr,
+    goes_on: Expr,
+    places: Expr,
+    clock: Expr,
+) -> tuple[Expr, Expr]:
     """Gradient (2 n N,) and Hessian of F in X(1), ..., X(N); `after` are b_1, ..., b_N."""
     width, steps = places.shape
     masses = ca.DM.zeros(after.shape[0], 1)
@@ -101,7 +101,7 @@ def _of_places(
     return ca.vertcat(*gradient), ca.triu2symm(ca.triu(ca.densify(ca.vertcat(*rows))))
 
 
-def _parts(step: Expression, sets: int, width: int) -> Expression:
+def _parts(step: Expr, sets: int, width: int) -> Expr:
     """(a, b, x, clock) to d(a'Sb)/dx, d2(a'Sb)/dx2, d(Sb)/dx, the transpose of d(S'a)/dx, and S."""
     a, b = ca.SX.sym("a", sets), ca.SX.sym("b", sets)
     x, clock = ca.SX.sym("x", width), ca.SX.sym("clock")

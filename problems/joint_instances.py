@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..optimization.problem import Instances, Nlp
-from ..typing import Booleans, Counts, Floats
+from ..typing import BoolArray, FloatArray, IntArray
 from .guide import within
 from .joint import JointForm
 from .subsets import subsets
@@ -31,9 +31,9 @@ class JointTask:
         Between members; 0 where none is asked for.
     """
 
-    start: Floats
-    before: Floats
-    center: Floats
+    start: FloatArray
+    before: FloatArray
+    center: FloatArray
     radius: float
     margin: float
     v_max: float
@@ -44,7 +44,7 @@ class JointTask:
 
 
 def joint_instance(
-    nlp: Nlp, form: JointForm, task: JointTask, arrivals: Counts, velocities: Floats
+    nlp: Nlp, form: JointForm, task: JointTask, arrivals: IntArray, velocities: FloatArray
 ) -> Instances:
     """Instance with arrival steps `arrivals` (n,), 0 for none, started from `velocities` (T, n, 2).
 
@@ -98,7 +98,7 @@ def joint_instance(
     )
 
 
-def _ends(form: JointForm, at: Booleans) -> dict[str, Floats]:
+def _ends(form: JointForm, at: BoolArray) -> dict[str, FloatArray]:
     """Where runs go on and what their ends cost, (N, 2^n) each, and the rest's cost (1, 2^n)."""
     costs, ending = end_costs(form.objective, form.n, at)
     last = _share_lost(form.n) if form.objective == "survivors" else np.ones(2**form.n)
@@ -109,7 +109,7 @@ def _ends(form: JointForm, at: Booleans) -> dict[str, Floats]:
     }
 
 
-def end_costs(objective: str, n: int, inside: Booleans) -> tuple[Floats, Booleans]:
+def end_costs(objective: str, n: int, inside: BoolArray) -> tuple[FloatArray, BoolArray]:
     """What a run costs that ends at step t with d alive, and whether it ends there.
 
     Parameters
@@ -134,5 +134,5 @@ def end_costs(objective: str, n: int, inside: Booleans) -> tuple[Floats, Boolean
     return np.asarray(costs, float), np.asarray(arriving > 0)
 
 
-def _share_lost(n: int) -> Floats:
+def _share_lost(n: int) -> FloatArray:
     return np.asarray(1.0 - subsets(n).members.mean(axis=1))

@@ -43,7 +43,7 @@ from ..hazard import Hazard, KernelHazard
 from ..optimization.feasible_sets.planar import PlanarSets
 from ..optimization.feasible_sets.trajectory import Limits
 from ..optimization.problem import Instances, Nlp
-from ..typing import Booleans, Counts, Floats
+from ..typing import BoolArray, FloatArray, IntArray
 from .formation import SHORTFALL, Motion
 from .formation_kernels import formation_objective
 
@@ -58,21 +58,21 @@ def lookahead_nlp(hazard: Hazard, n: int, steps: int, corridor: bool) -> Nlp:
     The variables are advances, a column a member, step by step: (2, H n).
     """
     u = ca.MX.sym("advances", 2, steps * n)
-    X, previous = ca.MX.sym("positions", 2, n), ca.MX.sym("previous", 2, n)
+    X, previous_velocities = ca.MX.sym("positions", 2, n), ca.MX.sym("previous_velocities", 2, n)
     alive, weights = ca.MX.sym("alive", 1, n), ca.MX.sym("weights", 1, n)
     goal, dt = ca.MX.sym("goal", 2), ca.MX.sym("dt")
     later = ca.MX.sym("later", 2, max(1, steps - 1))
     goals = [goal, *ca.horzsplit(later)]
     parameters = {
         "positions": X,
-        "previous": previous,
+        "previous_velocities": previous_velocities,
         "alive": alive,
         "weights": weights,
         "goal": goal,
         "dt": dt,
     }
     objective, speeds, turns, off = ca.MX(0), [], [], []
-    velocity, place = previous, ca.MX.zeros(2, n)
+    velocity, place = previous_velocities, ca.MX.zeros(2, n)
     for s in range(steps):
         advance = u[:, s * n : (s + 1) * n]
         following = X + dt * advance
@@ -107,7 +107,7 @@ class Window:
     ----------
     hazard : Hazard
     motion : Motion
-    positions, previous : (B, n, 2)
+    positions, previous_velocities : (B, n, 2)
         X(t) and V(t-1).
     alive : (B, n) bool
         Held fixed over the window.
@@ -117,10 +117,10 @@ class Window:
 
     hazard: Hazard
     motion: Motion
-    positions: Floats
-    previous: Floats
-    alive: Booleans
-    goals: Floats
+    positions: FloatArray
+    previous_velocities: FloatArray
+    alive: BoolArray
+    goals: FloatArray
 
     @property
     def limits(self) -> Limits:
@@ -133,14 +133,14 @@ class Window:
         return len(self.goals)
 
     @property
-    def targets(self) -> Floats:
+    def targets(self) -> FloatArray:
         """The goals as advances of every member, (B, n, H, 2)."""
         away = self.goals - self.positions[:, :, None]
         return np.asarray(away / self.motion.dt)
 
 
 @dataclass(frozen=True, eq=False)
-class LookAhead:
+class MpcFormation:
     """A batch of B look-ahead problems, ready to be solved.
 
     Parameters
@@ -164,14 +164,14 @@ class LookAhead:
 
     nlp: Nlp
     instances: Instances
-    free: Booleans
+    free: BoolArray
     first: PlanarSets
-    wished: Booleans
+    wished: BoolArray
     radius: float
-    failures: Counts
-    fallback: Floats
+    failures: IntArray
+    fallback: FloatArray
 
-    def shortfalls(self, window: Window, velocities: Floats) -> Booleans:
+    def infeasible(self, window: Window, velocities: FloatArray) -> BoolArray:
         """Who, by velocities (B, n, 2), ends elsewhere than the next step's wish has it, (B, n)."""
         away = window.positions + window.motion.dt * velocities - window.goals[0]
         allowed = self.radius + SHORTFALL * window.motion.v_max * window.motion.dt

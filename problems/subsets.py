@@ -17,7 +17,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from ..typing import Booleans, Counts, Floats
+from ..typing import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -32,18 +32,18 @@ class Subsets:
     n: int
 
     @cached_property
-    def members(self) -> Booleans:
+    def members(self) -> BoolArray:
         """Who is in each set, (2^n, n)."""
         return np.asarray((np.arange(2**self.n)[:, None] >> np.arange(self.n)) & 1, bool)
 
     @cached_property
-    def survivors(self) -> Counts:
+    def survivors(self) -> IntArray:
         """The mask d' of every pair, (3^n,)."""
         fates = _fates(self.n)
         return np.asarray(sum((fate == 2) << i for i, fate in enumerate(fates)), np.int64)
 
     @cached_property
-    def before(self) -> tuple[Counts, ...]:
+    def before(self) -> tuple[IntArray, ...]:
         """For every stage i, the masks d, (2^i, 3^(n-i-1)), whose q_i it takes."""
         found = []
         for i in range(self.n):
@@ -52,7 +52,7 @@ class Subsets:
             found.append(np.asarray(np.arange(2**i)[:, None] + (1 << i) + high, np.int64))
         return tuple(found)
 
-    def expectations(self, values: Floats, lost: Floats) -> Floats:
+    def expectations(self, values: FloatArray, lost: FloatArray) -> FloatArray:
         """E(d), (2^n,), of values f (2^n,) with probabilities of loss q (2^n, n).
 
         Sums of products of numbers that are not negative: as exact as they are, relatively.
@@ -64,7 +64,7 @@ class Subsets:
             pairs = np.vstack([outside, (1.0 - q) * alive + q * dead])
         return np.asarray(pairs[:, 0])
 
-    def advanced(self, masses: Floats, lost: Floats) -> Floats:
+    def advanced(self, masses: FloatArray, lost: FloatArray) -> FloatArray:
         """Masses (2^n,) of the sets d' after a step, from those of the sets d before it."""
         pairs = masses[:, None]
         for i in reversed(range(self.n)):
@@ -81,6 +81,6 @@ def subsets(n: int) -> Subsets:
     return Subsets(n)
 
 
-def _fates(n: int) -> Counts:
+def _fates(n: int) -> IntArray:
     """Fates (n, 3^n) of n members, that of the first slowest: 0 outside d, 1 dead, 2 alive."""
     return np.indices((3,) * n).reshape(n, -1) if n else np.zeros((0, 1), np.int64)

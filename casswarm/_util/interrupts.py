@@ -21,8 +21,8 @@ def interruptible() -> Iterator[None]:
     called from code that clears exceptions. Does nothing in threads, which get no signals,
     and leaves handlers of the user's own what they are.
     """
-    previous = _replaceable_handler()
-    if previous is None:
+    previous_velocities = _replaceable_handler()
+    if previous_velocities is None:
         yield
         return
     came = False
@@ -30,7 +30,7 @@ def interruptible() -> Iterator[None]:
     def handler(number: int, frame: FrameType | None) -> None:
         nonlocal came
         try:
-            previous(number, frame)
+            previous_velocities(number, frame)
         except KeyboardInterrupt:
             came = True
             raise
@@ -39,7 +39,7 @@ def interruptible() -> Iterator[None]:
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, previous)
+        signal.signal(signal.SIGINT, previous_velocities)
         if came:
             raise KeyboardInterrupt
 
@@ -70,8 +70,8 @@ def deferred() -> Iterator[None]:
 
 @contextmanager
 def _heard_later() -> Iterator[None]:
-    previous = _replaceable_handler()
-    if previous is None:
+    previous_velocities = _replaceable_handler()
+    if previous_velocities is None:
         yield
         return
     came = False
@@ -84,9 +84,9 @@ def _heard_later() -> Iterator[None]:
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, previous)
+        signal.signal(signal.SIGINT, previous_velocities)
         if came:
-            previous(signal.SIGINT, None)
+            previous_velocities(signal.SIGINT, None)
 
 
 def _replaceable_handler() -> Callable[[int, FrameType | None], Any] | None:

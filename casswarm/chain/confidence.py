@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from scipy.stats import binomtest, norm
 
-from ..typing import Booleans
+from ..typing import BoolArray
 
 LEVEL = 0.95
 """Confidence level of every interval that casswarm prints, unless it says otherwise."""
@@ -35,7 +35,7 @@ def wilson(successes: float, runs: float, level: float = LEVEL) -> tuple[float, 
     )
 
 
-def effective_runs(outcomes: Booleans) -> float:
+def effective_runs(outcomes: BoolArray) -> float:
     """How many independent runs are as good as one run from each of R strata of equal mass.
 
     The variance of the sum of outcomes is at most the binomial's (Hoeffding, Ann. Math. Statist.

@@ -6,16 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..typing import Floats
+from ..typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Law:
+class OutcomeDistribution:
     """The law of the chain under a policy.
 
     Every probability is known up to `unresolved`: the true one lies between the number given and
-    that number plus `unresolved`. With `merging` above zero that holds for the chain in which
-    states nearer than `merging` are one; at zero it holds for the chain itself.
+    that number plus `unresolved`. With `aggregation_tol` above zero that holds for the chain in which
+    states nearer than `aggregation_tol` are one; at zero it holds for the chain itself.
 
     Parameters
     ----------
@@ -35,27 +35,27 @@ class Law:
         Mass of the states that were set aside, over all steps.
     states : int
         Distinct states that were solved.
-    shortfalls, failures : float
+    infeasible, failures : float
         Expected numbers of member-steps with a shortfall and of solver failures in a run, up to
         what was set aside.
     tolerance : float
         What `unresolved` was to be at the most.
-    merging : float
+    aggregation_tol : float
         Width of the grid in a cell of which two states counted as equal.
     """
 
     policy: str
-    arrival: Floats
-    survivors: Floats
-    members: Floats
-    population: Floats
-    unknown: Floats
+    arrival: FloatArray
+    survivors: FloatArray
+    members: FloatArray
+    population: FloatArray
+    unknown: FloatArray
     unresolved: float
     states: int
-    shortfalls: float
+    infeasible: float
     failures: float
     tolerance: float
-    merging: float
+    aggregation_tol: float
 
     @property
     def success(self) -> tuple[float, float]:
@@ -77,24 +77,26 @@ class Law:
     @property
     def proven(self) -> bool:
         """Whether no states but equal ones were merged, so that the brackets are the chain's."""
-        return self.merging == 0.0
+        return self.aggregation_tol == 0.0
 
     @property
-    def population_mean(self) -> tuple[Floats, Floats]:
+    def population_mean(self) -> tuple[FloatArray, FloatArray]:
         """Brackets (N+1,) of the mean number of members alive at every step; nobody comes back."""
         low = self.population @ np.arange(self.population.shape[1])
         high = low + self.unknown * (self.population.shape[1] - 1)
         return low, np.minimum.accumulate(high)
 
     @property
-    def anybody(self) -> tuple[Floats, Floats]:
+    def anybody(self) -> tuple[FloatArray, FloatArray]:
         """Brackets (N+1,) of the probability that somebody is alive at every step."""
         low = self.population[:, 1:].sum(axis=1)
         return low, np.minimum.accumulate(np.minimum(1.0, low + self.unknown))
 
     def __str__(self) -> str:
         low, high = self.success
-        merged = "" if self.proven else f", states within {self.merging:g} of each other merged"
+        merged = (
+            "" if self.proven else f", states within {self.aggregation_tol:g} of each other merged"
+        )
         text = (
             f"{self.policy}: success between {low:.6f} and {high:.6f}, "
             f"{self.states} distinct states solved{merged}"
@@ -108,7 +110,7 @@ class Law:
             return ""
         text = (
             f"wider than {self.tolerance:g}, the states ran out: allow more of them "
-            "(--most-states, most_states=), sample the rest (--runs, cs.estimate)"
+            "(--max-states, max_states=), sample the rest (--runs, cs.estimate)"
         )
-        more = ", or merge nearly equal states (--merge 1e-6, merging=)"
+        more = ", or merge nearly equal states (--aggregation-tol 1e-6, merging=)"
         return text + more if self.proven else text

@@ -20,15 +20,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..policies.base import Policy
-from ..typing import Floats
-from .distribution import Law
-from .states import Endings, States, split
+from ..typing import FloatArray
+from .distribution import OutcomeDistribution
+from .states import AbsorptionStatistics, States, split
 from .transition import transition
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
-MOST_MEMBERS = 12
+MAX_MEMBERS = 12
 """Members up to which every one of the 2^n outcomes of a step may be enumerated."""
 
 FIRST = 1e-3  # the first threshold, in tolerances
@@ -42,14 +42,14 @@ Progress = Callable[[int, float], None]
 def propagate(
     scenario: Scenario,
     policy: Policy,
-    before: Floats,
+    before: FloatArray,
     tolerance: float,
-    most_states: int,
-    merging: float = 0.0,
+    max_states: int,
+    aggregation_tol: float = 0.0,
     progress: Progress | None = None,
     most_light: float = math.inf,
     least: float = 0.0,
-) -> Head:
+) -> StateSpaceExpansion:
     """Follow the heaviest states until what is left is within tolerance, or the states run out.
 
     Parameters
@@ -60,9 +60,9 @@ def propagate(
         V(-1).
     tolerance : float
         Mass that may be left.
-    most_states : int
+    max_states : int
         States solved at the most.
-    merging : float
+    aggregation_tol : float
         Width of the grid, in units of positions and of velocities, in a cell of which states count
         as equal; 0 merges what is equal to the last bit, and nothing else.
     progress : callable, optional
@@ -73,9 +73,9 @@ def propagate(
     least : float
         Probability below which no state is solved.
     """
-    head = Head(scenario, policy, tolerance, most_states, merging, most_light)
+    head = StateSpaceExpansion(scenario, policy, tolerance, max_states, aggregation_tol, most_light)
     head.waiting[0] = [States.start(scenario, before)]
-    threshold = max(FIRST * tolerance, 1.0 / most_states) if tolerance > 0 else 0.0
+    threshold = max(FIRST * tolerance, 1.0 / max_states) if tolerance > 0 else 0.0
     threshold = max(threshold, least)
     past: list[tuple[float, float, int]] = []
     while not head.done:
@@ -83,12 +83,12 @@ def propagate(
         if head.done or threshold <= least:
             break
         past.append((threshold, head.waiting_mass, head.states))
-        threshold = max(_lowered(past, tolerance, most_states), least)
+        threshold = max(_lowered(past, tolerance, max_states), least)
     return head
 
 
 @dataclass
-class Head:
+class StateSpaceExpansion:
     """The part of a law that has been followed so far, and the states that wait.
 
     Parameters
@@ -104,25 +104,25 @@ class Head:
     scenario: Scenario
     policy: Policy
     tolerance: float
-    most_states: int
-    merging: float
+    max_states: int
+    aggregation_tol: float
     most_light: float = math.inf
     waiting: list[list[States]] = field(init=False)
     whole: list[list[States]] = field(init=False)
-    light: Floats = field(init=False)
-    endings: Endings = field(init=False)
+    light: FloatArray = field(init=False)
+    endings: AbsorptionStatistics = field(init=False)
     states: int = 0
-    shortfalls: float = 0.0
+    infeasible: float = 0.0
     failures: float = 0.0
 
     def __post_init__(self) -> None:
         self.waiting = [[] for _ in range(self.scenario.n_steps + 1)]
         self.whole = [[] for _ in range(self.scenario.n_steps + 1)]
         self.light = np.zeros(self.scenario.n_steps + 1)
-        self.endings = Endings.none(self.scenario)
+        self.endings = AbsorptionStatistics.none(self.scenario)
 
     @property
-    def waiting_by_step(self) -> Floats:
+    def waiting_by_step(self) -> FloatArray:
         """Mass (N+1,) of the states that wait at every step."""
         return _masses(self.waiting)
 
@@ -138,7 +138,7 @@ class Head:
         return (
             waiting <= self.tolerance - light
             or waiting == 0.0
-            or self.states >= self.most_states
+            or self.states >= self.max_states
             or (light > self.tolerance and waiting <= light)
         )
 
@@ -147,7 +147,7 @@ class Head:
         for step in range(self.scenario.n_steps):
             if not self.waiting[step]:
                 continue
-            pool = States.joined(self.waiting[step]).merged(self.merging)
+            pool = States.joined(self.waiting[step]).merged(self.aggregation_tol)
             heavy = self._affordable(pool.weights, threshold)
             self.waiting[step] = [] if heavy.all() else [pool[~heavy]]
             rows = np.flatnonzero(heavy)
@@ -162,10 +162,10 @@ class Head:
             if self.done:
                 return
 
-    def _affordable(self, weights: Floats, threshold: float) -> np.ndarray:
+    def _affordable(self, weights: FloatArray, threshold: float) -> np.ndarray:
         """Which states are solved: those at least as heavy as the threshold, as many as allowed."""
         heavy = np.asarray(weights >= threshold)
-        left = self.most_states - self.states
+        left = self.max_states - self.states
         if heavy.sum() > left:
             heavy = np.zeros(len(weights), bool)
             heavy[np.argsort(-weights, kind="stable")[:left]] = True
@@ -173,16 +173,21 @@ class Head:
 
     def _advance(self, step: int, states: States, threshold: float) -> None:
         move = transition(
-            self.scenario, self.policy, step, states.positions, states.previous, states.alive
+            self.scenario,
+            self.policy,
+            step,
+            states.positions,
+            states.previous_velocities,
+            states.alive,
         )
         self.states += len(states)
-        self.shortfalls += float(states.weights @ move.shortfalls)
+        self.infeasible += float(states.weights @ move.infeasible)
         self.failures += float(states.weights @ move.failures)
         light, added = np.zeros(len(states)), 0
         cutoff = self._cutoff(threshold)
         for part in split(move, states, step, cutoff, self.most_light, self.endings, light):
             if len(part):
-                self.waiting[step + 1].append(part.merged(self.merging))
+                self.waiting[step + 1].append(part.merged(self.aggregation_tol))
                 added += len(part)
             if added > self._most_held:
                 self._bound_memory()
@@ -193,7 +198,7 @@ class Head:
 
     def _cutoff(self, threshold: float) -> float:
         """Mass below which an outcome is set aside for good."""
-        enumerable = self.scenario.n <= MOST_MEMBERS
+        enumerable = self.scenario.n <= MAX_MEMBERS
         if enumerable and (self.most_light < math.inf or self.light.sum() > self.tolerance / 4):
             return 0.0
         return LIGHT * threshold if enumerable else LIGHT**2 * threshold
@@ -221,13 +226,13 @@ class Head:
             kept = [part[part.weights >= least] for part in parts]
             self.waiting[step] = [part for part in kept if len(part)]
 
-    def law(self) -> Law:
+    def law(self) -> OutcomeDistribution:
         """What is known of the law."""
         aside = self.waiting_by_step + _masses(self.whole) + self.light
         before = np.concatenate([[0.0], np.cumsum(aside)[:-1]])
         ended = self.endings.ended.cumsum(axis=0)
         ended = np.vstack([np.zeros_like(ended[:1]), ended[:-1]])
-        return Law(
+        return OutcomeDistribution(
             policy=self.policy.name,
             arrival=self.endings.arrival,
             survivors=self.endings.survivors,
@@ -236,18 +241,18 @@ class Head:
             unknown=before,
             unresolved=float(aside.sum()),
             states=self.states,
-            shortfalls=self.shortfalls,
+            infeasible=self.infeasible,
             failures=self.failures,
             tolerance=self.tolerance,
-            merging=self.merging,
+            aggregation_tol=self.aggregation_tol,
         )
 
 
-def _masses(states: list[list[States]]) -> Floats:
+def _masses(states: list[list[States]]) -> FloatArray:
     return np.array([sum(part.mass for part in parts) for parts in states])
 
 
-def _lowered(past: list[tuple[float, float, int]], tolerance: float, most_states: int) -> float:
+def _lowered(past: list[tuple[float, float, int]], tolerance: float, max_states: int) -> float:
     """The next threshold, from the (threshold, mass left, states solved) of the rounds so far.
 
     Mass and states are taken for powers of the threshold: the next one should leave four fifths of
@@ -260,5 +265,5 @@ def _lowered(past: list[tuple[float, float, int]], tolerance: float, most_states
         shrinks = min(1.0, max(0.2, math.log(max(past[-2][1] / mass, 1.0)) / down))
         grows = min(1.2, max(0.3, math.log(states / past[-2][2]) / down))
     factor = (mass / (0.8 * tolerance)) ** (1.0 / shrinks) if tolerance > 0 else 32.0
-    most = (most_states / max(1, states)) ** (1.0 / grows)
+    most = (max_states / max(1, states)) ** (1.0 / grows)
     return threshold / max(1.2, float(min(factor, most, 32.0)))

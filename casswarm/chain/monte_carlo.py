@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..policies.base import Policy
-from ..typing import Booleans, Counts, Floats
+from ..typing import BoolArray, FloatArray, IntArray
 from .random_streams import uniforms
 from .states import States, distinct_states
-from .trajectories import Trace, Tracer
+from .trajectories import RunTrajectory, TrajectoryRecorder
 from .transition import transition
 
 if TYPE_CHECKING:
@@ -42,13 +42,13 @@ class Runs:
         Members alive at the end of the run.
     steps : (R,) int
         Length of the run.
-    shortfalls : (R,) int
+    infeasible : (R,) int
         Member-steps in which a wish could not be fulfilled.
     solver_failures : (R,) int
         Steps in which the solver failed.
-    resolved : (R,) int
+    fallbacks : (R,) int
         Steps in which a first answer was not good enough and Ipopt was called.
-    clipped : (R,) int
+    saturated : (R,) int
         Member-steps in which the policy asked for more than v_max or a_max, and got the nearest
         velocity that they allow.
     states : int
@@ -58,15 +58,15 @@ class Runs:
     """
 
     first: int
-    arrival: Counts
-    survivors: Counts
-    steps: Counts
-    shortfalls: Counts
-    solver_failures: Counts
-    resolved: Counts
-    clipped: Counts
+    arrival: IntArray
+    survivors: IntArray
+    steps: IntArray
+    infeasible: IntArray
+    solver_failures: IntArray
+    fallbacks: IntArray
+    saturated: IntArray
     states: int
-    traces: tuple[Trace, ...]
+    traces: tuple[RunTrajectory, ...]
 
     @property
     def end(self) -> int:
@@ -90,7 +90,9 @@ class Runs:
             first=int(arrays["first"]),
             states=int(arrays["states"]),
             traces=tuple(
-                Trace(*(arrays[f"{part}-{k}"] for part in ("positions", "alive", "leaders")))
+                RunTrajectory(
+                    *(arrays[f"{part}-{k}"] for part in ("positions", "alive", "leaders"))
+                )
                 for k in range(number)
             ),
             **{name: arrays[name] for name in _COUNTS},
@@ -101,10 +103,10 @@ _COUNTS = (
     "arrival",
     "survivors",
     "steps",
-    "shortfalls",
+    "infeasible",
     "solver_failures",
-    "resolved",
-    "clipped",
+    "fallbacks",
+    "saturated",
 )
 
 
@@ -121,7 +123,7 @@ class Chain:
     """
 
     scenario: Scenario
-    before: Floats
+    before: FloatArray
     seed: int
 
     def run(
@@ -149,7 +151,7 @@ class Chain:
             Velocities or rates that are not finite or of the wrong shape.
         """
         scenario = self.scenario
-        swarm = _Swarms.start(scenario, self.before, runs, traces)
+        swarm = _RunBatch.start(scenario, self.before, runs, traces)
         for step in range(scenario.n_steps):
             active = np.flatnonzero(swarm.running)
             if not active.size:
@@ -160,7 +162,7 @@ class Chain:
                 progress(runs - int(swarm.running.sum()))
         return swarm.outcome(first)
 
-    def finish(self, policy: Policy, states: States, steps: Counts) -> Runs:
+    def finish(self, policy: Policy, states: States, steps: IntArray) -> Runs:
         """Sample runs that begin in the given states, one each, at the given steps.
 
         Parameters
@@ -171,7 +173,7 @@ class Chain:
         steps : (R,) int
             The step t of each.
         """
-        swarm = _Swarms.within(states, steps)
+        swarm = _RunBatch.within(states, steps)
         for step in range(self.scenario.n_steps):
             active = np.flatnonzero(swarm.running & (steps <= step))
             if active.size:
@@ -181,24 +183,24 @@ class Chain:
 
 
 @dataclass
-class _Swarms:
+class _RunBatch:
     """R swarms on their way; the entries of the destroyed are zero."""
 
-    positions: Floats
-    previous: Floats
-    alive: Booleans
-    running: Booleans
-    arrival: Counts
-    steps: Counts
-    shortfalls: Counts
-    failures: Counts
-    resolved: Counts
-    clipped: Counts
+    positions: FloatArray
+    previous_velocities: FloatArray
+    alive: BoolArray
+    running: BoolArray
+    arrival: IntArray
+    steps: IntArray
+    infeasible: IntArray
+    failures: IntArray
+    fallbacks: IntArray
+    saturated: IntArray
     states: int
-    tracer: Tracer
+    tracer: TrajectoryRecorder
 
     @classmethod
-    def start(cls, scenario: Scenario, before: Floats, runs: int, traces: int) -> _Swarms:
+    def start(cls, scenario: Scenario, before: FloatArray, runs: int, traces: int) -> _RunBatch:
         states = States(
             np.tile(scenario.positions, (runs, 1, 1)),
             np.tile(before, (runs, 1, 1)),
@@ -208,44 +210,48 @@ class _Swarms:
         return cls.within(states, np.zeros(runs, np.int64), traces)
 
     @classmethod
-    def within(cls, states: States, steps: Counts, traces: int = 0) -> _Swarms:
+    def within(cls, states: States, steps: IntArray, traces: int = 0) -> _RunBatch:
         """Swarms in these states, which are not changed, at these steps."""
         zeros = np.zeros(len(states), np.int64)
         return cls(
             positions=states.positions.copy(),
-            previous=states.previous.copy(),
+            previous_velocities=states.previous_velocities.copy(),
             alive=states.alive.copy(),
             running=np.ones(len(states), bool),
             arrival=zeros - 1,
             steps=steps.copy(),
-            shortfalls=zeros.copy(),
+            infeasible=zeros.copy(),
             failures=zeros.copy(),
-            resolved=zeros.copy(),
-            clipped=zeros.copy(),
+            fallbacks=zeros.copy(),
+            saturated=zeros.copy(),
             states=0,
-            tracer=Tracer([states.positions[:traces].copy()], [states.alive[:traces].copy()], []),
+            tracer=TrajectoryRecorder(
+                [states.positions[:traces].copy()], [states.alive[:traces].copy()], []
+            ),
         )
 
     def advance(
-        self, scenario: Scenario, policy: Policy, step: int, active: Counts, draws: Floats
+        self, scenario: Scenario, policy: Policy, step: int, active: IntArray, draws: FloatArray
     ) -> None:
         """Take the active runs from `step` to step + 1; `draws` (len(active), n) are uniform."""
         first, back = distinct_states(
-            self.positions[active], self.previous[active], self.alive[active]
+            self.positions[active], self.previous_velocities[active], self.alive[active]
         )
         rows = active[first]
         alive = self.alive[rows]
-        move = transition(scenario, policy, step, self.positions[rows], self.previous[rows], alive)
+        move = transition(
+            scenario, policy, step, self.positions[rows], self.previous_velocities[rows], alive
+        )
         survives = alive[back] & (draws < move.survival[back])
         arrived = (survives & move.inside[back]).any(axis=1)
         self.states += len(rows)
-        self.tracer.lead(active, policy, step, self.positions, self.previous, self.alive)
-        self.shortfalls[active] += move.shortfalls[back]
+        self.tracer.lead(active, policy, step, self.positions, self.previous_velocities, self.alive)
+        self.infeasible[active] += move.infeasible[back]
         self.failures[active] += move.failures[back]
-        self.resolved[active] += move.resolved[back]
-        self.clipped[active] += move.clipped[back]
+        self.fallbacks[active] += move.fallbacks[back]
+        self.saturated[active] += move.saturated[back]
         self.positions[active] = np.where(survives[..., None], move.positions[back], 0.0)
-        self.previous[active] = np.where(survives[..., None], move.velocities[back], 0.0)
+        self.previous_velocities[active] = np.where(survives[..., None], move.velocities[back], 0.0)
         self.alive[active] = survives
         self.steps[active] = step + 1
         self.arrival[active[arrived]] = step + 1
@@ -259,10 +265,10 @@ class _Swarms:
             arrival=self.arrival,
             survivors=self.alive.sum(axis=1),
             steps=self.steps,
-            shortfalls=self.shortfalls,
+            infeasible=self.infeasible,
             solver_failures=self.failures,
-            resolved=self.resolved,
-            clipped=self.clipped,
+            fallbacks=self.fallbacks,
+            saturated=self.saturated,
             states=self.states,
             traces=self.tracer.traces(self.steps),
         )

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..typing import Floats
+from ..typing import FloatArray
 
 _WORDS = 4  # numbers a Philox counter yields
 
 
-def uniforms(seed: int, step: int, first: int, runs: int, members: int) -> Floats:
+def uniforms(seed: int, step: int, first: int, runs: int, members: int) -> FloatArray:
     """Uniform numbers in [0, 1) of a step, for the runs `first`, ..., `first` + `runs` - 1.
 
     A counter-based generator (Philox-4x64: Salmon, Moraes, Dror, Shaw, SC11, 2011) keyed by the

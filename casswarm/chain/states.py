@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._util.jit import compiled_module
-from ..typing import Booleans, Counts, Floats
+from ..typing import BoolArray, FloatArray, IntArray
 from . import state_kernels
 from .transition import Transition
 
@@ -34,18 +34,18 @@ class States:
 
     Parameters
     ----------
-    positions, previous : (S, n, 2)
+    positions, previous_velocities : (S, n, 2)
     alive : (S, n) bool
     weights : (S,)
     """
 
-    positions: Floats
-    previous: Floats
-    alive: Booleans
-    weights: Floats
+    positions: FloatArray
+    previous_velocities: FloatArray
+    alive: BoolArray
+    weights: FloatArray
 
     @classmethod
-    def start(cls, scenario: Scenario, before: Floats) -> States:
+    def start(cls, scenario: Scenario, before: FloatArray) -> States:
         """The initial state, with certainty."""
         alive = np.ones((1, scenario.n), bool)
         return cls(scenario.positions[None].copy(), before[None].copy(), alive, np.ones(1))
@@ -55,15 +55,18 @@ class States:
         """All states of the parts, at least one."""
         if len(parts) == 1:
             return parts[0]
-        names = ("positions", "previous", "alive", "weights")
+        names = ("positions", "previous_velocities", "alive", "weights")
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def __len__(self) -> int:
         return len(self.weights)
 
-    def __getitem__(self, rows: Counts | Booleans | slice) -> States:
+    def __getitem__(self, rows: IntArray | BoolArray | slice) -> States:
         return States(
-            self.positions[rows], self.previous[rows], self.alive[rows], self.weights[rows]
+            self.positions[rows],
+            self.previous_velocities[rows],
+            self.alive[rows],
+            self.weights[rows],
         )
 
     @property
@@ -78,7 +81,7 @@ class States:
         """
         if len(self) < 2:
             return self
-        keys: tuple[NDArray[np.generic], ...] = (self.positions, self.previous)
+        keys: tuple[NDArray[np.generic], ...] = (self.positions, self.previous_velocities)
         if tolerance > 0:
             keys = tuple(np.round(np.asarray(key, float) / tolerance) + 0.0 for key in keys)
         first, back = distinct_states(*keys, self.alive)
@@ -88,11 +91,13 @@ class States:
         if tolerance > 0:
             order = np.lexsort((-self.weights, back))
             first = order[np.searchsorted(back[order], np.arange(len(first)))]
-        return States(self.positions[first], self.previous[first], self.alive[first], weights)
+        return States(
+            self.positions[first], self.previous_velocities[first], self.alive[first], weights
+        )
 
 
 @dataclass
-class Endings:
+class AbsorptionStatistics:
     """What is known of the law so far: masses of runs by how they ended, and by time.
 
     Parameters
@@ -106,14 +111,14 @@ class Endings:
         Of these, the mass of the runs that ended then.
     """
 
-    arrival: Floats
-    survivors: Floats
-    members: Floats
-    population: Floats
-    ended: Floats
+    arrival: FloatArray
+    survivors: FloatArray
+    members: FloatArray
+    population: FloatArray
+    ended: FloatArray
 
     @classmethod
-    def none(cls, scenario: Scenario) -> Endings:
+    def none(cls, scenario: Scenario) -> AbsorptionStatistics:
         """Nothing is known but that everybody is alive at first."""
         n, steps = scenario.n, scenario.n_steps
         population = np.zeros((steps + 1, n + 1))
@@ -140,8 +145,8 @@ def split(
     step: int,
     cutoff: float,
     most_light: float,
-    endings: Endings,
-    light: Floats,
+    endings: AbsorptionStatistics,
+    light: FloatArray,
 ) -> Iterator[States]:
     """The states after a step in which the run goes on, in parts of at most `ROOM` bytes.
 
@@ -188,7 +193,7 @@ def split(
         )
 
 
-def distinct_states(*arrays: NDArray[np.generic]) -> tuple[Counts, Counts]:
+def distinct_states(*arrays: NDArray[np.generic]) -> tuple[IntArray, IntArray]:
     """Rows that differ, of arrays with a common first axis, compared bit by bit.
 
     Returns

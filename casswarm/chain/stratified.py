@@ -16,7 +16,7 @@ p (1 - p) >= M q (1 - q), by the law of total variance. Where no state but the f
 enough, M is 1 and the two are the same.
 
 Outcomes that were too light to be kept count as a bracket, [0, their mass]; a state in which they
-would weigh more than `MOST_LIGHT` of it is not split but sampled as it is.
+would weigh more than `MAX_LIGHT` of it is not split but sampled as it is.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from .confidence import LEVEL, effective_runs, wilson
-from .distribution import Law
-from .exact import Head
+from .distribution import OutcomeDistribution
+from .exact import StateSpaceExpansion
 from .monte_carlo import Chain
 from .random_streams import uniforms
 from .states import States
 
-MOST_LIGHT = 1e-5
+MAX_LIGHT = 1e-5
 
 VISITS = 2.0
 """Visits that R plain runs pay on average to the lightest state that the head solves."""
@@ -47,7 +47,7 @@ class Estimate:
     Parameters
     ----------
     head : Law
-        What is proven: its bracket holds with certainty (see `Law`).
+        What is proven: its bracket holds with certainty (see `OutcomeDistribution`).
     sampled : float
         Mass that was sampled.
     light : float
@@ -63,7 +63,7 @@ class Estimate:
         Confidence of the interval.
     """
 
-    head: Law
+    head: OutcomeDistribution
     sampled: float
     light: float
     runs: int
@@ -99,7 +99,9 @@ class Estimate:
         )
 
 
-def sample_rest(head: Head, chain: Chain, runs: int, level: float = LEVEL) -> Estimate:
+def sample_rest(
+    head: StateSpaceExpansion, chain: Chain, runs: int, level: float = LEVEL
+) -> Estimate:
     """Sample what a head left.
 
     Parameters

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..policies.base import Policy
-from ..typing import Booleans, Counts, Floats
+from ..typing import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
+class RunTrajectory:
     """The way of one run.
 
     Parameters
@@ -23,41 +23,43 @@ class Trace:
         Who leads from step t to t + 1, -1 where the policy has no leaders.
     """
 
-    positions: Floats
-    alive: Booleans
-    leaders: Counts
+    positions: FloatArray
+    alive: BoolArray
+    leaders: IntArray
 
-    def last_steps(self) -> Counts:
+    def last_steps(self) -> IntArray:
         """The step (n,) at which every member fell, or the last one."""
         steps = len(self.alive) - 1
         return np.where(self.alive[-1], steps, np.argmin(self.alive, axis=0))
 
 
 @dataclass
-class Tracer:
+class TrajectoryRecorder:
     """The ways of the first few runs, a snapshot a step."""
 
-    positions: list[Floats]
-    alive: list[Booleans]
-    leaders: list[Counts]
+    positions: list[FloatArray]
+    alive: list[BoolArray]
+    leaders: list[IntArray]
 
     def lead(
         self,
-        active: Counts,
+        active: IntArray,
         policy: Policy,
         step: int,
-        positions: Floats,
-        previous: Floats,
-        alive: Booleans,
+        positions: FloatArray,
+        previous_velocities: FloatArray,
+        alive: BoolArray,
     ) -> None:
         """Append who leads the active runs from here; states are those before the step."""
         rows = active[active < len(self.positions[0])]
         found = np.full(len(self.positions[0]), -1)
         if rows.size:
-            found[rows] = policy.leaders(step, positions[rows], previous[rows], alive[rows])
+            found[rows] = policy.leaders(
+                step, positions[rows], previous_velocities[rows], alive[rows]
+            )
         self.leaders.append(found)
 
-    def record(self, active: Counts, following: Floats, alive: Booleans) -> None:
+    def record(self, active: IntArray, following: FloatArray, alive: BoolArray) -> None:
         """Append where the active runs are now; the destroyed stay where they fell."""
         positions, moved = self.positions[-1].copy(), self.alive[-1]
         traced = active < len(positions)
@@ -66,12 +68,12 @@ class Tracer:
         self.positions.append(positions)
         self.alive.append(alive[: len(positions)].copy())
 
-    def traces(self, steps: Counts) -> tuple[Trace, ...]:
+    def traces(self, steps: IntArray) -> tuple[RunTrajectory, ...]:
         """The ways up to the steps (R,) at which runs ended."""
         positions, alive = np.stack(self.positions, axis=1), np.stack(self.alive, axis=1)
         leaders = np.array(self.leaders, np.int64).reshape(len(self.leaders), len(positions)).T
         return tuple(
-            Trace(
+            RunTrajectory(
                 positions[run, : steps[run] + 1],
                 alive[run, : steps[run] + 1],
                 leaders[run, : steps[run]],

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..policies.base import Policy, checked_velocities
 from ..problems.formation import motion_of
-from ..typing import Booleans, Counts, Floats
+from ..typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -35,29 +35,29 @@ class Transition:
         Probability that a living member survives the step; 1 for the destroyed, without meaning.
     inside : (B, n) bool
         Who is in the target zone at X(t+1).
-    shortfalls, failures, resolved : (B,) int
+    shortfalls, failures, fallbacks : (B,) int
         As in `Decision`.
-    clipped : (B,) int
+    saturated : (B,) int
         Members whose velocity had to be changed to respect v_max and a_max.
     """
 
-    velocities: Floats
-    positions: Floats
-    survival: Floats
-    inside: Booleans
-    shortfalls: Counts
-    failures: Counts
-    resolved: Counts
-    clipped: Counts
+    velocities: FloatArray
+    positions: FloatArray
+    survival: FloatArray
+    inside: BoolArray
+    infeasible: IntArray
+    failures: IntArray
+    fallbacks: IntArray
+    saturated: IntArray
 
 
 def transition(
     scenario: Scenario,
     policy: Policy,
     step: int,
-    positions: Floats,
-    previous: Floats,
-    alive: Booleans,
+    positions: FloatArray,
+    previous_velocities: FloatArray,
+    alive: BoolArray,
 ) -> Transition:
     """Take B states, positions and previous velocities (B, n, 2), from `step` to step + 1.
 
@@ -66,19 +66,19 @@ def transition(
     PolicyError, HazardError
         Velocities or rates of the wrong shape, or not finite.
     """
-    decision = policy.decide(step, *map(_read_only, (positions, previous, alive)))
+    decision = policy.decide(step, *map(_read_only, (positions, previous_velocities, alive)))
     wanted = checked_velocities(policy.name, step, decision.velocities, alive)
-    velocities, clipped = physical(scenario, wanted, previous, alive)
+    velocities, saturated = physical(scenario, wanted, previous_velocities, alive)
     following = positions + scenario.time.dt * velocities
     return Transition(
         velocities=velocities,
         positions=following,
         survival=np.exp(-scenario.time.dt * scenario.hazard.rates(following, alive)),
         inside=scenario.target.contains(following),
-        shortfalls=decision.shortfalls,
+        infeasible=decision.infeasible,
         failures=decision.failures,
-        resolved=decision.resolved,
-        clipped=clipped,
+        fallbacks=decision.fallbacks,
+        saturated=saturated,
     )
 
 
@@ -90,10 +90,10 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def physical(
-    scenario: Scenario, wanted: Floats, previous: Floats, alive: Booleans
-) -> tuple[Floats, Counts]:
+    scenario: Scenario, wanted: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+) -> tuple[FloatArray, IntArray]:
     """Velocities (B, n, 2) within v_max and a_max, and how many had to be changed, (B,)."""
-    sets = motion_of(scenario).sets(previous)
+    sets = motion_of(scenario).sets(previous_velocities)
     beyond = alive & (sets.violation(wanted) > PHYSICAL)
     velocities = wanted.copy()
     if beyond.any():

@@ -14,14 +14,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..errors import ComparisonError, among
+from ..errors import ComparisonError, did_you_mean
 from ..optimization.problem import Instances, Nlp
 from ..optimization.solution import BatchSolution
 from ..optimization.solvers import Answer, Auto, Ipopt, Solver
 from ..planning.plan import plan, plan_from
 from ..scenario import Scenario
 from ..studies.simulation import simulate
-from ..typing import Floats
+from ..typing import FloatArray
 
 HORIZONS = (30, 100, 300)
 """Steps of the guides; the same ten units of time, in finer and finer steps."""
@@ -101,7 +101,7 @@ def make_problems(
         An unknown family, or a count below one.
     """
     if family not in FAMILIES:
-        raise ComparisonError(f"family {family!r} is unknown{among(family, FAMILIES)}")
+        raise ComparisonError(f"family {family!r} is unknown{did_you_mean(family, FAMILIES)}")
     made, default = FAMILIES[family][:2]
     count = default if count is None else count
     if count < 1:
@@ -122,7 +122,7 @@ def _guides(
         yield _guide(f"guide-{horizon}-{number}", radars, horizon, rng)
 
 
-def _guide(name: str, radars: Floats, horizon: int, rng: np.random.Generator) -> Problem:
+def _guide(name: str, radars: FloatArray, horizon: int, rng: np.random.Generator) -> Problem:
     dt = 10.0 / horizon
     scenario = _scenario(
         name, [(0.0, 0.0)], radars, {"kind": "saturation", "alpha_1": 4.0}, dt, 2.0 * dt**2
@@ -171,9 +171,9 @@ def _from_previous(nlp: Nlp, instances: Instances) -> Instances:
     """Started from the previous velocities, made feasible; a policy may know better."""
     assert instances.sets is not None
     sizes = [block.numel() for block in nlp.parameters.values()]
-    first = sum(sizes[: list(nlp.parameters).index("previous")])
-    previous = instances.parameters[:, first : first + instances.start.shape[1]]
-    points = instances.sets.project(previous.reshape(*instances.sets.shape, 2))
+    first = sum(sizes[: list(nlp.parameters).index("previous_velocities")])
+    previous_velocities = instances.parameters[:, first : first + instances.start.shape[1]]
+    points = instances.sets.project(previous_velocities.reshape(*instances.sets.shape, 2))
     return instances.restarted(points.reshape(instances.start.shape))
 
 
@@ -183,7 +183,7 @@ _RATES: dict[str, dict[str, object]] = {
 }
 
 
-def _swarm(n: int, rho: float, radars: Floats) -> Scenario:
+def _swarm(n: int, rho: float, radars: FloatArray) -> Scenario:
     """n members on the places of a square grid that are nearest to its middle."""
     axis = 0.3 * np.arange(-8, 9)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
@@ -197,7 +197,7 @@ def _swarm(n: int, rho: float, radars: Floats) -> Scenario:
 # --- what both share
 
 
-def _field(rng: np.random.Generator, number: int) -> Floats:
+def _field(rng: np.random.Generator, number: int) -> FloatArray:
     """Radars (number, 2) on both sides of the way from the origin to the target."""
     along, beside = rng.uniform(0.2, 0.85, number), rng.uniform(-0.3, 0.3, number)
     way = np.array(_TARGET)
@@ -210,7 +210,7 @@ _TARGET = (8.0, 6.5)
 def _scenario(
     name: str,
     places: Sequence[tuple[float, float]],
-    radars: Floats,
+    radars: FloatArray,
     hazard: Mapping[str, object],
     dt: float,
     a_max: float,
@@ -243,7 +243,7 @@ class _Listener(Solver):
     """Hands every question on to another solver, and keeps it with the answer's x."""
 
     inner: Solver
-    heard: list[tuple[Nlp, Instances, Floats]] = field(default_factory=list)
+    heard: list[tuple[Nlp, Instances, FloatArray]] = field(default_factory=list)
 
     name: ClassVar[str] = "listener"
     summary: ClassVar[str] = "keeps what another solver is asked"

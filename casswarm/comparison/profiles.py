@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from ..typing import Floats
+from ..typing import FloatArray
 
 
 def performance_profile(costs: pd.DataFrame) -> pd.DataFrame:
@@ -102,7 +102,7 @@ def pairwise_wins(costs: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(wins, index=costs.columns, columns=costs.columns)
 
 
-def shifted_geometric_mean(costs: ArrayLike, shift: float) -> Floats:
+def shifted_geometric_mean(costs: ArrayLike, shift: float) -> FloatArray:
     """(product of (cost + shift))^(1/P) - shift over the first axis, costs (P, ...).
 
     The shift keeps problems of next to no cost from ruling the mean. Infinite where a cost is: to
@@ -125,7 +125,9 @@ def share_at(profile: pd.DataFrame, point: float) -> pd.Series:
     return profile.iloc[row] if row >= 0 else profile.iloc[0] * 0.0
 
 
-def _shares(values: Floats, costs: pd.DataFrame, name: str, first: float | None) -> pd.DataFrame:
+def _shares(
+    values: FloatArray, costs: pd.DataFrame, name: str, first: float | None
+) -> pd.DataFrame:
     points = np.unique(values[np.isfinite(values)])
     if first is not None:
         points = np.union1d(points, [first])
@@ -135,7 +137,7 @@ def _shares(values: Floats, costs: pd.DataFrame, name: str, first: float | None)
     return pd.DataFrame(table, pd.Index(points, name=name), costs.columns)
 
 
-def _checked(costs: pd.DataFrame) -> Floats:
+def _checked(costs: pd.DataFrame) -> FloatArray:
     values = costs.to_numpy(dtype=float)
     if not len(values):
         raise ValueError("a profile needs at least one problem")

@@ -10,7 +10,7 @@ from .formations import formation_chart
 from .frames import player, save_gif
 from .joint import joint_map
 from .maps import comparison_map, guide_map, risk_map, swarm_map
-from .mpc import look_ahead_chart
+from .mpc import mpc_chart
 from .paper import (
     beyond_chart,
     guides_map,
@@ -19,7 +19,7 @@ from .paper import (
     table_2_chart,
 )
 from .performance_profiles import pair_chart, profile_chart, win_chart
-from .policy_comparison import rival_chart
+from .policy_comparison import policy_comparison_chart
 from .style import LOOKS, look, save
 from .success_bars import difference_chart, success_chart
 from .sweeps import sweep_heat_map, sweep_lines
@@ -37,13 +37,13 @@ __all__ = [
     "guides_map",
     "joint_map",
     "look",
-    "look_ahead_chart",
+    "mpc_chart",
     "pair_chart",
     "player",
+    "policy_comparison_chart",
     "population_chart",
     "profile_chart",
     "risk_map",
-    "rival_chart",
     "save",
     "save_gif",
     "sensitivity_chart",

@@ -14,10 +14,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..chain.trajectories import Trace
+from ..chain.trajectories import RunTrajectory
 from ..planning.guide import Guide
 from ..scenario import Scenario
-from .base_map import GREYS, extent, frame, landmarks, lone_norm, pixels
+from .base_map import GREYS, extent, frame, landmarks, pixels, single_agent_norm
 from .closeups import SHARES, Closeup, follows, guest_rates, leader_at, shades, window
 from .formations import caption, legend_handles
 from .style import BLUE, INK, MEMBERS, VERMILION, current, drawn, line, settings
@@ -27,7 +27,7 @@ _PIXELS = 110
 
 def animate(
     scenario: Scenario,
-    trace: Trace,
+    trace: RunTrajectory,
     guide: Guide | None = None,
     *,
     title: str = "",
@@ -87,7 +87,9 @@ class Stage:
     title : str
     """
 
-    def __init__(self, scenario: Scenario, trace: Trace, guide: Guide | None, title: str) -> None:
+    def __init__(
+        self, scenario: Scenario, trace: RunTrajectory, guide: Guide | None, title: str
+    ) -> None:
         self.scenario, self.trace, self.guide, self.title = scenario, trace, guide, title
         near = guide is not None and follows(trace, guide, scenario.formation.rho)
         self.middle = guide if near else None
@@ -119,7 +121,7 @@ class Stage:
 
     def _background(self, fig: Figure, close: Axes) -> None:
         """What stays: shades, landmarks, guide, scales."""
-        norm = lone_norm(self.scenario, self.low, self.high)
+        norm = single_agent_norm(self.scenario, self.low, self.high)
         self.image = self.map.imshow(
             np.full(self.nodes.shape[:2], norm.vmin),
             norm=norm,

@@ -13,7 +13,7 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Circle, Rectangle
 
 from ..scenario import Scenario
-from ..typing import Floats
+from ..typing import FloatArray
 from .style import INK, SKY, VERMILION, figure, line, upright
 
 _PIXELS = 300
@@ -21,7 +21,9 @@ _CAP = 0.995  # quantile of the rates at which the shades end: radars are not th
 GREYS = LinearSegmentedColormap.from_list("greys", colormaps["Greys"](np.linspace(0.0, 0.72, 256)))
 
 
-def lone_map(scenario: Scenario, contents: Sequence[Floats]) -> tuple[Figure, Axes, AxesImage]:
+def single_agent_map(
+    scenario: Scenario, contents: Sequence[FloatArray]
+) -> tuple[Figure, Axes, AxesImage]:
     """Rates of a lone member as shades, radars and target; the extent holds all `contents`."""
     low, high = extent(scenario, contents)
     fig, axes = field_axes(low, high)
@@ -32,7 +34,7 @@ def lone_map(scenario: Scenario, contents: Sequence[Floats]) -> tuple[Figure, Ax
     return fig, axes, image
 
 
-def extent(scenario: Scenario, contents: Sequence[Floats]) -> tuple[Floats, Floats]:
+def extent(scenario: Scenario, contents: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
     """Corners of a map that holds all `contents`, the target and the radars."""
     center = np.asarray(scenario.target.center)[None]
     points = np.vstack([*contents, center, scenario.hazard.radar_positions])
@@ -41,14 +43,14 @@ def extent(scenario: Scenario, contents: Sequence[Floats]) -> tuple[Floats, Floa
     return low - pad, high + pad
 
 
-def field_axes(low: Floats, high: Floats) -> tuple[Figure, Axes]:
+def field_axes(low: FloatArray, high: FloatArray) -> tuple[Figure, Axes]:
     """A figure with a map of these corners."""
     fig, axes = figure()
     frame(axes, low, high)
     return fig, axes
 
 
-def frame(axes: Axes, low: Floats, high: Floats) -> None:
+def frame(axes: Axes, low: FloatArray, high: FloatArray) -> None:
     """Make axes a map of these corners."""
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x", ylabel="y")
 
@@ -80,22 +82,22 @@ def landmarks(axes: Axes, scenario: Scenario, radars: str = VERMILION) -> None:
         )
 
 
-def pixels(low: Floats, high: Floats, number: int = _PIXELS) -> Floats:
+def pixels(low: FloatArray, high: FloatArray, number: int = _PIXELS) -> FloatArray:
     """Centres (number, number, 2) of a map's pixels, row by row from below."""
     size = (high - low) / number
     axis = np.arange(number) + 0.5
     return np.stack(np.meshgrid(*(low[k] + size[k] * axis for k in (0, 1))), axis=-1)
 
 
-def corners(axes: Axes) -> tuple[Floats, Floats]:
+def corners(axes: Axes) -> tuple[FloatArray, FloatArray]:
     """Corners of a map."""
     (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
     return np.array([west, south]), np.array([east, north])
 
 
-def lone_norm(scenario: Scenario, low: Floats, high: Floats) -> LogNorm:
+def single_agent_norm(scenario: Scenario, low: FloatArray, high: FloatArray) -> LogNorm:
     """Shades of the rates of a lone member between these corners; radars end them."""
-    rates = scenario.hazard.lone_rates(pixels(low, high))
+    rates = scenario.hazard.single_agent_rates(pixels(low, high))
     least = max(float(rates.min()), 1e-12)
     return LogNorm(least, max(float(np.quantile(rates, _CAP)), least * 1.01))
 
@@ -103,9 +105,9 @@ def lone_norm(scenario: Scenario, low: Floats, high: Floats) -> LogNorm:
 def lone_shades(axes: Axes, scenario: Scenario) -> AxesImage:
     """The rates of a lone member over a map."""
     low, high = corners(axes)
-    norm = lone_norm(scenario, low, high)
+    norm = single_agent_norm(scenario, low, high)
     return axes.imshow(
-        np.maximum(scenario.hazard.lone_rates(pixels(low, high)), norm.vmin or 0.0),
+        np.maximum(scenario.hazard.single_agent_rates(pixels(low, high)), norm.vmin or 0.0),
         norm=norm,
         cmap=GREYS,
         extent=(low[0], high[0], low[1], high[1]),
@@ -114,7 +116,7 @@ def lone_shades(axes: Axes, scenario: Scenario) -> AxesImage:
     )
 
 
-def corridor(axes: Axes, places: Floats, rho: float) -> None:
+def corridor(axes: Axes, places: FloatArray, rho: float) -> None:
     """The places within the root of `rho` of one of `places` (T, 2)."""
     pad = 1.1 * np.sqrt(rho)
     low, high = places.min(axis=0) - pad, places.max(axis=0) + pad

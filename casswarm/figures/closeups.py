@@ -13,16 +13,16 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Circle
 from matplotlib.transforms import ScaledTranslation
 
-from ..chain.trajectories import Trace
+from ..chain.trajectories import RunTrajectory
 from ..hazard import Hazard
 from ..planning.guide import Guide
 from ..scenario import Scenario
-from ..typing import Booleans, Floats
+from ..typing import BoolArray, FloatArray
 from .base_map import GREYS, frame, pixels
 from .style import BLUE, INK, MEMBERS, VERMILION, halo, line
 
 _PIXELS = 80
-_MOST = 1.5  # share to which the edge of the danger is drawn smooth
+_MAX = 1.5  # share to which the edge of the danger is drawn smooth
 _NEAR = 0.2  # of a window's half width: members that near share a label
 OVER = "#E8A987"  # where members endanger each other
 SHARES = Normalize(0.0, 1.0)
@@ -34,7 +34,9 @@ def shades() -> Colormap:
     return GREYS.with_extremes(over=OVER)
 
 
-def shares(hazard: Hazard, places: Floats, positions: Floats, alive: Booleans) -> Floats:
+def shares(
+    hazard: Hazard, places: FloatArray, positions: FloatArray, alive: BoolArray
+) -> FloatArray:
     """Rates that one more member would have at places (..., 2), as shares of a lone member's.
 
     Parameters
@@ -45,12 +47,14 @@ def shares(hazard: Hazard, places: Floats, positions: Floats, alive: Booleans) -
         Of the swarm.
     alive : (n,) bool
     """
-    lone = hazard.lone_rates(places)
+    lone = hazard.single_agent_rates(places)
     found = np.ones_like(lone)
     return np.divide(guest_rates(hazard, places, positions, alive), lone, out=found, where=lone > 0)
 
 
-def guest_rates(hazard: Hazard, places: Floats, positions: Floats, alive: Booleans) -> Floats:
+def guest_rates(
+    hazard: Hazard, places: FloatArray, positions: FloatArray, alive: BoolArray
+) -> FloatArray:
     """Rates (...) that one more member would have at places (..., 2), given a swarm."""
     flat = places.reshape(-1, 2)
     others = np.broadcast_to(positions[alive], (len(flat), int(alive.sum()), 2))
@@ -76,7 +80,7 @@ class Closeup:
         self,
         axes: Axes,
         scenario: Scenario,
-        trace: Trace,
+        trace: RunTrajectory,
         guide: Guide | None,
         half: float,
         corridors: bool,
@@ -114,7 +118,7 @@ class Closeup:
         alive, center = self.trace.alive[step], middle(self.trace, self.guide, step)
         positions = self.trace.positions[step]
         found = shares(self.hazard, self.nodes + center, positions, alive)
-        self.image.set_data(np.minimum(found, _MOST))  # rates of collisions have no end
+        self.image.set_data(np.minimum(found, _MAX))  # rates of collisions have no end
         before = self.trace.alive[step - 1] if step else alive
         offsets = positions - center
         self._members(offsets, alive, leader_at(self.trace, step))
@@ -123,7 +127,7 @@ class Closeup:
         self._labels(offsets, alive, lost)
         self._labels(offsets, lost, alive, crosses=True)
 
-    def _members(self, offsets: Floats, alive: Booleans, leader: int) -> None:
+    def _members(self, offsets: FloatArray, alive: BoolArray, leader: int) -> None:
         few = len(alive) <= len(MEMBERS)
         for member in np.flatnonzero(alive):
             color = MEMBERS[member] if few else BLUE
@@ -138,7 +142,7 @@ class Closeup:
                 zorder=6 if leads else 5,
             )
 
-    def _lost(self, offsets: Floats, alive: Booleans, lost: Booleans) -> None:
+    def _lost(self, offsets: FloatArray, alive: BoolArray, lost: BoolArray) -> None:
         """Crosses, beside the living where these stand at the same place."""
         for member in np.flatnonzero(lost):
             beside = self._near(offsets, offsets[member], list(np.flatnonzero(alive)))
@@ -157,7 +161,7 @@ class Closeup:
             self.drawn[-1].set_clip_on(True)
 
     def _labels(
-        self, offsets: Floats, members: Booleans, others: Booleans, crosses: bool = False
+        self, offsets: FloatArray, members: BoolArray, others: BoolArray, crosses: bool = False
     ) -> None:
         """Numbers of members, once for all that stand together, clear of the others and theirs."""
         if len(members) > len(MEMBERS):
@@ -190,7 +194,7 @@ class Closeup:
                 )
             )
 
-    def _near(self, offsets: Floats, place: Floats, members: list[Any]) -> list[Any]:
+    def _near(self, offsets: FloatArray, place: FloatArray, members: list[Any]) -> list[Any]:
         """Those of `members` that stand near a place."""
         return [m for m in members if np.hypot(*(offsets[m] - place)) < _NEAR * self.half]
 
@@ -206,7 +210,7 @@ def _numbers(members: Iterable[SupportsInt]) -> str:
     return ", ".join(f"{run[0] + 1}–{run[-1] + 1}" if run[1:] else f"{run[0] + 1}" for run in runs)
 
 
-def middle(trace: Trace, guide: Guide | None, step: int) -> Floats:
+def middle(trace: RunTrajectory, guide: Guide | None, step: int) -> FloatArray:
     """The point (2,) in the middle of the formation at a step: the guide's, or a mean."""
     if guide is not None:
         return guide.reference(step)
@@ -214,7 +218,7 @@ def middle(trace: Trace, guide: Guide | None, step: int) -> Floats:
     return np.asarray(trace.positions[step][alive].mean(axis=0))
 
 
-def follows(trace: Trace, guide: Guide, rho: float) -> bool:
+def follows(trace: RunTrajectory, guide: Guide, rho: float) -> bool:
     """Whether a swarm keeps near a guide: within twice the root of `rho` at most steps."""
     away = [
         np.hypot(*(trace.positions[step][alive] - guide.reference(step)).T).min()
@@ -224,7 +228,7 @@ def follows(trace: Trace, guide: Guide, rho: float) -> bool:
     return bool(np.median(away) <= 2 * np.sqrt(rho))
 
 
-def leader_at(trace: Trace, step: int) -> int:
+def leader_at(trace: RunTrajectory, step: int) -> int:
     """Who leads at a step, -1 if nobody: at the last one, who led there if alive."""
     if not len(trace.leaders):
         return -1
@@ -232,7 +236,7 @@ def leader_at(trace: Trace, step: int) -> int:
     return leader if leader >= 0 and trace.alive[step, leader] else -1
 
 
-def window(trace: Trace, guide: Guide | None) -> float:
+def window(trace: RunTrajectory, guide: Guide | None) -> float:
     """Half the width of a window around the formation in which nearly everybody is, always."""
     away = [
         np.abs(trace.positions[step][trace.alive[step]] - middle(trace, guide, step)).max(axis=1)

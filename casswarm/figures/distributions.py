@@ -8,13 +8,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..chain.distribution import Law
-from ..typing import Floats
+from ..chain.distribution import OutcomeDistribution
+from ..typing import FloatArray
 from .style import drawn, figure, headline, line, marks, tidy
 
 
 @drawn
-def arrival_chart(laws: Sequence[Law], title: str = "") -> Figure:
+def arrival_chart(laws: Sequence[OutcomeDistribution], title: str = "") -> Figure:
     """Probability of having arrived by every step, a band a policy as wide as its bracket."""
     curves = {}
     for law in laws:
@@ -28,7 +28,7 @@ def arrival_chart(laws: Sequence[Law], title: str = "") -> Figure:
 
 
 @drawn
-def population_chart(laws: Sequence[Law], members: int, title: str = "") -> Figure:
+def population_chart(laws: Sequence[OutcomeDistribution], members: int, title: str = "") -> Figure:
     """Mean number of members alive at every step, a band a policy as wide as its bracket."""
     curves = {}
     for law in laws:
@@ -41,7 +41,7 @@ def population_chart(laws: Sequence[Law], members: int, title: str = "") -> Figu
 
 
 @drawn
-def survival_chart(laws: Sequence[Law], title: str = "") -> Figure:
+def survival_chart(laws: Sequence[OutcomeDistribution], title: str = "") -> Figure:
     """Probability that somebody is alive at every step, a band a policy as wide as its bracket.
 
     A run that has arrived keeps the number of members that arrived.
@@ -56,7 +56,9 @@ def survival_chart(laws: Sequence[Law], title: str = "") -> Figure:
     return fig
 
 
-def _chart(curves: dict[str, tuple[str, Floats, Floats]], title: str) -> tuple[Figure, Axes]:
+def _chart(
+    curves: dict[str, tuple[str, FloatArray, FloatArray]], title: str
+) -> tuple[Figure, Axes]:
     """Step curves over time: label to policy, low end and high end, (N+1,) each."""
     fig, axes = figure()
     looks = marks(policy for policy, *_ in curves.values())

@@ -10,7 +10,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..chain.trajectories import Trace
+from ..chain.trajectories import RunTrajectory
 from ..planning.guide import Guide
 from ..scenario import Scenario
 from .closeups import SHARES, Closeup, shades, window
@@ -20,7 +20,7 @@ from .style import BLUE, GREY, INK, current, drawn, headline, line, panels
 @drawn
 def formation_chart(
     scenario: Scenario,
-    trace: Trace,
+    trace: RunTrajectory,
     guide: Guide | None = None,
     title: str = "",
     *,
@@ -90,7 +90,7 @@ def _columns() -> int:
     return max(2, min(4, int(0.86 * chosen.width / caption)))
 
 
-def telling_steps(trace: Trace, number: int) -> list[int]:
+def telling_steps(trace: RunTrajectory, number: int) -> list[int]:
     """The first and the last step, those of losses, and others between, as evenly as can be."""
     last = len(trace.alive) - 1
     losses = np.flatnonzero((trace.alive[:-1] & ~trace.alive[1:]).any(axis=1)) + 1
@@ -105,7 +105,7 @@ def telling_steps(trace: Trace, number: int) -> list[int]:
     return sorted(chosen)
 
 
-def caption(trace: Trace, step: int) -> str:
+def caption(trace: RunTrajectory, step: int) -> str:
     """What a step is: its number, and how many are alive."""
     return f"step {step}: {int(trace.alive[step].sum())} of {trace.alive.shape[1]} alive"
 

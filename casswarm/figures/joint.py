@@ -7,8 +7,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from ..scenario import Scenario
-from ..typing import Floats
-from .base_map import lone_map
+from ..typing import FloatArray
+from .base_map import single_agent_map
 from .style import BLUE, INK, MEMBERS, drawn, headline, key, line
 
 _WIDEST, _THINNEST = 2.0, 0.3  # of the uppermost member's line, alive and dead
@@ -18,7 +18,7 @@ _MANY = 0.8  # width of all lines in a large swarm
 
 @drawn
 def joint_map(
-    scenario: Scenario, positions: Floats, survival: Floats | None = None, title: str = ""
+    scenario: Scenario, positions: FloatArray, survival: FloatArray | None = None, title: str = ""
 ) -> Figure:
     """Members' ways; lines get thinner as survival gets less likely, a dot a step.
 
@@ -33,7 +33,7 @@ def joint_map(
         Of every member.
     title : str
     """
-    fig, axes, _ = lone_map(scenario, [positions.reshape(-1, 2)])
+    fig, axes, _ = single_agent_map(scenario, [positions.reshape(-1, 2)])
     members = positions.shape[1]
     few = members <= len(MEMBERS)
     for member in range(members):
@@ -73,7 +73,7 @@ def joint_map(
     return fig
 
 
-def _until_arrival(scenario: Scenario, way: Floats) -> Floats:
+def _until_arrival(scenario: Scenario, way: FloatArray) -> FloatArray:
     """A member's way up to its arrival."""
     inside = np.flatnonzero(scenario.target.contains(way[1:]))
     return way[: inside[0] + 2] if inside.size else way

@@ -9,13 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from ..chain.trajectories import Trace
-from ..planning.bounds.outlook import Outlook
+from ..chain.trajectories import RunTrajectory
+from ..planning.bounds.outlook import CostToGoMap
 from ..planning.bounds.value_function import ValueFunction
-from ..planning.guide import Candidate, Guide, path_of, rounded_up
+from ..planning.guide import Candidate, Guide, integrate, rounded_up
 from ..scenario import Scenario
-from ..typing import Floats
-from .base_map import corridor, extent, field_axes, landmarks, lone_map
+from ..typing import FloatArray
+from .base_map import corridor, extent, field_axes, landmarks, single_agent_map
 from .style import (
     BLUE,
     INK,
@@ -34,7 +34,7 @@ _NEAR = 0.04  # of a map's width: graves that near share a label
 
 @drawn
 def guide_map(
-    scenario: Scenario, guide: Guide, others: Sequence[Candidate | Floats] = ()
+    scenario: Scenario, guide: Guide, others: Sequence[Candidate | FloatArray] = ()
 ) -> Figure:
     """The guide over the map of a lone member's rates, with its corridor.
 
@@ -47,7 +47,7 @@ def guide_map(
     """
     paths = [_path(guide, other) for other in others]
     paths = [path for path in paths if not _same(path, guide.positions)]
-    fig, axes, _ = lone_map(scenario, [guide.positions, scenario.positions, *paths])
+    fig, axes, _ = single_agent_map(scenario, [guide.positions, scenario.positions, *paths])
     for number, path in enumerate(paths):
         label = "other ways tried" if number == 0 else None
         axes.plot(*path.T, color=INK, lw=line(0.9), ls=(0, (4, 3)), zorder=3, label=label)
@@ -81,7 +81,7 @@ def guide_map(
 @drawn
 def comparison_map(scenario: Scenario, guides: Mapping[str, Guide]) -> Figure:
     """Several guides over the map of a lone member's rates, with what each survives."""
-    fig, axes, _ = lone_map(scenario, [guide.positions for guide in guides.values()])
+    fig, axes, _ = single_agent_map(scenario, [guide.positions for guide in guides.values()])
     colors = (MEMBERS[1], MEMBERS[0], *MEMBERS[2:])
     for place, (name, guide) in enumerate(guides.items()):
         axes.plot(
@@ -102,15 +102,15 @@ def comparison_map(scenario: Scenario, guides: Mapping[str, Guide]) -> Figure:
 
 @drawn
 def risk_map(
-    scenario: Scenario, value: ValueFunction | Outlook, guide: Guide, step: int = 0
+    scenario: Scenario, value: ValueFunction | CostToGoMap, guide: Guide, step: int = 0
 ) -> Figure:
     """Survival from every place on at a step, along the best path there is, and its directions.
 
     What is drawn is what `ValueFunction.velocities` attains; limits of acceleration do not count.
-    An `Outlook` has its own step.
+    An `CostToGoMap` has its own step.
     """
     low, high = extent(scenario, [guide.positions, scenario.positions])
-    outlook = value if isinstance(value, Outlook) else Outlook.of(value, low, high, step)
+    outlook = value if isinstance(value, CostToGoMap) else CostToGoMap.of(value, low, high, step)
     fig, axes = field_axes(low, high)
     image = axes.imshow(
         np.where(outlook.survival > 0, outlook.survival, np.nan),
@@ -135,7 +135,7 @@ def risk_map(
 @drawn
 def swarm_map(
     scenario: Scenario,
-    trace: Trace,
+    trace: RunTrajectory,
     guide: Guide | None = None,
     title: str = "",
     corridors: bool = False,
@@ -155,7 +155,9 @@ def swarm_map(
         Whether to draw the corridor around the guide.
     """
     contents = [trace.positions.reshape(-1, 2)]
-    fig, axes, _ = lone_map(scenario, contents if guide is None else [*contents, guide.positions])
+    fig, axes, _ = single_agent_map(
+        scenario, contents if guide is None else [*contents, guide.positions]
+    )
     members = trace.positions.shape[1]
     few = members <= len(MEMBERS)
     ends = trace.last_steps()
@@ -183,7 +185,7 @@ def swarm_map(
     return fig
 
 
-def _graves(axes: Axes, trace: Trace, few: bool) -> None:
+def _graves(axes: Axes, trace: RunTrajectory, few: bool) -> None:
     """Crosses where members were destroyed; who, or how many, where they are many."""
     lost = np.flatnonzero(~trace.alive[-1])
     if not lost.size:
@@ -221,11 +223,11 @@ def _graves(axes: Axes, trace: Trace, few: bool) -> None:
         )
 
 
-def _path(guide: Guide, other: Candidate | Floats) -> Floats:
+def _path(guide: Guide, other: Candidate | FloatArray) -> FloatArray:
     if isinstance(other, Candidate):
-        return path_of(guide.positions[0], other.velocities, guide.dt)
+        return integrate(guide.positions[0], other.velocities, guide.dt)
     return other
 
 
-def _same(path: Floats, other: Floats) -> bool:
+def _same(path: FloatArray, other: FloatArray) -> bool:
     return path.shape == other.shape and bool(np.allclose(path, other, rtol=0, atol=1e-12))

@@ -10,18 +10,18 @@ from .sweeps import success_line
 
 
 @drawn
-def look_ahead_chart(table: pd.DataFrame, title: str = "") -> Figure:
+def mpc_chart(table: pd.DataFrame, title: str = "") -> Figure:
     """Success (above) and shortfalls (below) over the look-ahead, a column a scenario.
 
     Parameters
     ----------
     table : DataFrame
-        A row a scenario, policy and look-ahead: scenario, policy, look_ahead, success,
+        A row a scenario, policy and look-ahead: scenario, policy, horizon, success,
         success_low, success_high, shortfalls (of a run, in member-steps).
     title : str
     """
     scenarios = list(dict.fromkeys(table["scenario"]))
-    steps = sorted(set(table["look_ahead"]))
+    steps = sorted(set(table["horizon"]))
     across = min(len(scenarios), 2 if current().width < 5 else 3)
     bands = -(-len(scenarios) // across)  # of two rows of panels
     shape = 1.25 * bands / max(2, across) + 0.12
@@ -35,16 +35,16 @@ def look_ahead_chart(table: pd.DataFrame, title: str = "") -> Figure:
             below.set_visible(False)
             continue
         own = table[table["scenario"] == scenarios[number]]
-        for policy, rows in own.sort_values("look_ahead").groupby("policy", sort=False):
+        for policy, rows in own.sort_values("horizon").groupby("policy", sort=False):
             mark = looks[str(policy)]
             look = {"color": mark.color, "marker": mark.marker, "linestyle": mark.dashes}
-            success_line(above, rows, "look_ahead", steps, look, str(policy))
-            below.plot(rows["look_ahead"].to_numpy(float), rows["shortfalls"], **look)
+            success_line(above, rows, "horizon", steps, look, str(policy))
+            below.plot(rows["horizon"].to_numpy(float), rows["infeasible"], **look)
         above.set(title=str(scenarios[number]), ylim=(-0.03, 1.03))
         below.set_ylim(bottom=0.0)
         if column == 0:
             above.set_ylabel("success")
-            below.set_ylabel("shortfalls")
+            below.set_ylabel("infeasible")
         if number + across >= len(scenarios):  # the lowest of its column
             below.tick_params(labelbottom=True)
             below.set_xlabel("steps in view")

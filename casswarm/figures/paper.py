@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from ..planning.guide import Guide
 from ..scenario import Scenario
-from .base_map import lone_map
+from .base_map import single_agent_map
 from .style import (
     GREY,
     INK,
@@ -37,7 +37,7 @@ def guides_map(scenario: Scenario, guides: Sequence[Guide], title: str = "") -> 
 
     Members often share a path: the first is drawn widest and lowest, so that all stay visible.
     """
-    fig, axes, _ = lone_map(scenario, [guide.positions for guide in guides])
+    fig, axes, _ = single_agent_map(scenario, [guide.positions for guide in guides])
     for place, guide in enumerate(guides):
         width = 1.0 + 1.3 * (len(guides) - 1 - place)
         axes.plot(

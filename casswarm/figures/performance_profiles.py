@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator
 
-from ..typing import Floats
+from ..typing import FloatArray
 from .style import GREY, INK, MEMBERS, current, drawn, figure, headline, line, panels, tidy
 
 _COLORS = (*MEMBERS, INK, GREY)
@@ -177,7 +177,7 @@ def _end_labels(axes: Axes, profile: pd.DataFrame, names: Sequence[str]) -> None
         )
 
 
-def _apart(places: Floats, room: float) -> Floats:
+def _apart(places: FloatArray, room: float) -> FloatArray:
     """Falling places, moved down so that neighbours are `room` apart, and up again if too low."""
     moved = places.copy()
     for i in range(1, len(moved)):

@@ -13,7 +13,7 @@ _COLUMNS = 3  # of panels, at the most
 
 
 @drawn
-def rival_chart(table: pd.DataFrame, title: str = "") -> Figure:
+def policy_comparison_chart(table: pd.DataFrame, title: str = "") -> Figure:
     """Success of every policy, a panel a scenario; a dashed line is the bound for every policy.
 
     Parameters

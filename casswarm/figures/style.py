@@ -231,7 +231,7 @@ POLICIES = {
     "constrained-feedback": Mark(ORANGE, (0, (3, 1)), "^"),
     "leader-feedback": Mark(SKY, (0, (2, 1, 1, 1)), "v"),
     "joint": Mark(PURPLE, (0, (1, 1)), "P"),
-    "joint-feedback": Mark("#882255", (0, (4, 1, 1, 1)), "p"),  # the last three: darker kin
+    "joint-replanning": Mark("#882255", (0, (4, 1, 1, 1)), "p"),  # the last three: darker kin
     "constrained-ahead": Mark("#00573F", (0, (8, 1.5, 1, 1.5)), "d"),
     "leader-ahead": Mark("#003B6F", (0, (3, 1, 1, 1, 1, 1)), "*"),
 }

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import HazardError
-from ..typing import Booleans, Expression, Floats
+from ..typing import BoolArray, Expr, FloatArray
 from .protection import LeastRate
 
 
@@ -22,11 +22,11 @@ class Hazard(ABC):
 
     @property
     @abstractmethod
-    def radar_positions(self) -> Floats:
+    def radar_positions(self) -> FloatArray:
         """Positions of the radars, shape (k, 2); k = 0 where the hazard has none."""
 
     @abstractmethod
-    def expression(self, positions: Expression, alive: Expression) -> Expression:
+    def expression(self, positions: Expr, alive: Expr) -> Expr:
         """Rates of all members as one expression.
 
         Parameters
@@ -42,7 +42,7 @@ class Hazard(ABC):
             lambda_i; for the destroyed, whom `rates` masks, whatever the formula gives.
         """
 
-    def expressions(self, positions: Expression, sets: Expression) -> Expression:
+    def expressions(self, positions: Expr, sets: Expr) -> Expr:
         """Rates of all members as `expression` gives them, in each of m sets of the living.
 
         Parameters
@@ -63,14 +63,14 @@ class Hazard(ABC):
         return ca.reshape(found, n, count).T
 
     @abstractmethod
-    def lone_expression(self, points: Expression) -> Expression:
+    def lone_expression(self, points: Expr) -> Expr:
         """Rate lambda-bar of a lone member at each of m points: (2, m) to (1, m)."""
 
     @abstractmethod
-    def _evaluate(self, positions: Floats, alive: Booleans) -> Floats:
+    def _evaluate(self, positions: FloatArray, alive: BoolArray) -> FloatArray:
         """Rates (B, n) of a batch of states (B, n, 2), (B, n); unchecked, unmasked."""
 
-    def rates(self, positions: ArrayLike, alive: ArrayLike | None = None) -> Floats:
+    def rates(self, positions: ArrayLike, alive: ArrayLike | None = None) -> FloatArray:
         """Rates per unit time of every member, 0 for the destroyed.
 
         Parameters
@@ -94,8 +94,8 @@ class Hazard(ABC):
         --------
         The rate of a member at distance 1 from a radar, alone and with another in its place:
 
-        >>> import casswarm as cs
-        >>> hazard = cs.Saturation(radars=[(0, 0)], alpha_1=4.0, alpha_2=3.0, alpha_3=4.0)
+        >>> import casswarm as csw
+        >>> hazard = csw.Saturation(radars=[(0, 0)], alpha_1=4.0, alpha_2=3.0, alpha_3=4.0)
         >>> hazard.rates([[1, 0]])
         array([1.])
         >>> hazard.rates([[1, 0], [1, 0]]).round(4)
@@ -120,15 +120,15 @@ class Hazard(ABC):
         self._check(rates, batch)
         return rates.reshape(x.shape[:-1])
 
-    def lone_rates(self, points: ArrayLike) -> Floats:
+    def single_agent_rates(self, points: ArrayLike) -> FloatArray:
         """Rate lambda-bar of a lone member at each point: (..., 2) to (...)."""
         x = np.asarray(points, dtype=float)
         if x.shape[-1:] != (2,):
             raise HazardError(f"points have shape {x.shape}; expected (..., 2)")
         return self.rates(x.reshape(-1, 1, 2)).reshape(x.shape[:-1])
 
-    def least_lone_rate(self, lower: Floats, upper: Floats) -> Floats | None:  # noqa: ARG002
-        """Lower bounds of `lone_rates` over boxes, None where nobody knows any.
+    def single_agent_lower_bound(self, lower: FloatArray, upper: FloatArray) -> FloatArray | None:  # noqa: ARG002
+        """Lower bounds of `single_agent_rates` over boxes, None where nobody knows any.
 
         Hazards that offer them can have guides certified: see `casswarm.planning.bounds`.
 
@@ -151,8 +151,10 @@ class Hazard(ABC):
         """
         return None
 
-    def lone_rates_below(self, east: Floats, north: Floats, spacing: float) -> Floats | None:
-        """Values at grid nodes whose bilinear interpolation is nowhere above `lone_rates`.
+    def lone_rates_below(
+        self, east: FloatArray, north: FloatArray, spacing: float
+    ) -> FloatArray | None:
+        """Values at grid nodes whose bilinear interpolation is nowhere above `single_agent_rates`.
 
         Here the least rate of the four cells around each node, which comes up to the rate as the
         spacing; hazards that know their second derivatives come up as its square.
@@ -166,12 +168,12 @@ class Hazard(ABC):
 
         Returns
         -------
-        ndarray of shape (n, m), or None where `least_lone_rate` knows none
+        ndarray of shape (n, m), or None where `single_agent_lower_bound` knows none
         """
         nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)
-        return self.least_lone_rate(nodes - spacing, nodes + spacing)
+        return self.single_agent_lower_bound(nodes - spacing, nodes + spacing)
 
-    def _check(self, rates: Floats, positions: Floats) -> None:
+    def _check(self, rates: FloatArray, positions: FloatArray) -> None:
         bad = ~(np.isfinite(rates) & (rates >= 0))
         if bad.any():
             state, member = np.argwhere(bad)[0]

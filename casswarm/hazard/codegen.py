@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import HazardError
-from ..typing import Expression, Floats
+from ..typing import Expr, FloatArray
 
 _BINARY = {
     ca.OP_ADD: "{0} + {1}",
@@ -60,7 +60,7 @@ _UNARY = {
 }
 
 
-def lower_source(name: str, inputs: dict[str, Expression], outputs: Sequence[Expression]) -> str:
+def lower_source(name: str, inputs: dict[str, Expr], outputs: Sequence[Expr]) -> str:
     """Python source of a function: the expressions' values, a tuple where there are several.
 
     Parameters
@@ -110,7 +110,7 @@ def _operation_name(operation: int) -> str:
     return next((name for name in names if getattr(ca, name) == operation), str(operation))
 
 
-def lower(kernel: Callable[..., Expression], inputs: int, name: str) -> Callable[..., Floats]:
+def lower(kernel: Callable[..., Expr], inputs: int, name: str) -> Callable[..., FloatArray]:
     """Elementwise NumPy function of the same expression as `kernel`, of `inputs` scalars."""
     symbols = {f"x{i}": ca.SX.sym(f"x{i}") for i in range(inputs)}
     source = lower_source(name, symbols, [kernel(*symbols.values())])
@@ -122,7 +122,7 @@ def lower(kernel: Callable[..., Expression], inputs: int, name: str) -> Callable
 
 
 def differentiated_source(
-    kernel: Callable[..., Expression], inputs: int, name: str, parameters: Expression
+    kernel: Callable[..., Expr], inputs: int, name: str, parameters: Expr
 ) -> str:
     """Python source of ``name(x0, ..., parameters)``: the kernel and its partial derivatives."""
     symbols = {f"x{i}": ca.SX.sym(f"x{i}") for i in range(inputs)}

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import HazardError
-from ..typing import Booleans, Expression, Floats
+from ..typing import BoolArray, Expr, FloatArray
 from .base import Hazard, checked_radars
 
 _CHUNK = 256  # states a call of the mapped function takes
@@ -44,16 +44,16 @@ class CustomHazard(Hazard):
 
     Notes
     -----
-    Guides are certified where the function has an attribute ``least_lone_rate``: a function of
+    Guides are certified where the function has an attribute ``single_agent_lower_bound``: a function of
     NumPy arrays ``(lower, upper, **parameters)``, the corners (..., 2) of boxes, that returns lower
     bounds (...) of a lone member's rate over them, the nearer to the least rate the better::
 
         def rates(positions, alive): ...
         def least(lower, upper): ...
-        rates.least_lone_rate = least
+        rates.single_agent_lower_bound = least
     """
 
-    function: Callable[..., Expression]
+    function: Callable[..., Expr]
     radars: tuple[tuple[float, float], ...] = ()
     parameters: Mapping[str, Any] | tuple[tuple[str, Any], ...] = ()
 
@@ -82,20 +82,20 @@ class CustomHazard(Hazard):
         return cls(_import_function(name, folder), radars, parameters or {})
 
     @property
-    def radar_positions(self) -> Floats:
+    def radar_positions(self) -> FloatArray:
         """Positions of the radars that were given, shape (k, 2)."""
         return np.array(self.radars, dtype=float).reshape(-1, 2)
 
-    def expression(self, positions: Expression, alive: Expression) -> Expression:
+    def expression(self, positions: Expr, alive: Expr) -> Expr:
         """The user's function as an MX call: (2, n), (1, n) to (1, n)."""
         return rate_function(self, positions.shape[1])(positions, alive)
 
-    def lone_expression(self, points: Expression) -> Expression:
+    def lone_expression(self, points: Expr) -> Expr:
         """The user's function of one member, mapped over m points: (2, m) to (1, m)."""
         m = points.shape[1]
         return rate_function(self, 1).map(m)(points, ca.DM.ones(1, m))
 
-    def _evaluate(self, positions: Floats, alive: Booleans) -> Floats:
+    def _evaluate(self, positions: FloatArray, alive: BoolArray) -> FloatArray:
         batch, n, _ = positions.shape
         size = min(1 << max(0, batch.bit_length() - 1), _CHUNK)  # few sizes, each built once
         mapped = _mapped_rates(self, n, size)
@@ -108,7 +108,7 @@ class CustomHazard(Hazard):
             out[chunk] = np.asarray(mapped(x, living)).reshape(size, n)
         return out
 
-    def least_lone_rate(self, lower: Floats, upper: Floats) -> Floats | None:
+    def single_agent_lower_bound(self, lower: FloatArray, upper: FloatArray) -> FloatArray | None:
         """What the user's function of that name gives; None where there is none.
 
         Raises
@@ -116,22 +116,22 @@ class CustomHazard(Hazard):
         HazardError
             It returns another shape than (...), or what is above the rate at a box's centre.
         """
-        least = getattr(self.function, "least_lone_rate", None)
+        least = getattr(self.function, "single_agent_lower_bound", None)
         if least is None:
             return None
         found = np.asarray(least(lower, upper, **self._keywords), dtype=float)
         boxes = np.broadcast_shapes(lower.shape, upper.shape)[:-1]
         if found.shape != boxes:
             raise HazardError(
-                f"least_lone_rate of {self!r} returned shape {found.shape} for boxes of shape "
+                f"single_agent_lower_bound of {self!r} returned shape {found.shape} for boxes of shape "
                 f"{boxes}; expected a number a box"
             )
         sample = np.linspace(0, found.size - 1, min(found.size, _CHUNK)).astype(int)
-        rates = self.lone_rates((0.5 * (lower + upper)).reshape(-1, 2)[sample])
+        rates = self.single_agent_rates((0.5 * (lower + upper)).reshape(-1, 2)[sample])
         above = found.ravel()[sample] > rates * (1 + 1e-9)
         if above.any() or np.isnan(found).any():
             raise HazardError(
-                f"least_lone_rate of {self!r} is no lower bound: it exceeds the rate at the centre "
+                f"single_agent_lower_bound of {self!r} is no lower bound: it exceeds the rate at the centre "
                 "of a box, or is NaN"
             )
         return found
@@ -177,7 +177,7 @@ def user_hazard(
 
 
 @lru_cache(maxsize=64)
-def rate_function(hazard: CustomHazard, n: int) -> Expression:
+def rate_function(hazard: CustomHazard, n: int) -> Expr:
     """CasADi Function (2, n), (1, n) -> (1, n) of a user's rates.
 
     Raises
@@ -208,11 +208,11 @@ def rate_function(hazard: CustomHazard, n: int) -> Expression:
 
 
 @lru_cache(maxsize=64)
-def _mapped_rates(hazard: CustomHazard, n: int, size: int) -> Expression:
+def _mapped_rates(hazard: CustomHazard, n: int, size: int) -> Expr:
     return rate_function(hazard, n).map(size)
 
 
-def _import_function(name: str, folder: Path | None) -> Callable[..., Expression]:
+def _import_function(name: str, folder: Path | None) -> Callable[..., Expr]:
     module_name, _, attribute = name.partition(":")
     if not module_name or not attribute:
         raise HazardError(f"{name!r} is not of the form 'module:function'")

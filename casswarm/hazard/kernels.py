@@ -24,14 +24,14 @@ import numpy as np
 
 from .._util.constants import CORE_RADIUS
 from ..errors import HazardError
-from ..typing import Booleans, Expression, Floats
+from ..typing import BoolArray, Expr, FloatArray
 from .base import Hazard, checked_radars
 from .codegen import differentiated_source, lower
 
 _CHUNK_PAIRS = 1 << 19  # pairs evaluated at once: a few arrays of 4 MiB, whatever the batch
 
 
-def regular(squared_distance: Expression) -> Expression:
+def regular(squared_distance: Expr) -> Expr:
     """Squared distance, kept above zero so that its inverse is finite.
 
     With e = `CORE_RADIUS` it is the argument itself, to the letter, from e^2 on; below, it is
@@ -74,23 +74,23 @@ class KernelHazard(Hazard):
             raise HazardError(f"strengths must be finite and above zero; got {self.strengths}")
 
     @abstractmethod
-    def source(self, squared_distance: Expression) -> Expression:
+    def source(self, squared_distance: Expr) -> Expr:
         """Kernel of a member and a radar of strength 1."""
 
     @abstractmethod
-    def density(self, squared_distance: Expression) -> Expression:
+    def density(self, squared_distance: Expr) -> Expr:
         """Kernel of a member and a living member, itself included."""
 
     @abstractmethod
-    def collision(self, squared_distance: Expression) -> Expression:
+    def collision(self, squared_distance: Expr) -> Expr:
         """Kernel of a member and another living member."""
 
     @abstractmethod
-    def combine(self, source: Expression, density: Expression, collision: Expression) -> Expression:
+    def combine(self, source: Expr, density: Expr, collision: Expr) -> Expr:
         """Rate of a member from its three sums."""
 
     @property
-    def radar_positions(self) -> Floats:
+    def radar_positions(self) -> FloatArray:
         """Positions of the radars, shape (k, 2)."""
         return np.array(self.radars, dtype=float)
 
@@ -106,15 +106,15 @@ class KernelHazard(Hazard):
         return False
 
     @property
-    def radar_strengths(self) -> Floats:
+    def radar_strengths(self) -> FloatArray:
         """Strengths of the radars, shape (k,)."""
         return np.ones(len(self.radars)) if self.strengths is None else np.array(self.strengths)
 
-    def expression(self, positions: Expression, alive: Expression) -> Expression:
+    def expression(self, positions: Expr, alive: Expr) -> Expr:
         """Rates of all members, matrix form: (2, n), (1, n) to (1, n)."""
         return self.expressions(positions, alive)
 
-    def expressions(self, positions: Expression, sets: Expression) -> Expression:
+    def expressions(self, positions: Expr, sets: Expr) -> Expr:
         """Rates of all members in m sets of the living: (2, n), (m, n) to (m, n)."""
         n, count = positions.shape[1], sets.shape[0]
         east, north = (ca.repmat(positions[axis, :].T, 1, n) for axis in (0, 1))
@@ -127,11 +127,11 @@ class KernelHazard(Hazard):
             sources if count == 1 else ca.repmat(sources, count, 1), density, collision
         )
 
-    def lone_expression(self, points: Expression) -> Expression:
+    def lone_expression(self, points: Expr) -> Expr:
         """Rate of a lone member at each of m points: (2, m) to (1, m)."""
         return self.combine(self._sources(points), self.density(0.0), 0.0)
 
-    def _sources(self, points: Expression) -> Expression:
+    def _sources(self, points: Expr) -> Expr:
         radars = self.radar_positions
         column = ca.DM.ones(len(radars), 1)
         pairs = sum(
@@ -141,7 +141,7 @@ class KernelHazard(Hazard):
         )
         return ca.mtimes(ca.DM(self.radar_strengths).T, _everywhere(self.source(pairs), pairs))
 
-    def _evaluate(self, positions: Floats, alive: Booleans) -> Floats:
+    def _evaluate(self, positions: FloatArray, alive: BoolArray) -> FloatArray:
         batch, n, _ = positions.shape
         size = max(1, _CHUNK_PAIRS // (n * max(n, len(self.radars))))
         out = np.empty((batch, n))
@@ -150,7 +150,7 @@ class KernelHazard(Hazard):
             out[chunk] = self._evaluate_chunk(positions[chunk], alive[chunk])
         return out
 
-    def _evaluate_chunk(self, positions: Floats, alive: Booleans) -> Floats:
+    def _evaluate_chunk(self, positions: FloatArray, alive: BoolArray) -> FloatArray:
         source, density, collision, combine = lowered_kernels(self)
         living = alive[:, None, :]
         others = living & ~np.eye(positions.shape[1], dtype=bool)
@@ -164,13 +164,13 @@ class KernelHazard(Hazard):
             )
 
 
-def _everywhere(kernel: Expression, pairs: Expression) -> Expression:
+def _everywhere(kernel: Expr, pairs: Expr) -> Expr:
     """Kernel values as a matrix like `pairs`, for a kernel that is a constant too."""
     constant = getattr(kernel, "shape", ()) in ((), (1, 1))
     return ca.DM.ones(*pairs.shape) * kernel if constant else kernel
 
 
-def _squared_distances(a: Floats, b: Floats) -> Floats:
+def _squared_distances(a: FloatArray, b: FloatArray) -> FloatArray:
     """Squared distances (B, n, m) between (B, n, 2) and (B or 1, m, 2)."""
     east = a[:, :, None, 0] - b[:, None, :, 0]
     north = a[:, :, None, 1] - b[:, None, :, 1]
@@ -178,7 +178,7 @@ def _squared_distances(a: Floats, b: Floats) -> Floats:
 
 
 @lru_cache(maxsize=64)
-def lowered_kernels(hazard: KernelHazard) -> tuple[Callable[..., Floats], ...]:
+def lowered_kernels(hazard: KernelHazard) -> tuple[Callable[..., FloatArray], ...]:
     """NumPy functions of the four expressions: source, density, collision, combine."""
     return (
         lower(hazard.source, 1, "source"),
@@ -209,7 +209,7 @@ def differentiated_kernels(hazard: KernelHazard) -> tuple[str, tuple[float, ...]
     return source, tuple(float(getattr(hazard, name)) for name in names)
 
 
-def _kernel_sources(hazard: KernelHazard, parameters: Expression) -> str:
+def _kernel_sources(hazard: KernelHazard, parameters: Expr) -> str:
     kernels = (
         (hazard.source, 1, "source"),
         (hazard.density, 1, "density"),

@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 
 from .._util.constants import CORE_RADIUS
-from ..typing import Floats
+from ..typing import FloatArray
 
 CAP = 8.0
 """R in spacings."""
@@ -34,8 +34,8 @@ def cap_radius(spacing: float) -> float:
 
 
 def inverse_squares_below(
-    east: Floats, north: Floats, spacing: float, radars: Floats, strengths: Floats
-) -> Floats:
+    east: FloatArray, north: FloatArray, spacing: float, radars: FloatArray, strengths: FloatArray
+) -> FloatArray:
     """Sum over radars of strength times the node values above, shape (n, m).
 
     Parameters
@@ -71,8 +71,8 @@ def inverse_squares_below(
 
 
 def least_inverse_squares(
-    lower: Floats, upper: Floats, radars: Floats, strengths: Floats
-) -> Floats:
+    lower: FloatArray, upper: FloatArray, radars: FloatArray, strengths: FloatArray
+) -> FloatArray:
     """Sum over radars of strength times the least 1 / r^2 in a box, (..., 2), (..., 2) to (...)."""
     total = np.zeros(np.broadcast_shapes(lower.shape, upper.shape)[:-1])
     for radar, strength in zip(radars, strengths, strict=True):

@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..typing import Floats
+from ..typing import FloatArray
 
 _CELLS = 4096
 _ROUNDED = 1 - 1e-12
@@ -41,9 +41,9 @@ class LeastRate:
         Not negative.
     """
 
-    intercepts: Floats
-    slopes: Floats
-    _ends: Floats = field(init=False, repr=False)
+    intercepts: FloatArray
+    slopes: FloatArray
+    _ends: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         kept = _lowest(np.asarray(self.intercepts), np.asarray(self.slopes))
@@ -52,13 +52,13 @@ class LeastRate:
         fall, rise = -np.diff(self.slopes), np.diff(self.intercepts)
         object.__setattr__(self, "_ends", rise / fall)
 
-    def __call__(self, rates: Floats) -> Floats:
+    def __call__(self, rates: FloatArray) -> FloatArray:
         """phi at lone rates (...), which are not negative."""
         line = np.searchsorted(self._ends, rates)
         return np.asarray(self.intercepts[line] + self.slopes[line] * rates)
 
 
-def _lowest(intercepts: Floats, slopes: Floats) -> list[int]:
+def _lowest(intercepts: FloatArray, slopes: FloatArray) -> list[int]:
     """Indices of the lines that are lowest somewhere on b >= 0, steepest first."""
     order = np.lexsort((slopes, intercepts))
     kept: list[int] = []
@@ -82,7 +82,9 @@ def saturated(n: int, alpha_2: float) -> LeastRate:
     return LeastRate(np.zeros(1), np.array([share * _ROUNDED]))
 
 
-def saturated_apart(n: int, alpha_2: float, collision: Callable[[Floats], Floats]) -> LeastRate:
+def saturated_apart(
+    n: int, alpha_2: float, collision: Callable[[FloatArray], FloatArray]
+) -> LeastRate:
     """phi with collisions; `collision` is g, the rate of a neighbour of densities h in (0, 1]."""
     neighbours = n - 1
     if neighbours == 0:
@@ -100,7 +102,7 @@ def saturated_apart(n: int, alpha_2: float, collision: Callable[[Floats], Floats
     )
 
 
-def _convex_below(x: Floats, y: Floats) -> Floats:
+def _convex_below(x: FloatArray, y: FloatArray) -> FloatArray:
     """The greatest convex function below points of ascending x, at them."""
     hull: list[int] = []
     for point in range(len(x)):

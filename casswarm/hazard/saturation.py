@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import HazardError
-from ..typing import Expression, Floats
+from ..typing import Expr, FloatArray
 from .kernels import KernelHazard, lowered_kernels, regular
 from .lower_bounds import inverse_squares_below, least_inverse_squares
 from .protection import LeastRate, saturated, saturated_apart
@@ -34,15 +34,15 @@ class Saturation(KernelHazard):
         super().__post_init__()
         _require_finite(self, positive=("alpha_1", "alpha_3"), not_negative=("alpha_2",))
 
-    def source(self, squared_distance: Expression) -> Expression:
+    def source(self, squared_distance: Expr) -> Expr:
         """alpha_1 / r^2."""
         return self.alpha_1 / regular(squared_distance)
 
-    def density(self, squared_distance: Expression) -> Expression:
+    def density(self, squared_distance: Expr) -> Expr:
         """h = 1 / (1 + alpha_3 r^2), equation (9)."""
         return 1.0 / (1.0 + self.alpha_3 * squared_distance)
 
-    def collision(self, squared_distance: Expression) -> Expression:
+    def collision(self, squared_distance: Expr) -> Expr:
         """None: members may meet."""
         return 0.0 * squared_distance
 
@@ -51,18 +51,20 @@ class Saturation(KernelHazard):
         """The density h falls with distance, and with it falls what it protects."""
         return True
 
-    def combine(self, source: Expression, density: Expression, collision: Expression) -> Expression:
+    def combine(self, source: Expr, density: Expr, collision: Expr) -> Expr:
         """S / (1 + alpha_2 D) + C, equation (8)."""
         return source / (1.0 + self.alpha_2 * density) + collision
 
-    def least_lone_rate(self, lower: Floats, upper: Floats) -> Floats | None:
-        """The sum of every radar's least rate over the box; see `Hazard.least_lone_rate`."""
+    def single_agent_lower_bound(self, lower: FloatArray, upper: FloatArray) -> FloatArray | None:
+        """The sum of every radar's least rate over the box; see `Hazard.single_agent_lower_bound`."""
         if not self._is_the_papers:
             return None
         least = least_inverse_squares(lower, upper, self.radar_positions, self.radar_strengths)
         return self._alone * least
 
-    def lone_rates_below(self, east: Floats, north: Floats, spacing: float) -> Floats | None:
+    def lone_rates_below(
+        self, east: FloatArray, north: FloatArray, spacing: float
+    ) -> FloatArray | None:
         """Rates less what interpolation adds, see `casswarm.hazard.lower_bounds`."""
         if not self._is_the_papers:
             return super().lone_rates_below(east, north, spacing)
@@ -106,7 +108,7 @@ class SaturationCollision(Saturation):
         """Not too near: members collide."""
         return False
 
-    def collision(self, squared_distance: Expression) -> Expression:
+    def collision(self, squared_distance: Expr) -> Expr:
         """(beta_1 / r)^beta_2, of squared distances; as an exponential, whose slope is cheap."""
         return ca.exp(0.5 * self.beta_2 * ca.log(self.beta_1**2 / regular(squared_distance)))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from ..typing import Floats
+from ..typing import FloatArray
 from .problem import Instances, Nlp
 from .solution import Residuals
 
@@ -18,8 +18,8 @@ _DENSE = 1 << 20  # entries up to which the estimate is solved with a dense matr
 def judge(
     nlp: Nlp,
     instance: Instances,
-    x: Floats,
-    multipliers: tuple[Floats, Floats] | None = None,
+    x: FloatArray,
+    multipliers: tuple[FloatArray, FloatArray] | None = None,
 ) -> Residuals:
     """Residuals of the answer `x` to a single instance.
 
@@ -66,8 +66,12 @@ def judge(
 
 
 def _estimate(
-    columns: sparse.csc_array, gradient: Floats, values: Floats, lower: Floats, upper: Floats
-) -> Floats:
+    columns: sparse.csc_array,
+    gradient: FloatArray,
+    values: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+) -> FloatArray:
     """Multipliers of the active rows that make the Lagrangian's gradient smallest."""
     from scipy.optimize import lsq_linear  # slow to import, and seldom needed
 

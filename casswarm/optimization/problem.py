@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SolverError
-from ..typing import Expression, Floats
+from ..typing import Expr, FloatArray
 from .feasible_sets.planar import PlanarSets
 from .feasible_sets.trajectory import PathSets
 
@@ -32,7 +32,7 @@ class CompiledObjective:
     """
 
     source: str
-    shared: Floats
+    shared: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,27 +67,27 @@ class Nlp:
     """
 
     name: str
-    variables: Mapping[str, Expression]
-    parameters: Mapping[str, Expression]
-    objective: Expression
-    constraints: Mapping[str, Expression]
+    variables: Mapping[str, Expr]
+    parameters: Mapping[str, Expr]
+    objective: Expr
+    constraints: Mapping[str, Expr]
     unroll: bool = False
     compiled: CompiledObjective | None = None
     starts: int = 1
-    hessian: Expression | None = None
+    hessian: Expr | None = None
 
     @cached_property
-    def x(self) -> Expression:
+    def x(self) -> Expr:
         """All variables, a column."""
         return ca.veccat(*self.variables.values())
 
     @cached_property
-    def p(self) -> Expression:
+    def p(self) -> Expr:
         """All parameters, a column."""
         return ca.veccat(*self.parameters.values())
 
     @cached_property
-    def g(self) -> Expression:
+    def g(self) -> Expr:
         """All constraints, a column."""
         return ca.veccat(*self.constraints.values()) if self.constraints else ca.MX(0, 1)
 
@@ -97,17 +97,17 @@ class Nlp:
         return self.x.shape[0], self.p.shape[0], self.g.shape[0]
 
     @cached_property
-    def evaluate(self) -> Expression:
+    def evaluate(self) -> Expr:
         """CasADi Function (x, p) to (f, g)."""
         return self._function("evaluate", [self.objective, self.g])
 
     @cached_property
-    def gradient(self) -> Expression:
+    def gradient(self) -> Expr:
         """CasADi Function (x, p) to (f, gradient of f)."""
         return self._function("gradient", [self.objective, ca.gradient(self.objective, self.x)])
 
     @cached_property
-    def jacobian(self) -> Expression:
+    def jacobian(self) -> Expr:
         """CasADi Function (x, p) to the Jacobian of g, sparse."""
         return self._function("jacobian", [ca.jacobian(self.g, self.x)])
 
@@ -123,7 +123,7 @@ class Nlp:
             None if self.hessian is None else self.hessian.serialize(),
         )
 
-    def _function(self, name: str, outputs: list[Expression]) -> Expression:
+    def _function(self, name: str, outputs: list[Expr]) -> Expr:
         function = ca.Function(name, [self.x, self.p], outputs)
         return function.expand() if self.unroll else function
 
@@ -136,19 +136,19 @@ class Nlp:
             for row in range(block.numel())
         )
 
-    def pack_variables(self, **blocks: ArrayLike) -> Floats:
+    def pack_variables(self, **blocks: ArrayLike) -> FloatArray:
         """X of B instances, (B, nx), from arrays (B, c, r) or (c, r) named like the variables."""
         return _pack(self.variables, blocks)
 
-    def pack_parameters(self, **blocks: ArrayLike) -> Floats:
+    def pack_parameters(self, **blocks: ArrayLike) -> FloatArray:
         """P of B instances, (B, np)."""
         return _pack(self.parameters, blocks)
 
-    def pack_constraints(self, **blocks: ArrayLike) -> Floats:
+    def pack_constraints(self, **blocks: ArrayLike) -> FloatArray:
         """Bounds of g of B instances, (B, ng)."""
         return _pack(self.constraints, blocks)
 
-    def variable(self, name: str, x: Floats) -> Floats:
+    def variable(self, name: str, x: FloatArray) -> FloatArray:
         """The block `name` of x: (..., nx) to (..., c, r)."""
         start = 0
         for block, symbol in self.variables.items():
@@ -180,7 +180,7 @@ def _restored(
     return Nlp(rest[0], x, p, objective, rows, *rest[1:], hessian=second)
 
 
-def _pack(blocks: Mapping[str, Expression], arrays: Mapping[str, ArrayLike]) -> Floats:
+def _pack(blocks: Mapping[str, Expr], arrays: Mapping[str, ArrayLike]) -> FloatArray:
     if blocks.keys() != arrays.keys():
         raise SolverError(f"blocks given: {sorted(arrays)}; expected: {sorted(blocks)}")
     given = {name: np.asarray(array, dtype=float) for name, array in arrays.items()}
@@ -218,14 +218,14 @@ class Instances:
         objective is the sum of `Nlp.compiled` over the steps.
     """
 
-    start: Floats
-    parameters: Floats
-    lower: Floats
-    upper: Floats
-    lower_g: Floats
-    upper_g: Floats
+    start: FloatArray
+    parameters: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    lower_g: FloatArray
+    upper_g: FloatArray
     sets: PlanarSets | None = None
-    units: Floats | None = None
+    units: FloatArray | None = None
     paths: PathSets | None = None
 
     def __post_init__(self) -> None:
@@ -256,6 +256,6 @@ class Instances:
             None if self.paths is None else self.paths[rows],
         )
 
-    def restarted(self, start: Floats) -> Instances:
+    def restarted(self, start: FloatArray) -> Instances:
         """The same instances from another start."""
         return replace(self, start=start)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..typing import Booleans, Counts, Floats
+from ..typing import BoolArray, FloatArray, IntArray
 
 
 class Status(StrEnum):
@@ -72,7 +72,7 @@ class Solution:
         solve it.
     """
 
-    x: Floats
+    x: FloatArray
     objective: float
     status: Status
     message: str
@@ -116,7 +116,7 @@ class BatchSolution:
         Whether an answer is a solution to the stated tolerance.
     violation, stationarity : (B,)
         Residuals, recomputed from the problem; stationarity in `Instances.units`.
-    resolved : (B,) bool
+    fallbacks : (B,) bool
         Whether a first answer was not good enough and another solver was called.
     seconds : float
         For the batch.
@@ -124,17 +124,17 @@ class BatchSolution:
         How every solve ended: its status, and the backend's own words.
     """
 
-    x: Floats
-    objective: Floats
-    success: Booleans
-    violation: Floats
-    stationarity: Floats
-    resolved: Booleans
+    x: FloatArray
+    objective: FloatArray
+    success: BoolArray
+    violation: FloatArray
+    stationarity: FloatArray
+    fallbacks: BoolArray
     seconds: float
     words: NDArray[np.object_] | None = None
 
     @classmethod
-    def of(cls, solutions: Sequence[Solution], units: Floats | None = None) -> BatchSolution:
+    def of(cls, solutions: Sequence[Solution], units: FloatArray | None = None) -> BatchSolution:
         """The same answers, one by one, as arrays; `units` (B, 2) are those of x and f."""
         scale = 1.0 if units is None else units[:, 0] / units[:, 1]
         return cls(
@@ -143,12 +143,12 @@ class BatchSolution:
             success=np.array([s.status.success for s in solutions], dtype=bool),
             violation=np.array([s.residuals.violation for s in solutions]),
             stationarity=scale * np.array([s.residuals.stationarity for s in solutions]),
-            resolved=np.zeros(len(solutions), bool),
+            fallbacks=np.zeros(len(solutions), bool),
             seconds=sum(s.solve_seconds for s in solutions),
             words=np.array([f"{s.status}: {s.message}" for s in solutions], dtype=object),
         )
 
-    def with_rows(self, rows: Counts, other: BatchSolution) -> BatchSolution:
+    def with_rows(self, rows: IntArray, other: BatchSolution) -> BatchSolution:
         """These answers, with those of `other` in the given rows."""
         merged: dict[str, Any] = {"seconds": self.seconds + other.seconds}
         for part in fields(self):
@@ -159,7 +159,7 @@ class BatchSolution:
                 merged[part.name][rows] = getattr(other, part.name)
         return BatchSolution(**merged)
 
-    def _words_with(self, rows: Counts, other: BatchSolution) -> NDArray[np.object_] | None:
+    def _words_with(self, rows: IntArray, other: BatchSolution) -> NDArray[np.object_] | None:
         if self.words is None and other.words is None:
             return None
         words = np.full(len(self.x), "", dtype=object) if self.words is None else self.words.copy()

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..hazard import Hazard
 from ..optimization.solution import Solution
-from ..typing import Floats
+from ..typing import FloatArray
 
 if TYPE_CHECKING:
     from .bounds.risk_bound import Certificate
@@ -40,7 +40,7 @@ class Candidate:
     start: str
     arrival: int
     sides: str
-    velocities: Floats
+    velocities: FloatArray
     risk: float
     solution: Solution
 
@@ -86,11 +86,11 @@ class Guide:
         How it was found; the members' own guides of the naive policy are found likewise.
     """
 
-    positions: Floats
-    velocities: Floats
-    rates: Floats
+    positions: FloatArray
+    velocities: FloatArray
+    rates: FloatArray
     dt: float
-    center: Floats
+    center: FloatArray
     arrives: bool
     solution: Solution
     candidates: tuple[Candidate, ...] = field(default=(), repr=False)
@@ -125,7 +125,7 @@ class Guide:
         """exp(-bound): no guide of the scenario survives with more; None where not certified."""
         return None if self.risk_bound is None else float(np.exp(-self.risk_bound))
 
-    def reference(self, step: int) -> Floats:
+    def reference(self, step: int) -> FloatArray:
         """Where the guide is at `step`, (2,): X(step), and the target's centre after arrival.
 
         What was planned beyond the first arrival is left out: it may lead out of the target again.
@@ -156,7 +156,7 @@ def rounded_up(value: float, digits: int = 4) -> float:
     return math.ceil(value * scale) / scale
 
 
-def path_of(start: Floats, velocities: Floats, dt: float) -> Floats:
+def integrate(start: FloatArray, velocities: FloatArray, dt: float) -> FloatArray:
     """Positions X(0..T), (T+1, 2): the dynamics X(t+1) = X(t) + dt V(t) to the letter."""
     positions = np.empty((len(velocities) + 1, 2))
     positions[0] = start
@@ -167,19 +167,19 @@ def path_of(start: Floats, velocities: Floats, dt: float) -> Floats:
 
 def guide_from(
     hazard: Hazard,
-    start: Floats,
+    start: FloatArray,
     best: Candidate,
     candidates: tuple[Candidate, ...],
     dt: float,
-    center: Floats,
+    center: FloatArray,
     search: str,
 ) -> Guide:
     """The guide of the best candidate, priced."""
-    positions = path_of(start, best.velocities, dt)
+    positions = integrate(start, best.velocities, dt)
     return Guide(
         positions=positions,
         velocities=best.velocities,
-        rates=hazard.lone_rates(positions[1:]),
+        rates=hazard.single_agent_rates(positions[1:]),
         dt=dt,
         center=center,
         arrives=bool(np.isfinite(best.risk)),
@@ -189,7 +189,7 @@ def guide_from(
     )
 
 
-def sides_of(positions: Floats, radars: Floats) -> str:
+def homotopy_signature(positions: FloatArray, radars: FloatArray) -> str:
     """On which side a path passes every radar: L if the radar is on its left, R on its right.
 
     The side is that of the winding angle: the sign of the angle that the path sweeps as seen from

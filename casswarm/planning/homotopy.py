@@ -7,12 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..typing import Floats
-from .bounds.dynamic_programming import Node, Prices, Values, backward, forward, trace, trace_back
+from ..typing import FloatArray
+from .bounds.dynamic_programming import (
+    Node,
+    StageCosts,
+    Values,
+    backward,
+    forward,
+    trace,
+    trace_back,
+)
 from .bounds.grid import Relaxation
 from .bounds.risk_bound import first_grid
 from .bounds.windows import box_minimum
-from .guide import sides_of
+from .guide import homotopy_signature
 
 _NODES = 150_000  # of the grid
 _TILES = 16  # along the map's longer side: places that ways are sought through
@@ -20,7 +28,7 @@ _TRACED = 24
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class GridPath:
     """A path on the grid, without limits of acceleration.
 
     Parameters
@@ -29,10 +37,10 @@ class Way:
         From the start, every `merged` time steps, to the target's rim or beside it.
     merged : int
     sides : str
-        Of the radars, as in `casswarm.planning.guide.sides_of`.
+        Of the radars, as in `casswarm.planning.guide.homotopy_signature`.
     """
 
-    positions: Floats
+    positions: FloatArray
     merged: int
     sides: str
 
@@ -41,7 +49,7 @@ class Way:
         """Its arrival step."""
         return self.merged * (len(self.positions) - 1)
 
-    def velocities(self, steps: int, dt: float) -> Floats:
+    def velocities(self, steps: int, dt: float) -> FloatArray:
         """Velocities (steps, 2) along the path, its timing stretched to `steps`."""
         times = np.linspace(0.0, len(self.positions) - 1, steps + 1)
         known = np.arange(len(self.positions))
@@ -49,28 +57,28 @@ class Way:
         return np.diff(np.stack(path, axis=1), axis=0) / dt
 
 
-def best_ways(task: Relaxation, most: int) -> list[Way]:
+def best_homotopy_classes(task: Relaxation, most: int) -> list[GridPath]:
     """The best way of all and the best found on other sides of the radars, best first.
 
     Dynamic programming on the first grid, forwards and backwards, gives the least risk of the paths
     through every node at every sample. Ways are traced through the best nodes of tiles of the map.
     """
-    prices = Prices(first_grid(task, _NODES), certified=False)
+    prices = StageCosts(first_grid(task, _NODES), certified=False)
     values, arriving = backward(prices), list(forward(prices))
     grid, radars = prices.grid, task.hazard.radar_positions
-    found: dict[str, Way] = {}
+    found: dict[str, GridPath] = {}
     for nodes in _paths(prices, values, arriving):
         positions = task.start + grid.spacing * np.array(nodes, float)
         if len(nodes) < 2:
             continue
-        sides = sides_of(positions, radars)
-        found.setdefault(sides, Way(positions, grid.merged, sides))
+        sides = homotopy_signature(positions, radars)
+        found.setdefault(sides, GridPath(positions, grid.merged, sides))
         if len(found) == most:
             break
     return list(found.values())
 
 
-def _paths(prices: Prices, values: Values, arriving: Values) -> Iterator[list[Node]]:
+def _paths(prices: StageCosts, values: Values, arriving: Values) -> Iterator[list[Node]]:
     best = trace(prices, values)
     yield best
     through = []
@@ -86,7 +94,7 @@ def _paths(prices: Prices, values: Values, arriving: Values) -> Iterator[list[No
         yield trace_back(prices, arriving, node, sample) + trace(prices, values, node, sample)
 
 
-def _least_of_tiles(totals: Floats) -> Iterator[tuple[float, Node]]:
+def _least_of_tiles(totals: FloatArray) -> Iterator[tuple[float, Node]]:
     """Least value and its node in every tile that is no worse than the tiles around it."""
     size = max(1, -(-max(totals.shape) // _TILES))
     rows, columns = (-(-n // size) for n in totals.shape)

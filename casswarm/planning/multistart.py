@@ -13,10 +13,10 @@ from ..optimization.solvers import Solver
 from ..optimization.solvers.base import VIOLATION
 from ..problems.guide import GuideTask, guide_instance, guide_nlp
 from ..problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp
-from ..typing import Floats
+from ..typing import FloatArray
 from .bounds.grid import Relaxation
-from .guide import Candidate, Guide, path_of, sides_of
-from .homotopy import Way, best_ways
+from .guide import Candidate, Guide, homotopy_signature, integrate
+from .homotopy import GridPath, best_homotopy_classes
 from .polyline import resampled, straight
 
 if TYPE_CHECKING:
@@ -52,16 +52,16 @@ def preference(candidate: Candidate) -> tuple[bool, bool, float]:
     return not arrives, not candidate.solution.status.success, candidate.risk
 
 
-Start = Callable[[int, float], Floats]
+Start = Callable[[int, float], FloatArray]
 """Velocities (steps, 2) of an initial path, from a number of steps and dt."""
 
 
-def _resampling(polyline: Floats) -> Start:
+def _resampling(polyline: FloatArray) -> Start:
     return lambda steps, dt: resampled(polyline, steps, dt)
 
 
 @dataclass(frozen=True)
-class Planner:
+class Multistart:
     """Solves of one agent's guide problem, from several starts and for several arrival steps.
 
     Parameters
@@ -88,7 +88,7 @@ class Planner:
                 Relaxation.of(self.scenario, self.task.start), radius=self.task.radius
             )
             long = self.scenario.n_steps > LONG
-            ways = best_ways(relaxation, 2 if long else WAYS)
+            ways = best_homotopy_classes(relaxation, 2 if long else WAYS)
             starts |= {way.sides or "way": way.velocities for way in ways}
             steps |= {way.sides or "way": self._steps_near(way.arrival) for way in ways}
             steps["straight"] = self._steps(1 if long else 3)
@@ -101,7 +101,7 @@ class Planner:
             self._refine(name, starts[name], found[name])
         return [candidate for tried in found.values() for candidate in tried]
 
-    def along(self, way: Way, steps: Iterable[int]) -> list[Candidate]:
+    def along(self, way: GridPath, steps: Iterable[int]) -> list[Candidate]:
         """Outcomes of a way at those of the arrival steps that are possible."""
         possible = set(self._possible())
         return list(
@@ -113,7 +113,7 @@ class Planner:
         possible = self._possible()
         tried: list[Candidate] = []
         for known in guide.ways()[:NEAR]:
-            path = path_of(guide.positions[0], known.velocities, self.task.dt)
+            path = integrate(guide.positions[0], known.velocities, self.task.dt)
             around_known = {known.arrival + shift for shift in (-1, 0, 1)}
             steps = sorted(around_known.intersection(possible)) or possible[-1:]
             polyline = np.vstack([self.task.start, path[1:]])
@@ -148,10 +148,10 @@ class Planner:
             velocities = unit * nlp.variable("velocities", solution.x)[:arrival]
             yield self._priced(name, arrival, velocities, solution)
 
-    def _scale(self, velocities: Floats) -> float:
+    def _scale(self, velocities: FloatArray) -> float:
         """What makes the objective of a start `OBJECTIVE`."""
-        positions = path_of(self.task.start, velocities, self.task.dt)
-        risk = float(self.task.dt * self.scenario.hazard.lone_rates(positions[1:]).sum())
+        positions = integrate(self.task.start, velocities, self.task.dt)
+        risk = float(self.task.dt * self.scenario.hazard.single_agent_rates(positions[1:]).sum())
         return OBJECTIVE / risk if 0 < risk < np.inf else 1.0
 
     def _refine(self, name: str, start: Start, tried: list[Candidate]) -> None:
@@ -182,28 +182,32 @@ class Planner:
         limit = CLOSE * min((candidate.risk for candidate in best.values()), default=np.inf)
         return [name for name in chosen.values() if best[name].risk <= limit][:2] or ["straight"]
 
-    def _priced(self, name: str, arrival: int, velocities: Floats, solution: Solution) -> Candidate:
+    def _priced(
+        self, name: str, arrival: int, velocities: FloatArray, solution: Solution
+    ) -> Candidate:
         task = self.task
         finite = np.isfinite(velocities).all()
         velocities = self._mended(velocities) if finite else np.zeros_like(velocities)
-        positions = path_of(task.start, velocities, task.dt)
+        positions = integrate(task.start, velocities, task.dt)
         risk = np.inf
         inside = self.scenario.target.contains(positions[1:])
         if inside.any() and solution.residuals.violation <= VIOLATION:
             first = int(inside.argmax()) + 1
             velocities, positions = velocities[:first], positions[: first + 1]
-            risk = float(task.dt * self.scenario.hazard.lone_rates(positions[1:]).sum())
+            risk = float(task.dt * self.scenario.hazard.single_agent_rates(positions[1:]).sum())
         radars = self.scenario.hazard.radar_positions
-        return Candidate(name, arrival, sides_of(positions, radars), velocities, risk, solution)
+        return Candidate(
+            name, arrival, homotopy_signature(positions, radars), velocities, risk, solution
+        )
 
-    def _mended(self, velocities: Floats) -> Floats:
+    def _mended(self, velocities: FloatArray) -> FloatArray:
         """Velocities within the speed limit, and ending in the target if they nearly do.
 
         What a solver's tolerance leaves of the dynamics adds up over the steps.
         """
         task, radius = self.task, self.scenario.target.radius
         velocities = np.clip(velocities, -task.v_max, task.v_max)
-        away = path_of(task.start, velocities, task.dt)[-1] - task.center
+        away = integrate(task.start, velocities, task.dt)[-1] - task.center
         distance = float(np.hypot(*away))
         missing = distance - (1 - ROUNDING) * radius
         if not ROUNDING * radius < missing <= NEARLY * radius:
@@ -214,7 +218,7 @@ class Planner:
         share = share / np.maximum(share.sum(axis=0), 1e-300)
         return np.asarray(np.clip(velocities + share * towards, -task.v_max, task.v_max))
 
-    def _line(self, steps: int, dt: float) -> Floats:
+    def _line(self, steps: int, dt: float) -> FloatArray:
         """Velocities (steps, 2) straight to the nearest point of the target, margin taken off."""
         way = self.task.start - self.task.center
         distance = np.hypot(*way)

@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike
 from ..errors import PlanningError, SolverError
 from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 from ..problems.guide import GuideTask
-from ..typing import Floats
+from ..typing import FloatArray
 from .bounds.grid import Relaxation
 from .bounds.risk_bound import Certificate, arrival_multiplier
 from .bounds.risk_bound import certify as certified
-from .guide import Candidate, Guide, guide_from, path_of
-from .homotopy import best_ways
-from .multistart import Planner, preference
+from .guide import Candidate, Guide, guide_from, integrate
+from .homotopy import best_homotopy_classes
+from .multistart import Multistart, preference
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -54,7 +54,7 @@ def plan(
         Whether to raise if no start led to the target; otherwise the best failure is returned.
     certify : bool
         Whether to prove how good the guide is: see `Guide.risk_bound` and `casswarm.planning.bounds`.
-        Hazards written by users need a ``least_lone_rate`` for it.
+        Hazards written by users need a ``single_agent_lower_bound`` for it.
     gap : float
         Relative distance of the bound from the best known risk at which the proof may end; above
         0, below 1.
@@ -82,8 +82,8 @@ def plan(
 
     Examples
     --------
-    >>> import casswarm as cs
-    >>> guide = cs.plan(cs.load_scenario("single-agent"))
+    >>> import casswarm as csw
+    >>> guide = csw.plan(csw.load_scenario("single-agent"))
     >>> guide.positions.shape, guide.velocities.shape
     ((31, 2), (30, 2))
     >>> bool(guide.risk_bound <= guide.risk)
@@ -112,7 +112,7 @@ def plan(
     return replace(guide, risk_bound=certificate.bound, certificate=certificate)
 
 
-def initial_velocities(scenario: Scenario, guide: Guide) -> Floats:
+def initial_velocities(scenario: Scenario, guide: Guide) -> FloatArray:
     """V(-1) of every member, (n, 2): the scenario's, or the guide's first velocity."""
     given = scenario.swarm.velocity
     first = guide.velocities[0] if given == "guide" else np.asarray(given, float)
@@ -128,7 +128,7 @@ def certificate_of(
     margin: the guide itself, or what Ipopt makes of the ways that dynamic programming finds.
     """
     hazard, start = scenario.hazard, scenario.guide_start
-    if hazard.least_lone_rate(start, start) is None:
+    if hazard.single_agent_lower_bound(start, start) is None:
         return None
     task = Relaxation.of(scenario)
     paths = [guide.positions]
@@ -137,23 +137,23 @@ def certificate_of(
         unlimited and guide.search == "global" and scenario.arrival_margin <= 1e-5 * task.radius
     ):
         paths += _relaxed_paths(scenario, task)
-    risks = [task.dt * float(hazard.lone_rates(path[1:]).sum()) for path in paths]
+    risks = [task.dt * float(hazard.single_agent_rates(path[1:]).sum()) for path in paths]
     best = int(np.argmin(risks))
     multiplier = arrival_multiplier(task, paths[best], scenario.swarm.v_max)
     return certified(task, risks[best], multiplier, gap=gap, time_limit=time_limit)
 
 
-def _relaxed_paths(scenario: Scenario, task: Relaxation) -> list[Floats]:
+def _relaxed_paths(scenario: Scenario, task: Relaxation) -> list[FloatArray]:
     """Locally best paths of the relaxation, from the best ways and next to their arrival steps."""
     free = replace(_task(scenario, task.start, None), radius=scenario.target.radius)
     free = replace(free, a_max=np.inf, a_max_first=np.inf)
-    planner = Planner(scenario, free, make_solver("ipopt"), lambda _: None)
+    planner = Multistart(scenario, free, make_solver("ipopt"), lambda _: None)
     tried: list[Candidate] = []
-    for way in best_ways(task, 2):
+    for way in best_homotopy_classes(task, 2):
         tried += planner.along(way, [way.arrival])
-    for way in best_ways(task, 1):
+    for way in best_homotopy_classes(task, 1):
         tried += planner.along(way, [way.arrival - 1, way.arrival + 1])
-    return [path_of(task.start, c.velocities, task.dt) for c in tried if np.isfinite(c.risk)]
+    return [integrate(task.start, c.velocities, task.dt) for c in tried if np.isfinite(c.risk)]
 
 
 def plan_from(
@@ -176,7 +176,7 @@ def plan_from(
     task = _task(scenario, start, before)
     backend = make_solver(solver, **_paper_options(scenario, solver))
     search = _checked_search(search, scenario, backend)
-    planner = Planner(scenario, task, backend, progress or (lambda _: None))
+    planner = Multistart(scenario, task, backend, progress or (lambda _: None))
     if isinstance(backend, ProjectedGradient):
         candidates = [planner.penalised()]
     elif near is not None and near.ways():
@@ -203,7 +203,9 @@ def _task(scenario: Scenario, start: ArrayLike, before: ArrayLike | None) -> Gui
         before=np.zeros(2) if before is None else np.asarray(before, float),
         a_max=scenario.guide_a_max,
         a_max_first=(
-            np.inf if before is None or not scenario.guide.flyable else scenario.swarm.a_max
+            np.inf
+            if before is None or not scenario.guide.acceleration_limited
+            else scenario.swarm.a_max
         ),
         v_max=scenario.swarm.v_max,
         dt=scenario.time.dt,
@@ -234,6 +236,6 @@ def _checked(guide: Guide) -> Guide:
     told = ", ".join(f"{count} {status}" for status, count in outcomes.items())
     raise PlanningError(
         f"no guide found: of {len(guide.candidates)} solves ({told}) none arrives in the target. "
-        "A larger a_max or t_f, a smaller guide.margin, or flyable = false gives it more room; "
+        "A larger a_max or t_f, a smaller guide.margin, or acceleration_limited = false gives it more room; "
         "check=False returns the best failure"
     )

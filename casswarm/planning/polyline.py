@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..typing import Floats
+from ..typing import FloatArray
 
 
-def straight(start: Floats, goal: Floats) -> Floats:
+def straight(start: FloatArray, goal: FloatArray) -> FloatArray:
     """The straight line, as a polyline (2, 2)."""
     return np.stack([start, goal])
 
 
-def resampled(polyline: Floats, steps: int, dt: float) -> Floats:
+def resampled(polyline: FloatArray, steps: int, dt: float) -> FloatArray:
     """Velocities (steps, 2) that follow a polyline (m, 2) at constant speed."""
     lengths = np.hypot(*np.diff(polyline, axis=0).T)
     distance = np.concatenate([[0.0], np.cumsum(lengths)])

@@ -5,25 +5,25 @@ from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy
 from .independent import NaivePolicy
 from .joint import JointPolicy
-from .joint_feedback import JointFeedbackPolicy
-from .leader_selection import SUCCESSIONS
-from .mpc import ConstrainedAheadPolicy, LeaderAheadPolicy
+from .joint_feedback import ReplanningPolicy
+from .leader_selection import LEADER_SELECTION
+from .mpc import ConstrainedMpcPolicy, LeaderMpcPolicy
 from .registry import POLICIES, make_policy, member_guides
 
 __all__ = [
+    "LEADER_SELECTION",
     "POLICIES",
-    "SUCCESSIONS",
-    "ConstrainedAheadPolicy",
     "ConstrainedFeedbackPolicy",
+    "ConstrainedMpcPolicy",
     "ConstrainedPolicy",
     "Decision",
-    "JointFeedbackPolicy",
     "JointPolicy",
-    "LeaderAheadPolicy",
     "LeaderFeedbackPolicy",
+    "LeaderMpcPolicy",
     "LeaderPolicy",
     "NaivePolicy",
     "Policy",
+    "ReplanningPolicy",
     "UserPolicy",
     "as_policy",
     "make_policy",

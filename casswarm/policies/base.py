@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import PolicyError
-from ..typing import Booleans, Counts, Floats
+from ..typing import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,21 +22,21 @@ class Decision:
     ----------
     velocities : (B, n, 2)
         V(t); those of the destroyed are ignored.
-    shortfalls : (B,) int
+    infeasible : (B,) int
         How many members could not fulfil their wish (the leader's place, the corridor).
     failures : (B,) int
         1 where the solver failed and a fallback was taken, else 0.
-    resolved : (B,) int
+    fallbacks : (B,) int
         1 where a first answer was not good enough and Ipopt was called, else 0.
     """
 
-    velocities: Floats
-    shortfalls: Counts
-    failures: Counts
-    resolved: Counts
+    velocities: FloatArray
+    infeasible: IntArray
+    failures: IntArray
+    fallbacks: IntArray
 
     @classmethod
-    def plain(cls, velocities: Floats) -> Decision:
+    def plain(cls, velocities: FloatArray) -> Decision:
         """A decision with nothing to report."""
         none = np.zeros(len(velocities), np.int64)
         return cls(velocities, none, none, none)
@@ -53,14 +53,16 @@ class Policy(ABC):
     name: str
 
     @abstractmethod
-    def decide(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Decision:
+    def decide(
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+    ) -> Decision:
         """Velocities of step `step`, with what could not be done.
 
         Parameters
         ----------
         step : int
             t, from 0.
-        positions, previous : (B, n, 2)
+        positions, previous_velocities : (B, n, 2)
             X(t) and V(t-1).
         alive : (B, n) bool
         """
@@ -68,37 +70,41 @@ class Policy(ABC):
     def leaders(
         self,
         step: int,  # noqa: ARG002
-        positions: Floats,  # noqa: ARG002
-        previous: Floats,  # noqa: ARG002
-        alive: Booleans,
+        positions: FloatArray,  # noqa: ARG002
+        previous_velocities: FloatArray,  # noqa: ARG002
+        alive: BoolArray,
     ) -> NDArray[np.integer[Any]]:
         """Who leads in every state, (B,): what pictures mark; -1 where nobody does."""
         return np.full(len(alive), -1)
 
-    def velocities(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Floats:
+    def velocities(
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+    ) -> FloatArray:
         """Velocities (B, n, 2) alone; see `decide`."""
         if np.ndim(positions) != 3:
             raise PolicyError(
                 f"positions have shape {np.shape(positions)}; expected a batch, (B, n, 2): "
                 "for a single state give positions[None], previous[None], alive[None]"
             )
-        return self.decide(step, positions, previous, alive).velocities
+        return self.decide(step, positions, previous_velocities, alive).velocities
 
 
 @dataclass(frozen=True)
 class UserPolicy(Policy):
     """A policy from a user's function of (step, positions, previous, alive)."""
 
-    function: Callable[[int, Floats, Floats, Booleans], Any]
+    function: Callable[[int, FloatArray, FloatArray, BoolArray], Any]
     name: str
 
-    def decide(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Decision:
+    def decide(
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+    ) -> Decision:
         """The function's velocities; see `checked_velocities` for what they must be."""
-        found = self.function(step, positions, previous, alive)
+        found = self.function(step, positions, previous_velocities, alive)
         return Decision.plain(checked_velocities(self.name, step, found, alive))
 
 
-def checked_velocities(name: str, step: int, velocities: ArrayLike, alive: Booleans) -> Floats:
+def checked_velocities(name: str, step: int, velocities: ArrayLike, alive: BoolArray) -> FloatArray:
     """What the policy `name` gave at a step, (B, n, 2): a copy, zero for the destroyed.
 
     Raises

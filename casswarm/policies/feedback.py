@@ -25,7 +25,7 @@ from ..hazard import Hazard
 from ..optimization.solvers import Solver
 from ..planning.bounds.value_function import ValueFunction
 from ..problems.formation import Motion, Step, corridor_formation, leader_formation
-from ..typing import Booleans, Floats
+from ..typing import BoolArray, FloatArray
 from .base import Decision, Policy
 from .formation import solved
 
@@ -55,14 +55,14 @@ class FeedbackPolicy(Policy):
     solver: Solver
 
     def leaders(
-        self, step: int, positions: Floats, previous: Floats, alive: Booleans
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> NDArray[np.integer[Any]]:
         """Who shows the way in every state, (B,)."""
-        return self.pathfinders(step, positions, previous, alive)[0]
+        return self.pathfinders(step, positions, previous_velocities, alive)[0]
 
     def pathfinders(
-        self, step: int, positions: Floats, previous: Floats, alive: Booleans
-    ) -> tuple[NDArray[np.intp], Floats]:
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+    ) -> tuple[NDArray[np.intp], FloatArray]:
         """Who shows the way, (B,), and where to be at t + 1, (B, 2): `decide`'s states.
 
         The living member whose best way on has the least risk, ties by index; where nobody is known
@@ -70,7 +70,9 @@ class FeedbackPolicy(Policy):
         """
         points = np.zeros_like(positions)
         risks = np.full(alive.shape, np.inf)
-        points[alive], risks[alive] = self.ways_on(step, positions[alive], previous[alive])
+        points[alive], risks[alive] = self.ways_on(
+            step, positions[alive], previous_velocities[alive]
+        )
         away = positions - self.value.grid.task.center
         distances = np.where(alive, np.hypot(away[..., 0], away[..., 1]), np.inf)
         known = np.isfinite(risks).any(axis=1, keepdims=True)
@@ -79,14 +81,18 @@ class FeedbackPolicy(Policy):
         first = np.argmax(measure <= least * (1 + _TIE), axis=1)
         return first, points[np.arange(len(first)), first]
 
-    def ways_on(self, step: int, places: Floats, previous: Floats) -> tuple[Floats, Floats]:
+    def ways_on(
+        self, step: int, places: FloatArray, previous_velocities: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Next points (B, 2) of agents at places (B, 2), and the risks (B,) of the ways there.
 
-        `previous` (B, 2) are their velocities V(t-1), from which a_max bounds the change. A risk is
+        `previous_velocities` (B, 2) are their velocities V(t-1), from which a_max bounds the change. A risk is
         infinite, and the way straight to the target, where no manoeuvre arrives in time.
         """
         # members of a batch share places: only distinct ones are worked on
-        states, inverse = np.unique(np.hstack([places, previous]), axis=0, return_inverse=True)
+        states, inverse = np.unique(
+            np.hstack([places, previous_velocities]), axis=0, return_inverse=True
+        )
         points, risks = np.empty((len(states), 2)), np.empty(len(states))
         for begin in range(0, len(states), _CHUNK):
             part = slice(begin, begin + _CHUNK)
@@ -94,16 +100,20 @@ class FeedbackPolicy(Policy):
         inverse = inverse.reshape(-1)
         return points[inverse], risks[inverse]
 
-    def _best(self, step: int, places: Floats, previous: Floats) -> tuple[Floats, Floats]:
-        paths = self._manoeuvres(step, places, previous)
+    def _best(
+        self, step: int, places: FloatArray, previous_velocities: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        paths = self._manoeuvres(step, places, previous_velocities)
         risks = self._risks(step, paths)
         best, rows = risks.argmin(axis=1), np.arange(len(places))
         least = risks[rows, best]
-        straight = self.motion.toward(places, previous, self.value.grid.task.center)
+        straight = self.motion.toward(places, previous_velocities, self.value.grid.task.center)
         onwards = places + self.motion.dt * straight
         return np.where(np.isfinite(least)[:, None], paths[0, rows, best], onwards), least
 
-    def _manoeuvres(self, step: int, places: Floats, previous: Floats) -> Floats:
+    def _manoeuvres(
+        self, step: int, places: FloatArray, previous_velocities: FloatArray
+    ) -> FloatArray:
         """Positions (K, B, m, 2) at steps t+1..t+K of the m manoeuvres of every agent."""
         motion = self.motion
         change = math.sqrt(motion.a_max)
@@ -111,7 +121,7 @@ class FeedbackPolicy(Policy):
         left = max(1, self.value.grid.task.steps - step)
         axis = np.linspace(-motion.v_max, motion.v_max, _VELOCITIES)
         aims = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-        velocity = np.clip(previous, -motion.v_max, motion.v_max)[:, None]
+        velocity = np.clip(previous_velocities, -motion.v_max, motion.v_max)[:, None]
         position, path = places[:, None], []
         for _ in range(min(length, left, _LONGEST)):
             missing = aims - velocity
@@ -121,10 +131,10 @@ class FeedbackPolicy(Policy):
             path.append(position)
         return np.stack(path)
 
-    def _risks(self, step: int, paths: Floats) -> Floats:
+    def _risks(self, step: int, paths: FloatArray) -> FloatArray:
         """Risks (B, m) of manoeuvres (K, B, m, 2) and of what follows; infinite without arrival."""
         task, last = self.value.grid.task, len(paths) - 1
-        rates = self.hazard.lone_rates(paths.reshape(-1, 2)).reshape(paths.shape[:-1])
+        rates = self.hazard.single_agent_rates(paths.reshape(-1, 2)).reshape(paths.shape[:-1])
         until = task.dt * np.cumsum(rates, axis=0)
         inside = ((paths - task.center) ** 2).sum(axis=-1) <= task.radius**2
         arrival = inside.argmax(axis=0)
@@ -141,10 +151,12 @@ class LeaderFeedbackPolicy(FeedbackPolicy):
 
     name: str = "leader-feedback"
 
-    def decide(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Decision:
+    def decide(
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+    ) -> Decision:
         """Solve problem (6) around the leader's best way on; see `Policy.decide`."""
-        leaders, goals = self.pathfinders(step, positions, previous, alive)
-        data = Step(self.hazard, self.motion, positions, previous, alive, goals)
+        leaders, goals = self.pathfinders(step, positions, previous_velocities, alive)
+        data = Step(self.hazard, self.motion, positions, previous_velocities, alive, goals)
         return solved(leader_formation(data, leaders), self.solver)
 
 
@@ -165,8 +177,10 @@ class ConstrainedFeedbackPolicy(FeedbackPolicy):
     rho: float = 0.05
     name: str = "constrained-feedback"
 
-    def decide(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Decision:
+    def decide(
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+    ) -> Decision:
         """Solve problem (7) around the pathfinder's best way on; see `Policy.decide`."""
-        first, goals = self.pathfinders(step, positions, previous, alive)
-        data = Step(self.hazard, self.motion, positions, previous, alive, goals)
+        first, goals = self.pathfinders(step, positions, previous_velocities, alive)
+        data = Step(self.hazard, self.motion, positions, previous_velocities, alive, goals)
         return solved(corridor_formation(data, self.rho, first), self.solver)

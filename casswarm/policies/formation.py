@@ -16,9 +16,9 @@ from ..optimization.solution import BatchSolution
 from ..optimization.solvers import Solver
 from ..planning.guide import Guide
 from ..problems.formation import Formation, Motion, Step, corridor_formation, leader_formation
-from ..typing import Booleans, Floats
+from ..typing import BoolArray, FloatArray
 from .base import Decision, Policy
-from .leader_selection import SUCCESSIONS
+from .leader_selection import LEADER_SELECTION
 
 LOG = logging.getLogger(__name__)
 
@@ -44,15 +44,17 @@ class FormationPolicy(Policy):
     guide: Guide
     solver: Solver
 
-    def decide(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Decision:
+    def decide(
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+    ) -> Decision:
         """Solve the formation problem of every state; see `Policy.decide`."""
         goal = self.guide.reference(step + 1)
-        data = Step(self.hazard, self.motion, positions, previous, alive, goal)
+        data = Step(self.hazard, self.motion, positions, previous_velocities, alive, goal)
         formation = self._formation(data, self.guide.reference(step))
         return solved(formation, self.solver)
 
     @abstractmethod
-    def _formation(self, data: Step, place: Floats) -> Formation:
+    def _formation(self, data: Step, place: FloatArray) -> Formation:
         """The problems of a step; `place` (2,) is the guide's present point X*(t)."""
 
 
@@ -62,23 +64,23 @@ class LeaderPolicy(FormationPolicy):
 
     Parameters
     ----------
-    succession : str
-        Who leads: a rule of `SUCCESSIONS`; by default the living member nearest to the guide.
+    leader_selection : str
+        Who leads: a rule of `LEADER_SELECTION`; by default the living member nearest to the guide.
     """
 
-    succession: str = "nearest"
+    leader_selection: str = "nearest"
     name: str = "leader"
 
     def leaders(
-        self, step: int, positions: Floats, previous: Floats, alive: Booleans
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> NDArray[np.integer[Any]]:
         """Who leads in every state, (B,), by the rule of succession."""
         goal, place = self.guide.reference(step + 1), self.guide.reference(step)
-        data = Step(self.hazard, self.motion, positions, previous, alive, goal)
-        return SUCCESSIONS[self.succession](data, place)
+        data = Step(self.hazard, self.motion, positions, previous_velocities, alive, goal)
+        return LEADER_SELECTION[self.leader_selection](data, place)
 
-    def _formation(self, data: Step, place: Floats) -> Formation:
-        return leader_formation(data, SUCCESSIONS[self.succession](data, place))
+    def _formation(self, data: Step, place: FloatArray) -> Formation:
+        return leader_formation(data, LEADER_SELECTION[self.leader_selection](data, place))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +96,7 @@ class ConstrainedPolicy(FormationPolicy):
     rho: float = 0.05
     name: str = "constrained"
 
-    def _formation(self, data: Step, place: Floats) -> Formation:  # noqa: ARG002
+    def _formation(self, data: Step, place: FloatArray) -> Formation:  # noqa: ARG002
         return corridor_formation(data, self.rho)
 
 
@@ -107,7 +109,7 @@ def solved(formation: Formation, solver: Solver) -> Decision:
     for every solver and reason.
     """
     velocities = formation.instances.lower.reshape(*formation.free.shape, 2).copy()
-    failures, resolved = np.zeros((2, len(velocities)), np.int64)
+    failures, fallbacks = np.zeros((2, len(velocities)), np.int64)
     open_ = np.flatnonzero(formation.free.any(axis=1))
     if open_.size:
         instances = formation.instances[open_]
@@ -119,18 +121,18 @@ def solved(formation: Formation, solver: Solver) -> Decision:
             usable[..., None], instances.sets.project(points), formation.fallback[open_]
         )
         good = np.asarray(found.success & (found.stationarity <= HONEST))
-        failures[open_], resolved[open_] = ~good, found.resolved
-        tell_failures(solver.name, formation.nlp.name, found, good)
-    return Decision(velocities, formation.shortfalls.sum(axis=1), failures, resolved)
+        failures[open_], fallbacks[open_] = ~good, found.fallbacks
+        log_failures(solver.name, formation.nlp.name, found, good)
+    return Decision(velocities, formation.infeasible.sum(axis=1), failures, fallbacks)
 
 
-def tell_failures(solver: str, problem: str, found: BatchSolution, good: Booleans) -> None:
+def log_failures(solver: str, problem: str, found: BatchSolution, good: BoolArray) -> None:
     """Log why answers are not good, once for every solver, problem and reason."""
     for row in np.flatnonzero(~good):
         words = "not solved" if found.words is None else str(found.words[row])
-        _tell_once(solver, problem, words + (", but not stationary" if found.success[row] else ""))
+        _log_once(solver, problem, words + (", but not stationary" if found.success[row] else ""))
 
 
 @lru_cache(maxsize=1024)
-def _tell_once(solver: str, problem: str, reason: str) -> None:
+def _log_once(solver: str, problem: str, reason: str) -> None:
     LOG.warning("%s failed on %s, which is counted: %s", solver, problem, reason)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..planning.guide import Guide
 from ..problems.formation import Motion
-from ..typing import Booleans, Floats
+from ..typing import BoolArray, FloatArray
 from .base import Decision, Policy
 
 
@@ -28,14 +28,16 @@ class NaivePolicy(Policy):
     guides: Sequence[Guide]
     name: str = "naive"
 
-    def decide(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Decision:
+    def decide(
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+    ) -> Decision:
         """Every member toward its own guide's next point, as near as the limits allow.
 
         A member whose planning failed steers straight at the target, and counts as a failure.
         """
         goals = np.stack([g.reference(step + 1) if g.arrives else g.center for g in self.guides])
         lost = np.array([not guide.arrives for guide in self.guides])
-        velocities = self.motion.toward(positions, previous, goals)
+        velocities = self.motion.toward(positions, previous_velocities, goals)
         short = alive & ~lost & self.motion.misses(positions, velocities, goals)
         return Decision(
             np.where(alive[..., None], velocities, 0.0),

@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import PolicyError
 from ..planning.joint import SwarmPlan
 from ..problems.formation import Motion
-from ..typing import Booleans, Floats
+from ..typing import BoolArray, FloatArray
 from .base import Decision, Policy
 
 _ON_PLAN = 1e-9
@@ -35,9 +35,9 @@ class JointPolicy(Policy):
     """
 
     motion: Motion
-    positions: Floats
-    ways: Floats
-    before: Floats
+    positions: FloatArray
+    ways: FloatArray
+    before: FloatArray
     name: str = "joint"
 
     @classmethod
@@ -45,7 +45,9 @@ class JointPolicy(Policy):
         """The policy that follows a plan."""
         return cls(plan.motion, plan.positions, plan.velocities, plan.before, name)
 
-    def decide(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Decision:
+    def decide(
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+    ) -> Decision:
         """To the plan's next places; beyond its last step, to where it ends."""
         n = self.ways.shape[1]
         if alive.shape[1] != n:
@@ -54,9 +56,9 @@ class JointPolicy(Policy):
                 "this scenario"
             )
         goals = np.broadcast_to(self.positions[min(step + 1, len(self.ways))], positions.shape)
-        velocities = self.motion.toward(positions, previous, goals)
+        velocities = self.motion.toward(positions, previous_velocities, goals)
         if step < len(self.ways):
-            on_plan = self._on_plan(step, positions, previous)
+            on_plan = self._on_plan(step, positions, previous_velocities)
             velocities = np.where(on_plan[..., None], self.ways[step], velocities)
         short = alive & self.motion.misses(positions, velocities, goals)
         return Decision(
@@ -65,10 +67,12 @@ class JointPolicy(Policy):
             *np.zeros((2, len(alive)), np.int64),
         )
 
-    def _on_plan(self, step: int, positions: Floats, previous: Floats) -> Booleans:
+    def _on_plan(
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray
+    ) -> BoolArray:
         """Which members (B, n) are where the plan has them, with the velocity that it has."""
         motion = self.motion
         velocity = self.ways[step - 1] if step else self.before
         places = np.abs(positions - self.positions[step]) <= _ON_PLAN * motion.v_max * motion.dt
-        velocities = np.abs(previous - velocity) <= _ON_PLAN * motion.v_max
+        velocities = np.abs(previous_velocities - velocity) <= _ON_PLAN * motion.v_max
         return np.asarray((places & velocities).all(axis=-1))

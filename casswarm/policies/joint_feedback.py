@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..planning.joint.replan import PlanTree
-from ..typing import Booleans, Floats
+from ..typing import BoolArray, FloatArray
 from .base import Decision, Policy
 from .joint import JointPolicy
 
 
 @dataclass(frozen=True, eq=False)
-class JointFeedbackPolicy(Policy):
+class ReplanningPolicy(Policy):
     """Members follow a joint plan; where some were lost, a new one for the others.
 
     See `casswarm.planning.joint.replan` for which situations are planned for. A state that no plan leads
@@ -29,21 +29,23 @@ class JointFeedbackPolicy(Policy):
 
     tree: PlanTree
     blind: JointPolicy
-    name: str = "joint-feedback"
+    name: str = "joint-replanning"
 
-    def decide(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Decision:
-        """On along the plan of every state; `Decision.resolved` tells which were planned anew."""
-        blind = self.blind.decide(step, positions, previous, alive)
-        velocities, shortfalls = blind.velocities.copy(), blind.shortfalls.copy()
-        failures, resolved = np.zeros((2, len(alive)), np.int64)
+    def decide(
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+    ) -> Decision:
+        """On along the plan of every state; `Decision.fallbacks` tells which were planned anew."""
+        blind = self.blind.decide(step, positions, previous_velocities, alive)
+        velocities, infeasible = blind.velocities.copy(), blind.infeasible.copy()
+        failures, fallbacks = np.zeros((2, len(alive)), np.int64)
         for state, living in enumerate(alive):
             members = tuple(np.flatnonzero(living).tolist())
             if not members:
                 continue
             found = self.tree.follow(
-                step, members, positions[state, living], previous[state, living]
+                step, members, positions[state, living], previous_velocities[state, living]
             )
             if found is not None:
-                velocities[state, living], resolved[state], failures[state] = found
-                shortfalls[state] = 0
-        return Decision(velocities, shortfalls, failures, resolved)
+                velocities[state, living], fallbacks[state], failures[state] = found
+                infeasible[state] = 0
+        return Decision(velocities, infeasible, failures, fallbacks)

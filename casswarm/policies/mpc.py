@@ -9,67 +9,69 @@ import numpy as np
 
 from ..optimization.solvers import Solver
 from ..problems.formation import Step
-from ..problems.mpc_formation import LookAhead, Window
-from ..typing import Booleans, Floats
+from ..problems.mpc_formation import MpcFormation, Window
+from ..typing import BoolArray, FloatArray
 from .base import Decision
-from .formation import HONEST, ConstrainedPolicy, FormationPolicy, LeaderPolicy, tell_failures
-from .leader_selection import SUCCESSIONS
-from .mpc_instances import corridor_ahead, leader_ahead
+from .formation import HONEST, ConstrainedPolicy, FormationPolicy, LeaderPolicy, log_failures
+from .leader_selection import LEADER_SELECTION
+from .mpc_instances import constrained_mpc, leader_mpc
 
 
 @dataclass(frozen=True, eq=False)
-class LookAheadPolicy(FormationPolicy):
+class MpcPolicy(FormationPolicy):
     """Base of the policies that look ahead.
 
     Parameters
     ----------
-    look_ahead : int
+    horizon : int
         Steps H of the window, from 1; with 1, the policy is the one-step policy. The window ends
         with the guide, so towards its end policies look less far ahead.
     """
 
-    look_ahead: int = 1
+    horizon: int = 1
 
-    def decide(self, step: int, positions: Floats, previous: Floats, alive: Booleans) -> Decision:
+    def decide(
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+    ) -> Decision:
         """Solve the look-ahead problem of every state; see `Policy.decide`."""
-        steps = min(self.look_ahead, self.guide.arrival - step)
+        steps = min(self.horizon, self.guide.arrival - step)
         if steps <= 1:
-            return super().decide(step, positions, previous, alive)
+            return super().decide(step, positions, previous_velocities, alive)
         goals = np.stack([self.guide.reference(step + s) for s in range(1, steps + 1)])
-        window = Window(self.hazard, self.motion, positions, previous, alive, goals)
+        window = Window(self.hazard, self.motion, positions, previous_velocities, alive, goals)
         problem = self._problem(window, self.guide.reference(step))
         return flown(window, problem, self.solver)
 
     @abstractmethod
-    def _problem(self, window: Window, place: Floats) -> LookAhead:
+    def _problem(self, window: Window, place: FloatArray) -> MpcFormation:
         """The problems of a window; `place` (2,) is the guide's present point X*(t)."""
 
 
 @dataclass(frozen=True, eq=False)
-class LeaderAheadPolicy(LookAheadPolicy, LeaderPolicy):
+class LeaderMpcPolicy(MpcPolicy, LeaderPolicy):
     """Leader protection with look-ahead: the leader's path first, then the others' around it."""
 
-    def _problem(self, window: Window, place: Floats) -> LookAhead:
+    def _problem(self, window: Window, place: FloatArray) -> MpcFormation:
         now = Step(
             window.hazard,
             window.motion,
             window.positions,
-            window.previous,
+            window.previous_velocities,
             window.alive,
             window.goals[0],
         )
-        return leader_ahead(window, SUCCESSIONS[self.succession](now, place))
+        return leader_mpc(window, LEADER_SELECTION[self.leader_selection](now, place))
 
 
 @dataclass(frozen=True, eq=False)
-class ConstrainedAheadPolicy(LookAheadPolicy, ConstrainedPolicy):
+class ConstrainedMpcPolicy(MpcPolicy, ConstrainedPolicy):
     """Constrained trajectory with look-ahead: corridors of all steps, as far as they can be met."""
 
-    def _problem(self, window: Window, place: Floats) -> LookAhead:  # noqa: ARG002
-        return corridor_ahead(window, self.rho)
+    def _problem(self, window: Window, place: FloatArray) -> MpcFormation:  # noqa: ARG002
+        return constrained_mpc(window, self.rho)
 
 
-def flown(window: Window, problem: LookAhead, solver: Solver) -> Decision:
+def flown(window: Window, problem: MpcFormation, solver: Solver) -> Decision:
     """The decision in a batch of look-ahead problems: the first velocities of their paths.
 
     These are projected onto what the next step allows, so that the physical limits hold exactly. A
@@ -79,7 +81,7 @@ def flown(window: Window, problem: LookAhead, solver: Solver) -> Decision:
     shape = problem.free.shape
     steps, members = window.steps, shape[1]
     velocities = problem.fallback.copy()
-    failures, resolved = problem.failures.copy(), np.zeros(shape[0], np.int64)
+    failures, fallbacks = problem.failures.copy(), np.zeros(shape[0], np.int64)
     open_ = np.flatnonzero(problem.free.any(axis=1))
     if open_.size:
         found = solver.solve_batch(problem.nlp, problem.instances[open_])
@@ -88,8 +90,8 @@ def flown(window: Window, problem: LookAhead, solver: Solver) -> Decision:
         velocities[open_] = np.where(usable, advances, velocities[open_])
         good = np.asarray(found.success & (found.stationarity <= HONEST))
         failures[open_] |= ~good
-        resolved[open_] = found.resolved
-        tell_failures(solver.name, problem.nlp.name, found, good)
+        fallbacks[open_] = found.fallbacks
+        log_failures(solver.name, problem.nlp.name, found, good)
     velocities = problem.first.project(velocities)
-    shortfalls = problem.shortfalls(window, velocities)
-    return Decision(velocities, shortfalls.sum(axis=1), failures, resolved)
+    infeasible = problem.infeasible(window, velocities)
+    return Decision(velocities, infeasible.sum(axis=1), failures, fallbacks)

@@ -14,28 +14,30 @@ from ..hazard import KernelHazard
 from ..optimization.feasible_sets.planar import PlanarSets
 from ..optimization.feasible_sets.trajectory import PathSets, distances, part_within
 from ..optimization.problem import Instances, Nlp
-from ..problems.mpc_formation import LookAhead, Window, lookahead_nlp
-from ..typing import Booleans, Floats
+from ..problems.mpc_formation import MpcFormation, Window, lookahead_nlp
+from ..typing import BoolArray, FloatArray
 
 MARGIN = 1e-4
 """By how much a corridor is narrower for every step ahead, as a part of its radius."""
 
 
-def leader_ahead(window: Window, leaders: NDArray[np.intp]) -> LookAhead:
+def leader_mpc(window: Window, leaders: NDArray[np.intp]) -> MpcFormation:
     """Leader protection over the window; `leaders` (B,) are the indices of living members."""
     batch, n = window.alive.shape
     rows = np.arange(batch)
     leads = (np.arange(n) == leaders[:, None]) & window.alive
     path, failed = window.limits.following(
-        window.previous[rows, leaders], window.targets[rows, leaders], np.zeros(window.steps)
+        window.previous_velocities[rows, leaders],
+        window.targets[rows, leaders],
+        np.zeros(window.steps),
     )
-    inside = window.limits.slowing(window.previous, window.steps)
+    inside = window.limits.slowing(window.previous_velocities, window.steps)
     inside[rows, leaders] = path
     place = window.positions[rows, leaders][:, None] + window.motion.dt * path
     to_leader = (place[:, None] - window.positions[:, :, None]) / window.motion.dt
     free = window.alive & ~leads
     guess = inside.copy()
-    guess[free] = window.limits.greedy(window.previous[free], to_leader[free])
+    guess[free] = window.limits.greedy(window.previous_velocities[free], to_leader[free])
     if isinstance(window.hazard, KernelHazard) and window.hazard.gathers:
         # nothing is better than to be with the leader all the time: who can, is done
         there = free & (distances(guess, to_leader) <= 1e-12 * window.limits.speed).all(axis=-1)
@@ -45,15 +47,15 @@ def leader_ahead(window: Window, leaders: NDArray[np.intp]) -> LookAhead:
     return _problem(window, leads, free, leads, none, inside, guess, first, failed, 0.0)
 
 
-def corridor_ahead(window: Window, rho: float) -> LookAhead:
+def constrained_mpc(window: Window, rho: float) -> MpcFormation:
     """Constrained trajectory over the window; `rho` is the paper's bound of the corridor."""
     radius = np.sqrt(rho) / window.motion.dt
     margin, living, targets = MARGIN * radius, window.alive, window.targets
     narrow = np.maximum(0.0, radius - margin * np.arange(1, window.steps + 1))
-    slowing = window.limits.slowing(window.previous, window.steps)
+    slowing = window.limits.slowing(window.previous_velocities, window.steps)
     nearest, failed = slowing.copy(), np.zeros_like(living)
     nearest[living], failed[living] = window.limits.following(
-        window.previous[living], targets[living], narrow
+        window.previous_velocities[living], targets[living], narrow
     )
     excess = np.maximum(0.0, distances(nearest, targets) - narrow)
     radii = np.where(living[..., None], narrow + margin + excess, np.inf)
@@ -63,7 +65,7 @@ def corridor_ahead(window: Window, rho: float) -> LookAhead:
     wide = np.where(excess[..., 0] > margin, radii[..., 0], radius)
     wide = np.where(living, wide, np.inf)
     nobody = np.zeros_like(living)
-    first = _first(window, nobody, window.previous, wide)
+    first = _first(window, nobody, window.previous_velocities, wide)
     return _problem(
         window,
         living,
@@ -78,19 +80,21 @@ def corridor_ahead(window: Window, rho: float) -> LookAhead:
     )
 
 
-def _first(window: Window, given: Booleans, velocities: Floats, radii: Floats) -> PlanarSets:
+def _first(
+    window: Window, given: BoolArray, velocities: FloatArray, radii: FloatArray
+) -> PlanarSets:
     """Sets of the velocities to be flown; those of `given` members, and of the dead, are points."""
-    physical = window.motion.sets(window.previous)
+    physical = window.motion.sets(window.previous_velocities)
     living = window.alive[..., None]
     known = np.where(
-        living, physical.project(np.broadcast_to(velocities, window.previous.shape)), 0
+        living, physical.project(np.broadcast_to(velocities, window.previous_velocities.shape)), 0
     )
     free = living & ~given[..., None]
     to_goal = (window.goals[0] - window.positions) / window.motion.dt
     return PlanarSets(
         np.where(free, physical.lower, known),
         np.where(free, physical.upper, known),
-        np.stack([window.previous, to_goal], axis=-2),
+        np.stack([window.previous_velocities, to_goal], axis=-2),
         np.where(
             free,
             np.stack([np.broadcast_to(physical.radii[..., 0], radii.shape), radii], -1),
@@ -101,16 +105,16 @@ def _first(window: Window, given: Booleans, velocities: Floats, radii: Floats) -
 
 def _problem(
     window: Window,
-    weights: Booleans,
-    free: Booleans,
-    wished: Booleans,
-    radii: Floats,
-    inside: Floats,
-    guess: Floats,
+    weights: BoolArray,
+    free: BoolArray,
+    wished: BoolArray,
+    radii: FloatArray,
+    inside: FloatArray,
+    guess: FloatArray,
     first: PlanarSets,
-    failed: Booleans,
+    failed: BoolArray,
     radius: float,
-) -> LookAhead:
+) -> MpcFormation:
     """The batch; `inside` and `guess` are advances (B, n, H, 2), 0 for the destroyed."""
     batch, n = window.alive.shape
     steps, motion = window.steps, window.motion
@@ -124,7 +128,7 @@ def _problem(
     bound = np.full((batch, steps, n, 2), np.inf)
     bound[:, 0] = motion.v_max
     fixed = ~free[:, None, :, None]
-    blocks: dict[str, Floats] = {"acceleration": np.full((batch, steps, n), motion.a_max)}
+    blocks: dict[str, FloatArray] = {"acceleration": np.full((batch, steps, n), motion.a_max)}
     if steps > 1:
         blocks["speed"] = np.full((batch, steps - 1, n, 2), motion.v_max)
     if corridor:
@@ -134,10 +138,10 @@ def _problem(
         nlp, {k: v if k == "speed" else np.full_like(v, np.inf) for k, v in blocks.items()}, free
     )
     targets = np.where(np.isfinite(radii)[..., None], window.targets, 0.0)
-    alone = (weights * window.hazard.lone_rates(window.positions)).sum(axis=1)
-    parameters: dict[str, Floats] = {
+    alone = (weights * window.hazard.single_agent_rates(window.positions)).sum(axis=1)
+    parameters: dict[str, FloatArray] = {
         "positions": window.positions,
-        "previous": window.previous,
+        "previous_velocities": window.previous_velocities,
         "alive": window.alive[..., None].astype(float),
         "weights": weights[..., None].astype(float),
         "goal": window.goals[None, :1],
@@ -156,15 +160,21 @@ def _problem(
             [np.full(batch, motion.v_max), steps * np.where(alone > 0, alone, 1.0)], axis=1
         ),
         paths=PathSets(
-            window.previous, targets, radii, free, inside, window.limits.speed, window.limits.change
+            window.previous_velocities,
+            targets,
+            radii,
+            free,
+            inside,
+            window.limits.speed,
+            window.limits.change,
         ),
     )
-    return LookAhead(
+    return MpcFormation(
         nlp, instances, free, first, wished, radius, failed.astype(np.int64), inside[:, 0]
     )
 
 
-def _rows(nlp: Nlp, blocks: Mapping[str, Floats], free: Booleans) -> Floats:
+def _rows(nlp: Nlp, blocks: Mapping[str, FloatArray], free: BoolArray) -> FloatArray:
     """Bounds of g (B, ng) from blocks (B, steps, n, ...); none for members who are not free."""
     columns = []
     for name in nlp.constraints:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from ..errors import PolicyError, among
+from ..errors import PolicyError, did_you_mean
 from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 from ..planning.bounds.value_function import ValueFunction
 from ..planning.guide import Guide
@@ -19,9 +19,9 @@ from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy
 from .independent import NaivePolicy
 from .joint import JointPolicy
-from .joint_feedback import JointFeedbackPolicy
-from .leader_selection import SUCCESSIONS
-from .mpc import ConstrainedAheadPolicy, LeaderAheadPolicy
+from .joint_feedback import ReplanningPolicy
+from .leader_selection import LEADER_SELECTION
+from .mpc import ConstrainedMpcPolicy, LeaderMpcPolicy
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -33,13 +33,13 @@ POLICIES = {
     "constrained-feedback": "constrained, along the best way on from where the swarm is",
     "leader-feedback": "leader, who finds the best way on from where it is",
     "joint": "the ways of all members that maximise the swarm's success, planned at once",
-    "joint-feedback": "joint, and survivors plan again",
-    "constrained-ahead-3": "constrained, with the next 3 steps in view, or any other number",
-    "leader-ahead-3": "leader, with the next 3 steps in view, or any other number",
+    "joint-replanning": "joint, and survivors plan again",
+    "constrained-mpc-3": "constrained, with the next 3 steps in view, or any other number",
+    "leader-mpc-3": "leader, with the next 3 steps in view, or any other number",
 }
 """Names that `make_policy` takes, each with what it does."""
 
-_AHEAD = re.compile(r"(constrained|leader)-ahead-(\d+)")
+_AHEAD = re.compile(r"(constrained|leader)-mpc-(\d+)")
 
 
 def make_policy(
@@ -47,8 +47,8 @@ def make_policy(
     scenario: Scenario,
     guide: Guide | None = None,
     solver: str | Solver = "auto",
-    succession: str = "nearest",
-    look_ahead: int = 1,
+    leader_selection: str = "nearest",
+    horizon: int = 1,
 ) -> Policy:
     """Policy of a name.
 
@@ -56,17 +56,17 @@ def make_policy(
     ----------
     name : str
         One of `POLICIES`: ``"naive"``, ``"constrained"``, ``"leader"``, ``"constrained-feedback"``,
-        ``"leader-feedback"``, ``"joint"``, ``"joint-feedback"``; or ``"constrained"`` and
-        ``"leader"`` with their look-ahead, such as ``"leader-ahead-3"``.
+        ``"leader-feedback"``, ``"joint"``, ``"joint-replanning"``; or ``"constrained"`` and
+        ``"leader"`` with their look-ahead, such as ``"leader-mpc-3"``.
     scenario : Scenario
     guide : Guide, optional
         Planned from the scenario by default; the policies with feedback along the guide's best way
         on need none.
     solver : str or Solver
         Of the formation problems: a name of `casswarm.optimization.solvers.SOLVERS`, by default ``"auto"``.
-    succession : {"nearest", "first", "safest"}
+    leader_selection : {"nearest", "first", "safest"}
         Who leads, for ``"leader"``.
-    look_ahead : int
+    horizon : int
         Steps that ``"leader"`` and ``"constrained"`` look ahead; with 1 they are the paper's.
 
     Raises
@@ -80,15 +80,15 @@ def make_policy(
     Examples
     --------
     >>> import numpy as np
-    >>> import casswarm as cs
-    >>> scenario = cs.load_scenario("paper-1")
-    >>> policy = cs.make_policy("naive", scenario)
+    >>> import casswarm as csw
+    >>> scenario = csw.load_scenario("paper-1")
+    >>> policy = csw.make_policy("naive", scenario)
     >>> X = scenario.positions[None]  # a batch of one state
     >>> policy.velocities(0, X, np.zeros_like(X), np.ones((1, 5), bool)).shape
     (1, 5, 2)
     """
-    kind, look_ahead = _ahead(name, look_ahead)
-    _require_known("succession", succession, SUCCESSIONS)
+    kind, horizon = _ahead(name, horizon)
+    _require_known("leader_selection", leader_selection, LEADER_SELECTION)
     options = scenario.formation
     paper = {"step": options.learning_rate, "iterations": options.iterations, "start": "zero"}
     backend = make_solver(solver, **(paper if solver == ProjectedGradient.name else {}))
@@ -101,7 +101,7 @@ def make_policy(
         return NaivePolicy(motion_of(scenario), member_guides(scenario, guide))
     if kind.startswith("joint"):
         return _joint(kind, scenario, guide)
-    return _formation(kind, scenario, guide, backend, succession, look_ahead)
+    return _formation(kind, scenario, guide, backend, leader_selection, horizon)
 
 
 def _feedback(kind: str, scenario: Scenario, backend: Solver) -> Policy:
@@ -121,34 +121,39 @@ def _joint(kind: str, scenario: Scenario, guide: Guide) -> Policy:
     blind = JointPolicy.of(found)
     if kind == "joint":
         return blind
-    return JointFeedbackPolicy(PlanTree.of(scenario, found), blind)
+    return ReplanningPolicy(PlanTree.of(scenario, found), blind)
 
 
 def _formation(
-    kind: str, scenario: Scenario, guide: Guide, backend: Solver, succession: str, look_ahead: int
+    kind: str,
+    scenario: Scenario,
+    guide: Guide,
+    backend: Solver,
+    leader_selection: str,
+    horizon: int,
 ) -> Policy:
     shared = (scenario.hazard, motion_of(scenario), guide, backend)
-    rho, called = scenario.formation.rho, f"{kind}-ahead-{look_ahead}"
-    if look_ahead == 1:
+    rho, called = scenario.formation.rho, f"{kind}-mpc-{horizon}"
+    if horizon == 1:
         leads = kind == "leader"
-        return LeaderPolicy(*shared, succession) if leads else ConstrainedPolicy(*shared, rho)
+        return LeaderPolicy(*shared, leader_selection) if leads else ConstrainedPolicy(*shared, rho)
     if kind == "leader":
-        return LeaderAheadPolicy(*shared, succession, name=called, look_ahead=look_ahead)
-    return ConstrainedAheadPolicy(*shared, rho, name=called, look_ahead=look_ahead)
+        return LeaderMpcPolicy(*shared, leader_selection, name=called, horizon=horizon)
+    return ConstrainedMpcPolicy(*shared, rho, name=called, horizon=horizon)
 
 
-def _ahead(name: str, look_ahead: int) -> tuple[str, int]:
+def _ahead(name: str, horizon: int) -> tuple[str, int]:
     """A policy's name without its look-ahead, and that."""
     if found := _AHEAD.fullmatch(name):
-        if look_ahead != 1:
-            raise PolicyError(f"policy {name!r} names its look-ahead: leave out look_ahead")
-        name, look_ahead = found[1], int(found[2])
+        if horizon != 1:
+            raise PolicyError(f"policy {name!r} names its look-ahead: leave out horizon")
+        name, horizon = found[1], int(found[2])
     _require_known("policy", name, POLICIES)
-    if not isinstance(look_ahead, int) or look_ahead < 1:
-        raise PolicyError(f"look_ahead = {look_ahead!r}; allowed: whole numbers from 1")
-    if look_ahead > 1 and name not in ("leader", "constrained"):
+    if not isinstance(horizon, int) or horizon < 1:
+        raise PolicyError(f"horizon = {horizon!r}; allowed: whole numbers from 1")
+    if horizon > 1 and name not in ("leader", "constrained"):
         raise PolicyError(f"policy {name!r} has no look-ahead; leader and constrained have")
-    return name, look_ahead
+    return name, horizon
 
 
 def _require_fitting(scenario: Scenario, guide: Guide) -> None:
@@ -181,4 +186,4 @@ def member_guides(scenario: Scenario, guide: Guide) -> tuple[Guide, ...]:
 
 def _require_known(kind: str, name: str, known: Mapping[str, object]) -> None:
     if name not in known:
-        raise PolicyError(f"{kind} {name!r} is unknown{among(name, known)}")
+        raise PolicyError(f"{kind} {name!r} is unknown{did_you_mean(name, known)}")

@@ -16,7 +16,7 @@ import pandas as pd
 from ..optimization.problem import Instances, Nlp
 from ..optimization.solution import Solution
 from ..optimization.solvers import ProjectedGradient, make_solver
-from ..planning.guide import Guide, path_of
+from ..planning.guide import Guide, integrate
 from ..planning.plan import initial_velocities
 from ..planning.polyline import resampled, straight
 from ..policies import make_policy
@@ -25,7 +25,7 @@ from ..problems.formation import Step, corridor_formation, leader_formation, mot
 from ..problems.guide import GuideTask
 from ..problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp
 from ..scenario import Scenario
-from ..typing import Floats
+from ..typing import FloatArray
 
 POINTS = (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 3000, 4000, 5000, 6000)
 """Iterations at which iterates are judged."""
@@ -69,7 +69,7 @@ def guide_convergence(scenario: Scenario, points: Sequence[int] = POINTS) -> pd.
     rows = []
     for iteration, (solution,) in iterates(nlp, instance, scenario.guide.learning_rate, up_to):
         velocities = np.clip(nlp.variable("velocities", solution.x), -task.v_max, task.v_max)
-        path = path_of(task.start, velocities, task.dt)
+        path = integrate(task.start, velocities, task.dt)
         risk = _risk(scenario, path)
         away = scenario.target.distances(path[-1:])[0] - scenario.target.radius
         rows.append(
@@ -85,12 +85,12 @@ def guide_convergence(scenario: Scenario, points: Sequence[int] = POINTS) -> pd.
     return _rounded(pd.DataFrame(rows))
 
 
-def _risk(scenario: Scenario, path: Floats) -> float:
+def _risk(scenario: Scenario, path: FloatArray) -> float:
     """Risk of a path up to its first arrival; not a number where it does not arrive."""
     inside = scenario.target.contains(path[1:])
     if not inside.any():
         return float("nan")
-    rates = scenario.hazard.lone_rates(path[1 : 2 + int(inside.argmax())])
+    rates = scenario.hazard.single_agent_rates(path[1 : 2 + int(inside.argmax())])
     return float(scenario.time.dt * rates.sum())
 
 
@@ -98,17 +98,19 @@ def whole_swarm(scenario: Scenario, policy: str, guide: Guide) -> Step:
     """The steps of the run in which nobody is lost, as a batch of formation problems' data."""
     made = make_policy(policy, scenario, guide)
     positions = [scenario.positions]
-    previous = [initial_velocities(scenario, guide)]
+    previous_velocities = [initial_velocities(scenario, guide)]
     alive = np.ones((1, scenario.n), bool)
     for step in range(guide.arrival - 1):
-        taken = made.decide(step, positions[-1][None], previous[-1][None], alive).velocities[0]
+        taken = made.decide(
+            step, positions[-1][None], previous_velocities[-1][None], alive
+        ).velocities[0]
         positions.append(positions[-1] + scenario.time.dt * taken)
-        previous.append(taken)
+        previous_velocities.append(taken)
     return Step(
         scenario.hazard,
         motion_of(scenario),
         np.stack(positions),
-        np.stack(previous),
+        np.stack(previous_velocities),
         np.repeat(alive, guide.arrival, axis=0),
         guide.positions[1:],
     )

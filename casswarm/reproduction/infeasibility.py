@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from ..chain.trajectories import Trace
+from ..chain.trajectories import RunTrajectory
 from ..planning.guide import Guide
 from ..planning.plan import initial_velocities, plan
 from ..policies import make_policy
@@ -36,7 +36,7 @@ def shortfall_steps(
             if not going:
                 break
             state = _states(scenario, guide, going, step)
-            short = policy.decide(step, *state).shortfalls
+            short = policy.decide(step, *state).infeasible
             rows.append(
                 {
                     "policy": name,
@@ -51,18 +51,18 @@ def shortfall_steps(
 
 
 def _states(
-    scenario: Scenario, guide: Guide, traces: Sequence[Trace], step: int
+    scenario: Scenario, guide: Guide, traces: Sequence[RunTrajectory], step: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions, previous velocities and who is alive in the runs at a step."""
     positions = np.stack([trace.positions[step] for trace in traces])
     alive = np.stack([trace.alive[step] for trace in traces])
     if step == 0:
-        previous = np.tile(initial_velocities(scenario, guide), (len(traces), 1, 1))
+        previous_velocities = np.tile(initial_velocities(scenario, guide), (len(traces), 1, 1))
     else:
         before = np.stack([trace.positions[step - 1] for trace in traces])
-        previous = (positions - before) / scenario.time.dt
+        previous_velocities = (positions - before) / scenario.time.dt
     gone = ~alive[..., None]
-    return np.where(gone, 0.0, positions), np.where(gone, 0.0, previous), alive
+    return np.where(gone, 0.0, positions), np.where(gone, 0.0, previous_velocities), alive
 
 
 def cost(scenario: Scenario, tell: Tell) -> pd.DataFrame:
@@ -84,7 +84,7 @@ def cost(scenario: Scenario, tell: Tell) -> pd.DataFrame:
                     "policy": policy,
                     "success_low": law.success[0],
                     "success_high": law.success[1],
-                    "shortfalls": round(law.shortfalls, 3),
+                    "infeasible": round(law.infeasible, 3),
                 }
             )
     return pd.DataFrame(rows).round(4)

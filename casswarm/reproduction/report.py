@@ -134,13 +134,13 @@ def _empty(found: Reproduction, ending: str) -> list[Block]:
     return [
         Heading("Empty constraint sets"),
         Text(
-            f"{TABLES['shortfalls']} (`shortfalls.csv`): a member at the edge of the corridor with "
+            f"{TABLES['infeasible']} (`infeasible.csv`): a member at the edge of the corridor with "
             "the wrong velocity cannot stay in it, and a leader that was elsewhere cannot be on "
             "the guide at once. casswarm then moves it as near as v_max and a_max allow."
         ),
         _picture(
             ending,
-            "shortfalls",
+            "infeasible",
             "Members alive (line), and how many of them have an empty constraint set (bars), in "
             "500 runs of scenario I.",
         ),

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ..chain.confidence import wilson
-from ..chain.trajectories import Trace
+from ..chain.trajectories import RunTrajectory
 from ..figures import (
     beyond_chart,
     convergence_chart,
@@ -41,7 +41,7 @@ TABLES = {
     "sensitivity": "Table II where the geometry is moved a little",
     "guide-convergence": "The paper's projected gradient on its guide problem",
     "formation-convergence": "The paper's projected gradient on its formation problems",
-    "shortfalls": "Members whose constraint set is empty, step by step",
+    "infeasible": "Members whose constraint set is empty, step by step",
     "empty-sets": "What empty constraint sets cost",
     "beyond": "Success with other guides, in other scenarios, and in scenario II",
     "readings": "Where the paper slips or is silent, and casswarm's reading",
@@ -56,7 +56,7 @@ FIGURES = (
     "table-2",
     "sensitivity",
     "convergence",
-    "shortfalls",
+    "infeasible",
     "beyond",
 )
 """Names of the figures; the first four are the paper's."""
@@ -138,7 +138,7 @@ def reproduce(
         "sensitivity": lambda: sensitivity(first, tell),
         "guide-convergence": lambda: guide_convergence(first),
         "formation-convergence": lambda: _formations(first, second, guide, tell),
-        "shortfalls": lambda: shortfall_steps(first, guide, seed=seed),
+        "infeasible": lambda: shortfall_steps(first, guide, seed=seed),
         "empty-sets": lambda: cost(first, tell),
         "beyond": lambda: beyond(variants(), tell, seed=seed),
         "readings": readings,
@@ -183,7 +183,7 @@ def paper_figures(first: Scenario, second: Scenario, guide: Guide, seed: int = 0
 
 def run_like_the_papers(
     scenario: Scenario, policy: str, guide: Guide, seed: int = 0, runs: int = 200
-) -> tuple[int, Trace]:
+) -> tuple[int, RunTrajectory]:
     """The first run that succeeds and loses two members, as the paper tells of its Figures 1 and 2.
 
     Where there is none among `runs`, the first that succeeds, or else the first. With its number.
@@ -218,8 +218,8 @@ def _charts(tables: Mapping[str, pd.DataFrame], guide: Guide, runs: int) -> Gall
             tables["formation-convergence"],
             references,
         )
-    if "shortfalls" in tables:
-        charts["shortfalls"] = partial(shortfall_chart, tables["shortfalls"])
+    if "infeasible" in tables:
+        charts["infeasible"] = partial(shortfall_chart, tables["infeasible"])
     if "beyond" in tables:
         charts["beyond"] = partial(beyond_chart, tables["beyond"])
     return charts

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ..chain.confidence import wilson
-from ..planning.guide import Guide, sides_of
+from ..planning.guide import Guide, homotopy_signature
 from ..planning.plan import plan
 from ..scenario import Scenario, load_scenario
 from ..studies.evaluation import estimate, evaluate
@@ -94,9 +94,9 @@ def beyond(
     for name, scenario in scenarios.items():
         tell(name)
         guide = plan(scenario, certify=False)
-        sides = sides_of(guide.positions, scenario.hazard.radar_positions)
+        sides = homotopy_signature(guide.positions, scenario.hazard.radar_positions)
         for policy in PAPER_POLICIES:
-            low, high, kind, shortfalls = _bracket(scenario, policy, guide, states, runs, seed)
+            low, high, kind, infeasible = _bracket(scenario, policy, guide, states, runs, seed)
             rows.append(
                 {
                     "scenario": name,
@@ -107,7 +107,7 @@ def beyond(
                     "success_low": low,
                     "success_high": high,
                     "kind": kind,
-                    "shortfalls": round(shortfalls, 2),
+                    "infeasible": round(infeasible, 2),
                 }
             )
     return pd.DataFrame(rows).round(DIGITS)
@@ -116,11 +116,11 @@ def beyond(
 def _bracket(
     scenario: Scenario, policy: str, guide: Guide, states: int, runs: int, seed: int
 ) -> tuple[float, float, str, float]:
-    law = evaluate(scenario, policy, WIDTH, most_states=states, guide=guide)
+    law = evaluate(scenario, policy, WIDTH, max_states=states, guide=guide)
     if law.complete:
-        return *law.success, "proven", law.shortfalls
-    found = estimate(scenario, policy, runs, seed, most_states=states // 15, guide=guide)
-    return *found.success, "95 %", found.head.shortfalls
+        return *law.success, "proven", law.infeasible
+    found = estimate(scenario, policy, runs, seed, max_states=states // 15, guide=guide)
+    return *found.success, "95 %", found.head.infeasible
 
 
 def small_changes(scenario: Scenario) -> Iterator[tuple[str, dict[str, object]]]:

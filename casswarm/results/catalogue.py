@@ -9,8 +9,8 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from ..chain.distribution import Law
-from ..chain.trajectories import Trace
+from ..chain.distribution import OutcomeDistribution
+from ..chain.trajectories import RunTrajectory
 from ..figures import (
     arrival_chart,
     comparison_map,
@@ -27,10 +27,10 @@ from ..figures import (
     sweep_lines,
 )
 from ..figures.closeups import follows
-from ..planning.bounds.outlook import Outlook
+from ..planning.bounds.outlook import CostToGoMap
 from ..planning.guide import Candidate, Guide
 from ..scenario import Scenario
-from ..typing import Floats
+from ..typing import FloatArray
 
 Gallery = dict[str, Callable[[], Figure]]
 """Functions that draw a figure in the look of their context, by the figure's name."""
@@ -39,9 +39,9 @@ Gallery = dict[str, Callable[[], Figure]]
 def planned(
     scenario: Scenario,
     guide: Guide,
-    others: Sequence[Candidate | Floats] = (),
+    others: Sequence[Candidate | FloatArray] = (),
     rivals: Mapping[str, Guide] | None = None,
-    outlook: Outlook | None = None,
+    outlook: CostToGoMap | None = None,
 ) -> Gallery:
     """Of a plan: the guide among the other ways, its rivals, and the way on from everywhere."""
     found: Gallery = {"guide": partial(guide_map, scenario, guide, others)}
@@ -53,7 +53,7 @@ def planned(
 
 
 def planned_jointly(
-    scenario: Scenario, positions: Floats, survival: Floats | None, success: str, bound: str
+    scenario: Scenario, positions: FloatArray, survival: FloatArray | None, success: str, bound: str
 ) -> Gallery:
     """Of a joint plan; `success` and `bound` are said in its title."""
     title = "; ".join(part for part in (f"joint plan, success {success}", bound) if part)
@@ -65,7 +65,7 @@ def simulated(
     guide: Guide,
     summary: pd.DataFrame,
     paired: pd.DataFrame,
-    traces: Mapping[str, Sequence[Trace]],
+    traces: Mapping[str, Sequence[RunTrajectory]],
     run: int = 0,
 ) -> Gallery:
     """Of a simulation: success, differences, and of one run of every policy map and close-ups."""
@@ -89,7 +89,9 @@ def simulated(
     return found
 
 
-def evaluated(scenario: Scenario, laws: Sequence[Law], successes: pd.DataFrame) -> Gallery:
+def evaluated(
+    scenario: Scenario, laws: Sequence[OutcomeDistribution], successes: pd.DataFrame
+) -> Gallery:
     """Of exact laws; `successes` is the table of the laws, or of estimates where there are any."""
     name = scenario.name
     return {

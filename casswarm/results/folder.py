@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from ..chain.distribution import Law
-from ..chain.trajectories import Trace
-from ..errors import StoreError
-from ..planning.bounds.outlook import Outlook
+from ..chain.distribution import OutcomeDistribution
+from ..chain.trajectories import RunTrajectory
+from ..errors import CheckpointError
+from ..planning.bounds.outlook import CostToGoMap
 from ..planning.guide import Guide
-from ..typing import Floats
-from .restoring import LAW_TABLES, laws_of, solution_of, traces_of
+from ..typing import FloatArray
+from .restoring import DISTRIBUTION_TABLES, distributions_of, solution_of, trajectories_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,31 +45,33 @@ class Saved:
 
         Raises
         ------
-        StoreError
+        CheckpointError
             It is no folder, or none that casswarm left.
         """
         ours = f"give one that {', '.join(COMMANDS[:-1])} or {COMMANDS[-1]} left"
         example = "such as results/simulate-paper-1"
         if not folder.is_dir():
-            raise StoreError(f"{folder} is no folder: {ours}, {example}")
+            raise CheckpointError(f"{folder} is no folder: {ours}, {example}")
         try:
             record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
         except FileNotFoundError:
-            raise StoreError(
+            raise CheckpointError(
                 f"{folder} has no run.json, so it holds no finished results of casswarm: "
                 f"{ours}, {example}"
             ) from None
         except (OSError, ValueError) as error:
-            raise StoreError(f"{folder / 'run.json'} cannot be read ({error}): {ours}") from None
+            raise CheckpointError(
+                f"{folder / 'run.json'} cannot be read ({error}): {ours}"
+            ) from None
         command = record.get("command") if isinstance(record, dict) else None
         if command == "reproduce":
-            raise StoreError(
+            raise CheckpointError(
                 f"{folder / 'run.json'} is of casswarm reproduce, whose figures show runs that it "
                 "does not keep; to draw them otherwise run casswarm reproduce again, which takes "
                 "--format, --width and --dpi (and --only figures for the paper's own alone)"
             )
         if command not in COMMANDS:
-            raise StoreError(
+            raise CheckpointError(
                 f"{folder / 'run.json'} is of "
                 + ("nothing that casswarm knows" if command is None else f"casswarm {command}")
                 + f", which has no figures to draw again: {ours}"
@@ -101,18 +103,18 @@ class Saved:
 
         Raises
         ------
-        StoreError
+        CheckpointError
             It is not there, or cannot be read.
         """
         try:
             table: pd.DataFrame = pd.read_csv(self.folder / f"{name}.csv", **_exactly())
         except FileNotFoundError:
-            raise StoreError(
+            raise CheckpointError(
                 f"{self.folder} has no {name}.csv: an older casswarm left it, or it was removed; "
                 f"run casswarm {self.command} again"
             ) from None
         except (OSError, ValueError) as error:
-            raise StoreError(f"{self.folder / name}.csv cannot be read: {error}") from None
+            raise CheckpointError(f"{self.folder / name}.csv cannot be read: {error}") from None
         return table
 
     def has(self, name: str) -> bool:
@@ -133,15 +135,15 @@ class Saved:
         )
 
     @cached_property
-    def traces(self) -> dict[str, tuple[Trace, ...]]:
+    def traces(self) -> dict[str, tuple[RunTrajectory, ...]]:
         """The ways of the first runs of every policy."""
-        return traces_of(self.table("traces"))
+        return trajectories_of(self.table("traces"))
 
     @cached_property
-    def laws(self) -> list[Law]:
+    def laws(self) -> list[OutcomeDistribution]:
         """The exact laws of laws.csv and the tables beside it."""
-        tables = {name: self.table(name) for name in LAW_TABLES}
-        return laws_of(tables, float(self.record["inputs"]["tolerance"]))
+        tables = {name: self.table(name) for name in DISTRIBUTION_TABLES}
+        return distributions_of(tables, float(self.record["inputs"]["tolerance"]))
 
     @cached_property
     def comparison(self) -> Comparison:
@@ -157,13 +159,13 @@ class Saved:
 
         Raises
         ------
-        StoreError
+        CheckpointError
             A table is missing, or the run was not kept.
         """
         try:
             return self._gallery(run)
         except KeyError as error:
-            raise StoreError(
+            raise CheckpointError(
                 f"the tables in {self.folder} lack {error}: one of them is damaged, or an older "
                 f"casswarm left them; run casswarm {self.command} again"
             ) from None
@@ -195,35 +197,35 @@ class Saved:
             self.scenario, self.guide, self.table("summary"), paired, self.traces, run
         )
 
-    def trace(self, policy: str | None = None, run: int = 0) -> tuple[str, Trace]:
+    def trace(self, policy: str | None = None, run: int = 0) -> tuple[str, RunTrajectory]:
         """The policy, the last one by default, and the way of one of its runs.
 
         Raises
         ------
-        StoreError
+        CheckpointError
             There are no such runs.
         """
-        from ..errors import among
+        from ..errors import did_you_mean
 
         if self.command != "simulate":
-            raise StoreError(
+            raise CheckpointError(
                 f"{self.folder} was left by casswarm {self.command}, which keeps no runs: "
                 "give one that casswarm simulate left"
             )
         name = policy or list(self.traces)[-1]
         if name not in self.traces:
-            raise StoreError(
-                f"no runs of {name!r} are kept in {self.folder}{among(name, self.traces)}"
+            raise CheckpointError(
+                f"no runs of {name!r} are kept in {self.folder}{did_you_mean(name, self.traces)}"
             )
         kept = self.traces[name]
         if not 0 <= run < len(kept):
-            raise StoreError(
+            raise CheckpointError(
                 f"run {run} of {name} is not kept in {self.folder}; kept: 0 to {len(kept) - 1}. "
                 f"casswarm simulate --keep {run + 1} keeps it"
             )
         return name, kept[run]
 
-    def _plan(self) -> tuple[list[Floats], dict[str, Guide], Outlook | None]:
+    def _plan(self) -> tuple[list[FloatArray], dict[str, Guide], CostToGoMap | None]:
         """Other ways, rivals, and the way on from everywhere."""
         paths = self.table("paths")
         groups = {
@@ -241,10 +243,10 @@ class Saved:
         outlook = None
         if self.has("risk-to-go.npz"):
             with np.load(self.folder / "risk-to-go.npz", allow_pickle=False) as arrays:
-                outlook = Outlook.of_arrays(dict(arrays))
+                outlook = CostToGoMap.of_arrays(dict(arrays))
         return list(groups.get("way", {}).values()), rivals, outlook
 
-    def _joint(self) -> tuple[Floats, Floats | None]:
+    def _joint(self) -> tuple[FloatArray, FloatArray | None]:
         """Members' ways (T+1, n, 2) and their survival (T+1, n), where it is known."""
         table = self.table("joint")
         shape = (-1, int(table["member"].max()) + 1)
@@ -253,7 +255,7 @@ class Saved:
         return table[["x", "y"]].to_numpy(float).reshape(*shape, 2), survival if known else None
 
     def _guide(
-        self, positions: Floats, velocities: Floats, solution: Any, bound: float | None
+        self, positions: FloatArray, velocities: FloatArray, solution: Any, bound: float | None
     ) -> Guide:
         scenario = self.scenario
         center = np.asarray(scenario.target.center, float)
@@ -261,7 +263,7 @@ class Saved:
         return Guide(
             positions,
             velocities,
-            scenario.hazard.lone_rates(positions[1:]),
+            scenario.hazard.single_agent_rates(positions[1:]),
             scenario.time.dt,
             center,
             away <= scenario.target.radius * (1 + 1e-9),
@@ -273,7 +275,7 @@ class Saved:
         try:
             return self.record[name]
         except KeyError:
-            raise StoreError(
+            raise CheckpointError(
                 f"{self.folder / 'run.json'} has no {name!r}: it is damaged; "
                 f"run casswarm {self.command} again"
             ) from None

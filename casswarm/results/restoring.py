@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..chain.distribution import Law
-from ..chain.trajectories import Trace
+from ..chain.distribution import OutcomeDistribution
+from ..chain.trajectories import RunTrajectory
 from ..optimization.solution import Residuals, Solution, Status
 
-LAW_TABLES = ("laws", "arrival", "survivors", "members", "population")
+DISTRIBUTION_TABLES = ("laws", "arrival", "survivors", "members", "population")
 
 
-def laws_of(tables: Mapping[str, pd.DataFrame], tolerance: float) -> list[Law]:
+def distributions_of(
+    tables: Mapping[str, pd.DataFrame], tolerance: float
+) -> list[OutcomeDistribution]:
     """The laws of the tables that `casswarm.studies.tables` makes of them."""
     found = []
     members = len(tables["members"])
@@ -23,7 +25,7 @@ def laws_of(tables: Mapping[str, pd.DataFrame], tolerance: float) -> list[Law]:
         name = str(row["policy"])
         columns = [f"{name}_{k}" for k in range(members + 1)]
         found.append(
-            Law(
+            OutcomeDistribution(
                 policy=name,
                 arrival=tables["arrival"][name].to_numpy(float),
                 survivors=tables["survivors"][name].to_numpy(float),
@@ -32,18 +34,18 @@ def laws_of(tables: Mapping[str, pd.DataFrame], tolerance: float) -> list[Law]:
                 unknown=tables["arrival"][f"{name}_unknown"].to_numpy(float),
                 unresolved=float(row["unresolved"]),
                 states=int(row["states"]),
-                shortfalls=float(row["shortfalls_mean"]),
+                infeasible=float(row["shortfalls_mean"]),
                 failures=float(row["solver_failures_mean"]),
                 tolerance=tolerance,
-                merging=float(row["merging"]),
+                aggregation_tol=float(row["aggregation_tol"]),
             )
         )
     return found
 
 
-def traces_of(table: pd.DataFrame) -> dict[str, tuple[Trace, ...]]:
+def trajectories_of(table: pd.DataFrame) -> dict[str, tuple[RunTrajectory, ...]]:
     """The ways of runs of the table that `casswarm.studies.tables.trace_table` makes of them."""
-    found: dict[str, list[Trace]] = {}
+    found: dict[str, list[RunTrajectory]] = {}
     for (policy, _), part in table.groupby(["policy", "run"], sort=False):
         members = int(part["member"].max()) + 1
         shape = (len(part) // members, members)
@@ -51,7 +53,7 @@ def traces_of(table: pd.DataFrame) -> dict[str, tuple[Trace, ...]]:
         leaders = np.where(leads.any(axis=1), leads.argmax(axis=1), -1)
         positions = part[["x", "y"]].to_numpy(float).reshape(*shape, 2)
         alive = part["alive"].to_numpy(bool).reshape(shape)
-        found.setdefault(str(policy), []).append(Trace(positions, alive, leaders))
+        found.setdefault(str(policy), []).append(RunTrajectory(positions, alive, leaders))
     return {policy: tuple(traces) for policy, traces in found.items()}
 
 

@@ -61,7 +61,7 @@ def simulation_page(
 
     Raises
     ------
-    StoreError
+    CheckpointError
         The folder lacks a table, or was left by another command.
     """
     saved.trace(run=run)  # says so, where that is no simulation
@@ -83,7 +83,7 @@ def simulation_page(
         summary=summary_rows(summary),
         paired=paired_rows(paired),
         failures=int(summary["solver_failures"].sum()),
-        shortfalls=int(summary["shortfalls"].sum()),
+        infeasible=int(summary["infeasible"].sum()),
         guide=saved.guide,
         bound=success_bound_of(record["result"].get("success_bound")),
         pictures=pictures,
@@ -122,10 +122,10 @@ def summary_rows(summary: pd.DataFrame) -> list[dict[str, Any]]:
             "95 % interval": f"{row['success_low']:.4f} to {row['success_high']:.4f}",
             "survivors": f"{row['survivors_mean']:.2f}",
             "arrival step": f"{row['arrival_step_mean']:.1f}" if row["successes"] else "–",
-            "shortfalls": f"{row['shortfalls']:,}",
+            "infeasible": f"{row['infeasible']:,}",
             "solver failures": f"{row['solver_failures']:,}",
-            "resolved": f"{row['resolved']:,}",
-            "clipped": f"{row['clipped']:,}",
+            "fallbacks": f"{row['fallbacks']:,}",
+            "saturated": f"{row['saturated']:,}",
         }
         for row in summary.to_dict("records")
     ]

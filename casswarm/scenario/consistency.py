@@ -13,7 +13,7 @@ from .hazard_section import HazardTable
 from .sections import GuideOptions, Swarm, Target, Time
 from .validation import shown
 
-_MOST_STEPS = 100_000
+_MAX_STEPS = 100_000
 _ROUNDING = 1e-9
 
 
@@ -46,8 +46,8 @@ def way_problems(swarm: Swarm, target: Target, time: Time) -> list[str]:
     given = f"time.t_f is {time.t_f:g} with dt = {time.dt:g}"
     if time.steps < 1:
         return [f"{given}, less than one step; raise t_f to {time.dt:g} or more, or lower dt"]
-    if time.steps > _MOST_STEPS:
-        return [f"{given}, {time.steps:g} steps; at most {_MOST_STEPS} are allowed, raise dt"]
+    if time.steps > _MAX_STEPS:
+        return [f"{given}, {time.steps:g} steps; at most {_MAX_STEPS} are allowed, raise dt"]
     start = np.array(swarm.positions[swarm.central_member])
     way = shortest_way(start, target)
     reach = time.steps * time.dt * swarm.v_max

@@ -31,8 +31,8 @@ def load_scenario(source: str | os.PathLike[str]) -> Scenario:
 
     Examples
     --------
-    >>> import casswarm as cs
-    >>> cs.load_scenario("paper-1")
+    >>> import casswarm as csw
+    >>> csw.load_scenario("paper-1")
     <Scenario 'paper-1': 5 members, 2 radars, saturation hazard, 30 steps>
     """
     texts = _builtin_texts()

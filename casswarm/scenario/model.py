@@ -123,8 +123,8 @@ class Scenario(Table):
 
     @property
     def guide_a_max(self) -> float:
-        """Bound on the guide's ||V(t) - V(t-1)||^2; infinite if it need not be flyable."""
-        if not self.guide.flyable:
+        """Bound on the guide's ||V(t) - V(t-1)||^2; infinite if it need not be acceleration_limited."""
+        if not self.guide.acceleration_limited:
             return math.inf
         return self.swarm.a_max if self.guide.a_max is None else self.guide.a_max
 
@@ -158,8 +158,8 @@ class Scenario(Table):
 
         Examples
         --------
-        >>> import casswarm as cs
-        >>> wide = cs.load_scenario("paper-1").with_values({"formation.rho": 0.1})
+        >>> import casswarm as csw
+        >>> wide = csw.load_scenario("paper-1").with_values({"formation.rho": 0.1})
         >>> wide.formation.rho
         0.1
         """

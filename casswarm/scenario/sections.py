@@ -120,7 +120,7 @@ class GuideOptions(Table):
         description="The guide's own bound on ||V(t) - V(t-1)||^2, in squared units of velocity, "
         "below the members' so that they can follow it; by default the members'.",
     )
-    flyable: Switch = Field(
+    acceleration_limited: Switch = Field(
         True,
         description="Whether the guide respects a bound on the change of velocity at all; false is "
         "the paper's version.",

@@ -15,7 +15,7 @@ from .fields import Allowed
 
 _OWN_WORDS = "casswarm"
 _LONGEST_VALUE = 60
-_MOST_LINES = 20
+_MAX_LINES = 20
 
 
 def wrong(lines: Iterable[str]) -> PydanticCustomError:
@@ -26,8 +26,8 @@ def wrong(lines: Iterable[str]) -> PydanticCustomError:
 def report(headline: str, lines: Iterable[str]) -> str:
     """Headline, and an indented line for everything that is wrong."""
     lines = list(lines)
-    if len(lines) > _MOST_LINES:
-        lines[_MOST_LINES:] = [f"... and {len(lines) - _MOST_LINES} more"]
+    if len(lines) > _MAX_LINES:
+        lines[_MAX_LINES:] = [f"... and {len(lines) - _MAX_LINES} more"]
     return "\n  ".join([f"{headline}:", *lines])
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import ScenarioError
-from ..typing import Floats
+from ..typing import FloatArray
 
 if TYPE_CHECKING:
     from . import Scenario
@@ -32,7 +32,7 @@ def with_parameters(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
     return changed
 
 
-def _with_members(positions: Floats, n: Any) -> Floats:
+def _with_members(positions: FloatArray, n: Any) -> FloatArray:
     if not (isinstance(n, int) and n >= 1):
         raise ScenarioError(f"n = {n!r}; allowed: whole numbers from 1")
     if n <= len(positions):
@@ -52,7 +52,7 @@ def _with_members(positions: Floats, n: Any) -> Floats:
     return np.array(places)
 
 
-def _with_spacing(positions: Floats, spacing: Any) -> Floats:
+def _with_spacing(positions: FloatArray, spacing: Any) -> FloatArray:
     if not (isinstance(spacing, (int, float)) and 0 < spacing < math.inf):
         raise ScenarioError(f"spacing = {spacing!r}; allowed: finite numbers above 0")
     if len(positions) < 2 or _nearest(positions) == 0:
@@ -61,13 +61,13 @@ def _with_spacing(positions: Floats, spacing: Any) -> Floats:
     return np.asarray(center + (positions - center) * (spacing / _nearest(positions)))
 
 
-def _nearest(positions: Floats) -> float:
+def _nearest(positions: FloatArray) -> float:
     """Distance of the nearest two."""
     apart = np.hypot(*(positions[:, None] - positions[None]).transpose(2, 0, 1))
     return float(apart[~np.eye(len(positions), dtype=bool)].min())
 
 
-SPECIAL: dict[str, Callable[[Floats, Any], Floats]] = {
+SPECIAL: dict[str, Callable[[FloatArray, Any], FloatArray]] = {
     "n": _with_members,
     "spacing": _with_spacing,
 }

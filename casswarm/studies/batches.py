@@ -13,7 +13,7 @@ import numpy as np
 from .._util.parallel import Workers, done_jobs
 from ..chain.monte_carlo import Chain, Runs
 from ..policies.base import Policy
-from .checkpoint import Store, cell_name
+from .checkpoint import Checkpoint, cell_name
 
 BATCH = 20_000
 """Runs that advance together at the most: bounds memory, changes no result."""
@@ -74,7 +74,7 @@ def sample_jobs(
     parts: Parts,
     progress: Progress | None,
     runs: int,
-    store: Store | None,
+    store: Checkpoint | None,
 ) -> None:
     """Add the outcome of every job to `parts`, and keep it, as soon as it is there."""
     done = {name: sum(len(part.arrival) for part, _ in kept) for name, kept in parts.items()}
@@ -100,7 +100,7 @@ def sample_jobs(
         tell(job.policy.name)
 
 
-def kept_parts(store: Store | None, made: Sequence[Policy], runs: int) -> Parts:
+def kept_parts(store: Checkpoint | None, made: Sequence[Policy], runs: int) -> Parts:
     """What an earlier study kept, without overlaps."""
     parts: Parts = {policy.name: [] for policy in made}
     if store is None:

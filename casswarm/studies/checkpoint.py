@@ -23,16 +23,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import StoreError
+from ..errors import CheckpointError
 
-Cell = Mapping[str, NDArray[Any]]
+SweepPoint = Mapping[str, NDArray[Any]]
 
 _REMEDY = "give the same, or name another folder"
 _NAMES = ("inputs.json", "finished")  # of files beside the cells
-_MOST_TOLD = 5  # differences that a message lists
+_MAX_REPORTED = 5  # differences that a message lists
 
 
-class Store:
+class Checkpoint:
     """Cells in a folder, of a study with certain inputs. A context manager that holds the lock.
 
     Parameters
@@ -49,7 +49,7 @@ class Store:
 
     Raises
     ------
-    StoreError
+    CheckpointError
         Another process works in the folder; it was made with other inputs (the difference is
         named); or it holds an unfinished study, and neither `resume` nor `fresh` was given.
     OSError
@@ -71,7 +71,7 @@ class Store:
         self._resume, self._fresh = resume, fresh
         self._lock: io.TextIOWrapper | None = None
 
-    def __enter__(self) -> Store:
+    def __enter__(self) -> Checkpoint:
         self._cells.mkdir(parents=True, exist_ok=True)
         self._lock = _locked(self.folder / ".lock")
         try:
@@ -100,7 +100,7 @@ class Store:
             self._require_equal(before)
             return
         if before is not None and not (self._fresh or (self._cells / "finished").exists()):
-            raise StoreError(
+            raise CheckpointError(
                 f"{self.folder} holds an unfinished study: continue it (--resume, resume=True), "
                 "begin it anew (--fresh, fresh=True), or name another folder"
             )
@@ -121,7 +121,7 @@ class Store:
                 if foreign
                 else (f"{len(cells)} cells whose inputs are lost")
             )
-            raise StoreError(
+            raise CheckpointError(
                 f"{self._cells} holds {what}: name another folder"
                 + ("" if foreign else ", or begin anew (--fresh, fresh=True)")
             )
@@ -140,14 +140,14 @@ class Store:
         if keys:
             lines = [
                 f"  {key}: {_shown(then.get(key))} there, {_shown(now.get(key))} now"
-                for key in keys[:_MOST_TOLD]
+                for key in keys[:_MAX_REPORTED]
             ]
-            more = [f"  and {len(keys) - _MOST_TOLD} more"] if len(keys) > _MOST_TOLD else []
-            raise StoreError(
+            more = [f"  and {len(keys) - _MAX_REPORTED} more"] if len(keys) > _MAX_REPORTED else []
+            raise CheckpointError(
                 "\n".join([f"{self.folder} was made with other inputs:", *lines, *more, _REMEDY])
             )
 
-    def save(self, name: str, cell: Cell) -> None:
+    def save(self, name: str, cell: SweepPoint) -> None:
         """Keep a cell under a name that is fit for a file."""
         content = io.BytesIO()
         np.savez_compressed(content, allow_pickle=False, **cell)
@@ -196,14 +196,14 @@ def _locked(path: Path) -> io.TextIOWrapper:
     except OSError as error:
         if error.errno not in (errno.EAGAIN, errno.EACCES, errno.EDEADLK):
             file.close()
-            raise StoreError(
+            raise CheckpointError(
                 f"{path.parent} cannot be locked against other processes ({error}): name a folder "
                 "of another file system"
             ) from None
         file.seek(0)
         holder = file.read().strip() or "another process"
         file.close()
-        raise StoreError(
+        raise CheckpointError(
             f"{path.parent} is in use by {holder}: wait for it, or name another folder"
         ) from None
     file.seek(0)

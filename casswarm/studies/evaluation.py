@@ -5,23 +5,23 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from ..chain.distribution import Law
-from ..chain.exact import MOST_MEMBERS, Head, Progress, propagate
+from ..chain.distribution import OutcomeDistribution
+from ..chain.exact import MAX_MEMBERS, Progress, StateSpaceExpansion, propagate
 from ..chain.monte_carlo import Chain
-from ..chain.stratified import MOST_LIGHT, VISITS, Estimate, sample_rest
+from ..chain.stratified import MAX_LIGHT, VISITS, Estimate, sample_rest
 from ..errors import PolicyError
 from ..optimization.solvers import Solver
 from ..planning.guide import Guide
 from ..planning.plan import initial_velocities, plan
 from ..policies import as_policy, make_policy
-from ..typing import Floats
+from ..typing import FloatArray
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
 TOLERANCE = 1e-4
-MOST_STATES = 1_000_000
-MOST_STATES_OF_LARGE = 10_000
+MAX_STATES = 1_000_000
+MAX_STATES_OF_LARGE = 10_000
 
 
 def evaluate(
@@ -29,12 +29,12 @@ def evaluate(
     policy: Any = "leader",
     tolerance: float = TOLERANCE,
     *,
-    most_states: int | None = None,
-    merging: float = 0.0,
+    max_states: int | None = None,
+    aggregation_tol: float = 0.0,
     guide: Guide | None = None,
     solver: str | Solver = "auto",
     progress: Progress | None = None,
-) -> Law:
+) -> OutcomeDistribution:
     """Exact law of the chain under a policy, up to a bracket; no sampling.
 
     Parameters
@@ -44,11 +44,11 @@ def evaluate(
     policy : str, Policy, or as in `simulate`
     tolerance : float
         Width of the brackets: the mass of unlikely states that may be set aside.
-    most_states : int
+    max_states : int
         Distinct states solved at the most, by default a million, or ten thousand with more than 12
         members; where that is too few for `tolerance`, the brackets are
-        wider, `Law.unresolved` says how wide, and `Law.help` what would help.
-    merging : float
+        wider, `OutcomeDistribution.unresolved` says how wide, and `OutcomeDistribution.help` what would help.
+    aggregation_tol : float
         States in one cell of a grid of this width count as equal. The default merges what is equal
         to the last bit, so brackets are proven; a policy's solver leaves differences of about 1e-8
         between states that would be equal, so 1e-6 often needs far fewer states, and the bracket is
@@ -62,7 +62,7 @@ def evaluate(
 
     Returns
     -------
-    Law
+    OutcomeDistribution
 
     Raises
     ------
@@ -71,17 +71,17 @@ def evaluate(
     PlanningError
         No guide was found.
     ValueError
-        A tolerance outside [0, 1), fewer than one state, or a negative `merging`.
+        A tolerance outside [0, 1), fewer than one state, or a negative `aggregation_tol`.
 
     Examples
     --------
-    >>> import casswarm as cs
-    >>> law = cs.evaluate(cs.load_scenario("paper-1"), "leader", tolerance=1e-3)
+    >>> import casswarm as csw
+    >>> law = csw.evaluate(csw.load_scenario("paper-1"), "leader", tolerance=1e-3)
     >>> low, high = law.success
     >>> 0 <= low <= high <= low + 1e-3
     True
     """
-    return _head(scenario, policy, tolerance, most_states, merging, guide, solver, progress)[
+    return _head(scenario, policy, tolerance, max_states, aggregation_tol, guide, solver, progress)[
         0
     ].law()
 
@@ -92,9 +92,9 @@ def estimate(
     runs: int = 10_000,
     seed: int = 0,
     *,
-    most_states: int | None = None,
+    max_states: int | None = None,
     tolerance: float = TOLERANCE,
-    merging: float = 0.0,
+    aggregation_tol: float = 0.0,
     guide: Guide | None = None,
     solver: str | Solver = "auto",
     progress: Progress | None = None,
@@ -105,12 +105,12 @@ def estimate(
     are followed exactly: as many plain runs would visit nearly all of them anyway. `runs` runs then
     share the mass M that is left, so the interval is about M times as wide as that of `runs` plain
     runs, and narrower than that of as many plain runs as solve the same number of states (equal
-    where M is nearly 1). With `most_states`, the head takes what you give it, however light its
+    where M is nearly 1). With `max_states`, the head takes what you give it, however light its
     states are.
 
     Parameters
     ----------
-    scenario, policy, most_states, tolerance, merging, guide, solver, progress
+    scenario, policy, max_states, tolerance, merging, guide, solver, progress
         As in `evaluate`; the head.
     runs : int
         Runs that share the mass that the head leaves, at least 1.
@@ -133,13 +133,13 @@ def estimate(
         scenario,
         policy,
         tolerance,
-        most_states,
-        merging,
+        max_states,
+        aggregation_tol,
         guide,
         solver,
         progress,
-        MOST_LIGHT,
-        least=VISITS / runs if most_states is None else 0.0,
+        MAX_LIGHT,
+        least=VISITS / runs if max_states is None else 0.0,
     )
     return sample_rest(head, Chain(scenario, before, seed), runs)
 
@@ -148,27 +148,27 @@ def _head(
     scenario: Scenario,
     policy: Any,
     tolerance: float,
-    most_states: int | None,
-    merging: float,
+    max_states: int | None,
+    aggregation_tol: float,
     guide: Guide | None,
     solver: str | Solver,
     progress: Progress | None,
     most_light: float = math.inf,
     least: float = 0.0,
-) -> tuple[Head, Floats]:
+) -> tuple[StateSpaceExpansion, FloatArray]:
     """The head of a law, and V(-1)."""
     if not 0 <= tolerance < 1:
         raise ValueError(f"tolerance = {tolerance}; allowed: from 0 to below 1")
-    if most_states is None:
-        most_states = MOST_STATES if scenario.n <= MOST_MEMBERS else MOST_STATES_OF_LARGE
-    if most_states < 1:
-        raise ValueError(f"most_states = {most_states}; allowed: whole numbers from 1")
-    if not 0 <= merging < float("inf"):
-        raise ValueError(f"merging = {merging}; allowed: finite numbers from 0")
-    if scenario.n > MOST_MEMBERS and tolerance == 0:
+    if max_states is None:
+        max_states = MAX_STATES if scenario.n <= MAX_MEMBERS else MAX_STATES_OF_LARGE
+    if max_states < 1:
+        raise ValueError(f"max_states = {max_states}; allowed: whole numbers from 1")
+    if not 0 <= aggregation_tol < float("inf"):
+        raise ValueError(f"merging = {aggregation_tol}; allowed: finite numbers from 0")
+    if scenario.n > MAX_MEMBERS and tolerance == 0:
         raise PolicyError(
             f"{scenario.name} has {scenario.n} members; without tolerance the law is for at most "
-            f"{MOST_MEMBERS}, whose steps have {1 << MOST_MEMBERS} outcomes: give a tolerance"
+            f"{MAX_MEMBERS}, whose steps have {1 << MAX_MEMBERS} outcomes: give a tolerance"
         )
     guide = plan(scenario, certify=False) if guide is None else guide
     made = (
@@ -178,6 +178,6 @@ def _head(
     )
     before = initial_velocities(scenario, guide)
     head = propagate(
-        scenario, made, before, tolerance, most_states, merging, progress, most_light, least
+        scenario, made, before, tolerance, max_states, aggregation_tol, progress, most_light, least
     )
     return head, before

@@ -17,7 +17,7 @@ import pandas as pd
 
 from .._util.parallel import Workers, checked_workers, require_sendable
 from ..chain.monte_carlo import Chain
-from ..chain.trajectories import Trace
+from ..chain.trajectories import RunTrajectory
 from ..errors import PolicyError
 from ..optimization.solvers import Solver
 from ..planning.guide import Guide
@@ -25,7 +25,7 @@ from ..planning.plan import initial_velocities, plan
 from ..policies import as_policy, make_policy
 from ..policies.base import Policy
 from .batches import Parts, Progress, jobs_left, kept_parts, sample_jobs
-from .checkpoint import Store
+from .checkpoint import Checkpoint
 from .tables import paired_table, run_table, summarise
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class Study:
     paired: pd.DataFrame = field(repr=False)
     runs: pd.DataFrame = field(repr=False)
     effort: pd.DataFrame = field(repr=False)
-    traces: dict[str, tuple[Trace, ...]] = field(repr=False)
+    traces: dict[str, tuple[RunTrajectory, ...]] = field(repr=False)
 
     def __str__(self) -> str:
         return f"{self.guide}\n{self.summary.to_string(index=False)}"
@@ -98,7 +98,7 @@ def simulate(
     ----------
     scenario : Scenario
     policies : sequence
-        Names, `Policy` objects, functions of (step, positions, previous, alive), or objects with
+        Names, `Policy` objects, functions of (step, positions, previous_velocities, alive), or objects with
         such a method ``velocities``. Their names must differ.
     runs : int
         Runs of every policy, at least 1.
@@ -135,15 +135,15 @@ def simulate(
         An unknown, duplicate or failing policy, or one that cannot be sent to a worker.
     PlanningError
         No guide was found.
-    StoreError
+    CheckpointError
         The folder is in use, was made with other inputs, or holds an unfinished study.
     ValueError
         Fewer than one run or worker, or a negative seed.
 
     Examples
     --------
-    >>> import casswarm as cs
-    >>> study = cs.simulate(cs.load_scenario("paper-1"), ["leader"], runs=50)
+    >>> import casswarm as csw
+    >>> study = csw.simulate(csw.load_scenario("paper-1"), ["leader"], runs=50)
     >>> study.runs.columns[:5].tolist()
     ['policy', 'run', 'success', 'survivors', 'arrival_step']
     >>> row = study.summary.loc[0]
@@ -162,7 +162,7 @@ def simulate(
         store = None
         if folder is not None:
             inputs = _inputs(chain, guide, made, runs, traces, solver)
-            store = stack.enter_context(Store(folder, inputs, resume=resume, fresh=fresh))
+            store = stack.enter_context(Checkpoint(folder, inputs, resume=resume, fresh=fresh))
         parts = kept_parts(store, made, runs)
         jobs = jobs_left(chain, made, parts, runs, traces, workers)
         if workers != 1:

@@ -18,9 +18,9 @@ import pandas as pd
 from .._util.parallel import Workers, checked_workers, done_jobs, require_sendable
 from ..errors import ScenarioError
 from ..scenario.variations import SPECIAL
-from .checkpoint import Store
+from .checkpoint import Checkpoint
 from .simulation import PAPER_POLICIES, distinct_policies
-from .sweep_points import Cell, Options
+from .sweep_points import Options, SweepPoint
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -70,8 +70,8 @@ def sweep(
     runs: int | None = None,
     seed: int = 0,
     tolerance: float = 1e-3,
-    most_states: int | None = None,
-    merging: float = 0.0,
+    max_states: int | None = None,
+    aggregation_tol: float = 0.0,
     solver: str = "auto",
     workers: Workers = 1,
     folder: Path | None = None,
@@ -97,7 +97,7 @@ def sweep(
         Runs of every cell; without it, laws are exact, as by `evaluate`.
     seed : int
         Of the runs; every cell sees the same random numbers.
-    tolerance, most_states, merging
+    tolerance, max_states, merging
         Of the laws; see `evaluate`.
     solver : str
         Of the formation problems.
@@ -112,7 +112,7 @@ def sweep(
     ------
     ScenarioError
         An unknown key, or a key without values.
-    PolicyError, StoreError, ValueError
+    PolicyError, CheckpointError, ValueError
         As in `simulate`.
     """
     checked_workers(workers)
@@ -120,9 +120,9 @@ def sweep(
     _require_known(scenario, settings)
     made = distinct_policies(policies, str)
     runs = None if runs is None else int(runs)
-    options = Options(runs, int(seed), tolerance, most_states, merging, solver)
+    options = Options(runs, int(seed), tolerance, max_states, aggregation_tol, solver)
     cells = [
-        Cell(scenario, dict(zip(settings, values, strict=True)), policy, options)
+        SweepPoint(scenario, dict(zip(settings, values, strict=True)), policy, options)
         for values in product(*settings.values())
         for policy in made
     ]
@@ -131,7 +131,7 @@ def sweep(
         store = None
         if folder is not None:
             inputs = _inputs(scenario, settings, [cell.policy_name for cell in cells], options)
-            store = stack.enter_context(Store(folder, inputs, resume=resume, fresh=fresh))
+            store = stack.enter_context(Checkpoint(folder, inputs, resume=resume, fresh=fresh))
             found = dict(_kept(store, len(cells)))
         left = [place for place in range(len(cells)) if place not in found]
         if workers != 1 and left:
@@ -190,7 +190,7 @@ def _inputs(
     }
 
 
-def _kept(store: Store, cells: int) -> Iterator[tuple[int, dict[str, Any]]]:
+def _kept(store: Checkpoint, cells: int) -> Iterator[tuple[int, dict[str, Any]]]:
     for place in range(cells):
         cell = store.load(_name(place))
         if cell is not None:

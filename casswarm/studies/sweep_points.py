@@ -41,13 +41,13 @@ class Options:
     runs: int | None
     seed: int
     tolerance: float
-    most_states: int | None
-    merging: float
+    max_states: int | None
+    aggregation_tol: float
     solver: str
 
 
 @dataclass(frozen=True)
-class Cell:
+class SweepPoint:
     """One combination and one policy: a job that never raises what its inputs are to blame for."""
 
     scenario: Scenario
@@ -95,8 +95,8 @@ class Cell:
             scenario,
             self.policy,
             given.tolerance,
-            most_states=given.most_states,
-            merging=given.merging,
+            max_states=given.max_states,
+            aggregation_tol=given.aggregation_tol,
             guide=guide,
             solver=given.solver,
         )
@@ -108,7 +108,7 @@ class Cell:
             "survivors_mean": 0.5 * (fewest + most),
             "survivors_mean_low": fewest,
             "survivors_mean_high": most,
-            "shortfalls_mean": law.shortfalls,
+            "shortfalls_mean": law.infeasible,
             "solver_failures_mean": law.failures,
             "states": law.states,
             "reason": law.help,  # empty where the bracket is as narrow as was asked for
@@ -132,7 +132,7 @@ class Cell:
             "success_low": float(summary["success_low"]),
             "success_high": float(summary["success_high"]),
             "survivors_mean": float(summary["survivors_mean"]),
-            "shortfalls_mean": float(summary["shortfalls"] / runs),
+            "shortfalls_mean": float(summary["infeasible"] / runs),
             "solver_failures_mean": float(summary["solver_failures"] / runs),
             "runs": runs,
             "successes": int(summary["successes"]),

@@ -9,13 +9,13 @@ import numpy as np
 import pandas as pd
 
 from ..chain.confidence import Paired, wilson
-from ..chain.distribution import Law
+from ..chain.distribution import OutcomeDistribution
 from ..chain.monte_carlo import Runs
 from ..chain.stratified import Estimate
-from ..chain.trajectories import Trace
+from ..chain.trajectories import RunTrajectory
 from ..planning.guide import Guide
 from ..planning.joint import SwarmPlan
-from ..typing import Floats
+from ..typing import FloatArray
 
 
 def guide_table(guide: Guide) -> pd.DataFrame:
@@ -47,7 +47,7 @@ def candidate_table(guide: Guide) -> pd.DataFrame:
     return pd.DataFrame([candidate.as_row() for candidate in guide.candidates])
 
 
-def path_table(kinds: Mapping[str, Mapping[str, Floats]]) -> pd.DataFrame:
+def path_table(kinds: Mapping[str, Mapping[str, FloatArray]]) -> pd.DataFrame:
     """A row a step of every path: kind, name, step, x, y.
 
     Parameters
@@ -63,7 +63,7 @@ def path_table(kinds: Mapping[str, Mapping[str, Floats]]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["kind", "name", "step", "x", "y"])
 
 
-def trace_table(traces: Mapping[str, Sequence[Trace]]) -> pd.DataFrame:
+def trace_table(traces: Mapping[str, Sequence[RunTrajectory]]) -> pd.DataFrame:
     """A row a member and step of every run that was kept: where it is, alive or not, who leads.
 
     Columns: policy, run, step, member, x, y, alive, leads (from this step to the next).
@@ -137,7 +137,7 @@ def rival_table(guides: Mapping[str, Guide]) -> pd.DataFrame:
     )
 
 
-def law_table(laws: Sequence[Law]) -> pd.DataFrame:
+def law_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:
     """A row a law: policy, brackets of success and of the mean number of survivors, counts."""
     return pd.DataFrame(
         {
@@ -148,9 +148,9 @@ def law_table(laws: Sequence[Law]) -> pd.DataFrame:
             "survivors_mean_high": law.survivors_mean[1],
             "unresolved": law.unresolved,
             "complete": law.complete,
-            "merging": law.merging,
+            "aggregation_tol": law.aggregation_tol,
             "states": law.states,
-            "shortfalls_mean": law.shortfalls,
+            "shortfalls_mean": law.infeasible,
             "solver_failures_mean": law.failures,
         }
         for law in laws
@@ -160,7 +160,7 @@ def law_table(laws: Sequence[Law]) -> pd.DataFrame:
 def estimate_table(estimates: Sequence[Estimate]) -> pd.DataFrame:
     """A row an estimate: its interval, and its parts.
 
-    The head's bracket is proven where `merging` is 0; `sampled_mass` is statistical.
+    The head's bracket is proven where `aggregation_tol` is 0; `sampled_mass` is statistical.
     """
     return pd.DataFrame(
         {
@@ -170,7 +170,7 @@ def estimate_table(estimates: Sequence[Estimate]) -> pd.DataFrame:
             "level": found.level,
             "head_low": found.head.success[0],
             "head_high": found.head.success[1],
-            "merging": found.head.merging,
+            "aggregation_tol": found.head.aggregation_tol,
             "sampled_mass": found.sampled,
             "light_mass": found.light,
             "runs": found.runs,
@@ -182,7 +182,7 @@ def estimate_table(estimates: Sequence[Estimate]) -> pd.DataFrame:
     )
 
 
-def arrival_table(laws: Sequence[Law]) -> pd.DataFrame:
+def arrival_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:
     """A row a step: the probability of the first arrival at it, a column a policy, low ends.
 
     The high end is the low end plus the column NAME_unknown.
@@ -192,7 +192,7 @@ def arrival_table(laws: Sequence[Law]) -> pd.DataFrame:
     return pd.DataFrame({"step": steps} | columns | _unknown(laws))
 
 
-def population_table(laws: Sequence[Law]) -> pd.DataFrame:
+def population_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:
     """A row a step: the probability that k members are alive, a column NAME_k, low ends.
 
     Runs that have ended keep the number that they ended with.
@@ -206,17 +206,17 @@ def population_table(laws: Sequence[Law]) -> pd.DataFrame:
     return pd.DataFrame({"step": steps} | columns | _unknown(laws))
 
 
-def _unknown(laws: Sequence[Law]) -> dict[str, Floats]:
+def _unknown(laws: Sequence[OutcomeDistribution]) -> dict[str, FloatArray]:
     return {f"{law.policy}_unknown": law.unknown for law in laws}
 
 
-def survivor_table(laws: Sequence[Law]) -> pd.DataFrame:
+def survivor_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:
     """A row a number of survivors at the end: its probability, a column a policy (low ends)."""
     numbers = np.arange(len(laws[0].survivors))
     return pd.DataFrame({"survivors": numbers} | {law.policy: law.survivors for law in laws})
 
 
-def member_table(laws: Sequence[Law]) -> pd.DataFrame:
+def member_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:
     """A row a member: the probability that it is alive at the end, brackets."""
     columns = {}
     for law in laws:
@@ -238,10 +238,10 @@ def run_table(name: str, part: Runs) -> pd.DataFrame:
             "survivors": part.survivors,
             "arrival_step": arrival,
             "steps": part.steps,
-            "shortfalls": part.shortfalls,
+            "infeasible": part.infeasible,
             "solver_failures": part.solver_failures,
-            "resolved": part.resolved,
-            "clipped": part.clipped,
+            "fallbacks": part.fallbacks,
+            "saturated": part.saturated,
         }
     )
 
@@ -264,10 +264,10 @@ def summarise(runs: pd.DataFrame) -> pd.DataFrame:
                 "arrival_step_mean": float(table["arrival_step"].astype("Float64").mean())
                 if successes
                 else float("nan"),
-                "shortfalls": int(table["shortfalls"].sum()),
+                "infeasible": int(table["infeasible"].sum()),
                 "solver_failures": int(table["solver_failures"].sum()),
-                "resolved": int(table["resolved"].sum()),
-                "clipped": int(table["clipped"].sum()),
+                "fallbacks": int(table["fallbacks"].sum()),
+                "saturated": int(table["saturated"].sum()),
             }
         )
     return pd.DataFrame(rows)

@@ -134,7 +134,7 @@ class PublicName(SphinxRole):
         return found, messages
 
 
-def resolved(
+def fallbacks(
     app: Sphinx, env: BuildEnvironment, node: nodes.Element, content: nodes.TextElement
 ) -> nodes.Node | None:
     """A public name, seen from another module; what is not documented stays as it is."""
@@ -152,5 +152,5 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("public-names", PublicNames)
     app.add_directive("names-of", NamesOf)
     app.add_role("public", PublicName())
-    app.connect("missing-reference", resolved)
+    app.connect("missing-reference", fallbacks)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

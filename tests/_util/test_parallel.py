@@ -19,7 +19,7 @@ from commands import casswarm
 from slow_policy import fatal_once, toward
 from sweep_cases import GRID, SMALL
 
-import casswarm as cs
+import casswarm as csw
 from casswarm._util.parallel import done_jobs
 from casswarm.errors import WorkerError
 
@@ -35,13 +35,13 @@ def test_results_come_with_their_places() -> None:
 @pytest.mark.parametrize("workers", [0, -1, 1.5, None, "two"])
 def test_wrong_workers_are_told(workers: object) -> None:
     with pytest.raises(ValueError, match="or an executor"):
-        cs.sweep(SMALL, GRID, [toward], runs=2, workers=workers)  # type: ignore[arg-type]
+        csw.sweep(SMALL, GRID, [toward], runs=2, workers=workers)  # type: ignore[arg-type]
 
 
 def test_an_executor_gives_the_numbers_of_one_process() -> None:
-    alone = cs.simulate(SMALL, ["leader", toward], 100)
+    alone = csw.simulate(SMALL, ["leader", toward], 100)
     with ThreadPoolExecutor(2) as pool:
-        shared = cs.simulate(SMALL, ["leader", toward], 100, workers=pool)
+        shared = csw.simulate(SMALL, ["leader", toward], 100, workers=pool)
     pd.testing.assert_frame_equal(shared.runs, alone.runs, check_exact=True)
 
 
@@ -49,9 +49,9 @@ def test_a_worker_that_dies_costs_time_and_no_result(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("FATAL", str(tmp_path / "died"))
-    shared = cs.sweep(SMALL, GRID, [fatal_once], runs=20, workers=2)
+    shared = csw.sweep(SMALL, GRID, [fatal_once], runs=20, workers=2)
     assert (tmp_path / "died").exists()
-    alone = cs.sweep(SMALL, GRID, [fatal_once], runs=20)
+    alone = csw.sweep(SMALL, GRID, [fatal_once], runs=20)
     assert shared.table.to_csv() == alone.table.to_csv()
 
 
@@ -77,7 +77,7 @@ def test_a_jobs_own_error_stays_what_it_is() -> None:
 
 
 def test_the_command_says_that_workers_died_and_ends_with_1(tmp_path: Path) -> None:
-    cs.save_scenario(SMALL, tmp_path / "small.toml")
+    csw.save_scenario(SMALL, tmp_path / "small.toml")
     shutil.copy(slow_policy.__file__, tmp_path)
     fatal = ("simulate", "small.toml", "--policy", "slow_policy:fatal", "--runs", 4)
     done = casswarm(tmp_path, *fatal, "--workers", 2, code=1)
@@ -129,13 +129,13 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 def test_dask_gives_the_numbers_of_one_process_though_a_worker_dies(cluster: str) -> None:
     import distributed
 
-    alone = cs.sweep(SMALL, GRID, [toward], runs=20)
-    study = cs.simulate(SMALL, [toward, "leader"], 100)
+    alone = csw.sweep(SMALL, GRID, [toward], runs=20)
+    study = csw.simulate(SMALL, [toward, "leader"], 100)
     with distributed.Client(cluster, set_as_default=False) as client:
         pool = client.get_executor(pure=False, retries=3)
-        shared = cs.sweep(SMALL, GRID, [toward], runs=20, workers=pool)
-        hurt = cs.sweep(SMALL, GRID, [fatal_once], runs=20, workers=pool)
-        runs = cs.simulate(SMALL, [toward, "leader"], 100, workers=pool).runs
+        shared = csw.sweep(SMALL, GRID, [toward], runs=20, workers=pool)
+        hurt = csw.sweep(SMALL, GRID, [fatal_once], runs=20, workers=pool)
+        runs = csw.simulate(SMALL, [toward, "leader"], 100, workers=pool).runs
     pd.testing.assert_frame_equal(runs, study.runs, check_exact=True)
     assert shared.table.to_csv() == alone.table.to_csv()
     expected = alone.table.assign(policy="fatal_once")
@@ -143,7 +143,7 @@ def test_dask_gives_the_numbers_of_one_process_though_a_worker_dies(cluster: str
 
 
 def test_the_command_sends_its_work_to_the_cluster(cluster: str, tmp_path: Path) -> None:
-    cs.save_scenario(SMALL, tmp_path / "small.toml")
+    csw.save_scenario(SMALL, tmp_path / "small.toml")
     arguments = ("sweep", "small.toml", "--runs", 9, "--set", "n=1,2,3", "--policy", "leader")
     for name, more in (("here", []), ("there", ["--dask", cluster])):
         casswarm(tmp_path, *arguments, "--out", name, *more)
@@ -152,7 +152,7 @@ def test_the_command_sends_its_work_to_the_cluster(cluster: str, tmp_path: Path)
 
 
 def test_simulate_sends_its_work_to_the_cluster(cluster: str, tmp_path: Path) -> None:
-    cs.save_scenario(SMALL, tmp_path / "small.toml")
+    csw.save_scenario(SMALL, tmp_path / "small.toml")
     arguments = ["simulate", "small.toml", "--runs", 50, "--policy", "leader", "--policy", "naive"]
     for name, more in (("here", []), ("there", ["--dask", cluster])):
         casswarm(tmp_path, *arguments, "--out", name, *more)
@@ -162,7 +162,7 @@ def test_simulate_sends_its_work_to_the_cluster(cluster: str, tmp_path: Path) ->
 
 
 def test_a_cluster_that_loses_every_worker_ends_with_1(cluster: str, tmp_path: Path) -> None:
-    cs.save_scenario(SMALL, tmp_path / "small.toml")
+    csw.save_scenario(SMALL, tmp_path / "small.toml")
     shutil.copy(slow_policy.__file__, tmp_path)
     fatal = ("simulate", "small.toml", "--policy", "slow_policy:fatal", "--runs", 4)
     done = casswarm(tmp_path, *fatal, "--dask", cluster, code=1)

@@ -16,7 +16,7 @@ from small_scenarios import DT, Array, rate_by_hand, small
 
 from casswarm import Guide, Scenario, Study, plan, simulate
 from casswarm.chain.random_streams import uniforms
-from casswarm.chain.trajectories import Trace
+from casswarm.chain.trajectories import RunTrajectory
 
 Flags = NDArray[np.bool_]
 Outcome = tuple[int, int]  # arrival step (-1: none), survivors
@@ -31,7 +31,7 @@ def pair() -> Scenario:
     return small([(0.0, 0.0), (-0.5, 0.1)], TARGET, RADARS, STEPS, swarm__velocity=[1.5, 0.0])
 
 
-def hurry_alone(step: int, positions: Array, previous: Array, alive: Flags) -> Array:  # noqa: ARG001
+def hurry_alone(step: int, positions: Array, previous_velocities: Array, alive: Flags) -> Array:  # noqa: ARG001
     """In line and unhurried together, fast and to the south alone."""
     alone = alive.sum(axis=1) == 1
     together = np.array([[1.4, 0.0], [1.5, 0.1]])
@@ -134,7 +134,7 @@ def test_survival_that_plan_prints_is_that_of_one_member_along_the_guide(
     arrivals = found.runs["arrival_step"].dropna()
     assert (arrivals == guide.arrival).all()
     assert_likely(len(arrivals), 4000, guide.survival)
-    assert found.summary["shortfalls"][0] == found.summary["clipped"][0] == 0
+    assert found.summary["infeasible"][0] == found.summary["saturated"][0] == 0
 
 
 def test_runs_in_equal_states_share_a_decision() -> None:
@@ -156,16 +156,16 @@ def test_runs_in_equal_states_share_a_decision() -> None:
 
 
 @cache
-def traces() -> tuple[Trace, ...]:
+def traces() -> tuple[RunTrajectory, ...]:
     scenario = small(
         [(0.0, 0.0), (-0.5, 0.1), (-0.2, -0.4)], TARGET, RADARS, 6, swarm__velocity=[0.8, 0.0]
     )
     return study(scenario, wander, traces=500).traces["wander"]
 
 
-def wander(step: int, positions: Array, previous: Array, alive: Flags) -> Array:
+def wander(step: int, positions: Array, previous_velocities: Array, alive: Flags) -> Array:
     assert (positions[~alive] == 0).all()
-    assert (previous[~alive] == 0).all()
+    assert (previous_velocities[~alive] == 0).all()
     return np.full_like(positions, [0.8, 0.1 * step - 0.2])
 
 
@@ -189,7 +189,7 @@ def test_destroyed_never_influence_the_living() -> None:
     for run, trace in enumerate(study(pair(), hurry_alone, traces=500).traces["hurry_alone"]):
         for t in np.flatnonzero(trace.alive[:-1].sum(axis=1) == 1):
             (i,) = np.flatnonzero(trace.alive[t])
-            rate = float(pair().hazard.lone_rates(trace.positions[t + 1, i]))
+            rate = float(pair().hazard.single_agent_rates(trace.positions[t + 1, i]))
             assert trace.alive[t + 1, i] == (draws[run, t, i] < math.exp(-DT * rate))
             alone += 1
     assert alone > 50
@@ -226,13 +226,13 @@ def test_run_ends_at_first_arrival_or_last_destruction_or_the_horizon() -> None:
 # --- limits
 
 
-def overdrive(step: int, positions: Array, previous: Array, alive: Flags) -> Array:  # noqa: ARG001
+def overdrive(step: int, positions: Array, previous_velocities: Array, alive: Flags) -> Array:  # noqa: ARG001
     return np.full_like(positions, [100.0, -100.0])
 
 
 def test_velocities_beyond_the_limits_are_clipped_and_counted() -> None:
     found = study(pair(), overdrive, traces=300, runs=300)
-    clipped = 0
+    saturated = 0
     for trace in found.traces["overdrive"]:
         velocities = np.diff(trace.positions, axis=0) / DT
         before = np.concatenate([[[[1.5, 0.0]] * 2], velocities[:-1]])
@@ -241,8 +241,8 @@ def test_velocities_beyond_the_limits_are_clipped_and_counted() -> None:
         changes = np.linalg.norm(velocities - before, axis=-1)[living]
         np.testing.assert_allclose(changes[:1], math.sqrt(0.5), rtol=1e-9)
         assert changes.max() <= math.sqrt(0.5) + 1e-9
-        clipped += int(living.sum())
-    assert found.runs["clipped"].sum() == clipped
+        saturated += int(living.sum())
+    assert found.runs["saturated"].sum() == saturated
     # the nearest to the far south-east: half of a_max to each side
     first = found.traces["overdrive"][0].positions[1] - found.traces["overdrive"][0].positions[0]
     np.testing.assert_allclose(first / DT, [[2.0, -0.5]] * 2, atol=5e-3)
@@ -250,7 +250,7 @@ def test_velocities_beyond_the_limits_are_clipped_and_counted() -> None:
 
 def test_velocities_within_the_limits_are_left_alone() -> None:
     found = study(pair(), hurry_alone, traces=20)
-    assert found.runs["clipped"].sum() == 0
+    assert found.runs["saturated"].sum() == 0
     for trace in found.traces["hurry_alone"]:
         step = trace.positions[1] - trace.positions[0]
         np.testing.assert_allclose(step, [[DT * 1.4, 0.0], [DT * 1.5, DT * 0.1]], atol=1e-15)
@@ -260,8 +260,8 @@ def test_velocities_within_the_limits_are_left_alone() -> None:
 
 
 def test_identical_policies_of_different_names_give_identical_runs() -> None:
-    def copied(step: int, positions: Array, previous: Array, alive: Flags) -> Array:
-        return hurry_alone(step, positions, previous, alive)
+    def copied(step: int, positions: Array, previous_velocities: Array, alive: Flags) -> Array:
+        return hurry_alone(step, positions, previous_velocities, alive)
 
     runs = study(pair(), hurry_alone, copied).runs.drop(columns="policy")
     pd.testing.assert_frame_equal(runs[:500], runs[500:].reset_index(drop=True))

@@ -12,7 +12,7 @@ from matplotlib.animation import FuncAnimation
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-import casswarm as cs
+import casswarm as csw
 from casswarm.figures import player, save_gif
 from casswarm.figures.animation import Stage
 from casswarm.figures.closeups import guest_rates
@@ -49,7 +49,7 @@ def gif(folder):
 @pytest.fixture(scope="module")
 def page():
     """The same run as a page, by the library."""
-    moving = cs.animate(SCENARIO, TRACE, GUIDE, frames_per_second=50)
+    moving = csw.animate(SCENARIO, TRACE, GUIDE, frames_per_second=50)
     return player(moving, 60, title="a <run>", page=True)
 
 
@@ -103,18 +103,18 @@ def test_a_stage_shows_rates_members_leaders_and_the_lost_of_a_step():
 
 
 def test_animate_returns_what_notebooks_know():
-    moving = cs.animate(SCENARIO, TRACE, GUIDE)
+    moving = csw.animate(SCENARIO, TRACE, GUIDE)
     assert isinstance(moving, FuncAnimation)
     assert moving.event_source.interval == 250
     with mpl.rc_context({"animation.embed_limit": 50}):
         assert moving.to_jshtml().count("data:image/png;base64,") == FRAMES
     with pytest.raises(ValueError, match="frames_per_second = 0; allowed: above 0"):
-        cs.animate(SCENARIO, TRACE, frames_per_second=0)
+        csw.animate(SCENARIO, TRACE, frames_per_second=0)
 
 
 def test_an_animation_without_a_guide_or_leaders_is_one_too(tmp_path):
     nobody = type(TRACE)(TRACE.positions, TRACE.alive, np.full(3, -1))
-    path = save_gif(cs.animate(SCENARIO, nobody), tmp_path / "run.gif", 40)
+    path = save_gif(csw.animate(SCENARIO, nobody), tmp_path / "run.gif", 40)
     with Image.open(path) as image:
         assert image.n_frames == FRAMES
 

@@ -163,7 +163,14 @@ def test_json_output_is_json_and_nothing_else(tmp_path):
 
 def test_plan_takes_a_gap_a_time_limit_and_a_map_or_no_proof_at_all(tmp_path):
     done = casswarm(
-        tmp_path, "plan", "single-agent", "--not-flyable", "--gap", "1e-5", "--map", "--json"
+        tmp_path,
+        "plan",
+        "single-agent",
+        "--not-acceleration_limited",
+        "--gap",
+        "1e-5",
+        "--map",
+        "--json",
     )
     assert json.loads(done.stdout)["result"]["gap"] < 1e-5
     folder = tmp_path / "results" / "plan-single-agent"

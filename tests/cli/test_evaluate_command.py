@@ -24,9 +24,9 @@ def test_evaluate_brackets_every_policy_and_leaves_tables(tmp_path):
 
 def test_evaluate_says_when_states_were_too_few(tmp_path):
     done = casswarm(
-        tmp_path, "evaluate", "paper-1", "--policy", "leader", "--most-states", "10", "--quiet"
+        tmp_path, "evaluate", "paper-1", "--policy", "leader", "--max-states", "10", "--quiet"
     )
-    assert "allow more of them (--most-states" in done.stdout
+    assert "allow more of them (--max-states" in done.stdout
 
 
 def test_evaluate_samples_what_the_states_leave(tmp_path):
@@ -36,7 +36,7 @@ def test_evaluate_samples_what_the_states_leave(tmp_path):
         "paper-1",
         "--policy",
         "leader",
-        "--most-states",
+        "--max-states",
         100,
         "--runs",
         50,

@@ -12,7 +12,7 @@ import pytest
 from commands import PNG, casswarm
 from PIL import Image
 
-from casswarm import StoreError, evaluate, load_scenario, plan, simulate
+from casswarm import CheckpointError, evaluate, load_scenario, plan, simulate
 from casswarm.figures import save
 from casswarm.results.folder import Saved
 
@@ -68,7 +68,7 @@ def test_figures_of_a_simulation_come_out_as_the_simulation_drew_them(simulated)
             {"guide", "risk-to-go", "comparison"},
         ),
         (
-            ("evaluate", "paper-1", "--policy", "leader", "--most-states", 30, "--runs", 20),
+            ("evaluate", "paper-1", "--policy", "leader", "--max-states", 30, "--runs", 20),
             {"success", "arrival", "population", "survival"},
         ),
         (
@@ -121,14 +121,16 @@ def test_what_plot_adds_goes_when_the_folder_is_made_anew(simulated):
 )
 def test_folders_that_are_no_results_are_refused(simulated, spoil, words):
     spoil(simulated)
-    with pytest.raises(StoreError, match=words):
+    with pytest.raises(CheckpointError, match=words):
         Saved.of(simulated).gallery()
 
 
 def test_wrong_folders_runs_and_names_are_answered_with_the_right_ones(simulated):
     where = simulated.parent
     assert "is no folder: give one that plan" in casswarm(where, "plot", "nowhere", code=2).stderr
-    with pytest.raises(StoreError, match=r"kept: 0 to 1\. casswarm simulate --keep 8 keeps it"):
+    with pytest.raises(
+        CheckpointError, match=r"kept: 0 to 1\. casswarm simulate --keep 8 keeps it"
+    ):
         Saved.of(simulated).gallery(7)
     done = casswarm(where, "plot", simulated.name, "--figure", "sucess", code=2)
     assert "did you mean 'success'" in done.stderr
@@ -181,5 +183,7 @@ def test_what_is_read_back_is_what_was_saved(tmp_path):
     assert saved.laws[0].success == law.success
     pd.testing.assert_frame_equal(law_table(saved.laws), law_table([law]))
     np.testing.assert_array_equal(saved.laws[0].population, law.population)
-    with pytest.raises(StoreError, match=r"no runs of 'leder' are kept .*did you mean 'leader'"):
+    with pytest.raises(
+        CheckpointError, match=r"no runs of 'leder' are kept .*did you mean 'leader'"
+    ):
         saved.trace("leder")

@@ -11,7 +11,7 @@ from reproduced import CHECKED_IN, checked_in
 from casswarm.reproduction import TABLES, Reproduction, page
 from casswarm.reproduction.reproduce import FIGURES
 
-QUICK = ("table-1", "geometry", "table-2", "shortfalls", "readings", "figures")
+QUICK = ("table-1", "geometry", "table-2", "infeasible", "readings", "figures")
 
 
 @pytest.fixture(scope="module")

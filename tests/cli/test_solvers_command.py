@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 from casswarm.cli import main
 from casswarm.comparison.run import _absent, _solvers
 from casswarm.errors import SolverError
-from casswarm.optimization.solvers import LEFT_OUT, SOLVERS, casadi_nlpsol, make_solver
+from casswarm.optimization.solvers import SOLVERS, UNSUPPORTED, casadi_nlpsol, make_solver
 
 
 def listed(*options: str) -> Result:
@@ -34,12 +34,12 @@ def test_json_tells_every_ability_and_reason() -> None:
     told = json.loads(listed("--json").output)
     assert [row["name"] for row in told["solvers"]] == list(SOLVERS)
     for row in told["solvers"]:
-        abilities = SOLVERS[row["name"]].abilities
-        assert row["problems"] == abilities.problems
+        capabilities = SOLVERS[row["name"]].capabilities
+        assert row["problems"] == capabilities.problems
         for ability in ("batch", "multipliers", "time_limit"):
-            assert row[ability] is getattr(abilities, ability)
+            assert row[ability] is getattr(capabilities, ability)
         assert row["unavailable"] == ""
-    assert told["left_out"] == LEFT_OUT
+    assert told["left_out"] == UNSUPPORTED
 
 
 def test_a_solver_that_cannot_run_here_is_listed_with_the_reason(without_uno: None) -> None:  # noqa: ARG001
@@ -56,11 +56,11 @@ def test_a_comparison_of_all_goes_on_without_what_cannot_run(without_uno: None) 
     assert set(_solvers(None)) == set(SOLVERS) - {"uno"}
 
 
-@pytest.mark.parametrize("name", LEFT_OUT)
+@pytest.mark.parametrize("name", UNSUPPORTED)
 def test_asking_for_what_was_left_out_is_answered_with_the_reason(name: str) -> None:
     with pytest.raises(SolverError) as caught:
         make_solver(name)
-    assert str(caught.value) == f"solver {name!r} is left out: {LEFT_OUT[name]}"
+    assert str(caught.value) == f"solver {name!r} is left out: {UNSUPPORTED[name]}"
     assert f"{name} " in listed().output
 
 
@@ -69,4 +69,4 @@ def test_every_nlpsol_of_the_wheel_is_taken_or_left_out_with_a_reason() -> None:
     adaptors = {file.name.partition("casadi_nlpsol_")[2].partition(".")[0] for file in files}
     taken = {getattr(kind, "plugin", "") for kind in SOLVERS.values()}
     assert "ipopt" in adaptors
-    assert adaptors <= taken | set(LEFT_OUT)
+    assert adaptors <= taken | set(UNSUPPORTED)

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from known_problems import active_box, hs_1, hs_35, nearest_in_box
 
-import casswarm as cs
+import casswarm as csw
 from casswarm.comparison import Problem, make_problems
 from casswarm.comparison.profiles import pairwise_profiles, pairwise_wins, performance_profile
 from casswarm.comparison.rendering import Heading, Table, html, markdown
@@ -74,19 +74,19 @@ def test_wrong_families_counts_and_names_are_answered_with_the_right_ones(quick)
     with pytest.raises(
         ComparisonError, match=r"families must be a list; for a single one give \['"
     ):
-        cs.compare("quick")
+        csw.compare("quick")
     with pytest.raises(ComparisonError, match="solvers must be a list"):
-        cs.compare([quick[0]], "ipopt")
+        csw.compare([quick[0]], "ipopt")
     with pytest.raises(ComparisonError, match="solvers of the same name: ipopt; give a mapping"):
-        cs.compare([quick[0]], [Ipopt(), Ipopt(tolerance=1e-4)])
+        csw.compare([quick[0]], [Ipopt(), Ipopt(tolerance=1e-4)])
     with pytest.raises(ComparisonError, match="problems of the same name: guide-10-0"):
-        cs.compare([quick[0], quick[0]], ["ipopt"])
+        csw.compare([quick[0], quick[0]], ["ipopt"])
     with pytest.raises(ComparisonError, match="has 2 instances as its cold start"):
         Problem("two", "boxes", *nearest_in_box(np.zeros((2, 2)))[:1], {"cold": two()})
     with pytest.raises(ComparisonError, match="seconds = 0"):
-        cs.compare([quick[0]], ["ipopt"], seconds=0)
+        csw.compare([quick[0]], ["ipopt"], seconds=0)
     with pytest.raises(SolverError, match="did you mean 'ipopt'"):
-        cs.compare([quick[0]], ["ipop"])
+        csw.compare([quick[0]], ["ipop"])
     with pytest.raises(ComparisonError, match="tolerance objective = -1"):
         Tolerances(objective=-1)
 
@@ -217,7 +217,7 @@ def known():
         Problem(name, "known", case.nlp, {"cold": case.instance}) for name, case in cases.items()
     ]
     told = []
-    comparison = cs.compare(
+    comparison = csw.compare(
         problems,
         {
             "ipopt": "ipopt",

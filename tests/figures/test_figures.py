@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
-from casswarm.chain.trajectories import Trace
+from casswarm.chain.trajectories import RunTrajectory
 from casswarm.figures import (
     LOOKS,
     arrival_chart,
@@ -44,10 +44,10 @@ from casswarm.figures import (
     sweep_lines,
 )
 from casswarm.figures.style import POLICIES, marks
-from casswarm.planning.bounds.outlook import Outlook
+from casswarm.planning.bounds.outlook import CostToGoMap
 
 PROFILE = pd.DataFrame({"fast": [0.5, 1.0], "slow": [0.0, 0.5]}, index=[1.0, 4.0])
-OUTLOOK = Outlook(
+OUTLOOK = CostToGoMap(
     0,
     np.array([-2.0, -2.0]),
     np.array([5.0, 4.0]),
@@ -176,7 +176,7 @@ def test_members_that_fell_close_together_share_a_label() -> None:
     alive = np.array([[True] * 3, [True] * 3, [True, False, True], [True, False, False]])
     for apart, told in ((0.02, ["2, 3"]), (2.0, ["2", "3"])):
         positions[3, 2] = positions[2, 1] + [apart, 0.0]
-        fig = swarm_map(SCENARIO, Trace(positions, alive, TRACE.leaders))
+        fig = swarm_map(SCENARIO, RunTrajectory(positions, alive, TRACE.leaders))
         assert [text.get_text() for text in fig.axes[0].texts] == told
 
 
@@ -200,8 +200,8 @@ def test_policies_of_users_have_looks_that_nobody_else_has() -> None:
     assert len(set(found.values())) == 5
     assert found["naive"] == POLICIES["naive"]
     assert marks(["mine"])["mine"] == found["mine"]  # whoever else is there
-    ahead = marks(["leader", "leader-ahead-3", "leader-ahead-5"])
-    assert ahead["leader-ahead-3"] == marks(["leader-ahead-7"])["leader-ahead-7"]
+    ahead = marks(["leader", "leader-mpc-3", "leader-mpc-5"])
+    assert ahead["leader-mpc-3"] == marks(["leader-mpc-7"])["leader-mpc-7"]
     assert len(set(ahead.values())) == 3
     assert set(marks(map(str, range(50)))) == set(map(str, range(50)))
 

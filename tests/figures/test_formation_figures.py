@@ -8,7 +8,7 @@ from figure_cases import GUIDE, SCENARIO, TRACE, trace
 from matplotlib.axes import Axes
 
 from casswarm import Hazard
-from casswarm.chain.trajectories import Trace
+from casswarm.chain.trajectories import RunTrajectory
 from casswarm.figures import formation_chart
 from casswarm.figures.closeups import follows, guest_rates, leader_at, shares
 from casswarm.figures.formations import telling_steps
@@ -41,7 +41,7 @@ def test_panels_show_who_leads_who_lives_and_who_was_lost() -> None:
 
 
 def test_without_leaders_and_guide_the_legend_does_not_speak_of_them() -> None:
-    nobody = Trace(TRACE.positions, TRACE.alive, np.full(3, -1))
+    nobody = RunTrajectory(TRACE.positions, TRACE.alive, np.full(3, -1))
     fig = formation_chart(SCENARIO, nobody)
     words = [text.get_text() for text in fig.legends[0].get_texts()]
     assert words == ["alive", "lost in this step"]
@@ -81,7 +81,7 @@ def test_telling_steps_are_ends_losses_and_what_lies_between() -> None:
     alive = np.ones((31, 3), bool)
     alive[17:, 0] = False
     alive[20:, 1] = False
-    long = Trace(np.zeros((31, 3, 2)), alive, np.full(30, -1))
+    long = RunTrajectory(np.zeros((31, 3, 2)), alive, np.full(30, -1))
     steps = telling_steps(long, 8)
     assert len(steps) == 8
     assert {0, 17, 20, 30} <= set(steps)
@@ -90,7 +90,7 @@ def test_telling_steps_are_ends_losses_and_what_lies_between() -> None:
 
 def test_more_losses_than_panels_are_thinned_out() -> None:
     alive = np.tril(np.ones((31, 30), bool), 0)[:, ::-1] == 0
-    many = Trace(np.zeros((31, 30, 2)), alive, np.full(30, -1))
+    many = RunTrajectory(np.zeros((31, 30, 2)), alive, np.full(30, -1))
     steps = telling_steps(many, 8)
     assert len(steps) == 8
     assert steps[0] == 0
@@ -99,11 +99,11 @@ def test_more_losses_than_panels_are_thinned_out() -> None:
 
 def test_nobody_leads_where_the_leader_is_lost() -> None:
     assert [leader_at(TRACE, step) for step in range(4)] == [1, 1, 0, 0]
-    fallen = Trace(TRACE.positions, TRACE.alive & [False, True, True], TRACE.leaders)
+    fallen = RunTrajectory(TRACE.positions, TRACE.alive & [False, True, True], TRACE.leaders)
     assert leader_at(fallen, 3) == -1
 
 
 def test_a_swarm_follows_the_guide_that_it_is_near_to() -> None:
     assert follows(trace(), GUIDE, 0.05)
-    away = Trace(TRACE.positions + 3.0, TRACE.alive, TRACE.leaders)
+    away = RunTrajectory(TRACE.positions + 3.0, TRACE.alive, TRACE.leaders)
     assert not follows(away, GUIDE, 0.05)

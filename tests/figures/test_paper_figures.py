@@ -18,7 +18,7 @@ from casswarm.figures import (
     guides_map,
     joint_map,
     look,
-    look_ahead_chart,
+    mpc_chart,
     sensitivity_chart,
     shortfall_chart,
     table_2_chart,
@@ -41,7 +41,7 @@ TABLE_2 = pd.DataFrame(
 BEYOND = pd.DataFrame(
     {
         "scenario": ["one", "one", "another, t_f = 4", "another, t_f = 4"],
-        "policy": ["naive", "leader-ahead-3"] * 2,
+        "policy": ["naive", "leader-mpc-3"] * 2,
         "success_low": [0.1, 0.2, 0.3, 0.4],
         "success_high": [0.1, 0.3, 0.3, 0.5],
     }
@@ -73,14 +73,14 @@ AHEAD = pd.DataFrame(
         {
             "scenario": scenario,
             "policy": policy,
-            "look_ahead": steps,
+            "horizon": steps,
             "success": 0.5 + 0.01 * steps,
             "success_low": 0.45,
             "success_high": 0.6,
-            "shortfalls": 10.0 / steps,
+            "infeasible": 10.0 / steps,
         }
         for scenario in ("one", "two", "three", "four")
-        for policy in ("leader-ahead-3", "mine")
+        for policy in ("leader-mpc-3", "mine")
         for steps in (8, 1, 3)
     ]
 )
@@ -93,8 +93,8 @@ DRAWN: dict[str, Callable[[], Figure]] = {
         SENSITIVITY, {"naive": (0.2, 0.5), "leader": (0.5, 0.8)}
     ),
     "convergence": lambda: convergence_chart(PATH, FORMATIONS, {"Ipopt": 0.03, "global": 0.7}),
-    "shortfalls": lambda: shortfall_chart(SHORTFALLS),
-    "ahead": lambda: look_ahead_chart(AHEAD, "looking ahead"),
+    "infeasible": lambda: shortfall_chart(SHORTFALLS),
+    "ahead": lambda: mpc_chart(AHEAD, "looking ahead"),
 }
 
 
@@ -131,7 +131,7 @@ def test_beyond_has_the_middle_of_every_bracket() -> None:
     ahead = points(fig.axes[0], POLICIES["leader-ahead"].marker)
     assert [x for x, _ in ahead] == pytest.approx([0.25, 0.45])
     assert {color for _, color in ahead} == set(colors("leader-ahead"))
-    assert [t.get_text() for t in fig.legends[0].get_texts()] == ["naive", "leader-ahead-3"]
+    assert [t.get_text() for t in fig.legends[0].get_texts()] == ["naive", "leader-mpc-3"]
 
 
 def test_sensitivity_has_a_panel_a_policy_with_its_interval() -> None:
@@ -155,7 +155,7 @@ def test_convergence_has_policies_by_colour_and_scenarios_by_dashes() -> None:
 
 
 def test_shortfalls_are_bars_below_the_living() -> None:
-    fig = DRAWN["shortfalls"]()
+    fig = DRAWN["infeasible"]()
     assert [bar.get_height() for bar in fig.axes[0].patches] == [2.0, 0.0, 1.0]
     np.testing.assert_array_equal(fig.axes[1].get_lines()[0].get_ydata(), [3.0, 2.8, 2.1])
 

@@ -105,7 +105,9 @@ def test_the_lone_rate_of_a_users_formula_is_the_builtin_one(
     own: CustomHazard, builtin: SaturationCollision
 ) -> None:
     points = np.random.default_rng(1).uniform(0, 6, (7, 2))
-    np.testing.assert_allclose(own.lone_rates(points), builtin.lone_rates(points), rtol=1e-12)
+    np.testing.assert_allclose(
+        own.single_agent_rates(points), builtin.single_agent_rates(points), rtol=1e-12
+    )
     x = ca.MX.sym("x", 2, 7)
     values = []
     for hazard in (own, builtin):

@@ -62,7 +62,7 @@ def test_rates_do_not_touch_their_arguments(hazard: Hazard) -> None:
 
 @pytest.mark.parametrize("shape", [(2,), (4, 2), (3, 5, 2), (0, 2)])
 def test_lone_rates_have_the_shape_of_the_points(hazard: Hazard, shape: tuple[int, ...]) -> None:
-    assert hazard.lone_rates(np.ones(shape)).shape == shape[:-1]
+    assert hazard.single_agent_rates(np.ones(shape)).shape == shape[:-1]
 
 
 @pytest.mark.parametrize("shape", [(), (2,), (4, 3), (2, 4), (1, 2, 4, 2), (0, 2), (3, 0, 2)])
@@ -79,7 +79,7 @@ def test_alive_of_another_shape_is_refused(hazard: Hazard, shape: tuple[int, ...
 
 @pytest.mark.parametrize("shape", [(), (3,), (4, 3)])
 def test_points_of_another_shape_are_refused(hazard: Hazard, shape: tuple[int, ...]) -> None:
-    text = message(hazard.lone_rates, np.zeros(shape))
+    text = message(hazard.single_agent_rates, np.zeros(shape))
     assert text == f"points have shape {shape}; expected (..., 2)"
 
 
@@ -89,7 +89,7 @@ def test_positions_that_are_not_finite_are_refused(hazard: Hazard, value: float)
     state[2, 1] = value
     alive = [True, True, False, True]  # not even those of the destroyed
     assert message(hazard.rates, state, alive) == "positions hold NaN or infinity"
-    assert message(hazard.lone_rates, state) == "positions hold NaN or infinity"
+    assert message(hazard.single_agent_rates, state) == "positions hold NaN or infinity"
 
 
 def test_rates_far_away_vanish_and_warn_of_nothing(hazard: Hazard) -> None:
@@ -131,7 +131,7 @@ def test_wrong_parameters_are_named_with_what_is_allowed(
 
 def test_no_saturation_is_allowed() -> None:
     rates = Saturation(RADARS, alpha_2=0.0).rates(SQUARE)
-    np.testing.assert_allclose(rates, Saturation(RADARS, alpha_2=0.0).lone_rates(SQUARE))
+    np.testing.assert_allclose(rates, Saturation(RADARS, alpha_2=0.0).single_agent_rates(SQUARE))
 
 
 def test_errors_can_be_caught_as_casswarms_and_as_value_errors() -> None:
@@ -224,7 +224,7 @@ def test_kernels_may_be_constants() -> None:
     rates = symbolic(hazard, 4)(SQUARE.T, alive)[0]
     assert np.asarray(rates)[0].tolist() == expected
     assert hazard.rates(SQUARE, alive).tolist() == [expected[0], 0, *expected[2:]]
-    assert hazard.lone_rates(SQUARE).tolist() == [16] * 4
+    assert hazard.single_agent_rates(SQUARE).tolist() == [16] * 4
     points = ca.MX.sym("points", 2, 4)
     lone = ca.Function("lone", [points], [hazard.lone_expression(points)])(SQUARE.T)
     assert np.asarray(lone)[0].tolist() == [16] * 4

@@ -63,8 +63,10 @@ def test_a_lone_member_has_the_rate_of_lone_rates(kind: type[Saturation]) -> Non
     points = np.random.default_rng(0).uniform(0, 8, (3, 7, 2))
     squares = [((points - radar) ** 2).sum(axis=-1) for radar in RADARS]
     expected = hazard.alpha_1 / (1 + hazard.alpha_2) * (1 / squares[0] + 3 / squares[1])
-    np.testing.assert_allclose(hazard.lone_rates(points), expected, rtol=1e-13)
-    np.testing.assert_array_equal(hazard.rates(points[0, :1]), hazard.lone_rates(points[0, :1]))
+    np.testing.assert_allclose(hazard.single_agent_rates(points), expected, rtol=1e-13)
+    np.testing.assert_array_equal(
+        hazard.rates(points[0, :1]), hazard.single_agent_rates(points[0, :1])
+    )
     flat = ca.MX.sym("points", 2, 21)
     lone = ca.Function("lone", [flat], [hazard.lone_expression(flat)])(points.reshape(-1, 2).T)
     np.testing.assert_allclose(np.asarray(lone)[0], expected.ravel(), rtol=1e-13)
@@ -97,7 +99,7 @@ def test_the_rate_at_a_radar_is_large_and_finite(kind: type[Saturation]) -> None
     rates = hazard.rates([[1, 2], [1, 2 + 1e-9], [1, 2.01]])
     assert np.isfinite(rates).all()
     peak = hazard.alpha_1 / (1 + hazard.alpha_2) * (2 / CORE_RADIUS**2 + 1)
-    np.testing.assert_allclose(hazard.lone_rates([1, 2]), peak, rtol=1e-12)
+    np.testing.assert_allclose(hazard.single_agent_rates([1, 2]), peak, rtol=1e-12)
 
 
 def test_the_rate_of_members_that_touch_is_large_and_finite() -> None:

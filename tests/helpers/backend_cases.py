@@ -34,7 +34,7 @@ def formation(name: str) -> Case:
         hazard=scenario.hazard,
         motion=motion_of(scenario),
         positions=here + rng.normal(0, 0.15, (1, 5, 2)),
-        previous=toward / scenario.time.dt + rng.normal(0, 0.1, (1, 5, 2)),
+        previous_velocities=toward / scenario.time.dt + rng.normal(0, 0.1, (1, 5, 2)),
         alive=np.ones((1, 5), bool),
         goal=here + toward,
     )

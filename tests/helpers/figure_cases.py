@@ -7,8 +7,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 from small_scenarios import DT, small
 
-from casswarm import Guide, Law, Residuals, Solution, Status
-from casswarm.chain.trajectories import Trace
+from casswarm import Guide, OutcomeDistribution, Residuals, Solution, Status
+from casswarm.chain.trajectories import RunTrajectory
 from casswarm.figures import LOOKS
 
 SCENARIO = small([(0.0, 0.0), (0.3, 0.2), (-0.2, 0.3)], (3.0, 0.0), [(1.5, 0.8)], 12)
@@ -17,7 +17,7 @@ PATH = np.array([[0.0, 0.0], [0.6, -0.3], [1.2, -0.5], [2.0, -0.3], [2.8, 0.0]])
 GUIDE = Guide(
     positions=PATH,
     velocities=np.diff(PATH, axis=0) / DT,
-    rates=SCENARIO.hazard.lone_rates(PATH[1:]),
+    rates=SCENARIO.hazard.single_agent_rates(PATH[1:]),
     dt=DT,
     center=np.array([3.0, 0.0]),
     arrives=True,
@@ -28,14 +28,14 @@ GUIDE = Guide(
 )
 
 
-def trace(steps: int = 3) -> Trace:
+def trace(steps: int = 3) -> RunTrajectory:
     """Three members close up along the guide; the second falls at step 2."""
     offsets = np.array([[0.0, 0.0], [0.3, 0.2], [-0.2, 0.3]])
     positions = np.stack([PATH[t] + offsets / (1 + t) ** 2 for t in range(steps + 1)])
     positions[3:, 1] = positions[2, 1]
     alive = np.ones((steps + 1, 3), bool)
     alive[2:, 1] = False
-    return Trace(positions, alive, np.array([1, 1, 0])[:steps])
+    return RunTrajectory(positions, alive, np.array([1, 1, 0])[:steps])
 
 
 TRACE = trace()
@@ -60,14 +60,14 @@ PAIRED = pd.DataFrame(
 )
 
 
-def law(policy: str, arrival: tuple[float, float]) -> Law:
+def law(policy: str, arrival: tuple[float, float]) -> OutcomeDistribution:
     """A law over three steps: arrivals at steps 2 and 3, a little unknown."""
     alive = np.array([1.0, 0.9, 0.8, 0.7])
     unknown = np.array([0.0, 0.0, 0.01, 0.02])
     population = np.zeros((4, 4))
     population[:, 3] = alive - unknown
     population[:, 0] = 1 - alive
-    return Law(
+    return OutcomeDistribution(
         policy=policy,
         arrival=np.array([0.0, 0.0, *arrival]),
         survivors=population[-1],
@@ -76,10 +76,10 @@ def law(policy: str, arrival: tuple[float, float]) -> Law:
         unknown=unknown,
         unresolved=0.02,
         states=7,
-        shortfalls=0.5,
+        infeasible=0.5,
         failures=0.0,
         tolerance=0.05,
-        merging=0.0,
+        aggregation_tol=0.0,
     )
 
 

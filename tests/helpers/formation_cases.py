@@ -22,7 +22,7 @@ def formations(name: str, count: int) -> list[Formation]:
         scenario.hazard,
         Motion(scenario.swarm.v_max, scenario.swarm.a_max, scenario.time.dt),
         positions=goal - [0.4, 0.3] + 0.15 * rng.normal(size=(count, 5, 2)),
-        previous=np.array([1.2, 0.9]) + 0.1 * rng.normal(size=(count, 5, 2)),
+        previous_velocities=np.array([1.2, 0.9]) + 0.1 * rng.normal(size=(count, 5, 2)),
         alive=alive,
         goal=goal,
     )

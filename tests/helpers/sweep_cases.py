@@ -2,9 +2,9 @@
 
 from typing import Any
 
-import casswarm as cs
+import casswarm as csw
 
-SMALL = cs.load_scenario("paper-1").with_values(
+SMALL = csw.load_scenario("paper-1").with_values(
     {
         "swarm.positions": [[0.0, 0.0], [0.5, 0.0], [0.0, 0.5]],
         "time.t_f": 2.0,

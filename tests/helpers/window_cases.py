@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from casswarm import Saturation, SaturationCollision
-from casswarm.policies.mpc_instances import corridor_ahead, leader_ahead
+from casswarm.policies.mpc_instances import constrained_mpc, leader_mpc
 from casswarm.problems.formation import Motion
-from casswarm.problems.mpc_formation import LookAhead, Window
+from casswarm.problems.mpc_formation import MpcFormation, Window
 
 RADARS = ((3.0, 2.0), (1.0, 3.0))
 HAZARD, COLLIDING = Saturation(RADARS), SaturationCollision(RADARS)
@@ -24,18 +24,18 @@ def window(
     rng = np.random.default_rng(seed)
     alive = rng.random((batch, n)) >= deaths
     alive[:, 0] |= ~alive.any(axis=1)
-    previous = np.clip(rng.normal([1.2, 0.8], 0.6, (batch, n, 2)), -1.9, 1.9)
-    positions = GOAL - DT * previous + rng.normal(0, spread, (batch, n, 2))
+    previous_velocities = np.clip(rng.normal([1.2, 0.8], 0.6, (batch, n, 2)), -1.9, 1.9)
+    positions = GOAL - DT * previous_velocities + rng.normal(0, spread, (batch, n, 2))
     turn = 0.25 * np.arange(steps)
     pace = 1.4 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     goals = GOAL + DT * np.concatenate([np.zeros((1, 2)), np.cumsum(pace[1:], axis=0)])
     living = alive[..., None]
-    return Window(HAZARD, MOTION, positions * living, previous * living, alive, goals)
+    return Window(HAZARD, MOTION, positions * living, previous_velocities * living, alive, goals)
 
 
 def leaders_of(data: Window) -> NDArray[np.intp]:
     return np.asarray(data.alive.argmax(axis=1))
 
 
-def both(data: Window) -> list[LookAhead]:
-    return [leader_ahead(data, leaders_of(data)), corridor_ahead(data, RHO)]
+def both(data: Window) -> list[MpcFormation]:
+    return [leader_mpc(data, leaders_of(data)), constrained_mpc(data, RHO)]

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-import casswarm as cs
+import casswarm as csw
 from casswarm.errors import SolverError
 from casswarm.hazard import KernelHazard, regular
 from casswarm.optimization.solvers import Auto, Ipopt, SpectralProjectedGradient
@@ -44,9 +44,9 @@ class Gaussian(KernelHazard):
 
 
 HAZARDS = [
-    cs.Saturation(RADARS, alpha_1=4.0, alpha_2=3.0, alpha_3=4.0),
-    cs.Saturation(RADARS, (0.5, 2.0), alpha_1=1.0, alpha_2=0.0, alpha_3=2.0),
-    cs.SaturationCollision(RADARS, beta_1=0.2, beta_2=6.0),
+    csw.Saturation(RADARS, alpha_1=4.0, alpha_2=3.0, alpha_3=4.0),
+    csw.Saturation(RADARS, (0.5, 2.0), alpha_1=1.0, alpha_2=0.0, alpha_3=2.0),
+    csw.SaturationCollision(RADARS, beta_1=0.2, beta_2=6.0),
     Gaussian(RADARS),
 ]
 
@@ -57,10 +57,10 @@ def step(hazard, states=60, n=5, seed=0):
     alive = rng.random((states, n)) < 0.8
     alive[:, 0] = True
     towards = rng.uniform(-1.2, 1.2, (states, 1, 2))
-    previous = towards + rng.normal(scale=0.1, size=(states, n, 2))
+    previous_velocities = towards + rng.normal(scale=0.1, size=(states, n, 2))
     positions = GOAL - MOTION.dt * towards + rng.normal(scale=0.2, size=(states, n, 2))
     shown = alive[..., None]
-    return Step(hazard, MOTION, shown * positions, shown * previous, alive, GOAL)
+    return Step(hazard, MOTION, shown * positions, shown * previous_velocities, alive, GOAL)
 
 
 def leader(hazard, **options):
@@ -86,7 +86,7 @@ def test_compiled_objective_and_gradient_are_casadis(hazard):
 
 
 def test_hazards_of_a_class_share_one_compiled_module():
-    other = cs.Saturation(((0.0, 1.0),), alpha_1=9.0, alpha_2=1.0, alpha_3=2.0)
+    other = csw.Saturation(((0.0, 1.0),), alpha_1=9.0, alpha_2=1.0, alpha_3=2.0)
     assert _module(formation_nlp(HAZARDS[0], 5, False)) is _module(formation_nlp(other, 3, True))
 
 
@@ -165,11 +165,11 @@ def test_auto_solves_again_what_the_batch_solver_leaves_and_counts_it():
     formation = corridor(HAZARDS[2])
     hasty = Auto(batch=SpectralProjectedGradient(iterations=1, starts=1))
     found = hasty.solve_batch(formation.nlp, formation.instances)
-    assert found.resolved.sum() > 10
+    assert found.fallbacks.sum() > 10
     assert found.success.all()
     assert found.stationarity.max() < 1e-5
     patient = Auto().solve_batch(formation.nlp, formation.instances)
-    assert patient.resolved.sum() < found.resolved.sum()
+    assert patient.fallbacks.sum() < found.fallbacks.sum()
     assert patient.success.all()
 
 
@@ -179,7 +179,7 @@ def test_auto_never_accepts_what_is_not_finite():
     parameters[1, 0] = np.nan  # a position
     found = Auto().solve_batch(formation.nlp, replace(formation.instances, parameters=parameters))
     assert found.success.tolist() == [True, False, True, True]
-    assert found.resolved.tolist() == [False, True, False, False]
+    assert found.fallbacks.tolist() == [False, True, False, False]
 
 
 def rate(positions, alive):
@@ -188,12 +188,12 @@ def rate(positions, alive):
 
 @pytest.mark.parametrize("problem", [leader, corridor])
 def test_rates_that_are_no_kernels_are_solved_by_casadis_maps(problem):
-    formation = problem(cs.CustomHazard(rate), states=300)
+    formation = problem(csw.CustomHazard(rate), states=300)
     assert formation.nlp.compiled is None
     found = Auto().solve_batch(formation.nlp, formation.instances)
     judged = Ipopt().solve_batch(formation.nlp, formation.instances)
     assert found.success.all()
-    assert not found.resolved.any()
+    assert not found.fallbacks.any()
     assert found.stationarity.max() <= 1e-6
     assert found.violation.max() < 1e-9
     assert (found.objective <= judged.objective * (1 + 1e-6)).all()
@@ -214,7 +214,7 @@ def test_mapped_and_compiled_loops_find_the_same(problem, hazard):
 
 
 def test_mapped_loop_never_calls_what_is_not_finite_solved():
-    formation = leader(cs.CustomHazard(rate), states=4)
+    formation = leader(csw.CustomHazard(rate), states=4)
     parameters = formation.instances.parameters.copy()
     parameters[1, 0] = np.nan
     instances = replace(formation.instances, parameters=parameters)
@@ -259,7 +259,7 @@ def test_an_empty_batch_has_no_answers(solver):
 def test_answers_do_not_depend_on_the_units(problem, length, risk):
     """Lengths in other units, and rates in other units of time, give the same velocities."""
     one = problem(HAZARDS[0])
-    hazard = cs.Saturation(
+    hazard = csw.Saturation(
         tuple((length * x, length * y) for x, y in RADARS),
         alpha_1=4.0 * risk * length**2,
         alpha_2=3.0,
@@ -270,7 +270,7 @@ def test_answers_do_not_depend_on_the_units(problem, length, risk):
         hazard,
         Motion(2.0 * length, 0.5 * length**2, MOTION.dt),
         length * data.positions,
-        length * data.previous,
+        length * data.previous_velocities,
         data.alive,
         length * GOAL,
     )
@@ -279,7 +279,7 @@ def test_answers_do_not_depend_on_the_units(problem, length, risk):
         if problem is leader
         else corridor_formation(scaled, 0.05 * length**2)
     )
-    np.testing.assert_array_equal(other.shortfalls, one.shortfalls)
+    np.testing.assert_array_equal(other.infeasible, one.infeasible)
     answers = [Auto().solve_batch(f.nlp, f.instances) for f in (one, other)]
     assert answers[1].success.all()
     np.testing.assert_allclose(

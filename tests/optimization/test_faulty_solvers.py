@@ -14,7 +14,7 @@ from faulty_solvers import FAULTS, Faulty
 from known_problems import nearest_in_box
 from small_scenarios import small
 
-import casswarm as cs
+import casswarm as csw
 from casswarm.comparison import Problem
 from casswarm.errors import ComparisonError, SolverError
 from casswarm.optimization.solution import Status
@@ -22,7 +22,7 @@ from casswarm.optimization.solvers import Ipopt, Isolated
 from casswarm.policies import formation
 from casswarm.problems.formation import formation_nlp
 
-PAPER = cs.load_scenario("paper-1")
+PAPER = csw.load_scenario("paper-1")
 DEADLY = ("hang", "exit", "abort", "kill")
 WORDS = {
     "hang": "no answer within",
@@ -167,7 +167,7 @@ def problems(count=2):
 def study():
     solvers = {fault: Faulty(fault, above=2.0) for fault in FAULTS if fault != "build"}
     solvers |= {"build": Faulty("build"), "ipopt": Ipopt()}
-    return cs.compare(problems(), solvers, seconds=2.0)
+    return csw.compare(problems(), solvers, seconds=2.0)
 
 
 def test_every_fault_is_a_row_with_its_reason_and_the_comparison_goes_on(study):
@@ -202,7 +202,7 @@ def test_lies_are_counted_as_lies(study):
 
 @pytest.fixture(scope="module")
 def guide():
-    return cs.plan(PAPER)
+    return csw.plan(PAPER)
 
 
 @pytest.mark.parametrize(
@@ -217,9 +217,9 @@ def guide():
 def test_a_failing_solver_is_counted_in_the_tables_and_its_reason_told(
     fault, reason, guide, caplog
 ):
-    formation._tell_once.cache_clear()
+    formation._log_once.cache_clear()
     with caplog.at_level(logging.WARNING, "casswarm"):
-        study = cs.simulate(PAPER, ["constrained"], 10, guide=guide, solver=Faulty(fault))
+        study = csw.simulate(PAPER, ["constrained"], 10, guide=guide, solver=Faulty(fault))
     assert (study.runs["solver_failures"] > 0).all()
     assert study.summary["solver_failures"][0] == study.runs["solver_failures"].sum()
     assert reason in caplog.text
@@ -228,7 +228,7 @@ def test_a_failing_solver_is_counted_in_the_tables_and_its_reason_told(
 
 def test_failed_states_alone_are_counted(guide):
     # the first parameter is where member 0 is: it goes wrong on the way, not at the start
-    study = cs.simulate(PAPER, ["constrained"], 10, guide=guide, solver=Faulty("raise", above=3.0))
+    study = csw.simulate(PAPER, ["constrained"], 10, guide=guide, solver=Faulty("raise", above=3.0))
     late = study.runs["steps"].max()
     assert 0 < study.runs["solver_failures"].max() < late
 
@@ -244,12 +244,12 @@ def test_failed_states_alone_are_counted(guide):
 def test_a_solver_that_hangs_or_kills_its_process_costs_a_simulation_nothing_but_its_answers(
     fault, runs, reason, caplog
 ):
-    formation._tell_once.cache_clear()
+    formation._log_once.cache_clear()
     scenario = small([(0.0, 0.0), (0.3, 0.0)], (1.5, 0.0), [(0.7, 1.5)], 3, hazard__alpha_1=0.1)
     # once member 0 is on its way
     deadly = Isolated(Faulty(fault, above=0.5), seconds=4.0 if fault == "hang" else 20.0)
     with caplog.at_level(logging.WARNING, "casswarm"):
-        study = cs.simulate(scenario, ["leader"], runs, solver=deadly)
+        study = csw.simulate(scenario, ["leader"], runs, solver=deadly)
     deadly.close()
     assert study.runs["survivors"].tolist() == [2] * runs
     assert (study.runs["solver_failures"] > 0).all()
@@ -262,12 +262,12 @@ def test_a_solver_that_hangs_or_kills_its_process_costs_a_simulation_nothing_but
 
 
 def test_a_comparison_goes_on_where_it_ended_and_forgives_a_cut_line(tmp_path):
-    first = cs.compare(problems(), ["ipopt"], folder=tmp_path, seconds=20.0)
+    first = csw.compare(problems(), ["ipopt"], folder=tmp_path, seconds=20.0)
     lines = (tmp_path / "cells.jsonl").read_bytes().splitlines(keepends=True)
     assert len(lines) == 2
     (tmp_path / "cells.jsonl").write_bytes(lines[0] + lines[1][:20])
     told = []
-    again = cs.compare(
+    again = csw.compare(
         problems(),
         ["ipopt"],
         folder=tmp_path,
@@ -309,8 +309,8 @@ def test_a_folder_of_other_inputs_is_refused_and_the_difference_named(tmp_path, 
 
 
 def test_a_damaged_line_inside_is_an_error_that_names_it(tmp_path):
-    cs.compare(problems(1), ["ipopt"], folder=tmp_path)
+    csw.compare(problems(1), ["ipopt"], folder=tmp_path)
     cells = tmp_path / "cells.jsonl"
     cells.write_bytes(b"nonsense\n" + cells.read_bytes())
     with pytest.raises(ComparisonError, match="damaged at line 1"):
-        cs.compare(problems(1), ["ipopt"], folder=tmp_path)
+        csw.compare(problems(1), ["ipopt"], folder=tmp_path)

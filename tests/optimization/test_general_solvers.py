@@ -19,7 +19,7 @@ from casswarm.optimization.solution import Solution, Status
 from casswarm.optimization.solvers import SOLVERS, make_solver
 from casswarm.optimization.solvers.casadi_nlpsol import WORDLESS, _compiled
 
-GENERAL = [name for name, kind in SOLVERS.items() if kind.abilities.problems == "any"]
+GENERAL = [name for name, kind in SOLVERS.items() if kind.capabilities.problems == "any"]
 general = pytest.mark.parametrize("solver", GENERAL)
 
 DIGITS = 1e-6
@@ -133,7 +133,7 @@ def test_published_local_minima_are_worse_than_the_optimum(number: int) -> None:
     assert all(value > case.objective for value in case.local)
 
 
-MULTIPLIERS = [n for n in GENERAL if SOLVERS[n].abilities.multipliers]
+MULTIPLIERS = [n for n in GENERAL if SOLVERS[n].capabilities.multipliers]
 
 
 @pytest.mark.parametrize("solver", MULTIPLIERS)

@@ -13,9 +13,9 @@ from window_cases import COLLIDING, DT, GOAL, HAZARD, MOTION, RADARS, RHO, both,
 
 from casswarm import make_solver
 from casswarm.optimization.kkt import judge
-from casswarm.optimization.solvers.batch.interior_point import Barrier
+from casswarm.optimization.solvers.batch.interior_point import InteriorPoint
 from casswarm.policies.mpc import flown
-from casswarm.policies.mpc_instances import leader_ahead
+from casswarm.policies.mpc_instances import leader_mpc
 from casswarm.problems.formation import (
     Motion,
     Step,
@@ -58,7 +58,7 @@ def test_program_is_the_stated_one_with_every_formula_written_out(corridor: bool
     rates = [rate_by_hand(i, places[s], data.alive[0], RADARS) for s in range(3) for i in counted]
     assert f[0] == pytest.approx(sum(rates), rel=1e-12)
     v = np.diff(u, axis=0, prepend=np.zeros((1, 3, 2)))
-    w = np.diff(v, axis=0, prepend=data.previous[:1])
+    w = np.diff(v, axis=0, prepend=data.previous_velocities[:1])
     rows = [(w**2).sum(axis=-1).ravel(), v[1:].ravel()]
     if corridor:
         rows.append(((places - data.goals[:, None]) ** 2).sum(axis=-1).ravel())
@@ -72,8 +72,10 @@ def stopping(steps: int) -> Window:
     """A leader at speed 1, one unit from a guide that stands still; |v' - v| <= 0.5, dt = 1."""
     motion = Motion(v_max=2.0, a_max=0.25, dt=1.0)
     goals = np.tile([1.0, 0.0], (steps, 1))
-    previous = np.array([[[1.0, 0.0]]])
-    return Window(HAZARD, motion, np.zeros((1, 1, 2)), previous, np.ones((1, 1), bool), goals)
+    previous_velocities = np.array([[[1.0, 0.0]]])
+    return Window(
+        HAZARD, motion, np.zeros((1, 1, 2)), previous_velocities, np.ones((1, 1), bool), goals
+    )
 
 
 def test_leader_too_fast_for_its_guide_brakes_in_time_as_computed_by_hand() -> None:
@@ -84,8 +86,8 @@ def test_leader_too_fast_for_its_guide_brakes_in_time_as_computed_by_hand() -> N
     for steps in (1, 3):
         data, worst = stopping(steps), []
         for _ in range(4):
-            v = flown(data, leader_ahead(data, np.zeros(1, int)), make_solver("auto")).velocities
-            data = replace(data, positions=data.positions + v, previous=v)
+            v = flown(data, leader_mpc(data, np.zeros(1, int)), make_solver("auto")).velocities
+            data = replace(data, positions=data.positions + v, previous_velocities=v)
             worst.append(1.0 - data.positions[0, 0, 0])
         lags[steps] = worst
     np.testing.assert_allclose(lags[1], [0, -0.5, -0.5, 0], atol=1e-6)
@@ -156,7 +158,7 @@ def test_batch_solver_is_no_worse_than_ipopt_from_the_same_start(steps: int) -> 
     for problem in both(data):
         rows = np.flatnonzero(problem.free.any(axis=1))
         instances = problem.instances[rows]
-        batch = Barrier().solve_batch(problem.nlp, instances)
+        batch = InteriorPoint().solve_batch(problem.nlp, instances)
         ipopt = make_solver("ipopt").solve(problem.nlp, instances)
         assert batch.success.all()
         solved = [solution.status.success for solution in ipopt]
@@ -186,7 +188,7 @@ def test_residuals_and_multipliers_are_those_of_the_independent_judge() -> None:
     for problem in both(data):
         rows = np.flatnonzero(problem.free.any(axis=1))
         instances = problem.instances[rows]
-        run = Barrier().run(problem.nlp, instances)
+        run = InteriorPoint().run(problem.nlp, instances)
         for i, answer in enumerate(run.answers()):
             found = judge(problem.nlp, instances[i : i + 1], answer.x, answer.multipliers)
             assert found.violation <= 1e-12

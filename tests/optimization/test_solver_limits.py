@@ -21,8 +21,8 @@ from casswarm.optimization.solution import Residuals, Status
 from casswarm.optimization.solvers import SOLVERS, make_solver
 
 NAMES = list(SOLVERS)
-GENERAL = [name for name in NAMES if SOLVERS[name].abilities.problems == "any"]
-TIMED = [name for name in NAMES if SOLVERS[name].abilities.time_limit]
+GENERAL = [name for name in NAMES if SOLVERS[name].capabilities.problems == "any"]
+TIMED = [name for name in NAMES if SOLVERS[name].capabilities.time_limit]
 LIMITS: dict[str, dict[str, Any]] = {
     "spectral": {"iterations": 2},
     "projected-gradient": {"iterations": 2},

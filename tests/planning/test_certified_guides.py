@@ -43,7 +43,7 @@ def bounded(positions: ca.MX, alive: ca.MX, **parameters: object) -> ca.MX:
     return patrolled(positions, alive, **parameters)
 
 
-bounded.least_lone_rate = least_patrolled
+bounded.single_agent_lower_bound = least_patrolled
 
 
 def test_where_place_makes_no_difference_the_straight_line_is_proven_to_rounding() -> None:
@@ -68,11 +68,11 @@ def test_a_users_least_rate_that_is_none_is_refused() -> None:
     def wrong(positions: ca.MX, alive: ca.MX) -> ca.MX:
         return patrolled(positions, alive)
 
-    wrong.least_lone_rate = lambda lower, upper: 0.2 + 0 * lower[..., 0]  # noqa: ARG005
+    wrong.single_agent_lower_bound = lambda lower, upper: 0.2 + 0 * lower[..., 0]  # noqa: ARG005
     scenario = free((5.0, 1.0), [(2.5, 0.2)], 16)
     with pytest.raises(HazardError, match="is no lower bound"):
         plan(scenario.with_hazard(wrong))
-    wrong.least_lone_rate = lambda lower, upper: 0.05  # noqa: ARG005
+    wrong.single_agent_lower_bound = lambda lower, upper: 0.05  # noqa: ARG005
     with pytest.raises(HazardError, match="expected a number a box"):
         plan(scenario.with_hazard(wrong))
 
@@ -88,7 +88,7 @@ class Weaker(Saturation):
 def test_bound_of_the_papers_rate_is_not_passed_on_to_other_kernels() -> None:
     hazard = Weaker(tuple(TWO))
     corner = np.zeros(2)
-    assert hazard.least_lone_rate(corner, corner) is None
+    assert hazard.single_agent_lower_bound(corner, corner) is None
     assert hazard.lone_rates_below(np.zeros(2), np.zeros(2), 0.1) is None
 
 
@@ -115,8 +115,12 @@ def test_limits_of_acceleration_keep_the_bound_and_widen_the_gap() -> None:
     values = {"guide.search": "global", "guide.arrival": "any"}
     scenario = load_scenario("paper-1").with_values(values)
     guides = [
-        plan(scenario.with_values({"guide.flyable": flyable, "guide.margin": 0.0}))
-        for flyable in (False, True)
+        plan(
+            scenario.with_values(
+                {"guide.acceleration_limited": acceleration_limited, "guide.margin": 0.0}
+            )
+        )
+        for acceleration_limited in (False, True)
     ]
     assert guides[0].gap < 0.01 < guides[1].gap
     assert guides[1].certificate.best == pytest.approx(guides[0].risk, rel=1e-5)

@@ -14,7 +14,7 @@ from small_scenarios import Array, lone_rate_by_hand
 
 from casswarm import Candidate, Guide, Residuals, Saturation, Solution, Status
 from casswarm.optimization.problem import Instances, Nlp
-from casswarm.planning.guide import guide_from, path_of, sides_of
+from casswarm.planning.guide import guide_from, homotopy_signature, integrate
 from casswarm.problems.guide import GuideTask, guide_instance, guide_nlp
 from casswarm.problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp
 
@@ -64,7 +64,7 @@ def arc(first: float, last: float) -> Array:
 
 def test_path_follows_the_dynamics_to_the_last_bit() -> None:
     velocities, start = walk(50, 0), np.array([0.1, -7.3])
-    positions = path_of(start, velocities, 0.33)
+    positions = integrate(start, velocities, 0.33)
     assert (positions[0] == start).all()
     assert (positions[1:] == positions[:-1] + 0.33 * velocities).all()
 
@@ -125,12 +125,12 @@ def test_ways_are_the_best_arriving_candidate_of_every_side_best_first() -> None
 def test_radar_north_of_an_eastward_path_is_on_its_left(
     radar: tuple[float, float], side: str
 ) -> None:
-    assert sides_of(np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([radar])) == side
+    assert homotopy_signature(np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([radar])) == side
 
 
 @pytest.mark.parametrize(("last", "side"), [(170, "L"), (270, "L"), (-170, "R"), (-300, "R")])
 def test_side_is_that_of_the_turn_even_beyond_half_a_circle(last: float, side: str) -> None:
-    assert sides_of(arc(0, last), np.zeros((1, 2))) == side
+    assert homotopy_signature(arc(0, last), np.zeros((1, 2))) == side
 
 
 def test_path_that_turns_before_a_radar_passes_it_on_another_side_than_one_that_goes_around() -> (
@@ -139,22 +139,22 @@ def test_path_that_turns_before_a_radar_passes_it_on_another_side_than_one_that_
     radar = np.array([[2.0, 0.0]])
     before = np.array([[0.0, 0.0], [1.0, 0.0], [1.5, 3.0]])
     around = np.array([[0.0, 0.0], [1.0, -1.0], [3.0, -1.0], [3.0, 1.0], [1.5, 3.0]])
-    assert (sides_of(before, radar), sides_of(around, radar)) == ("R", "L")
+    assert (homotopy_signature(before, radar), homotopy_signature(around, radar)) == ("R", "L")
 
 
 def test_every_radar_has_its_letter_in_the_given_order() -> None:
     path = np.array([[0.0, 0.0], [4.0, 0.0]])
-    assert sides_of(path, np.array([[3.0, 1.0], [1.0, -1.0], [2.0, 2.0]])) == "LRL"
-    assert sides_of(path, np.empty((0, 2))) == ""
+    assert homotopy_signature(path, np.array([[3.0, 1.0], [1.0, -1.0], [2.0, 2.0]])) == "LRL"
+    assert homotopy_signature(path, np.empty((0, 2))) == ""
 
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=50, deadline=None)
 def test_sides_swap_when_the_path_is_reversed_or_mirrored(seed: int) -> None:
     path, radars = np.cumsum(walk(12, seed), axis=0), walk(3, seed + 1)
-    swapped = sides_of(path, radars).translate(str.maketrans("LR", "RL"))
-    assert sides_of(path[::-1], radars) == swapped
-    assert sides_of(path * [1, -1], radars * [1, -1]) == swapped
+    swapped = homotopy_signature(path, radars).translate(str.maketrans("LR", "RL"))
+    assert homotopy_signature(path[::-1], radars) == swapped
+    assert homotopy_signature(path * [1, -1], radars * [1, -1]) == swapped
 
 
 # --- the program by multiple shooting
@@ -203,7 +203,7 @@ def test_start_of_a_solve_is_a_path_that_obeys_the_dynamics_and_the_box() -> Non
     np.testing.assert_array_equal(V[:4], np.clip(3 * walk(4, 8), -2, 2))
     np.testing.assert_array_equal(V[4:], 0.0)
     X = nlp.variable("positions", instance.start[0])
-    np.testing.assert_allclose(X, path_of(TASK.start, V, 0.33)[1:], rtol=1e-14)
+    np.testing.assert_allclose(X, integrate(TASK.start, V, 0.33)[1:], rtol=1e-14)
 
 
 def test_dimensionless_task_is_the_same_program_in_lengths_of_a_step() -> None:
@@ -261,7 +261,7 @@ def test_penalised_objective_is_survival_and_distance(seed: int) -> None:
 
 def test_penalised_risk_ends_with_the_arrival_step() -> None:
     velocities = through_the_target()
-    inside = np.hypot(*(path_of(TASK.start, velocities, 0.33) - TASK.center).T) <= 0.5
+    inside = np.hypot(*(integrate(TASK.start, velocities, 0.33) - TASK.center).T) <= 0.5
     assert inside.argmax() == 7
     assert not inside[-1]
     assert penalised(velocities)[0] == pytest.approx(penalised_by_hand(velocities), rel=1e-12)

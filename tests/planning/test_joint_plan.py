@@ -26,7 +26,7 @@ from casswarm import (
     simulate,
 )
 from casswarm.errors import PolicyError
-from casswarm.planning.joint.distribution import PlanLaw
+from casswarm.planning.joint.distribution import PlanDistribution
 from casswarm.planning.joint.optimize import joint_task
 from casswarm.planning.plan import initial_velocities
 from casswarm.policies import JointPolicy
@@ -92,7 +92,7 @@ def test_law_of_random_ways_is_that_by_hand(objective: str) -> None:
     rng = np.random.default_rng(7)
     ways = np.cumsum(np.vstack([np.zeros((1, 3, 2)), rng.normal(0.3, 0.3, (6, 3, 2))]), axis=0)
     positions = scenario.positions + ways
-    law = PlanLaw.of(scenario, positions)
+    law = PlanDistribution.of(scenario, positions)
     found = (1 - law.cost(objective)) * (1 if objective == "success" else 3)
     assert found == pytest.approx(by_hand(scenario, positions, objective), abs=1e-12)
 
@@ -124,7 +124,7 @@ def test_policy_is_never_clipped_and_agrees_with_sampling(
     scenario, best = planned
     study = simulate(scenario, [JointPolicy.of(best)], runs=4000, seed=3, traces=0)
     row = study.summary.iloc[0]
-    assert row["clipped"] == 0
+    assert row["saturated"] == 0
     assert best.success is not None
     spread = 4 * math.sqrt(best.success[0] * (1 - best.success[0]) / 4000) + 1e-3
     assert abs(row["success"] - best.success[0]) < spread
@@ -163,7 +163,7 @@ def test_objective_is_the_log_odds_of_the_laws_cost(objective: str) -> None:
     assert (first > 1).all()
     instance = joint_instance(nlp, form, task, first, velocities[: first.max()])
     odds = float(nlp.evaluate(instance.start[0], instance.parameters[0])[0])
-    cost = PlanLaw.of(scenario, positions[: first.max() + 1]).cost(objective)
+    cost = PlanDistribution.of(scenario, positions[: first.max() + 1]).cost(objective)
     assert odds == pytest.approx(math.log(cost / (1 - cost)), rel=1e-9)
 
 
@@ -225,7 +225,7 @@ def test_one_member_alone_does_as_well_as_the_guide() -> None:
 
 
 def sum_of_risk(scenario: Scenario, best: SwarmPlan) -> float:
-    rates = scenario.hazard.lone_rates(best.positions[1 : best.arrivals[0] + 1, 0])
+    rates = scenario.hazard.single_agent_rates(best.positions[1 : best.arrivals[0] + 1, 0])
     return float(scenario.time.dt * rates.sum())
 
 

@@ -98,7 +98,7 @@ def test_guide_is_straight_and_of_the_fewest_steps_where_place_makes_no_differen
 # --- what every guide obeys
 
 PLANS = {
-    "flyable": {},
+    "acceleration_limited": {},
     "unlimited": {"guide__flyable": False},
     "own limit": {"guide__a_max": 0.1},
     "no margin": {"guide__margin": 0.0, "swarm__a_max": 0.02},

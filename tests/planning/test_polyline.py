@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from casswarm.planning.guide import path_of
+from casswarm.planning.guide import integrate
 from casswarm.planning.polyline import resampled, straight
 
 START, GOAL = np.array([1.0, 2.0]), np.array([9.0, 8.0])  # ten apart
@@ -23,7 +23,7 @@ def test_resampled_path_ends_where_the_polyline_ends(steps: int) -> None:
     polyline = np.array([START, [3.0, 7.0], [6.0, 1.0], GOAL])
     velocities = resampled(polyline, steps, 0.33)
     assert velocities.shape == (steps, 2)
-    np.testing.assert_allclose(path_of(START, velocities, 0.33)[-1], GOAL, rtol=1e-12)
+    np.testing.assert_allclose(integrate(START, velocities, 0.33)[-1], GOAL, rtol=1e-12)
 
 
 def test_resampled_line_has_one_velocity() -> None:
@@ -33,6 +33,6 @@ def test_resampled_line_has_one_velocity() -> None:
 
 def test_resampled_points_lie_on_the_polyline_at_equal_lengths() -> None:
     corner = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 3.0]])  # length 6: two steps a unit
-    path = path_of(corner[0], resampled(corner, 12, 0.1), 0.1)
+    path = integrate(corner[0], resampled(corner, 12, 0.1), 0.1)
     expected = [[min(s, 3.0), max(s - 3.0, 0.0)] for s in np.arange(13) / 2]
     np.testing.assert_allclose(path, expected, atol=1e-12)

@@ -12,7 +12,7 @@ from casswarm import Scenario, SwarmPlan, evaluate, make_policy, plan, plan_swar
 from casswarm.errors import PolicyError
 from casswarm.optimization.solvers import Ipopt
 from casswarm.planning.joint.replan import PlanTree
-from casswarm.policies import JointFeedbackPolicy, JointPolicy
+from casswarm.policies import JointPolicy, ReplanningPolicy
 
 RADARS = [(1.0, 0.9), (2.2, -0.8)]
 
@@ -39,10 +39,10 @@ def planned() -> tuple[Scenario, SwarmPlan]:
 
 def feedback(
     planned: tuple[Scenario, SwarmPlan], mass: float = 1e-3, solver: Ipopt | None = None
-) -> JointFeedbackPolicy:
+) -> ReplanningPolicy:
     scenario, first = planned
     tree = PlanTree.of(scenario, first, solver, mass)
-    return JointFeedbackPolicy(tree, JointPolicy.of(first))
+    return ReplanningPolicy(tree, JointPolicy.of(first))
 
 
 def test_feedback_is_worth_more_than_the_plan(planned: tuple[Scenario, SwarmPlan]) -> None:
@@ -54,7 +54,7 @@ def test_feedback_is_worth_more_than_the_plan(planned: tuple[Scenario, SwarmPlan
     assert law.unresolved == 0
     assert first.success[1] + 1e-4 < law.success[0] < first.bound.value
     assert policy.tree.solves > 10
-    assert law.shortfalls == 0
+    assert law.infeasible == 0
 
 
 def test_every_situation_is_solved_once(planned: tuple[Scenario, SwarmPlan]) -> None:
@@ -85,14 +85,17 @@ def test_order_of_states_and_of_calls_changes_nothing(planned: tuple[Scenario, S
     step = 3
     alive = np.array([[True, True, False], [True, False, True], [False, True, True], [True] * 3])
     positions = np.where(alive[..., None], first.positions[step], 0.0)
-    previous = np.where(alive[..., None], first.velocities[step - 1], 0.0)
+    previous_velocities = np.where(alive[..., None], first.velocities[step - 1], 0.0)
     policy = feedback(planned)
     sent = pickle.loads(pickle.dumps(policy))
-    together = policy.velocities(step, positions, previous, alive)
+    together = policy.velocities(step, positions, previous_velocities, alive)
     for again in (sent, feedback(planned)):
         for row in reversed(range(4)):
             one = again.velocities(
-                step, positions[row : row + 1], previous[row : row + 1], alive[row : row + 1]
+                step,
+                positions[row : row + 1],
+                previous_velocities[row : row + 1],
+                alive[row : row + 1],
             )
             np.testing.assert_array_equal(one[0], together[row])
 
@@ -104,7 +107,7 @@ def test_runs_do_not_depend_on_batches(planned: tuple[Scenario, SwarmPlan]) -> N
         for workers in (1, 2)
     ]
     assert studies[0].runs.equals(studies[1].runs)
-    assert studies[0].summary["clipped"].item() == 0
+    assert studies[0].summary["saturated"].item() == 0
 
 
 def test_failed_solves_are_counted_and_do_no_harm(planned: tuple[Scenario, SwarmPlan]) -> None:
@@ -122,7 +125,7 @@ def test_distance_is_kept_by_survivors() -> None:
     scenario = small([(0.0, 0.0), (0.5, 0.1), (-0.2, 0.5)], (3.0, 0.2), RADARS, 8)
     first = plan_swarm(scenario, starts=["formations"], min_distance=0.3)
     tree = PlanTree.of(scenario, first, least_mass=1e-2)
-    evaluate(scenario, JointFeedbackPolicy(tree, JointPolicy.of(first)), tolerance=1e-2)
+    evaluate(scenario, ReplanningPolicy(tree, JointPolicy.of(first)), tolerance=1e-2)
     made = {id(b): b for b in tree.branches.values() if len(b.members) == 2}
     assert made
     for branch in made.values():
@@ -137,13 +140,13 @@ def test_states_that_no_plan_leads_to_are_steered_back(planned: tuple[Scenario, 
     found = policy.decide(0, places, first.before[None], np.ones((1, 3), bool))
     blind = policy.blind.decide(0, places, first.before[None], np.ones((1, 3), bool))
     np.testing.assert_array_equal(found.velocities, blind.velocities)
-    assert found.resolved.sum() == policy.tree.solves == 0
+    assert found.fallbacks.sum() == policy.tree.solves == 0
 
 
 def test_policy_by_name_plans_again() -> None:
     scenario = small([(0.0, 0.0), (0.4, 0.1)], (3.0, 0.2), RADARS, 8)
     guide = plan(scenario, certify=False)
-    policy = make_policy("joint-feedback", scenario, guide)
+    policy = make_policy("joint-replanning", scenario, guide)
     law = evaluate(scenario, policy, tolerance=1e-3, guide=guide)
     blind = evaluate(scenario, "joint", tolerance=1e-3, guide=guide)
     assert law.success[1] >= blind.success[0]

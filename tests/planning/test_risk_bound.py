@@ -19,7 +19,7 @@ from small_scenarios import (
 )
 
 from casswarm import Saturation, Scenario, plan
-from casswarm.planning.bounds.dynamic_programming import Prices, backward, forward, least
+from casswarm.planning.bounds.dynamic_programming import StageCosts, backward, forward, least
 from casswarm.planning.bounds.grid import Grid, Relaxation, whole_size
 from casswarm.planning.bounds.risk_bound import certify, first_grid
 from casswarm.planning.bounds.windows import box_minimum
@@ -69,7 +69,7 @@ def test_interpolated_node_rates_are_nowhere_above_the_rate(seed: int, decade: f
         inside = np.stack([east[i] + h * u, north[j] + h * v], axis=-1)
         share = [(1 - u) * (1 - v), (1 - u) * v, u * (1 - v), u * v]
         interpolated = sum(s * c for s, c in zip(share, corner.ravel(), strict=True))
-        assert (interpolated <= hazard.lone_rates(inside) * (1 + 1e-12)).all()
+        assert (interpolated <= hazard.single_agent_rates(inside) * (1 + 1e-12)).all()
     assert (nodes > 0).all()
 
 
@@ -82,7 +82,7 @@ def test_least_rate_of_a_box_is_nowhere_above_the_rate(seed: int) -> None:
     lower = radars[0] + rng.uniform(-0.02, 0.02, 2)
     upper = lower + 10.0 ** rng.uniform(-4, 0, 2)
     points = rng.uniform(lower, upper, (300, 2))
-    assert hazard.least_lone_rate(lower, upper) <= hazard.lone_rates(points).min()
+    assert hazard.single_agent_lower_bound(lower, upper) <= hazard.single_agent_rates(points).min()
 
 
 def test_node_rates_come_up_to_the_rate_as_the_square_of_the_spacing() -> None:
@@ -90,7 +90,7 @@ def test_node_rates_come_up_to_the_rate_as_the_square_of_the_spacing() -> None:
     missing = []
     for h in (0.1, 0.05, 0.025):
         below = hazard.lone_rates_below(np.array([0.0, h]), np.array([1.0, 1.0 + h]), h)[0, 0]
-        missing.append(hazard.lone_rates(np.array([0.0, 1.0])) - below)
+        missing.append(hazard.single_agent_rates(np.array([0.0, 1.0])) - below)
     assert 3.5 < missing[0] / missing[1] < 4.8
     assert 3.8 < missing[1] / missing[2] < 4.4
 
@@ -130,13 +130,13 @@ def explicit_least(task: Relaxation, reach: int) -> float:
 @pytest.mark.parametrize("reach", [1, 2])
 def test_recursion_is_that_of_all_paths_on_the_grid(reach: int) -> None:
     task = Relaxation.of(free((1.9, 0.7), [(1.0, 0.5), (0.5, -0.6)], 4))
-    prices = Prices(Grid.whole(task, 1, reach))
+    prices = StageCosts(Grid.whole(task, 1, reach))
     assert least(prices, backward(prices)) == pytest.approx(explicit_least(task, reach), rel=1e-12)
 
 
 def test_forward_and_backward_costs_agree_at_every_step() -> None:
     task = Relaxation.of(free((4.0, 3.0), [(2.0, 1.0)], 12))
-    prices = Prices(Grid.whole(task, 1, 2))
+    prices = StageCosts(Grid.whole(task, 1, 2))
     values = backward(prices)
     bound = least(prices, values)
     for arriving, going in itertools.islice(zip(forward(prices), values, strict=True), 4):
@@ -211,7 +211,7 @@ def test_no_weight_of_the_rim_makes_the_bound_exceed_a_guide(seed: int, weight: 
     scenario = geometry(seed)
     guide = plan(scenario, certify=False)
     task = Relaxation.of(scenario)
-    prices = Prices(first_grid(task, 30_000), multiplier=weight * guide.risk)
+    prices = StageCosts(first_grid(task, 30_000), multiplier=weight * guide.risk)
     assert least(prices, backward(prices)) <= guide.risk
 
 
@@ -241,7 +241,7 @@ def test_unpruned_grids_give_the_same_bound_as_refined_ones() -> None:
     assert certificate.levels[1].nodes < whole_size(task, 1, certificate.levels[1].reach) / 2
     for level in certificate.levels:
         if whole_size(task, 1, level.reach) < 2_000_000:
-            prices = Prices(Grid.whole(task, 1, level.reach))
+            prices = StageCosts(Grid.whole(task, 1, level.reach))
             assert level.bound == pytest.approx(least(prices, backward(prices)), rel=1e-9)
 
 
@@ -251,7 +251,7 @@ def test_merging_steps_weakens_the_bound_and_keeps_it(merged: int) -> None:
     task = Relaxation.of(scenario)
     bounds = []
     for m in (1, merged):
-        prices = Prices(Grid.whole(task, m, 2))
+        prices = StageCosts(Grid.whole(task, m, 2))
         bounds.append(least(prices, backward(prices)))
     guide = plan(scenario, certify=False)
     assert 0.5 * guide.risk < bounds[1] <= bounds[0] <= guide.risk
@@ -269,7 +269,7 @@ def test_refining_merged_steps_never_exceeds_a_guide(seed: int, first: int) -> N
     assert certificate.levels[0].merged > 1
     assert certificate.bound <= min(*random_guides(fine, 100, seed), guide.risk)
     assert certificate.gap < 0.03 or "nodes" in certificate.reason
-    one = Prices(Grid.whole(task, 1, 1))
+    one = StageCosts(Grid.whole(task, 1, 1))
     exact = least(one, backward(one))
     assert all(level.bound <= guide.risk for level in certificate.levels)
     assert (

@@ -25,7 +25,7 @@ from casswarm import (
 from casswarm.hazard.protection import LeastRate
 from casswarm.planning.bounds.grid import Relaxation
 from casswarm.planning.bounds.risk_bound import certify
-from casswarm.planning.joint.distribution import PlanLaw
+from casswarm.planning.joint.distribution import PlanDistribution
 from casswarm.policies import JointPolicy
 
 SHARE = (1 + ALPHA[1]) / (1 + 3 * ALPHA[1])  # of the lone rate, at the least, among three
@@ -84,7 +84,7 @@ def test_no_ways_exceed_the_bound_in_hundreds_of_scenarios(n: int, collides: boo
         most = 0.0
         for _ in range(6):
             ways = adversary(scenario, rng)
-            most = max(most, PlanLaw.of(scenario, ways).success[1])
+            most = max(most, PlanDistribution.of(scenario, ways).success[1])
         assert most <= bound.value
         near += most > bound.value - 0.1
     assert near > 0  # the bound is not just 1
@@ -144,7 +144,7 @@ def test_bound_is_attained_where_all_risk_is_in_one_step() -> None:
     assert success <= bound.value <= success + 1e-4
     ways = np.stack([np.zeros((3, 2)), np.tile(0.9 + (place - 0.9) * (1 - 1e-9), (3, 1))])
     ways[1] = place
-    assert PlanLaw.of(scenario, ways).cost("success") >= bound.failure
+    assert PlanDistribution.of(scenario, ways).cost("success") >= bound.failure
 
 
 def test_who_cannot_arrive_does_not_count() -> None:
@@ -188,7 +188,7 @@ def test_no_formation_has_a_rate_below_the_least(seed: int, n: int) -> None:
         width = 10.0 ** rng.uniform(-2, 0.5)
         positions = rng.uniform(-3, 3, 2) + width * rng.normal(size=(20, n, 2))
         alive = rng.random((20, n)) < 0.7
-        rates, lone = hazard.rates(positions, alive), hazard.lone_rates(positions)
+        rates, lone = hazard.rates(positions, alive), hazard.single_agent_rates(positions)
         assert (rates[alive] >= least(lone)[alive] * (1 - 1e-9)).all()
 
 

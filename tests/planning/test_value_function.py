@@ -26,7 +26,7 @@ def followed(scenario: Scenario, value: ValueFunction, place: np.ndarray, step: 
         velocity = value.velocities(t, place)
         assert np.abs(velocity).max() <= V_MAX * (1 + 1e-12)
         place = place + DT * velocity
-        risk += DT * float(scenario.hazard.lone_rates(place))
+        risk += DT * float(scenario.hazard.single_agent_rates(place))
         if scenario.target.contains(place):
             return risk
     return math.inf

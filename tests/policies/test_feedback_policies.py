@@ -51,9 +51,9 @@ def states(batch: int, seed: int) -> tuple[Array, Array, Flags]:
     alive = rng.random((batch, 4)) < 0.7
     alive[:, 0] |= ~alive.any(axis=1)
     positions = rng.uniform((-0.5, -1), (4, 1), (batch, 1, 2)) + rng.normal(0, 0.4, (batch, 4, 2))
-    previous = rng.uniform(-2, 2, (batch, 4, 2))
+    previous_velocities = rng.uniform(-2, 2, (batch, 4, 2))
     living = alive[..., None]
-    return positions * living, previous * living, alive
+    return positions * living, previous_velocities * living, alive
 
 
 # --- the way on
@@ -90,9 +90,9 @@ def test_without_time_to_arrive_the_way_is_straight_to_the_target() -> None:
     assert points[0] == pytest.approx([-1.0 + DT * 2.0, 0.5])
 
 
-def followed(places: Array, previous: Array) -> Array:
+def followed(places: Array, previous_velocities: Array) -> Array:
     """Risks of lone agents that follow the feedback guide from step 0; infinite if one is late."""
-    task, x, v = scenario(), places, previous
+    task, x, v = scenario(), places, previous_velocities
     risk, arrived = np.zeros(len(x)), np.zeros(len(x), bool)
     for step in range(task.n_steps):
         y = policy("leader-feedback").ways_on(step, x, v)[0]
@@ -100,7 +100,7 @@ def followed(places: Array, previous: Array) -> Array:
         assert (np.hypot(*(moved - v)[~arrived].T) <= math.sqrt(0.5) * (1 + 1e-9)).all()
         assert np.abs(moved).max() <= 2.0 * (1 + 1e-9)
         x, v = np.where(arrived[:, None], x, y), np.where(arrived[:, None], v, moved)
-        risk += np.where(arrived, 0.0, DT * task.hazard.lone_rates(x))
+        risk += np.where(arrived, 0.0, DT * task.hazard.single_agent_rates(x))
         arrived |= task.target.contains(x)
     return np.where(arrived, risk, np.inf)
 
@@ -139,55 +139,60 @@ def test_lone_agent_s_law_is_its_feedback_guide() -> None:
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=8, deadline=None)
 def test_decisions_do_not_depend_on_the_other_states_of_a_batch(name: str, seed: int) -> None:
-    positions, previous, alive = states(30, seed)
-    whole = policy(name).decide(3, positions, previous, alive)
+    positions, previous_velocities, alive = states(30, seed)
+    whole = policy(name).decide(3, positions, previous_velocities, alive)
     for rows in (slice(0, 1), slice(7, 20)):
-        part = policy(name).decide(3, positions[rows], previous[rows], alive[rows])
+        part = policy(name).decide(3, positions[rows], previous_velocities[rows], alive[rows])
         np.testing.assert_array_equal(part.velocities, whole.velocities[rows])
-        np.testing.assert_array_equal(part.shortfalls, whole.shortfalls[rows])
+        np.testing.assert_array_equal(part.infeasible, whole.infeasible[rows])
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_decisions_do_not_depend_on_the_destroyed_or_the_order_of_members(name: str) -> None:
-    positions, previous, alive = states(30, 2)
-    expected = policy(name).decide(3, positions, previous, alive).velocities
+    positions, previous_velocities, alive = states(30, 2)
+    expected = policy(name).decide(3, positions, previous_velocities, alive).velocities
     order = [2, 0, 3, 1]
-    turned = policy(name).decide(3, positions[:, order], previous[:, order], alive[:, order])
+    turned = policy(name).decide(
+        3, positions[:, order], previous_velocities[:, order], alive[:, order]
+    )
     np.testing.assert_allclose(turned.velocities, expected[:, order], atol=1e-4)
     elsewhere = np.where(alive[..., None], positions, 7.0)
-    other = policy(name).pathfinders(3, elsewhere, previous, alive)
-    same = policy(name).pathfinders(3, positions, previous, alive)
+    other = policy(name).pathfinders(3, elsewhere, previous_velocities, alive)
+    same = policy(name).pathfinders(3, positions, previous_velocities, alive)
     np.testing.assert_array_equal(other[0], same[0])
     np.testing.assert_array_equal(other[1], same[1])
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_pathfinder_is_alive_and_reaches_the_best_next_point(name: str) -> None:
-    positions, previous, alive = states(200, 3)
-    first, goals = policy(name).pathfinders(2, positions, previous, alive)
+    positions, previous_velocities, alive = states(200, 3)
+    first, goals = policy(name).pathfinders(2, positions, previous_velocities, alive)
     rows = np.arange(len(first))
     assert alive[rows, first].all()
-    risks = policy(name).ways_on(2, positions.reshape(-1, 2), previous.reshape(-1, 2))[1]
+    risks = policy(name).ways_on(2, positions.reshape(-1, 2), previous_velocities.reshape(-1, 2))[1]
     risks = np.where(alive, risks.reshape(alive.shape), np.inf)
     known = np.isfinite(risks).any(axis=1)
     assert known.mean() > 0.8
     least = risks.min(axis=1)[known]
     np.testing.assert_allclose(risks[rows, first][known], least, rtol=1e-8)
-    decision = policy(name).decide(2, positions, previous, alive)
+    decision = policy(name).decide(2, positions, previous_velocities, alive)
     reached = positions[rows, first] + DT * decision.velocities[rows, first]
     np.testing.assert_allclose(reached[known], goals[known], atol=1e-9)
     assert decision.failures.sum() == 0
 
 
 def test_the_rest_of_the_corridor_is_around_the_pathfinder_or_counted() -> None:
-    positions, previous, alive = states(200, 4)
+    positions, previous_velocities, alive = states(200, 4)
     found = policy("constrained-feedback")
-    first, goals = found.pathfinders(2, positions, previous, alive)
-    decision = found.decide(2, positions, previous, alive)
+    first, goals = found.pathfinders(2, positions, previous_velocities, alive)
+    decision = found.decide(2, positions, previous_velocities, alive)
     ends = positions + DT * decision.velocities
     away = np.hypot(*np.moveaxis(ends - goals[:, None], -1, 0))
     physical = PlanarSets(  # within their limits, the nearest that members can be to the centre
-        np.full(2, -2.0), np.full(2, 2.0), previous[..., None, :], np.full(1, math.sqrt(0.5))
+        np.full(2, -2.0),
+        np.full(2, 2.0),
+        previous_velocities[..., None, :],
+        np.full(1, math.sqrt(0.5)),
     )
     nearest = positions + DT * physical.project((goals[:, None] - positions) / DT)
     distance = np.hypot(*np.moveaxis(nearest - goals[:, None], -1, 0))
@@ -196,7 +201,7 @@ def test_the_rest_of_the_corridor_is_around_the_pathfinder_or_counted() -> None:
     assert (away[able] <= math.sqrt(0.05) * (1 + 1e-6)).all()
     others = alive & (np.arange(4) != first[:, None])
     unable = others & (distance > math.sqrt(0.05) * 1.001)
-    assert (decision.shortfalls >= unable.sum(axis=1)).all()
+    assert (decision.infeasible >= unable.sum(axis=1)).all()
     np.testing.assert_allclose(away[unable], distance[unable], atol=1e-6)
 
 
@@ -216,7 +221,7 @@ def test_policies_with_feedback_pickle_and_need_no_guide(name: str) -> None:
 @pytest.mark.parametrize("name", ["leader", "constrained"])
 def test_feedback_brings_more_swarms_through_where_members_start_apart(name: str) -> None:
     guide = plan(scenario(), certify=False)
-    options = {"tolerance": 0.02, "merging": 1e-6, "guide": guide}
+    options = {"tolerance": 0.02, "aggregation_tol": 1e-6, "guide": guide}
     fixed = evaluate(scenario(), name, **options)
     feedback = evaluate(scenario(), f"{name}-feedback", **options)
     assert feedback.success[0] > fixed.success[1]
@@ -224,7 +229,7 @@ def test_feedback_brings_more_swarms_through_where_members_start_apart(name: str
 
 def test_sampled_runs_agree_with_the_exact_law() -> None:
     guide = plan(scenario(), certify=False)
-    law = evaluate(scenario(), "leader-feedback", 1e-3, merging=1e-6, guide=guide)
+    law = evaluate(scenario(), "leader-feedback", 1e-3, aggregation_tol=1e-6, guide=guide)
     study = simulate(scenario(), ["leader-feedback"], runs=1000, seed=7, guide=guide)
     row = study.summary.iloc[0]
     assert row.success_low <= law.success[1]

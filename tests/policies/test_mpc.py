@@ -14,28 +14,28 @@ from commands import casswarm
 from small_scenarios import Array
 from window_cases import COLLIDING, DT, GOAL, HAZARD, MOTION, RADARS, RHO, both, leaders_of, window
 
-import casswarm as cs
+import casswarm as csw
 from casswarm import Saturation, make_solver
 from casswarm.errors import PolicyError, SolverError
-from casswarm.figures import look_ahead_chart
-from casswarm.optimization.solvers.batch.interior_point import Barrier
-from casswarm.policies import LeaderAheadPolicy, LeaderPolicy, make_policy
+from casswarm.figures import mpc_chart
+from casswarm.optimization.solvers.batch.interior_point import InteriorPoint
+from casswarm.policies import LeaderMpcPolicy, LeaderPolicy, make_policy
 from casswarm.policies.mpc import flown
-from casswarm.policies.mpc_instances import MARGIN, corridor_ahead, leader_ahead
+from casswarm.policies.mpc_instances import MARGIN, constrained_mpc, leader_mpc
 from casswarm.problems.formation import (
     Step,
     corridor_formation,
     leader_formation,
 )
-from casswarm.problems.mpc_formation import LookAhead, Window
+from casswarm.problems.mpc_formation import MpcFormation, Window
 
 
-def paths_of(problem: LookAhead, data: Window) -> Array:
+def paths_of(problem: MpcFormation, data: Window) -> Array:
     """Advances (B, H, n, 2) by the batch solver, every one converged; those given as they are."""
     batch, n = data.alive.shape
     rows = np.flatnonzero(problem.free.any(axis=1))
     found = problem.instances.start.copy()
-    run = Barrier().run(problem.nlp, problem.instances[rows])
+    run = InteriorPoint().run(problem.nlp, problem.instances[rows])
     assert run.judged[:, 2].max(initial=0.0) <= 1e-6
     found[rows] = run.x
     return found.reshape(batch, data.steps, n, 2)
@@ -50,13 +50,13 @@ def velocities_of(advances: Array) -> Array:
 
 @pytest.mark.parametrize("name", ["leader", "constrained"])
 def test_a_look_ahead_of_one_step_gives_the_one_step_policy_bit_for_bit(name: str) -> None:
-    scenario = cs.load_scenario("paper-1")
-    guide = cs.plan(scenario, certify=False)
+    scenario = csw.load_scenario("paper-1")
+    guide = csw.plan(scenario, certify=False)
     paper = make_policy(name, scenario, guide)
-    assert type(make_policy(name, scenario, guide, look_ahead=1)) is type(paper)
+    assert type(make_policy(name, scenario, guide, horizon=1)) is type(paper)
     assert type(make_policy(f"{name}-ahead-1", scenario, guide)) is type(paper)
-    ahead = replace(make_policy(name, scenario, guide, look_ahead=4), look_ahead=1)  # type: ignore[type-var]
-    last = make_policy(name, scenario, guide, look_ahead=4)
+    ahead = replace(make_policy(name, scenario, guide, horizon=4), horizon=1)  # type: ignore[type-var]
+    last = make_policy(name, scenario, guide, horizon=4)
     rng = np.random.default_rng(1)
     for step, policies in ((0, [ahead]), (9, [ahead]), (guide.arrival - 1, [ahead, last])):
         alive = rng.random((6, 5)) > 0.3
@@ -67,29 +67,32 @@ def test_a_look_ahead_of_one_step_gives_the_one_step_policy_bit_for_bit(name: st
         for policy in policies:
             found = policy.decide(step, X, before, alive)
             np.testing.assert_array_equal(found.velocities, expected.velocities)
-            np.testing.assert_array_equal(found.shortfalls, expected.shortfalls)
+            np.testing.assert_array_equal(found.infeasible, expected.infeasible)
 
 
 def test_window_of_one_step_has_the_one_step_answer_by_the_other_solver() -> None:
     data = window(40, 4, 1, seed=2)
-    step = Step(HAZARD, MOTION, data.positions, data.previous, data.alive, data.goals[0])
+    step = Step(HAZARD, MOTION, data.positions, data.previous_velocities, data.alive, data.goals[0])
     leaders = leaders_of(data)
     pairs = ((leader_formation(step, leaders), 0.0), (corridor_formation(step, RHO), MARGIN))
     for ahead, (one, margin) in zip(both(data), pairs, strict=True):
-        found, paper = flown(data, ahead, Barrier()), one.instances.lower.reshape(40, 4, 2).copy()
+        found, paper = (
+            flown(data, ahead, InteriorPoint()),
+            one.instances.lower.reshape(40, 4, 2).copy(),
+        )
         rows = np.flatnonzero(one.free.any(axis=1))
         solution = make_solver("spectral").solve_batch(one.nlp, one.instances[rows])
         assert solution.success.all()
         paper[rows] = solution.x.reshape(-1, 4, 2)
         assert not found.failures.any()
-        np.testing.assert_array_equal(found.shortfalls, one.shortfalls.sum(axis=1))
+        np.testing.assert_array_equal(found.infeasible, one.infeasible.sum(axis=1))
         # who misses the corridor has the margin's room, which moves the others a little
-        calm = ~one.shortfalls.any(axis=1, keepdims=True) | (margin == 0.0)
+        calm = ~one.infeasible.any(axis=1, keepdims=True) | (margin == 0.0)
         met = data.alive & calm
         np.testing.assert_allclose(found.velocities[met], paper[met], atol=2e-4)
         reached = data.positions + DT * found.velocities, data.positions + DT * paper
         far, near = (np.hypot(*(place - GOAL).transpose(2, 0, 1)) for place in reached)
-        lost = data.alive & one.shortfalls
+        lost = data.alive & one.infeasible
         assert (far[lost] <= near[lost] + margin * math.sqrt(RHO) + 1e-6).all()
 
 
@@ -102,14 +105,16 @@ def test_limits_hold_along_the_path_and_to_rounding_in_what_is_flown(steps: int)
     for problem in both(data):
         v = velocities_of(paths_of(problem, data))[problem.free.any(axis=1)]
         assert np.abs(v).max() <= MOTION.v_max + 1e-9
-        before = np.concatenate([data.previous[problem.free.any(axis=1)][:, None], v], axis=1)
+        before = np.concatenate(
+            [data.previous_velocities[problem.free.any(axis=1)][:, None], v], axis=1
+        )
         turns = (np.diff(before, axis=1) ** 2).sum(axis=-1)
         assert turns.max() <= MOTION.a_max + 1e-9
         decision = flown(data, problem, make_solver("auto"))
         assert not decision.failures.any()
         first = decision.velocities
         assert np.abs(first).max() <= MOTION.v_max + 1e-9
-        turns = ((first - data.previous) ** 2).sum(axis=-1)
+        turns = ((first - data.previous_velocities) ** 2).sum(axis=-1)
         assert turns[data.alive].max() <= MOTION.a_max + 1e-9
         assert (first[~data.alive] == 0).all()
 
@@ -124,8 +129,8 @@ def test_shortfalls_are_counted_where_the_next_wish_is_missed() -> None:
         decision = flown(data, problem, make_solver("auto"))
         away = data.positions + DT * decision.velocities - data.goals[0]
         missed = np.hypot(away[..., 0], away[..., 1]) > radius + 1e-6 * MOTION.v_max * DT
-        np.testing.assert_array_equal(decision.shortfalls, (missed & wished).sum(axis=1))
-        assert 0 < decision.shortfalls.sum() < wished.sum()
+        np.testing.assert_array_equal(decision.infeasible, (missed & wished).sum(axis=1))
+        assert 0 < decision.infeasible.sum() < wished.sum()
 
 
 def decisions(data: Window) -> list[Array]:
@@ -138,12 +143,12 @@ def test_permutation_of_members_permutes_the_answer() -> None:
     permuted = replace(
         data,
         positions=data.positions[:, order],
-        previous=data.previous[:, order],
+        previous_velocities=data.previous_velocities[:, order],
         alive=data.alive[:, order],
     )
     moved = np.asarray(order.argsort()[leaders_of(data)])
     here = both(data)
-    there = [leader_ahead(permuted, moved), corridor_ahead(permuted, RHO)]
+    there = [leader_mpc(permuted, moved), constrained_mpc(permuted, RHO)]
     for a, b in zip(here, there, strict=True):
         found = flown(data, a, make_solver("auto")).velocities
         again = flown(permuted, b, make_solver("auto")).velocities
@@ -169,7 +174,7 @@ def test_destroyed_never_move_the_result(hazard: Saturation) -> None:
     elsewhere = replace(
         data,
         positions=np.where(dead, GOAL + 0.05, data.positions),
-        previous=np.where(dead, 0.3, data.previous),
+        previous_velocities=np.where(dead, 0.3, data.previous_velocities),
     )
     for a, b in zip(decisions(data), decisions(elsewhere), strict=True):
         np.testing.assert_allclose(a, b, atol=1e-7)
@@ -182,7 +187,7 @@ def test_batch_equals_one_by_one() -> None:
         one = replace(
             data,
             positions=data.positions[b : b + 1],
-            previous=data.previous[b : b + 1],
+            previous_velocities=data.previous_velocities[b : b + 1],
             alive=data.alive[b : b + 1],
         )
         for all_, alone in zip(whole, decisions(one), strict=True):
@@ -205,11 +210,11 @@ def test_the_corridor_is_met_where_it_can_be_and_a_plan_s_rest_fits_the_next_win
     short = []
     for t in range(8):
         now = replace(data, goals=way[t : t + 4])
-        decision = flown(now, corridor_ahead(now, RHO), make_solver("auto"))
+        decision = flown(now, constrained_mpc(now, RHO), make_solver("auto"))
         X = data.positions + DT * decision.velocities
-        data = replace(data, positions=X, previous=decision.velocities)
-        short.append(decision.shortfalls)
-        met &= decision.shortfalls == 0
+        data = replace(data, positions=X, previous_velocities=decision.velocities)
+        short.append(decision.infeasible)
+        met &= decision.infeasible == 0
     assert met.sum() >= 10
     assert sum(short[4:]).sum() == 0
 
@@ -218,18 +223,18 @@ def test_the_corridor_is_met_where_it_can_be_and_a_plan_s_rest_fits_the_next_win
 
 
 def test_rates_that_are_no_kernels_are_solved_by_ipopt() -> None:
-    scenario = cs.load_scenario("paper-1").with_values(
+    scenario = csw.load_scenario("paper-1").with_values(
         {
             "hazard": {"kind": "small_scenarios:patrolled", "radars": [[4.4, 4.6]]},
             "swarm.positions": [[0.0, 0.0], [0.3, 0.0]],
         }
     )
-    guide = cs.plan(scenario, certify=False)
-    policy = make_policy("constrained", scenario, guide, look_ahead=2)
+    guide = csw.plan(scenario, certify=False)
+    policy = make_policy("constrained", scenario, guide, horizon=2)
     X = scenario.positions[None]
     decision = policy.decide(0, X, np.tile(guide.velocities[0], (1, 2, 1)), np.ones((1, 2), bool))
     assert not decision.failures.any()
-    assert not decision.resolved.any()
+    assert not decision.fallbacks.any()
 
 
 def test_solvers_of_other_problems_say_that_they_cannot() -> None:
@@ -237,17 +242,17 @@ def test_solvers_of_other_problems_say_that_they_cannot() -> None:
     with pytest.raises(SolverError, match="spectral cannot take look-ahead"):
         make_solver("spectral").solve_batch(problem.nlp, problem.instances)
     step = window(2, 3, 1, seed=19)
-    data = Step(HAZARD, MOTION, step.positions, step.previous, step.alive, GOAL)
+    data = Step(HAZARD, MOTION, step.positions, step.previous_velocities, step.alive, GOAL)
     formation = corridor_formation(data, RHO)
     with pytest.raises(SolverError, match="needs paths within limits"):
-        Barrier().solve_batch(formation.nlp, formation.instances)
+        InteriorPoint().solve_batch(formation.nlp, formation.instances)
 
 
 def test_policies_and_problems_pickle() -> None:
-    scenario = cs.load_scenario("paper-1")
-    guide = cs.plan(scenario, certify=False)
-    policy = make_policy("leader-ahead-3", scenario, guide)
-    assert policy.name == "leader-ahead-3"
+    scenario = csw.load_scenario("paper-1")
+    guide = csw.plan(scenario, certify=False)
+    policy = make_policy("leader-mpc-3", scenario, guide)
+    assert policy.name == "leader-mpc-3"
     X = scenario.positions[None]
     state = (0, X, np.tile(guide.velocities[0], (1, 5, 1)), np.ones((1, 5), bool))
     again = pickle.loads(pickle.dumps(policy))
@@ -255,55 +260,62 @@ def test_policies_and_problems_pickle() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "look_ahead", "words"),
+    ("name", "horizon", "words"),
     [
-        ("leader", 0, "look_ahead = 0; allowed: whole numbers from 1"),
-        ("leader", 2.5, "look_ahead = 2.5"),
+        ("leader", 0, "horizon = 0; allowed: whole numbers from 1"),
+        ("leader", 2.5, "horizon = 2.5"),
         ("naive", 3, "'naive' has no look-ahead"),
-        ("leader-ahead-0", 1, "look_ahead = 0"),
-        ("leader-ahead-3", 2, "names its look-ahead"),
-        ("leader-ahead-H", 1, "'leader-ahead-H' is unknown; .*leader-ahead-3"),
-        ("leader-ahead-", 1, "unknown"),
+        ("leader-mpc-0", 1, "horizon = 0"),
+        ("leader-mpc-3", 2, "names its look-ahead"),
+        ("leader-mpc-H", 1, "'leader-mpc-H' is unknown; .*leader-mpc-3"),
+        ("leader-mpc-", 1, "unknown"),
         ("naive-ahead-3", 1, "unknown"),
     ],
 )
-def test_wrong_look_aheads_are_told(name: str, look_ahead: int, words: str) -> None:
+def test_wrong_look_aheads_are_told(name: str, horizon: int, words: str) -> None:
     with pytest.raises(PolicyError, match=words):
-        make_policy(name, cs.load_scenario("paper-1"), look_ahead=look_ahead)
+        make_policy(name, csw.load_scenario("paper-1"), horizon=horizon)
 
 
 # --- what it buys
 
 
 def test_looking_ahead_avoids_most_shortfalls_of_the_corridor() -> None:
-    scenario = cs.load_scenario("paper-1")
-    guide = cs.plan(scenario, certify=False)
-    study = cs.simulate(scenario, ["constrained", "constrained-ahead-5"], 40, guide=guide)
-    near, far = study.summary["shortfalls"]
+    scenario = csw.load_scenario("paper-1")
+    guide = csw.plan(scenario, certify=False)
+    study = csw.simulate(scenario, ["constrained", "constrained-mpc-5"], 40, guide=guide)
+    near, far = study.summary["infeasible"]
     assert far < 0.4 * near
     assert not study.summary["solver_failures"].any()
 
 
 def test_leader_ahead_is_a_leader() -> None:
-    scenario = cs.load_scenario("paper-1")
-    policy = make_policy("leader", scenario, succession="first", look_ahead=2)
-    assert isinstance(policy, LeaderAheadPolicy)
+    scenario = csw.load_scenario("paper-1")
+    policy = make_policy("leader", scenario, leader_selection="first", horizon=2)
+    assert isinstance(policy, LeaderMpcPolicy)
     assert isinstance(policy, LeaderPolicy)
-    assert policy.succession == "first"
+    assert policy.leader_selection == "first"
 
 
 def test_commands_take_several_look_aheads_side_by_side(tmp_path: Path) -> None:
-    names = ["leader", "leader-ahead-2", "constrained-ahead-3"]
+    names = ["leader", "leader-mpc-2", "constrained-mpc-3"]
     policies = [word for name in names for word in ("--policy", name)]
     told = casswarm(tmp_path, "simulate", "paper-1", *policies, "--runs", 20, "--quiet").stdout
     assert all(f"\n{name} " in told for name in names)
     told = casswarm(
-        tmp_path, "evaluate", "paper-1", *policies[2:], "--tolerance", 0.2, "--merge", 1e-6
+        tmp_path,
+        "evaluate",
+        "paper-1",
+        *policies[2:],
+        "--tolerance",
+        0.2,
+        "--aggregation-tol",
+        1e-6,
     ).stdout
-    assert "leader-ahead-2 " in told
-    assert "constrained-ahead-3 " in told
-    words = ("simulate", "paper-1", "--policy", "leader-ahead-x", "--runs", 5)
-    assert "leader-ahead-3" in casswarm(tmp_path, *words, code=2).stderr
+    assert "leader-mpc-2 " in told
+    assert "constrained-mpc-3 " in told
+    words = ("simulate", "paper-1", "--policy", "leader-mpc-x", "--runs", 5)
+    assert "leader-mpc-3" in casswarm(tmp_path, *words, code=2).stderr
 
 
 def test_chart_has_success_above_and_shortfalls_below_for_every_scenario() -> None:
@@ -311,14 +323,14 @@ def test_chart_has_success_above_and_shortfalls_below_for_every_scenario() -> No
         {
             "scenario": ["a", "a", "b", "b"],
             "policy": ["leader"] * 4,
-            "look_ahead": [1, 3, 1, 3],
+            "horizon": [1, 3, 1, 3],
             "success": [0.2, 0.5, 0.1, 0.4],
             "success_low": [0.1, 0.4, 0.1, 0.3],
             "success_high": [0.3, 0.6, 0.1, 0.5],
-            "shortfalls": [8.0, 1.0, 4.0, 0.0],
+            "infeasible": [8.0, 1.0, 4.0, 0.0],
         }
     )
-    axes = look_ahead_chart(table).axes
+    axes = mpc_chart(table).axes
     assert [panel.get_title() for panel in axes] == ["a", "b", "", ""]
     np.testing.assert_array_equal(axes[2].lines[0].get_xydata(), [[1, 8], [3, 1]])
     np.testing.assert_array_equal(axes[1].lines[0].get_xydata(), [[1, 0.1], [3, 0.4]])

@@ -27,7 +27,7 @@ from casswarm import (
 from casswarm.optimization.problem import Instances, Nlp
 from casswarm.optimization.solvers import Answer, Ipopt, Solver
 from casswarm.planning.plan import initial_velocities
-from casswarm.policies import POLICIES, SUCCESSIONS, member_guides
+from casswarm.policies import LEADER_SELECTION, POLICIES, member_guides
 from casswarm.problems.formation import Motion, Step
 
 Flags = NDArray[np.bool_]
@@ -51,9 +51,9 @@ def states(batch: int, seed: int, step: int = 2) -> tuple[Array, Array, Flags]:
     alive = rng.random((batch, 4)) < 0.7
     alive[:, 0] |= ~alive.any(axis=1)
     positions = guide().positions[step] + rng.normal(0, 0.15, (batch, 4, 2))
-    previous = guide().velocities[step - 1] + rng.normal(0, 0.2, (batch, 4, 2))
+    previous_velocities = guide().velocities[step - 1] + rng.normal(0, 0.2, (batch, 4, 2))
     living = alive[..., None]
-    return positions * living, np.clip(previous, -2, 2) * living, alive
+    return positions * living, np.clip(previous_velocities, -2, 2) * living, alive
 
 
 @cache
@@ -70,11 +70,11 @@ def decided(name: str, state: tuple[Array, ...], step: int = 2, **options: Any) 
 
 @pytest.mark.parametrize("name", POLICIES)
 def test_decision_respects_the_physical_limits_and_leaves_the_destroyed(name: str) -> None:
-    positions, previous, alive = states(40, seed=0)
-    velocities = decided(name, (positions, previous, alive)).velocities
+    positions, previous_velocities, alive = states(40, seed=0)
+    velocities = decided(name, (positions, previous_velocities, alive)).velocities
     assert velocities.shape == positions.shape
     assert np.abs(velocities[alive]).max() <= 2.0
-    changes = np.hypot(*(velocities - previous)[alive].T)
+    changes = np.hypot(*(velocities - previous_velocities)[alive].T)
     assert changes.max() <= np.sqrt(0.5) + 1e-9
     assert (velocities[~alive] == 0).all()
 
@@ -86,7 +86,7 @@ def test_deciding_a_batch_is_deciding_every_state_alone(name: str) -> None:
     for b in range(9):
         alone = decided(name, tuple(part[b : b + 1] for part in state))
         np.testing.assert_allclose(together.velocities[b], alone.velocities[0], atol=1e-9)
-        assert together.shortfalls[b] == alone.shortfalls[0]
+        assert together.infeasible[b] == alone.infeasible[0]
         assert together.failures[b] == alone.failures[0] == 0
 
 
@@ -134,22 +134,22 @@ def test_members_guides_start_where_and_as_the_members_start() -> None:
 def test_naive_members_follow_their_own_guides_and_ignore_the_others() -> None:
     guides = policy("naive").guides
     positions = np.array([[g.positions[2] for g in guides]] * 3)
-    previous = np.array([[g.velocities[1] for g in guides]] * 3)
+    previous_velocities = np.array([[g.velocities[1] for g in guides]] * 3)
     alive = np.array([[True] * 4, [True, False, False, True], [False, False, True, False]])
-    decision = decided("naive", (positions, previous, alive))
+    decision = decided("naive", (positions, previous_velocities, alive))
     expected = np.array([g.velocities[2] for g in guides])
     for b in range(3):
         np.testing.assert_allclose(decision.velocities[b][alive[b]], expected[alive[b]], atol=1e-9)
-    assert decision.shortfalls.tolist() == [0, 0, 0]
+    assert decision.infeasible.tolist() == [0, 0, 0]
 
 
 def test_naive_member_off_its_guide_counts_as_a_shortfall_while_alive() -> None:
     guides = policy("naive").guides
     positions = np.array([[g.positions[2] for g in guides]] * 2)
-    previous = np.array([[g.velocities[1] for g in guides]] * 2)
+    previous_velocities = np.array([[g.velocities[1] for g in guides]] * 2)
     positions[:, 1] += 3.0
     alive = np.array([[True] * 4, [True, False, True, True]])
-    assert decided("naive", (positions, previous, alive)).shortfalls.tolist() == [1, 0]
+    assert decided("naive", (positions, previous_velocities, alive)).infeasible.tolist() == [1, 0]
 
 
 def test_swarm_starts_with_the_guide_s_first_velocity_or_the_given_one() -> None:
@@ -179,10 +179,10 @@ def test_nearest_survivor_leads_after_the_leader_s_death() -> None:
     place = guide().positions[2]
     offsets = np.array([[0.0, 0.0], [0.2, 0.0], [0.0, 0.1], [0.0, 0.15]])
     positions = (place + offsets)[None]
-    previous = np.tile(guide().velocities[2], (1, 4, 1))
+    previous_velocities = np.tile(guide().velocities[2], (1, 4, 1))
     goal = guide().positions[3]
     for alive, leader in [([1] * 4, 0), ([0, 1, 1, 1], 2), ([0, 1, 0, 1], 3), ([0, 1, 0, 0], 1)]:
-        state = (positions, previous, np.array([alive], bool))
+        state = (positions, previous_velocities, np.array([alive], bool))
         following = positions[0] + DT * decided("leader", state).velocities[0]
         distances = np.where(alive, np.hypot(*(following - goal).T), np.inf)
         assert distances[leader] < 1e-9
@@ -195,7 +195,7 @@ def leaders(rule: str, positions: Array, alive: list[list[int]]) -> list[int]:
     batch = np.array([positions] * len(alive))
     living = np.array(alive, bool)
     step = Step(HAZARD, Motion(2.0, 0.5, DT), batch, 0 * batch, living, np.zeros(2))
-    return [int(i) for i in SUCCESSIONS[rule](step, np.zeros(2))]
+    return [int(i) for i in LEADER_SELECTION[rule](step, np.zeros(2))]
 
 
 def test_succession_goes_by_its_rule_and_ties_go_to_the_lower_index() -> None:
@@ -217,12 +217,12 @@ def test_ties_are_ties_in_spite_of_rounding() -> None:
 
 
 def test_constrained_members_stay_in_the_corridor_unless_they_cannot() -> None:
-    positions, previous, alive = states(30, seed=6)
-    decision = decided("constrained", (positions, previous, alive))
+    positions, previous_velocities, alive = states(30, seed=6)
+    decision = decided("constrained", (positions, previous_velocities, alive))
     following = positions + DT * decision.velocities
     away = np.linalg.norm(following - guide().positions[3], axis=-1) > np.sqrt(0.05) + 1e-8
-    assert ((away & alive).sum(axis=1) == decision.shortfalls).all()
-    assert 0 < decision.shortfalls.sum() < alive.sum() / 2
+    assert ((away & alive).sum(axis=1) == decision.infeasible).all()
+    assert 0 < decision.infeasible.sum() < alive.sum() / 2
 
 
 # --- solvers that fail
@@ -257,16 +257,19 @@ class Broken(Solver):
 def test_solver_failure_is_counted_and_its_fallback_feasible(
     name: str, x: float, status: Status
 ) -> None:
-    positions, previous, _ = states(6, seed=7)
+    positions, previous_velocities, _ = states(6, seed=7)
     alive = np.ones((6, 4), bool)
-    state = (np.where(positions == 0, guide().positions[2], positions), previous, alive)
+    state = (np.where(positions == 0, guide().positions[2], positions), previous_velocities, alive)
     decision = decided(name, state, solver=Broken(x, status))
     assert decision.failures.tolist() == [0, 1] * 3
     assert np.abs(decision.velocities).max() <= 2.0
-    assert np.linalg.norm(decision.velocities - previous, axis=-1).max() <= np.sqrt(0.5) + 1e-9
-    assert (decision.shortfalls == decided(name, state).shortfalls).all()
+    assert (
+        np.linalg.norm(decision.velocities - previous_velocities, axis=-1).max()
+        <= np.sqrt(0.5) + 1e-9
+    )
+    assert (decision.infeasible == decided(name, state).infeasible).all()
     if name == "leader" and np.isnan(x):  # protectors keep their velocity, the leader leads
-        kept = (decision.velocities == previous).all(axis=2).sum(axis=1)
+        kept = (decision.velocities == previous_velocities).all(axis=2).sum(axis=1)
         assert kept[1::2].tolist() == [3] * 3
 
 
@@ -285,7 +288,7 @@ def test_solver_failures_reach_the_tables() -> None:
     [
         ("leeder", {}, "policy 'leeder' is unknown; did you mean 'leader'"),
         ("xyz", {}, "policy 'xyz' is unknown .known: naive, constrained, leader"),
-        ("leader", {"succession": "neerest"}, "did you mean 'nearest'"),
+        ("leader", {"leader_selection": "neerest"}, "did you mean 'nearest'"),
     ],
 )
 def test_unknown_name_gets_the_nearest_known_one(

@@ -37,7 +37,7 @@ def study_of(*policies: Any) -> pd.DataFrame:
 # --- a user's policy, written three times
 
 
-def straight_on(step: int, positions: Array, previous: Array, alive: Flags) -> Array:  # noqa: ARG001
+def straight_on(step: int, positions: Array, previous_velocities: Array, alive: Flags) -> Array:  # noqa: ARG001
     """As a function: everybody to the target, as fast as the limits allow."""
     return np.clip((CENTER - positions) / DT, -2.0, 2.0)
 
@@ -45,8 +45,10 @@ def straight_on(step: int, positions: Array, previous: Array, alive: Flags) -> A
 class StraightOn:
     """As an object with a method, which is all that is asked of it."""
 
-    def velocities(self, step: int, positions: Array, previous: Array, alive: Flags) -> Array:
-        return straight_on(step, positions, previous, alive)
+    def velocities(
+        self, step: int, positions: Array, previous_velocities: Array, alive: Flags
+    ) -> Array:
+        return straight_on(step, positions, previous_velocities, alive)
 
 
 class StraightOnPolicy(Policy):
@@ -54,10 +56,12 @@ class StraightOnPolicy(Policy):
 
     name = "subclass"
 
-    def decide(self, step: int, positions: Array, previous: Array, alive: Flags) -> Decision:
-        velocities = straight_on(step, positions, previous, alive)
+    def decide(
+        self, step: int, positions: Array, previous_velocities: Array, alive: Flags
+    ) -> Decision:
+        velocities = straight_on(step, positions, previous_velocities, alive)
         none = Decision.plain(velocities)
-        return Decision(velocities, none.shortfalls + 2, none.failures + 1, none.resolved)
+        return Decision(velocities, none.infeasible + 2, none.failures + 1, none.fallbacks)
 
 
 def test_three_forms_of_one_policy_simulate_alike() -> None:
@@ -66,7 +70,7 @@ def test_three_forms_of_one_policy_simulate_alike() -> None:
     assert runs["policy"].drop_duplicates().tolist() == names
     tables = [
         runs[runs["policy"] == name]
-        .drop(columns=["policy", "shortfalls", "solver_failures"])
+        .drop(columns=["policy", "infeasible", "solver_failures"])
         .reset_index(drop=True)
         for name in names
     ]
@@ -78,10 +82,10 @@ def test_three_forms_of_one_policy_simulate_alike() -> None:
 def test_account_of_a_policy_reaches_the_tables() -> None:
     runs = study_of(StraightOnPolicy(), straight_on)
     own = runs[runs["policy"] == "subclass"]
-    assert (own["shortfalls"] == 2 * own["steps"]).all()
+    assert (own["infeasible"] == 2 * own["steps"]).all()
     assert (own["solver_failures"] == own["steps"]).all()
     plain = runs[runs["policy"] == "straight_on"]
-    assert plain["shortfalls"].sum() == plain["solver_failures"].sum() == 0
+    assert plain["infeasible"].sum() == plain["solver_failures"].sum() == 0
 
 
 def test_user_s_policy_stands_beside_those_given_by_name() -> None:
@@ -126,23 +130,25 @@ WRONG: dict[str, tuple[Spoil, str]] = {
 def test_wrong_velocities_are_an_error_that_names_policy_and_step(
     form: str, spoil: Spoil, message: str
 ) -> None:
-    def spoiled(step: int, positions: Array, previous: Array, alive: Flags) -> Array:
-        velocities = straight_on(step, positions, previous, alive)
+    def spoiled(step: int, positions: Array, previous_velocities: Array, alive: Flags) -> Array:
+        velocities = straight_on(step, positions, previous_velocities, alive)
         return spoil(velocities) if step == 3 else velocities
 
     class Spoiled(Policy):
         name = "spoiled"
 
-        def decide(self, step: int, positions: Array, previous: Array, alive: Flags) -> Decision:
-            return Decision.plain(spoiled(step, positions, previous, alive))
+        def decide(
+            self, step: int, positions: Array, previous_velocities: Array, alive: Flags
+        ) -> Decision:
+            return Decision.plain(spoiled(step, positions, previous_velocities, alive))
 
     with pytest.raises(PolicyError, match="policy 'spoiled' .*" + message):
         study_of(spoiled if form == "function" else Spoiled())
 
 
 def test_velocities_of_the_destroyed_may_be_anything() -> None:
-    def careless(step: int, positions: Array, previous: Array, alive: Flags) -> Array:
-        velocities = straight_on(step, positions, previous, alive)
+    def careless(step: int, positions: Array, previous_velocities: Array, alive: Flags) -> Array:
+        velocities = straight_on(step, positions, previous_velocities, alive)
         velocities[~alive] = np.nan
         return velocities
 

@@ -33,10 +33,10 @@ def swarm(batch: int, n: int, seed: int, spread: float = 0.35, deaths: float = 0
     rng = np.random.default_rng(seed)
     alive = rng.random((batch, n)) >= deaths
     alive[:, 0] |= ~alive.any(axis=1)
-    previous = rng.uniform(-1.9, 1.9, (batch, n, 2))
-    positions = GOAL - DT * previous + rng.normal(0, spread, (batch, n, 2))
+    previous_velocities = rng.uniform(-1.9, 1.9, (batch, n, 2))
+    positions = GOAL - DT * previous_velocities + rng.normal(0, spread, (batch, n, 2))
     living = alive[..., None]
-    return Step(HAZARD, MOTION, positions * living, previous * living, alive, GOAL)
+    return Step(HAZARD, MOTION, positions * living, previous_velocities * living, alive, GOAL)
 
 
 def leaders_of(step: Step) -> NDArray[np.intp]:
@@ -57,26 +57,28 @@ def both(step: Step, leaders: NDArray[np.intp], rho: float = RHO) -> list[Format
     return [leader_formation(step, leaders), corridor_formation(step, rho)]
 
 
-def nearest_allowed(wish: Array, previous: Array) -> Array:
+def nearest_allowed(wish: Array, previous_velocities: Array) -> Array:
     """Projection on the box and the disc of a_max, by Dykstra's alternating algorithm."""
     x, corrections = wish.copy(), np.zeros((2, 2))
     for _ in range(1000):
         for k in range(2):
             y = x + corrections[k]
-            offset = y - previous
+            offset = y - previous_velocities
             shrink = min(1.0, math.sqrt(0.5) / max(math.hypot(*offset), 1e-300))
-            x = np.clip(y, -2, 2) if k == 0 else previous + shrink * offset
+            x = np.clip(y, -2, 2) if k == 0 else previous_velocities + shrink * offset
             corrections[k] = y - x
     return x
 
 
-def allowed(previous: Array, position: Array | None = None, cells: int = 60) -> Array:
+def allowed(previous_velocities: Array, position: Array | None = None, cells: int = 60) -> Array:
     """Many velocities (m, 2) within the limits and, given a position, in the corridor."""
     radius = math.sqrt(0.5) * np.linspace(0, 1, cells)
     angle = np.linspace(0, 2 * math.pi, 3 * cells)
-    disc = previous + np.multiply.outer(radius, np.stack([np.cos(angle), np.sin(angle)], 1))
+    disc = previous_velocities + np.multiply.outer(
+        radius, np.stack([np.cos(angle), np.sin(angle)], 1)
+    )
     points = np.clip(disc.reshape(-1, 2), -2, 2)
-    points = points[((points - previous) ** 2).sum(axis=1) <= 0.5]
+    points = points[((points - previous_velocities) ** 2).sum(axis=1) <= 0.5]
     if position is None:
         return points
     return points[((position + DT * points - GOAL) ** 2).sum(axis=1) <= RHO]
@@ -89,10 +91,10 @@ def test_program_is_the_paper_s_with_every_formula_written_out() -> None:
     step = swarm(1, 4, seed=0)
     nlp = formation_nlp(HAZARD, 4, corridor=True)
     weights, v = np.array([1.0, 0.0, 0.5, 1.0]), np.random.default_rng(1).normal(size=(4, 2))
-    X, previous = step.positions[0], step.previous[0]
+    X, previous_velocities = step.positions[0], step.previous_velocities[0]
     p = nlp.pack_parameters(
         positions=X,
-        previous=previous,
+        previous_velocities=previous_velocities,
         alive=step.alive[0, :, None],
         weights=weights[:, None],
         goal=GOAL[None],
@@ -103,7 +105,7 @@ def test_program_is_the_paper_s_with_every_formula_written_out() -> None:
     rates = [rate_by_hand(i, following, step.alive[0], RADARS) for i in range(4)]
     # of the destroyed the formula is that of the living: the weights decide
     assert objective[0] == pytest.approx(sum(weights * rates), rel=1e-12)
-    turns = ((v - previous) ** 2).sum(axis=1)
+    turns = ((v - previous_velocities) ** 2).sum(axis=1)
     corridor = ((following - GOAL) ** 2).sum(axis=1)
     np.testing.assert_allclose(g, [*turns, *corridor], rtol=1e-12)
 
@@ -126,10 +128,10 @@ def test_leader_problem_weighs_the_leader_alone_and_corridor_problem_all_the_liv
 
 def test_toward_is_the_nearest_velocity_that_the_limits_allow() -> None:
     step = swarm(10, 3, seed=4)
-    found = MOTION.toward(step.positions, step.previous, GOAL)
+    found = MOTION.toward(step.positions, step.previous_velocities, GOAL)
     for index in np.ndindex(10, 3):
         wish = (GOAL - step.positions[index]) / DT
-        expected = nearest_allowed(wish, step.previous[index])
+        expected = nearest_allowed(wish, step.previous_velocities[index])
         np.testing.assert_allclose(found[index], expected, atol=1e-7)
 
 
@@ -143,12 +145,12 @@ def test_followers_come_as_near_to_the_leader_s_next_place_as_their_limits_allow
     found = velocities(leader_formation(step, leaders), solver)
     for b, leader in enumerate(leaders):
         wish = (GOAL - step.positions[b, leader]) / DT
-        lead = nearest_allowed(wish, step.previous[b, leader])
+        lead = nearest_allowed(wish, step.previous_velocities[b, leader])
         np.testing.assert_allclose(found[b, leader], lead, atol=1e-7)
         place = step.positions[b, leader] + DT * lead
         for i in np.flatnonzero(step.alive[b]):
             wish = (place - step.positions[b, i]) / DT
-            expected = nearest_allowed(wish, step.previous[b, i])
+            expected = nearest_allowed(wish, step.previous_velocities[b, i])
             np.testing.assert_allclose(found[b, i], expected, atol=2e-4)
 
 
@@ -157,11 +159,13 @@ def test_followers_come_as_near_to_the_leader_s_next_place_as_their_limits_allow
 def test_no_other_velocities_in_the_corridor_have_a_lower_total_rate(n: int, solver: str) -> None:
     step = swarm(6, n, seed=6, spread=0.08, deaths=0)
     formation = corridor_formation(step, RHO)
-    assert not formation.shortfalls.any()
+    assert not formation.infeasible.any()
     found = velocities(formation, solver)
     for b in range(6):
-        X, previous = step.positions[b], step.previous[b]
-        sets = [allowed(previous[i], X[i], cells=200 if n == 1 else 18) for i in range(n)]
+        X, previous_velocities = step.positions[b], step.previous_velocities[b]
+        sets = [
+            allowed(previous_velocities[i], X[i], cells=200 if n == 1 else 18) for i in range(n)
+        ]
         assert min(map(len, sets)) > 20
         pairs = np.stack(np.meshgrid(*[np.arange(len(s)) for s in sets], indexing="ij"), -1)
         many = np.stack([s[pairs[..., i].ravel()] for i, s in enumerate(sets)], axis=1)
@@ -194,7 +198,7 @@ def test_fifty_members_are_solved(hazard: str) -> None:
         rates = SaturationCollision(scenario.hazard_table.radars)
     X = scenario.positions[None]
     step = Step(rates, MOTION, X, np.full_like(X, 0.7), np.ones((1, 50), bool), np.full(2, 0.25))
-    before = rates.rates(X + DT * step.previous)[0]
+    before = rates.rates(X + DT * step.previous_velocities)[0]
     led, kept = both(step, np.array([24]), rho=2.0)
     assert rates.rates(X + DT * velocities(led))[0, 24] < before[24]
     assert rates.rates(X + DT * velocities(kept))[0].sum() < before.sum()
@@ -211,15 +215,17 @@ def test_destroyed_stay_and_never_move_the_result(hazard: Saturation) -> None:
     elsewhere = replace(
         step,
         positions=np.where(dead, GOAL + rng.normal(0, 0.1, dead.shape), step.positions),
-        previous=np.where(dead, rng.normal(0, 0.1, dead.shape), step.previous),
+        previous_velocities=np.where(
+            dead, rng.normal(0, 0.1, dead.shape), step.previous_velocities
+        ),
     )
     leaders = leaders_of(step)
     for here, there in zip(both(step, leaders), both(elsewhere, leaders), strict=True):
         found = velocities(here)
         assert (found[~step.alive] == 0).all()
         np.testing.assert_allclose(velocities(there), found, atol=1e-9)
-        assert (here.shortfalls == there.shortfalls).all()
-        assert not here.shortfalls[~step.alive].any()
+        assert (here.infeasible == there.infeasible).all()
+        assert not here.infeasible[~step.alive].any()
 
 
 def test_permutation_of_members_permutes_the_answer() -> None:
@@ -228,14 +234,14 @@ def test_permutation_of_members_permutes_the_answer() -> None:
     permuted = replace(
         step,
         positions=step.positions[:, order],
-        previous=step.previous[:, order],
+        previous_velocities=step.previous_velocities[:, order],
         alive=step.alive[:, order],
     )
     leaders = leaders_of(step)
     moved = np.asarray(order.argsort()[leaders])
     for here, there in zip(both(step, leaders), both(permuted, moved), strict=True):
         np.testing.assert_allclose(velocities(there), velocities(here)[:, order], atol=1e-5)
-        assert (there.shortfalls == here.shortfalls[:, order]).all()
+        assert (there.infeasible == here.infeasible[:, order]).all()
 
 
 def test_translation_of_everything_changes_no_velocity() -> None:
@@ -261,26 +267,30 @@ def test_member_that_cannot_reach_the_corridor_goes_as_near_as_it_can_and_is_cou
     for index in np.ndindex(10, 3):
         if not step.alive[index]:
             continue
-        X, previous, v = step.positions[index], step.previous[index], found[index]
-        reachable = allowed(previous, cells=150)
+        X, previous_velocities, v = (
+            step.positions[index],
+            step.previous_velocities[index],
+            found[index],
+        )
+        reachable = allowed(previous_velocities, cells=150)
         least = math.sqrt(((X + DT * reachable - GOAL) ** 2).sum(axis=1).min())
         distance = math.dist(X + DT * v, GOAL)
         assert np.abs(v).max() <= 2.0
-        assert math.dist(v, previous) <= math.sqrt(0.5) + 1e-7
-        if formation.shortfalls[index]:
+        assert math.dist(v, previous_velocities) <= math.sqrt(0.5) + 1e-7
+        if formation.infeasible[index]:
             assert least > math.sqrt(RHO) - 1e-9
             assert distance <= least + 1e-9
-            assert math.dist(v, previous) <= math.sqrt(0.5) + 1e-9
+            assert math.dist(v, previous_velocities) <= math.sqrt(0.5) + 1e-9
         else:
             assert least <= math.sqrt(RHO) + 0.002  # as fine as the samples are
             assert distance <= math.sqrt(RHO) + 1e-7
-    assert 5 <= formation.shortfalls[step.alive].sum() <= step.alive.sum() - 5
+    assert 5 <= formation.infeasible[step.alive].sum() <= step.alive.sum() - 5
 
 
 def test_members_who_fall_short_have_no_choice_left_and_the_others_have() -> None:
     step = swarm(10, 3, seed=13, spread=0.3)
     formation = corridor_formation(step, RHO)
-    assert (formation.free == (step.alive & ~formation.shortfalls)).all()
+    assert (formation.free == (step.alive & ~formation.infeasible)).all()
 
 
 def test_leader_that_cannot_reach_its_place_is_the_one_shortfall() -> None:
@@ -290,9 +300,9 @@ def test_leader_that_cannot_reach_its_place_is_the_one_shortfall() -> None:
     rows = np.arange(20)
     lead = formation.instances.lower.reshape(20, 4, 2)[rows, leaders]
     missed = np.hypot(*(step.positions[rows, leaders] + DT * lead - GOAL).T)
-    short = formation.shortfalls[rows, leaders]
+    short = formation.infeasible[rows, leaders]
     assert (short == (missed > 1e-6)).all()
     assert short.any()
     assert not short.all()
-    assert formation.shortfalls.sum() == short.sum()
+    assert formation.infeasible.sum() == short.sum()
     assert not formation.free[rows, leaders].any()

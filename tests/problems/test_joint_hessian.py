@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-import casswarm as cs
+import casswarm as csw
 from casswarm.problems.joint import JointForm, joint_nlp
 from casswarm.problems.joint_instances import JointTask, joint_instance
 
@@ -25,7 +25,7 @@ SETTINGS = {
 def test_hessians_are_what_automatic_differentiation_gives(
     name: str, objective: str, apart: bool
 ) -> None:
-    scenario = cs.load_scenario(name).with_values(SETTINGS)
+    scenario = csw.load_scenario(name).with_values(SETTINGS)
     form = JointForm(3, scenario.n_steps, True, objective, apart)
     nlp = joint_nlp(scenario.hazard, form)
     x, p = point(scenario, form)
@@ -41,7 +41,7 @@ def test_hessians_are_what_automatic_differentiation_gives(
 
 
 def test_hessians_travel_with_the_program() -> None:
-    scenario = cs.load_scenario("paper-1").with_values(SETTINGS)
+    scenario = csw.load_scenario("paper-1").with_values(SETTINGS)
     form = JointForm(3, scenario.n_steps)
     nlp = joint_nlp(scenario.hazard, form)
     given = (*point(scenario, form), 1.0, np.ones(nlp.g.shape[0]))
@@ -50,12 +50,12 @@ def test_hessians_travel_with_the_program() -> None:
 
 
 def test_large_swarms_and_the_mean_field_do_without() -> None:
-    hazard = cs.load_scenario("paper-1").hazard
+    hazard = csw.load_scenario("paper-1").hazard
     assert joint_nlp(hazard, JointForm(7, 2)).hessian is None
     assert joint_nlp(hazard, JointForm(3, 2, exact=False)).hessian is None
 
 
-def point(scenario: cs.Scenario, form: JointForm) -> tuple[np.ndarray, np.ndarray]:
+def point(scenario: csw.Scenario, form: JointForm) -> tuple[np.ndarray, np.ndarray]:
     """Variables and parameters of an instance, in no special place."""
     draws = np.random.default_rng(2)
     task = JointTask(

@@ -6,7 +6,7 @@ import pytest
 from formation_cases import formations
 from reproduced import CHECKED_IN, checked_in
 
-import casswarm as cs
+import casswarm as csw
 from casswarm.chain.confidence import wilson
 from casswarm.figures import (
     beyond_chart,
@@ -32,7 +32,7 @@ from casswarm.reproduction.paper import geometry
 from casswarm.reproduction.reproduce import run_like_the_papers
 from casswarm.reproduction.success import beyond, sensitivity, small_changes, table_2, variants
 
-FIRST, SECOND = cs.load_scenario("paper-1"), cs.load_scenario("paper-2")
+FIRST, SECOND = csw.load_scenario("paper-1"), csw.load_scenario("paper-2")
 
 FATE = 0.002
 """How far shares of runs may differ between processors: some fates hang on a solve's last digit."""
@@ -44,7 +44,7 @@ def silent(_):
 
 @pytest.fixture(scope="module")
 def guide():
-    return cs.plan(FIRST, certify=False)
+    return csw.plan(FIRST, certify=False)
 
 
 # --- what the paper states
@@ -174,7 +174,7 @@ def test_the_papers_method_improves_the_straight_line_but_hardly():
 
 def test_whole_swarm_is_the_run_in_which_nobody_is_lost(guide):
     data = whole_swarm(FIRST, "leader", guide)
-    study = cs.simulate(FIRST.with_values({"hazard.alpha_1": 1e-9}), ["leader"], 1, guide=guide)
+    study = csw.simulate(FIRST.with_values({"hazard.alpha_1": 1e-9}), ["leader"], 1, guide=guide)
     trace = study.traces["leader"][0]
     assert trace.alive.all()
     np.testing.assert_allclose(data.positions, trace.positions[:-1], atol=0.05)
@@ -196,17 +196,17 @@ def test_formation_convergence_is_the_one_checked_in(guide):
 
 def test_shortfalls_are_those_that_the_simulation_counts(guide):
     table = shortfall_steps(FIRST, guide, runs=50)
-    study = cs.simulate(FIRST, POLICIES, 50, guide=guide)
+    study = csw.simulate(FIRST, POLICIES, 50, guide=guide)
     for policy in POLICIES:
         rows = table[table["policy"] == policy]
-        counted = study.runs.loc[study.runs["policy"] == policy, "shortfalls"].sum()
+        counted = study.runs.loc[study.runs["policy"] == policy, "infeasible"].sum()
         assert (rows["short"] * rows["runs"]).sum() == pytest.approx(counted, abs=0.5)
         assert (rows["short"] <= rows["alive"] + 1e-9).all()
 
 
 def test_sets_are_empty_less_often_where_limits_are_looser():
     table = checked_in("empty-sets").set_index(["change", "policy"])
-    short = table["shortfalls"].xs("constrained", level="policy")
+    short = table["infeasible"].xs("constrained", level="policy")
     by_a_max = [short[f"a_max = {a_max}, rho = 0.05"] for a_max in ("0.5", "1", "4")]
     assert by_a_max == sorted(by_a_max, reverse=True)
     assert short["a_max = 4, rho = 0.2"] == 0
@@ -218,7 +218,7 @@ def test_sets_are_empty_less_often_where_limits_are_looser():
 def test_the_run_shown_succeeds_and_loses_two(guide):
     number, trace = run_like_the_papers(FIRST, "leader", guide, runs=50)
     assert trace.alive[-1].sum() == 3
-    assert cs.simulate(FIRST, ["leader"], 50, guide=guide).runs["success"][number]
+    assert csw.simulate(FIRST, ["leader"], 50, guide=guide).runs["success"][number]
 
 
 def test_charts_are_drawn_from_what_is_checked_in(guide):
@@ -226,7 +226,7 @@ def test_charts_are_drawn_from_what_is_checked_in(guide):
     figures = [
         table_2_chart(checked_in("table-2"), 10_000),
         beyond_chart(beyond_table),
-        shortfall_chart(checked_in("shortfalls")),
+        shortfall_chart(checked_in("infeasible")),
         sensitivity_chart(checked_in("sensitivity"), {"naive": (0.2, 0.4), "leader": (0.5, 0.8)}),
         convergence_chart(
             checked_in("guide-convergence"), checked_in("formation-convergence"), {"best": 0.7}

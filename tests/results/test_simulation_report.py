@@ -12,7 +12,7 @@ import pytest
 from browser import opened, references
 from commands import casswarm
 
-from casswarm import StoreError, load_scenario
+from casswarm import CheckpointError, load_scenario
 from casswarm.results.folder import Saved
 from casswarm.results.simulation_report import paired_rows, simulation_page, summary_rows
 
@@ -113,7 +113,7 @@ def test_texts_of_users_are_shown_and_not_obeyed(folder):
 
 def test_only_a_simulation_has_this_page(tmp_path):
     (tmp_path / "run.json").write_text('{"command": "plan"}')
-    with pytest.raises(StoreError, match="give one that casswarm simulate left"):
+    with pytest.raises(CheckpointError, match="give one that casswarm simulate left"):
         simulation_page(Saved.of(tmp_path))
 
 

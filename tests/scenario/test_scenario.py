@@ -44,7 +44,11 @@ def test_paper_1_has_the_numbers_of_table_1(paper: Scenario) -> None:
         6000,
     )
     assert (paper.formation.rho, paper.formation.iterations) == (0.05, 2000)
-    assert (paper.guide.search, paper.guide.a_max, paper.guide.flyable) == ("local", 0.2, True)
+    assert (paper.guide.search, paper.guide.a_max, paper.guide.acceleration_limited) == (
+        "local",
+        0.2,
+        True,
+    )
     radars = ((4.4, 4.6), (4.5, 3.0))
     assert paper.hazard == Saturation(radars=radars, alpha_1=4.0, alpha_2=3.0, alpha_3=4.0)
 
@@ -104,7 +108,7 @@ def test_the_first_of_equally_central_members_starts_the_guide(paper: Scenario) 
 def test_guide_a_max_falls_back_to_the_members_and_to_infinity(paper: Scenario) -> None:
     assert paper.guide_a_max == 0.2
     assert paper.with_values({"guide.a_max": None}).guide_a_max == 0.5
-    assert paper.with_values({"guide.flyable": False}).guide_a_max == math.inf
+    assert paper.with_values({"guide.acceleration_limited": False}).guide_a_max == math.inf
 
 
 def test_arrival_margin_is_the_corridor_but_at_most_half_the_target(paper: Scenario) -> None:

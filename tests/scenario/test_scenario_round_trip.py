@@ -54,7 +54,7 @@ def takes_anything(positions: Any, alive: Any, **_: object) -> Any:  # noqa: ARG
 @st.composite
 def scenarios(draw: st.DrawFn) -> Scenario:
     velocity = draw(st.just("guide") | st.tuples(floats(-1, 1), floats(-1, 1)))
-    guide: dict[str, Any] = {"flyable": draw(st.booleans()), "gamma": draw(positive)}
+    guide: dict[str, Any] = {"acceleration_limited": draw(st.booleans()), "gamma": draw(positive)}
     for key, values in {"a_max": positive, "margin": floats(0, 0.005)}.items():
         value = draw(st.none() | values)
         guide |= {} if value is None else {key: value}

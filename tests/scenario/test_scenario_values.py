@@ -48,7 +48,7 @@ WRONG_VALUES = [
     ("hazard.kind", 3, "hazard.kind is 3; it must be 'saturation', 'saturation+collision', or"),
     ("hazard.parameters", 3, "hazard.parameters is 3; it must be a table of numbers"),
     ("guide.search", "wide", "guide.search is 'wide'; it must be 'local' or 'global'"),
-    ("guide.flyable", 1, "guide.flyable is 1; it must be true or false"),
+    ("guide.acceleration_limited", 1, "guide.acceleration_limited is 1; it must be true or false"),
     ("guide.iterations", 0, "guide.iterations is 0; it must be a whole number from 1"),
     ("guide.iterations", 10.0, "guide.iterations is 10.0; it must be a whole number from 1"),
     ("guide.arrival", "soon", "guide.arrival is 'soon'; it must be 'any' or 'horizon'"),

@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from casswarm.errors import StoreError
-from casswarm.studies.checkpoint import Store, cell_name
+from casswarm.errors import CheckpointError
+from casswarm.studies.checkpoint import Checkpoint, cell_name
 
 INPUTS = {"scenario": {"name": "a", "rho": 0.05}, "runs": 10}
 CELL = {"x": np.array([0.1, -0.0, np.nan]), "name": np.array("µ")}
 
 
 def test_cells_come_back_bit_for_bit(tmp_path: Path) -> None:
-    with Store(tmp_path, INPUTS) as store:
+    with Checkpoint(tmp_path, INPUTS) as store:
         store.save("one", CELL)
-    with Store(tmp_path, INPUTS, resume=True) as store:
+    with Checkpoint(tmp_path, INPUTS, resume=True) as store:
         assert store.names() == ["one"]
         back = store.load("one")
         assert back is not None
@@ -30,7 +30,7 @@ def test_cells_come_back_bit_for_bit(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("spoil", ["cut", "flip", "empty"])
 def test_a_cell_that_the_disk_spoilt_is_none(tmp_path: Path, spoil: str) -> None:
-    with Store(tmp_path, INPUTS) as store:
+    with Checkpoint(tmp_path, INPUTS) as store:
         store.save("one", CELL)
         path = tmp_path / "cells" / "one.npz"
         data = bytearray(path.read_bytes())
@@ -40,28 +40,31 @@ def test_a_cell_that_the_disk_spoilt_is_none(tmp_path: Path, spoil: str) -> None
 
 
 def test_other_inputs_are_refused_and_the_difference_named(tmp_path: Path) -> None:
-    with Store(tmp_path, INPUTS) as store:
+    with Checkpoint(tmp_path, INPUTS) as store:
         store.save("one", CELL)
     other = {"scenario": {"name": "a", "rho": 0.1}, "runs": 10, "seed": 1}
-    with pytest.raises(StoreError) as error, Store(tmp_path, other, resume=True):
+    with pytest.raises(CheckpointError) as error, Checkpoint(tmp_path, other, resume=True):
         pass
     assert "scenario.rho: 0.05 there, 0.1 now" in str(error.value)
     assert "seed: nothing there, 1 now" in str(error.value)
     assert "runs" not in str(error.value).split("inputs:")[1]
-    with Store(tmp_path, INPUTS, resume=True) as store:
+    with Checkpoint(tmp_path, INPUTS, resume=True) as store:
         assert store.names() == ["one"]  # nothing was touched
 
 
 def test_unfinished_work_is_not_thrown_away_unasked(tmp_path: Path) -> None:
-    with Store(tmp_path, INPUTS) as store:
+    with Checkpoint(tmp_path, INPUTS) as store:
         store.save("one", CELL)
-    with pytest.raises(StoreError, match=r"unfinished.*--resume.*--fresh"), Store(tmp_path, INPUTS):
+    with (
+        pytest.raises(CheckpointError, match=r"unfinished.*--resume.*--fresh"),
+        Checkpoint(tmp_path, INPUTS),
+    ):
         pass
-    with Store(tmp_path, INPUTS, fresh=True) as store:
+    with Checkpoint(tmp_path, INPUTS, fresh=True) as store:
         assert store.names() == []
         store.save("one", CELL)
         store.finish()
-    with Store(tmp_path, {"runs": 3}) as store:  # a finished study may be replaced
+    with Checkpoint(tmp_path, {"runs": 3}) as store:  # a finished study may be replaced
         assert store.names() == []
 
 
@@ -82,21 +85,21 @@ def test_two_processes_never_write_one_folder_and_the_dead_hold_no_lock(tmp_path
         assert holder.stdout is not None
         assert holder.stdout.readline() == "held\n"
         with (
-            pytest.raises(StoreError, match=f"in use by process {holder.pid} on "),
-            Store(tmp_path, {}, resume=True),
+            pytest.raises(CheckpointError, match=f"in use by process {holder.pid} on "),
+            Checkpoint(tmp_path, {}, resume=True),
         ):
             pass
     finally:
         holder.kill()
         holder.communicate()
-    with Store(tmp_path, {}, resume=True):
+    with Checkpoint(tmp_path, {}, resume=True):
         pass
 
 
 def test_the_lock_is_free_after_an_error(tmp_path: Path) -> None:
-    with pytest.raises(KeyError), Store(tmp_path, INPUTS):
+    with pytest.raises(KeyError), Checkpoint(tmp_path, INPUTS):
         raise KeyError
-    with Store(tmp_path, INPUTS, resume=True):
+    with Checkpoint(tmp_path, INPUTS, resume=True):
         pass
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, binomtest
 
-import casswarm as cs
+import casswarm as csw
 from casswarm.chain.exact import propagate
 from casswarm.chain.monte_carlo import Chain
 from casswarm.chain.stratified import sample_rest
@@ -16,7 +16,7 @@ from casswarm.policies import POLICIES, as_policy
 from casswarm.problems.formation import motion_of
 from casswarm.studies.evaluation import evaluate
 
-PAPER = cs.load_scenario("paper-1")
+PAPER = csw.load_scenario("paper-1")
 SMALL = PAPER.with_values(
     {
         "swarm.positions": [[0.0, 0.0], [0.5, 0.0]],
@@ -30,15 +30,17 @@ SMALL = PAPER.with_values(
 def homing(scenario):
     """Everybody toward the target as fast as the limits allow: no guide, no solver."""
 
-    def go(step, positions, previous, alive):  # noqa: ARG001
-        return motion_of(scenario).toward(positions, previous, np.array(scenario.target.center))
+    def go(step, positions, previous_velocities, alive):  # noqa: ARG001
+        return motion_of(scenario).toward(
+            positions, previous_velocities, np.array(scenario.target.center)
+        )
 
     return go
 
 
 @pytest.fixture(scope="module")
 def guide():
-    return cs.plan(PAPER)
+    return csw.plan(PAPER)
 
 
 def enumerated(scenario, before):
@@ -46,13 +48,13 @@ def enumerated(scenario, before):
     policy, dt, n = homing(scenario), scenario.time.dt, scenario.n
     survivors = np.zeros(n + 1)
 
-    def go(step, positions, previous, alive, weight):
+    def go(step, positions, previous_velocities, alive, weight):
         if not any(alive) or step == scenario.n_steps:
             survivors[sum(alive)] += weight
             return 0.0
         mask = np.array(alive)
         shown = mask[:, None]
-        velocities = policy(step, shown * positions, shown * previous, mask)
+        velocities = policy(step, shown * positions, shown * previous_velocities, mask)
         following = positions + dt * shown * velocities
         rates = scenario.hazard.rates(following, mask)
         success = 0.0
@@ -86,8 +88,8 @@ def test_two_members_have_the_law_of_enumeration_by_hand():
 
 
 def test_one_member_along_the_guide_has_the_guides_survival():
-    scenario = cs.load_scenario("single-agent")
-    guide = cs.plan(scenario)
+    scenario = csw.load_scenario("single-agent")
+    guide = csw.plan(scenario)
     law = evaluate(scenario, "leader", tolerance=0.0, guide=guide)
     assert law.success == pytest.approx((guide.survival, guide.survival), rel=1e-12)
     assert law.arrival.argmax() == guide.arrival
@@ -95,13 +97,15 @@ def test_one_member_along_the_guide_has_the_guides_survival():
 
 def test_naive_has_the_law_of_the_recursion_over_alive_sets(guide):
     law = evaluate(PAPER, "naive", tolerance=0.0, guide=guide)
-    policy = cs.make_policy("naive", PAPER, guide)
+    policy = csw.make_policy("naive", PAPER, guide)
     n, dt = PAPER.n, PAPER.time.dt
-    paths, previous = [PAPER.positions], np.tile(guide.velocities[0], (n, 1))
+    paths, previous_velocities = [PAPER.positions], np.tile(guide.velocities[0], (n, 1))
     for step in range(PAPER.n_steps):
         alive = np.ones((1, n), bool)
-        previous = policy.velocities(step, paths[-1][None], previous[None], alive)[0]
-        paths.append(paths[-1] + dt * previous)
+        previous_velocities = policy.velocities(
+            step, paths[-1][None], previous_velocities[None], alive
+        )[0]
+        paths.append(paths[-1] + dt * previous_velocities)
     sets = [np.array(alive) for alive in product((False, True), repeat=n)]
     value = {tuple(alive): 0.0 for alive in sets}  # probability of success from here on
     for positions in reversed(paths[1:]):
@@ -120,22 +124,22 @@ def test_naive_has_the_law_of_the_recursion_over_alive_sets(guide):
 
 PAIRS = [("paper-1", policy) for policy in POLICIES]
 PAIRS += [("paper-2", policy) for policy in POLICIES if "ahead" not in policy]  # beyond any budget
-WIDE = {("paper-2", "constrained"), ("paper-1", "constrained-ahead-3")}
+WIDE = {("paper-2", "constrained"), ("paper-1", "constrained-mpc-3")}
 """Laws that need more states than a test has time for; they are brackets all the same."""
 
 
 @pytest.mark.parametrize(("name", "policy"), PAIRS)
 def test_the_law_agrees_with_twenty_thousand_runs(name, policy):
-    scenario = cs.load_scenario(name)
-    guide = cs.plan(scenario)
+    scenario = csw.load_scenario(name)
+    guide = csw.plan(scenario)
     paper = policy in ("naive", "constrained", "leader")
     tolerance, most = (1e-3, 300_000) if paper else (0.03, 20_000)
-    made = cs.make_policy(policy, scenario, guide)  # one, so that joint plans are made once
-    law = evaluate(scenario, made, tolerance, most_states=most, guide=guide)
+    made = csw.make_policy(policy, scenario, guide)  # one, so that joint plans are made once
+    law = evaluate(scenario, made, tolerance, max_states=most, guide=guide)
     assert law.complete or (name, policy) in WIDE
     (low, high), runs = law.success, 20_000
     assert high - low < 0.1
-    row = cs.simulate(scenario, [made], runs, seed=3, guide=guide).summary.iloc[0]
+    row = csw.simulate(scenario, [made], runs, seed=3, guide=guide).summary.iloc[0]
     interval = binomtest(int(row["successes"]), runs).proportion_ci(0.999, method="wilson")
     assert interval.low <= high
     assert low <= interval.high
@@ -161,7 +165,7 @@ def test_all_mass_is_accounted_for(guide):
 
 def test_too_few_states_widen_the_bracket_around_the_truth(guide):
     narrow = evaluate(PAPER, "leader", 1e-3, guide=guide)
-    wide = evaluate(PAPER, "leader", 1e-3, most_states=20, guide=guide)
+    wide = evaluate(PAPER, "leader", 1e-3, max_states=20, guide=guide)
     assert wide.unresolved > 1e-3
     assert wide.states <= 20
     assert "allow more of them" in wide.help
@@ -192,7 +196,7 @@ def test_the_number_alive_at_every_step_is_that_of_the_runs(guide):
     np.testing.assert_allclose(law.population.sum(axis=1) + law.unknown, 1.0, atol=1e-12)
     np.testing.assert_allclose(law.population[-1], law.survivors, atol=law.unresolved)
     runs = 2000
-    traces = cs.simulate(PAPER, ["leader"], runs, guide=guide, traces=runs).traces["leader"]
+    traces = csw.simulate(PAPER, ["leader"], runs, guide=guide, traces=runs).traces["leader"]
     for step in (5, 12, 18):
         alive = [int(trace.alive[min(step, len(trace.alive) - 1)].sum()) for trace in traces]
         for k, count in enumerate(np.bincount(alive, minlength=6)):
@@ -206,10 +210,10 @@ def test_the_number_alive_at_every_step_is_that_of_the_runs(guide):
 def test_merging_nearly_equal_states_changes_nothing_beyond_the_bracket(guide, policy):
     exact = evaluate(PAPER, policy, 3e-3, guide=guide)
     assert exact.proven
-    for merging in (1e-8, 1e-6):
-        law = evaluate(PAPER, policy, 3e-3, guide=guide, merging=merging)
+    for aggregation_tol in (1e-8, 1e-6):
+        law = evaluate(PAPER, policy, 3e-3, guide=guide, aggregation_tol=aggregation_tol)
         assert not law.proven
-        assert f"within {merging:g}" in str(law)
+        assert f"within {aggregation_tol:g}" in str(law)
         assert law.states < exact.states
         assert max(law.success[0], exact.success[0]) <= min(law.success[1], exact.success[1])
 
@@ -221,7 +225,7 @@ def test_what_is_too_light_in_a_step_is_counted():
     law = evaluate(given, homing(given), 1e-2)
     assert 0.0 < law.unresolved <= 1e-2
     assert law.survivors.sum() + law.unresolved == pytest.approx(1.0, abs=1e-9)
-    row = cs.simulate(given, [homing(given)], 2000).summary.iloc[0]
+    row = csw.simulate(given, [homing(given)], 2000).summary.iloc[0]
     interval = binomtest(int(row["successes"]), 2000).proportion_ci(0.999, method="wilson")
     assert interval.low <= law.success[1]
     assert law.success[0] <= interval.high
@@ -232,13 +236,13 @@ def test_what_is_too_light_in_a_step_is_counted():
 
 def test_estimate_holds_the_truth_and_says_what_is_proven(guide):
     truth = evaluate(PAPER, "leader", 1e-4, guide=guide).success
-    found = cs.estimate(PAPER, "leader", 2000, most_states=300, guide=guide)
+    found = csw.estimate(PAPER, "leader", 2000, max_states=300, guide=guide)
     low, high = found.success
     first, last = found.head.success
     assert first <= low <= truth[0] <= truth[1] <= high <= last
     assert f"{found.sampled:.4g} sampled" in str(found)
     assert "95% confidence; proven" in str(found)
-    assert cs.estimate(PAPER, "leader", 2000, most_states=300, guide=guide).success == (low, high)
+    assert csw.estimate(PAPER, "leader", 2000, max_states=300, guide=guide).success == (low, high)
 
 
 @pytest.mark.parametrize("runs", [60, 100])
@@ -246,7 +250,7 @@ def test_estimates_cover_the_truth_as_often_as_they_say(runs):
     given = SMALL.with_values({"swarm.velocity": [1.0, 0.0]})
     policy, before = as_policy(homing(given)), np.tile([1.0, 0.0], (2, 1))
     truth = evaluate(given, policy, 0.0).success[0]
-    head = propagate(given, policy, before, 1e-4, most_states=4)
+    head = propagate(given, policy, before, 1e-4, max_states=4)
     assert head.waiting_mass > 0.2
     found = [sample_rest(head, Chain(given, before, seed), runs).success for seed in range(1000)]
     covered = sum(low <= truth <= high for low, high in found)
@@ -256,12 +260,12 @@ def test_estimates_cover_the_truth_as_often_as_they_say(runs):
 @pytest.mark.parametrize("name", ["paper-1", "paper-2"])
 @pytest.mark.parametrize("policy", ["leader", "constrained"])
 def test_estimate_is_narrower_than_plain_sampling_with_as_many_solves(name, policy):
-    scenario = cs.load_scenario(name)
-    guide = cs.plan(scenario, certify=False)
-    found = cs.estimate(scenario, policy, 2000, guide=guide)
+    scenario = csw.load_scenario(name)
+    guide = csw.plan(scenario, certify=False)
+    found = csw.estimate(scenario, policy, 2000, guide=guide)
     runs, solved = 2000, 0
     while solved < found.states:  # distinct ones: plain runs meet equal states too
-        plain = cs.simulate(scenario, [policy], runs, guide=guide, traces=0)
+        plain = csw.simulate(scenario, [policy], runs, guide=guide, traces=0)
         solved = plain.effort["states"][0]
         runs = math.ceil(runs * max(1.05, found.states / solved))
     row = plain.summary.iloc[0]
@@ -269,16 +273,16 @@ def test_estimate_is_narrower_than_plain_sampling_with_as_many_solves(name, poli
 
 
 def test_estimate_is_plain_sampling_where_no_head_can_be_followed():
-    scenario = cs.load_scenario("large-swarm")
-    found = cs.estimate(scenario, homing(scenario), 50)
-    row = cs.simulate(scenario, [homing(scenario)], 50).summary.iloc[0]
+    scenario = csw.load_scenario("large-swarm")
+    found = csw.estimate(scenario, homing(scenario), 50)
+    row = csw.simulate(scenario, [homing(scenario)], 50).summary.iloc[0]
     assert found.sampled == 1.0
     assert found.success == pytest.approx((row.success_low, row.success_high))
 
 
 def test_estimate_takes_fifty_members():
-    scenario = cs.load_scenario("large-swarm")
-    found = cs.estimate(scenario, homing(scenario), 50, most_states=20)
+    scenario = csw.load_scenario("large-swarm")
+    found = csw.estimate(scenario, homing(scenario), 50, max_states=20)
     low, high = found.success
     assert 0.0 <= low < high <= 1.0
     assert found.runs == 50
@@ -286,7 +290,7 @@ def test_estimate_takes_fifty_members():
 
 def test_nothing_is_sampled_where_the_law_is_closed():
     given = SMALL.with_values({"swarm.velocity": [1.0, 0.0]})
-    found = cs.estimate(given, homing(given), 10, tolerance=0.0, most_states=1000)
+    found = csw.estimate(given, homing(given), 10, tolerance=0.0, max_states=1000)
     assert found.runs == 0
     assert found.success == found.head.success
 
@@ -296,8 +300,8 @@ def test_nothing_is_sampled_where_the_law_is_closed():
     [
         ({"tolerance": 1.0}, ValueError, "tolerance"),
         ({"tolerance": -0.1}, ValueError, "tolerance"),
-        ({"most_states": 0}, ValueError, "most_states"),
-        ({"merging": -1.0}, ValueError, "merging"),
+        ({"max_states": 0}, ValueError, "max_states"),
+        ({"aggregation_tol": -1.0}, ValueError, "aggregation_tol"),
         ({"policy": "leeder"}, PolicyError, "did you mean 'leader'"),
     ],
 )
@@ -308,4 +312,4 @@ def test_wrong_arguments_are_explained(guide, options, error, words):
 
 def test_a_swarm_too_large_to_be_enumerated_is_refused_with_a_way_out():
     with pytest.raises(PolicyError, match=r"50 members.*give a tolerance"):
-        evaluate(cs.load_scenario("large-swarm"), tolerance=0.0)
+        evaluate(csw.load_scenario("large-swarm"), tolerance=0.0)

@@ -24,7 +24,7 @@ Flags = NDArray[np.bool_]
 SUMMARY = {"policy", "runs", "successes", "success", "success_low", "success_high"} | {
     "survivors_mean",
     "arrival_step_mean",
-    "shortfalls",
+    "infeasible",
     "solver_failures",
 }
 RUNS = {"policy", "run", "success", "survivors", "arrival_step"}
@@ -41,14 +41,14 @@ def guide() -> Guide:
     return plan(scenario())
 
 
-def straight_on(step: int, positions: Array, previous: Array, alive: Flags) -> Array:  # noqa: ARG001
+def straight_on(step: int, positions: Array, previous_velocities: Array, alive: Flags) -> Array:  # noqa: ARG001
     """Everybody to the target, as fast as the limits allow."""
     return np.clip((np.array([3.0, 0.0]) - positions) / DT, -2.0, 2.0)
 
 
-def stay(step: int, positions: Array, previous: Array, alive: Flags) -> Array:  # noqa: ARG001
+def stay(step: int, positions: Array, previous_velocities: Array, alive: Flags) -> Array:  # noqa: ARG001
     """Nobody ever arrives."""
-    return 0.9 * previous
+    return 0.9 * previous_velocities
 
 
 POLICIES = ("leader", straight_on)
@@ -150,9 +150,9 @@ def test_summary_sums_the_runs_up() -> None:
         assert (row["success_low"], row["success_high"]) == wilson(len(arrivals), 300)
         assert row["survivors_mean"] == pytest.approx(sum(runs["survivors"]) / 300)
         assert row["arrival_step_mean"] == pytest.approx(sum(arrivals) / len(arrivals))
-        for count in ("shortfalls", "solver_failures", "clipped"):
+        for count in ("infeasible", "solver_failures", "saturated"):
             assert row[count] == sum(runs[count])
-    assert reference().summary["clipped"].tolist() == [0, reference().runs["clipped"].sum()]
+    assert reference().summary["saturated"].tolist() == [0, reference().runs["saturated"].sum()]
 
 
 def test_arrival_step_is_missing_exactly_where_nobody_arrived() -> None:

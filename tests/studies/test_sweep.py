@@ -18,33 +18,33 @@ import slow_policy
 from slow_policy import toward
 from sweep_cases import GRID, SMALL
 
-import casswarm as cs
-from casswarm.errors import PolicyError, ScenarioError, StoreError
+import casswarm as csw
+from casswarm.errors import CheckpointError, PolicyError, ScenarioError
 from casswarm.scenario.variations import with_parameters
 
 CASSWARM = Path(sys.executable).parent / "casswarm"
 
 
 def test_cells_are_what_evaluate_and_simulate_give() -> None:
-    exact = cs.sweep(SMALL, GRID, [toward, "leader"], tolerance=1e-3).table
-    sampled = cs.sweep(SMALL, GRID, [toward], runs=50, seed=3).table
+    exact = csw.sweep(SMALL, GRID, [toward, "leader"], tolerance=1e-3).table
+    sampled = csw.sweep(SMALL, GRID, [toward], runs=50, seed=3).table
     assert len(exact) == 12
     assert exact[["hazard.alpha_1", "n", "policy"]].drop_duplicates().shape[0] == 12
     for row in exact.to_dict("records"):
         scenario = with_parameters(SMALL, {key: row[key] for key in GRID})
         policy = toward if row["policy"] == "toward" else "leader"
-        law = cs.evaluate(scenario, policy, 1e-3)
+        law = csw.evaluate(scenario, policy, 1e-3)
         assert (row["success_low"], row["success_high"]) == law.success
         assert (row["status"], row["method"], row["states"]) == ("ok", "exact", law.states)
     for row in sampled.to_dict("records"):
         scenario = with_parameters(SMALL, {key: row[key] for key in GRID})
-        summary = cs.simulate(scenario, [toward], 50, 3).summary.iloc[0]
+        summary = csw.simulate(scenario, [toward], 50, 3).summary.iloc[0]
         assert row["success_high"] == summary["success_high"]
         assert row["successes"] == summary["successes"]
 
 
 def test_a_cell_that_fails_is_a_row_with_its_reason() -> None:
-    found = cs.sweep(SMALL, {"formation.rho": [0.05, -1.0, 0.1]}, ["leader"], tolerance=0.1)
+    found = csw.sweep(SMALL, {"formation.rho": [0.05, -1.0, 0.1]}, ["leader"], tolerance=0.1)
     assert found.table["status"].tolist() == ["ok", "failed", "ok"]
     assert "formation.rho is -1" in found.table["reason"][1]
     assert np.isnan(found.table["success"][1])
@@ -62,7 +62,7 @@ def test_a_cell_that_fails_is_a_row_with_its_reason() -> None:
 )
 def test_wrong_grids_are_told_before_anything_runs(grid: dict[str, Any], message: str) -> None:
     with pytest.raises(ScenarioError, match=f"(?s){message}"):
-        cs.sweep(SMALL, grid, ["leader"])
+        csw.sweep(SMALL, grid, ["leader"])
 
 
 def test_n_and_spacing_place_the_members() -> None:
@@ -84,7 +84,7 @@ def test_n_and_spacing_place_the_members() -> None:
 
 
 def test_a_sweep_that_was_stopped_is_resumed_to_the_same_table(tmp_path: Path) -> None:
-    whole = cs.sweep(SMALL, GRID, [toward], runs=20)
+    whole = csw.sweep(SMALL, GRID, [toward], runs=20)
 
     def stop(done: int, total: int) -> None:
         assert total == 6
@@ -92,13 +92,13 @@ def test_a_sweep_that_was_stopped_is_resumed_to_the_same_table(tmp_path: Path) -
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        cs.sweep(SMALL, GRID, [toward], runs=20, folder=tmp_path, progress=stop)
-    with pytest.raises(StoreError, match="unfinished"):
-        cs.sweep(SMALL, GRID, [toward], runs=20, folder=tmp_path)
-    with pytest.raises(StoreError, match=r"options\.runs: 20 there, 30 now"):
-        cs.sweep(SMALL, GRID, [toward], runs=30, folder=tmp_path, resume=True)
+        csw.sweep(SMALL, GRID, [toward], runs=20, folder=tmp_path, progress=stop)
+    with pytest.raises(CheckpointError, match="unfinished"):
+        csw.sweep(SMALL, GRID, [toward], runs=20, folder=tmp_path)
+    with pytest.raises(CheckpointError, match=r"options\.runs: 20 there, 30 now"):
+        csw.sweep(SMALL, GRID, [toward], runs=30, folder=tmp_path, resume=True)
     told: list[int] = []
-    resumed = cs.sweep(
+    resumed = csw.sweep(
         SMALL,
         GRID,
         [toward],
@@ -113,13 +113,13 @@ def test_a_sweep_that_was_stopped_is_resumed_to_the_same_table(tmp_path: Path) -
 
 KILLED = """
 import os, random, signal, sys, time
-import casswarm as cs
+import casswarm as csw
 from casswarm.studies.sweep import sweep
 from pathlib import Path
 import numpy, pandas, numba, scipy.stats
 from slow_policy import toward
 
-scenario, folder, kills = cs.load_scenario(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
+scenario, folder, kills = csw.load_scenario(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
 chance = random.Random(1)
 grid = {"hazard.alpha_1": [float(a) for a in range(1, 61)]}
 
@@ -146,7 +146,7 @@ work(True).table.to_csv(sys.argv[4], index=False)
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork to begin children quickly")
 def test_twenty_kills_at_random_moments_lose_nothing(tmp_path: Path) -> None:
-    cs.save_scenario(SMALL, tmp_path / "small.toml")
+    csw.save_scenario(SMALL, tmp_path / "small.toml")
     (tmp_path / "killed.py").write_text(KILLED)
     done = {}
     for kills in (20, 0):
@@ -173,7 +173,7 @@ def test_twenty_kills_at_random_moments_lose_nothing(tmp_path: Path) -> None:
 def test_commands_that_were_stopped_are_resumed_to_the_same_bytes(
     tmp_path: Path, how: signal.Signals, command: str
 ) -> None:
-    cs.save_scenario(SMALL, tmp_path / "small.toml")
+    csw.save_scenario(SMALL, tmp_path / "small.toml")
     slow = os.environ | {"PYTHONPATH": str(Path(slow_policy.__file__).parent), "SLOW": "0.02"}
     base = [CASSWARM, command, "small.toml", "--policy", "slow_policy:toward"]
     if command == "sweep":
@@ -207,7 +207,7 @@ def test_commands_that_were_stopped_are_resumed_to_the_same_bytes(
 def test_a_disk_that_fills_up_costs_nothing_that_is_done(tmp_path: Path) -> None:
     """A limit on the size of files stands for the full disk: writing raises the same way."""
     resource = pytest.importorskip("resource")
-    cs.save_scenario(SMALL, tmp_path / "small.toml")
+    csw.save_scenario(SMALL, tmp_path / "small.toml")
     options = ["--runs", "300", "--policy", "naive", "--policy", "leader", "--out", "here"]
     base = [CASSWARM, "simulate", "small.toml", *options]
 
@@ -284,10 +284,10 @@ def test_wrong_sweeps_are_explained(
 
 def test_policies_that_cannot_be_sent_are_told() -> None:
     with pytest.raises(PolicyError, match="cannot be sent"):
-        cs.sweep(SMALL, {"n": [1, 2]}, [lambda *state: 0 * state[1]], runs=2, workers=2)
+        csw.sweep(SMALL, {"n": [1, 2]}, [lambda *state: 0 * state[1]], runs=2, workers=2)
 
 
 def test_random_is_seeded_nowhere() -> None:
     before = random.getstate()
-    cs.sweep(SMALL, {"n": [1]}, [toward], runs=2)
+    csw.sweep(SMALL, {"n": [1]}, [toward], runs=2)
     assert random.getstate() == before

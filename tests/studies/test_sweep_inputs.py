@@ -10,14 +10,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import casswarm as cs
+import casswarm as csw
 from casswarm.chain.exact import _lowered
 from casswarm.cli.sweep import _values
-from casswarm.errors import PolicyError, StoreError
+from casswarm.errors import CheckpointError, PolicyError
 from casswarm.scenario.variations import with_parameters
-from casswarm.studies.checkpoint import Store
+from casswarm.studies.checkpoint import Checkpoint
 
-SMALL = cs.load_scenario("paper-1").with_values(
+SMALL = csw.load_scenario("paper-1").with_values(
     {
         "swarm.positions": [[0.0, 0.0], [0.5, 0.0]],
         "time.t_f": 2.0,
@@ -28,12 +28,12 @@ SMALL = cs.load_scenario("paper-1").with_values(
 
 
 def swept(settings: dict[str, Any], **options: Any) -> pd.DataFrame:
-    return cs.sweep(SMALL, settings, ["leader"], **({"tolerance": 0.1} | options)).table
+    return csw.sweep(SMALL, settings, ["leader"], **({"tolerance": 0.1} | options)).table
 
 
 def test_parameters_in_another_order_are_another_sweep(tmp_path: Path) -> None:
     swept({"n": [1, 2], "formation.rho": [0.02, 0.1]}, folder=tmp_path)
-    with pytest.raises(StoreError, match="keys"):
+    with pytest.raises(CheckpointError, match="keys"):
         swept({"formation.rho": [0.02, 0.1], "n": [1, 2]}, folder=tmp_path, resume=True)
 
 
@@ -46,7 +46,7 @@ def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
 @pytest.mark.parametrize("policies", ["leader", [], ["leader", "leader"]])
 def test_policies_are_a_list_of_names_that_differ(policies: Any) -> None:
     with pytest.raises(PolicyError, match="polic"):
-        cs.sweep(SMALL, {"n": [1]}, policies)
+        csw.sweep(SMALL, {"n": [1]}, policies)
 
 
 def test_what_failed_is_tried_again(tmp_path: Path) -> None:
@@ -60,7 +60,7 @@ def test_what_failed_is_tried_again(tmp_path: Path) -> None:
 
 
 def test_a_bracket_that_stayed_wide_says_why() -> None:
-    table = swept({"n": [2]}, tolerance=1e-9, most_states=2)
+    table = swept({"n": [2]}, tolerance=1e-9, max_states=2)
     assert table["status"].tolist() == ["ok"]
     assert "the states ran out" in table["reason"][0]
     assert swept({"n": [2]})["reason"].tolist() == [""]
@@ -93,26 +93,32 @@ def test_threads_of_one_process_take_turns() -> None:
 def test_files_of_other_origin_are_not_removed(tmp_path: Path, options: dict[str, bool]) -> None:
     (tmp_path / "cells").mkdir()
     (tmp_path / "cells" / "thesis.tex").write_text("years of work")
-    with pytest.raises(StoreError, match=r"thesis\.tex"), Store(tmp_path, {"runs": 1}, **options):
+    with (
+        pytest.raises(CheckpointError, match=r"thesis\.tex"),
+        Checkpoint(tmp_path, {"runs": 1}, **options),
+    ):
         pass
     assert (tmp_path / "cells" / "thesis.tex").read_text() == "years of work"
 
 
 def test_cells_whose_inputs_are_lost_are_not_removed_unasked(tmp_path: Path) -> None:
-    with Store(tmp_path, {"runs": 1}) as store:
+    with Checkpoint(tmp_path, {"runs": 1}) as store:
         store.save("one", {"x": np.zeros(1)})
     (tmp_path / "cells" / "inputs.json").write_text("{")
     for options in ({}, {"resume": True}):
-        with pytest.raises(StoreError, match="--fresh"), Store(tmp_path, {"runs": 1}, **options):
+        with (
+            pytest.raises(CheckpointError, match="--fresh"),
+            Checkpoint(tmp_path, {"runs": 1}, **options),
+        ):
             pass
-    with Store(tmp_path, {"runs": 1}, fresh=True) as store:
+    with Checkpoint(tmp_path, {"runs": 1}, fresh=True) as store:
         assert store.names() == []
 
 
 def test_a_round_that_leaves_nothing_ends_the_law() -> None:
     """Budgets and tolerances around the place where every state has been followed."""
-    for most_states in (20, 60, 200, 600):
-        law = cs.evaluate(SMALL, "leader", 1e-7, most_states=most_states)
+    for max_states in (20, 60, 200, 600):
+        law = csw.evaluate(SMALL, "leader", 1e-7, max_states=max_states)
         low, high = law.success
         assert low <= high
     assert law.complete

@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..._util.jit import compiled_module
-from ...typing import Booleans, Floats
+from ...typing import BoolArray, FloatArray
 from . import planar_kernels
 
 Index: TypeAlias = int | np.integer[Any] | slice | NDArray[np.bool_] | NDArray[np.integer[Any]]
@@ -61,10 +61,10 @@ class PlanarSets:
         Radii of the discs, >= 0; +inf means that the disc is absent.
     """
 
-    lower: Floats
-    upper: Floats
-    centers: Floats
-    radii: Floats
+    lower: FloatArray
+    upper: FloatArray
+    centers: FloatArray
+    radii: FloatArray
 
     def __post_init__(self) -> None:
         discs = np.shape(self.radii)[-1:]
@@ -87,7 +87,7 @@ class PlanarSets:
             object.__setattr__(self, name, np.broadcast_to(array, shape + ends[name]))
 
     @cached_property
-    def packed(self) -> Floats:
+    def packed(self) -> FloatArray:
         """The sets as rows of ten numbers, (..., 10), as `planar_core` wants them."""
         rows = np.zeros((*self.shape, 10))
         rows[..., 0:2], rows[..., 2:4], rows[..., (6, 9)] = self.lower, self.upper, np.inf
@@ -108,7 +108,7 @@ class PlanarSets:
         arrays = (self.lower, self.upper, self.centers, self.radii)
         return PlanarSets(*(array[*key, ...] for array in arrays))
 
-    def project(self, points: ArrayLike) -> Floats:
+    def project(self, points: ArrayLike) -> FloatArray:
         """Nearest points of the sets.
 
         Parameters
@@ -139,24 +139,24 @@ class PlanarSets:
             )
         return nearest.reshape(*shape, 2)
 
-    def violation(self, points: ArrayLike) -> Floats:
+    def violation(self, points: ArrayLike) -> FloatArray:
         """Largest distance (...) to the box or a disc; 0 inside, NaN for a point not finite."""
         flat, sets, shape = self._paired(points)
         largest = np.empty(len(flat))
         _compiled().excess_batch(flat, sets.packed, largest)
         return largest.reshape(shape)
 
-    def contains(self, points: ArrayLike, tolerance: float) -> Booleans:
+    def contains(self, points: ArrayLike, tolerance: float) -> BoolArray:
         """Whether the violation (...) is at most `tolerance`, a distance; never if not finite."""
         return np.asarray(self.violation(points) <= tolerance)
 
     @cached_property
-    def is_empty(self) -> Booleans:
+    def is_empty(self) -> BoolArray:
         """Which sets are empty, shape `shape`; gaps of the order of rounding do not count."""
         _, sets, shape = self._paired(np.zeros(2))
         return np.asarray(~_search(_anchors(sets), sets)[1]).reshape(shape)
 
-    def fulfil(self) -> tuple[PlanarSets, Booleans]:
+    def fulfil(self) -> tuple[PlanarSets, BoolArray]:
         """Make every set non-empty by giving up wishes that cannot be fulfilled.
 
         The box and disc 0 are physical and always hold; disc 1 is a wish. Where the three do not
@@ -190,7 +190,7 @@ class PlanarSets:
         radii[shortfall] = np.inf
         return replace(self, lower=lower, upper=upper, radii=radii), shortfall
 
-    def _paired(self, points: ArrayLike) -> tuple[Floats, PlanarSets, tuple[int, ...]]:
+    def _paired(self, points: ArrayLike) -> tuple[FloatArray, PlanarSets, tuple[int, ...]]:
         """Points (M, 2), NaN where not finite; their sets, shape (M,); the shape to return to."""
         given = np.asarray(points, dtype=np.float64)
         if given.shape[-1:] != (2,):
@@ -208,7 +208,7 @@ class PlanarSets:
         return flat, PlanarSets(*arrays), shape
 
 
-def _anchors(sets: PlanarSets) -> Floats:
+def _anchors(sets: PlanarSets) -> FloatArray:
     """Choose a point (M, 2) to search each set from: the centre of its smallest disc."""
     if sets.radii.shape[-1] == 0:
         return np.zeros((len(sets.radii), 2))
@@ -216,7 +216,7 @@ def _anchors(sets: PlanarSets) -> Floats:
     return np.take_along_axis(sets.centers, smallest, axis=1)[:, 0]
 
 
-def _search(points: Floats, sets: PlanarSets) -> tuple[Floats, Booleans]:
+def _search(points: FloatArray, sets: PlanarSets) -> tuple[FloatArray, BoolArray]:
     """Nearest points (M, 2), and whether there is one (M,); NaN stays NaN and counts as found."""
     nearest, found = np.empty(points.shape), np.empty(len(points), dtype=bool)
     _compiled().nearest_batch(points, sets.packed, nearest, found)

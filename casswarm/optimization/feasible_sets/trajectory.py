@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._util.jit import compiled_module
-from ...typing import Booleans, Floats
+from ...typing import BoolArray, FloatArray
 from . import planar_kernels, trajectory_kernels
 from .planar import PlanarSets
 
@@ -69,11 +69,11 @@ class PathSets:
         Bounds on a velocity's components, and on the length of its change in a step.
     """
 
-    before: Floats
-    centers: Floats
-    radii: Floats
-    free: Booleans
-    inside: Floats
+    before: FloatArray
+    centers: FloatArray
+    radii: FloatArray
+    free: BoolArray
+    inside: FloatArray
     speed: float
     change: float
 
@@ -103,7 +103,7 @@ class Limits:
     speed: float
     change: float
 
-    def slowing(self, before: Floats, steps: int) -> Floats:
+    def slowing(self, before: FloatArray, steps: int) -> FloatArray:
         """Advances (..., H, 2) of slowing down from `before` (..., 2), strictly within limits."""
         pace = np.hypot(before[..., 0], before[..., 1])
         shrink = 1.0 - 0.5 * np.minimum(1.0, self.change / np.maximum(pace, 1e-300))
@@ -111,7 +111,7 @@ class Limits:
         powers = shrink[..., None] ** np.arange(1, steps + 1)
         return np.asarray(np.cumsum(powers, axis=-1)[..., None] * before[..., None, :])
 
-    def greedy(self, before: Floats, goals: Floats) -> Floats:
+    def greedy(self, before: FloatArray, goals: FloatArray) -> FloatArray:
         """Advances (M, H, 2) that come, step by step, as near to goals (M, H, 2) as is allowed."""
         box = np.full(2, self.speed)
         velocity, place, path = before, np.zeros_like(before), []
@@ -122,7 +122,9 @@ class Limits:
             path.append(place)
         return np.stack(path, axis=1)
 
-    def following(self, before: Floats, goals: Floats, radii: Floats) -> tuple[Floats, Booleans]:
+    def following(
+        self, before: FloatArray, goals: FloatArray, radii: FloatArray
+    ) -> tuple[FloatArray, BoolArray]:
         """Paths that follow moving discs with the least sum of squared distances.
 
         They minimise sum over s of max(0, |u_s - goal_s| - radius_s)^2, which is convex. Where the
@@ -145,7 +147,7 @@ class Limits:
         """
         paths = self.greedy(before, goals)
         beside = distances(paths, goals) > radii + 1e-12 * self.speed
-        failed: Booleans = np.asarray(beside.any(axis=1) & (goals.shape[1] > 1))
+        failed: BoolArray = np.asarray(beside.any(axis=1) & (goals.shape[1] > 1))
         for finest, tolerance in DISCS if radii.any() else POINTS:
             left = np.flatnonzero(failed)
             if left.size:
@@ -155,8 +157,13 @@ class Limits:
         return paths, failed
 
     def _followed(
-        self, before: Floats, goals: Floats, radii: Floats, finest: float, tolerance: float
-    ) -> tuple[Floats, Booleans]:
+        self,
+        before: FloatArray,
+        goals: FloatArray,
+        radii: FloatArray,
+        finest: float,
+        tolerance: float,
+    ) -> tuple[FloatArray, BoolArray]:
         size, steps = goals.shape[:2]
         discs = np.concatenate([goals, np.broadcast_to(radii[:, None], (size, steps, 1))], axis=2)
         inside = self.slowing(before, steps)
@@ -187,13 +194,15 @@ class Limits:
         return x, (judged[:, 1] <= ROUNDING) & (residual <= _GOOD * tolerance)
 
 
-def distances(paths: Floats, goals: Floats) -> Floats:
+def distances(paths: FloatArray, goals: FloatArray) -> FloatArray:
     """Distances (..., H) of paths to goals (..., H, 2)."""
     away = paths - goals
     return np.asarray(np.hypot(away[..., 0], away[..., 1]))
 
 
-def part_within(start: Floats, end: Floats, centers: Floats, radii: Floats) -> Floats:
+def part_within(
+    start: FloatArray, end: FloatArray, centers: FloatArray, radii: FloatArray
+) -> FloatArray:
     """How far (...) paths (..., H, 2) may go from start to end, 0.5 at the most, in discs.
 
     No squared distance to a disc's boundary may fall below half of what it is at the start.
@@ -208,7 +217,7 @@ def part_within(start: Floats, end: Floats, centers: Floats, radii: Floats) -> F
     return np.asarray(np.minimum(0.5, np.where(bounded, far, 1.0).min(axis=-1)))
 
 
-def barrier_sources() -> list[str]:
+def interior_point_sources() -> list[str]:
     """Texts of the barrier method, which an objective's `evaluate` completes."""
     from ..solvers.batch import interior_point_batch_kernels, interior_point_kernels
 
@@ -223,4 +232,4 @@ def barrier_sources() -> list[str]:
 
 @cache
 def _compiled() -> ModuleType:
-    return compiled_module(_OBJECTIVE, *barrier_sources())
+    return compiled_module(_OBJECTIVE, *interior_point_sources())

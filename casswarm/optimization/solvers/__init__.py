@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
-from ...errors import SolverError, among
+from ...errors import SolverError, did_you_mean
 from .alpaqa import Alpaqa
 from .auto import Auto
-from .base import Abilities, Answer, Solver
-from .batch.interior_point import Barrier
+from .base import Answer, Capabilities, Solver
+from .batch.interior_point import InteriorPoint
 from .batch.spg import SpectralProjectedGradient
 from .ipopt import Ipopt
 from .isolated import Isolated
@@ -18,7 +18,7 @@ from .sleqp import Sleqp
 from .slsqp import Slsqp
 from .sqp import Sqp
 from .uno import Uno
-from .unsupported import LEFT_OUT
+from .unsupported import UNSUPPORTED
 
 SOLVERS: dict[str, type[Solver]] = {
     solver.name: solver
@@ -55,20 +55,22 @@ def make_solver(solver: str | Solver, **options: Any) -> Solver:
 
     Examples
     --------
-    >>> import casswarm as cs
-    >>> cs.make_solver("sqp", tolerance=1e-9).tolerance
+    >>> import casswarm as csw
+    >>> csw.make_solver("sqp", tolerance=1e-9).tolerance
     1e-09
     """
     if isinstance(solver, Solver):
         return solver
-    if solver in LEFT_OUT:
-        raise SolverError(f"solver {solver!r} is left out: {LEFT_OUT[solver]}")
+    if solver in UNSUPPORTED:
+        raise SolverError(f"solver {solver!r} is left out: {UNSUPPORTED[solver]}")
     if solver not in SOLVERS:
-        raise SolverError(f"solver {solver!r} is unknown{among(solver, SOLVERS)}")
+        raise SolverError(f"solver {solver!r} is unknown{did_you_mean(solver, SOLVERS)}")
     known = [field.name for field in fields(SOLVERS[solver])]  # type: ignore[arg-type]
     for option in options:
         if option not in known:
-            raise SolverError(f"solver {solver!r} has no option {option!r}{among(option, known)}")
+            raise SolverError(
+                f"solver {solver!r} has no option {option!r}{did_you_mean(option, known)}"
+            )
     reason = SOLVERS[solver].unavailable()
     if reason:
         raise SolverError(f"solver {solver!r} cannot run here: {reason}")
@@ -76,13 +78,13 @@ def make_solver(solver: str | Solver, **options: Any) -> Solver:
 
 
 __all__ = [
-    "LEFT_OUT",
     "SOLVERS",
-    "Abilities",
+    "UNSUPPORTED",
     "Alpaqa",
     "Answer",
     "Auto",
-    "Barrier",
+    "Capabilities",
+    "InteriorPoint",
     "Ipopt",
     "Isolated",
     "ProjectedGradient",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ..solution import Status
-from .base import Abilities, require
+from .base import Capabilities, require
 from .casadi_nlpsol import NlpsolSolver
 
 LIMITED = "SOLVER_RET_LIMITED"
@@ -41,7 +41,7 @@ class Alpaqa(NlpsolSolver):
 
     name: ClassVar[str] = "alpaqa"
     summary: ClassVar[str] = "augmented Lagrangian with PANOC, first derivatives; any problem"
-    abilities: ClassVar[Abilities] = Abilities(multipliers=True, time_limit=True)
+    capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
     plugin: ClassVar[str] = "alpaqa"
     statuses: ClassVar[dict[str, Status]] = STATUS
 

@@ -8,11 +8,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...typing import Floats
+from ...typing import FloatArray
 from ..problem import Instances, Nlp
 from ..solution import BatchSolution
-from .base import Abilities, Answer, Solver
-from .batch.interior_point import Barrier, BarrierRun
+from .base import Answer, Capabilities, Solver
+from .batch.interior_point import InteriorPoint, InteriorPointRun
 from .batch.spg import Run, SpectralProjectedGradient
 from .ipopt import Ipopt
 
@@ -37,12 +37,12 @@ class Auto(Solver):
 
     stationarity: float = 1e-6
     batch: SpectralProjectedGradient = field(default_factory=SpectralProjectedGradient)
-    paths: Barrier = field(default_factory=Barrier)
+    paths: InteriorPoint = field(default_factory=InteriorPoint)
     judge: Ipopt = field(default_factory=Ipopt)
 
     name: ClassVar[str] = "auto"
     summary: ClassVar[str] = "spectral, every answer judged, the rest solved again by ipopt"
-    abilities: ClassVar[Abilities] = Abilities(batch=True)
+    capabilities: ClassVar[Capabilities] = Capabilities(batch=True)
 
     def _build(self, nlp: Nlp) -> None:
         """Nothing: each of the two builds what it needs when it is needed."""
@@ -61,7 +61,7 @@ class Auto(Solver):
         ]
 
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
-        """Solve every instance; `BatchSolution.resolved` tells which needed Ipopt."""
+        """Solve every instance; `BatchSolution.fallbacks` tells which needed Ipopt."""
         batch = self._batch(nlp, instances)
         if batch is None:
             return self.judge.solve_batch(nlp, instances)
@@ -70,20 +70,22 @@ class Auto(Solver):
         if not left.size:
             return found
         again = self.judge.solve_batch(nlp, _restarted(instances[left], found.x[left]))
-        return found.with_rows(left, replace(again, resolved=np.ones(left.size, bool)))
+        return found.with_rows(left, replace(again, fallbacks=np.ones(left.size, bool)))
 
-    def _batch(self, nlp: Nlp, instances: Instances) -> SpectralProjectedGradient | Barrier | None:
+    def _batch(
+        self, nlp: Nlp, instances: Instances
+    ) -> SpectralProjectedGradient | InteriorPoint | None:
         """The batch solver that can take the problem, None where none can."""
         if self.batch.can_take(nlp, instances):
             return self.batch
         return self.paths if self.paths.can_take(nlp, instances) else None
 
-    def _accepted(self, run: Run | BarrierRun) -> BatchSolution:
+    def _accepted(self, run: Run | InteriorPointRun) -> BatchSolution:
         """The batch's answers, a success where the residuals are small, whatever it says."""
         return run.solution(run.judged[:, 2] <= self.stationarity)
 
 
-def _restarted(instances: Instances, x: Floats) -> Instances:
+def _restarted(instances: Instances, x: FloatArray) -> Instances:
     """The instances from x, or from their own start where x is not finite."""
     usable = np.isfinite(x).all(axis=1, keepdims=True)
     return instances.restarted(np.where(usable, x, instances.start))

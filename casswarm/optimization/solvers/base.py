@@ -12,7 +12,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from ...errors import CasswarmError, SolverError
-from ...typing import Floats
+from ...typing import FloatArray
 from ..kkt import judge
 from ..problem import Instances, Nlp
 from ..solution import BatchSolution, Residuals, Solution, Status
@@ -28,17 +28,17 @@ class Answer:
     `multipliers` are those of the bounds and of g; None where the backend has none.
     """
 
-    x: Floats
+    x: FloatArray
     status: Status
     message: str
     iterations: int
     evaluations: int
     seconds: float
-    multipliers: tuple[Floats, Floats] | None = None
+    multipliers: tuple[FloatArray, FloatArray] | None = None
 
 
 @dataclass(frozen=True)
-class Abilities:
+class Capabilities:
     """What a solver can do, for tables and for those who choose.
 
     Parameters
@@ -65,7 +65,7 @@ class Solver(ABC):
 
     name: ClassVar[str]
     summary: ClassVar[str]
-    abilities: ClassVar[Abilities] = Abilities()
+    capabilities: ClassVar[Capabilities] = Capabilities()
 
     @classmethod
     def unavailable(cls) -> str:

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ...typing import Floats
+from ...typing import FloatArray
 from ..problem import Nlp
 
 CHUNK = 256  # instances in one call at the most
 
 
-def gradients(nlp: Nlp, x: Floats, parameters: Floats) -> tuple[Floats, Floats]:
+def gradients(nlp: Nlp, x: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Objectives (B,) and gradients (B, nx) at x (B, nx); not finite where they do not exist.
 
     Batches are padded to powers of two, so that few maps are made.
@@ -25,7 +25,7 @@ def gradients(nlp: Nlp, x: Floats, parameters: Floats) -> tuple[Floats, Floats]:
     return f, gradient
 
 
-def _chunk(nlp: Nlp, x: Floats, parameters: Floats) -> tuple[Floats, Floats]:
+def _chunk(nlp: Nlp, x: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
     size = 1 << max(0, len(x) - 1).bit_length()
     pad = ((0, size - len(x)), (0, 0))
     f, gradient = _mapped(nlp, size)(np.pad(x, pad, "edge").T, np.pad(parameters, pad, "edge").T)

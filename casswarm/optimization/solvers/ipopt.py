@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from ..solution import Status
-from .base import Abilities, require
+from .base import Capabilities, require
 from .casadi_nlpsol import NlpsolSolver
 
 STATUS = {
@@ -61,7 +61,7 @@ class Ipopt(NlpsolSolver):
 
     name: ClassVar[str] = "ipopt"
     summary: ClassVar[str] = "interior point, exact derivatives; any problem"
-    abilities: ClassVar[Abilities] = Abilities(multipliers=True, time_limit=True)
+    capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
     plugin: ClassVar[str] = "ipopt"
     statuses: ClassVar[dict[str, Status]] = STATUS
 

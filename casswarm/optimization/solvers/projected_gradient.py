@@ -10,10 +10,10 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from ...errors import SolverError
-from ...typing import Booleans, Floats
+from ...typing import BoolArray, FloatArray
 from ..problem import Instances, Nlp
 from ..solution import Status
-from .base import Abilities, Answer, Solver, require
+from .base import Answer, Capabilities, Solver, require
 from .casadi_map import CHUNK, gradients
 
 
@@ -49,7 +49,7 @@ class ProjectedGradient(Solver):
 
     name: ClassVar[str] = "projected-gradient"
     summary: ClassVar[str] = "the paper's fixed-step method; boxes and discs only"
-    abilities: ClassVar[Abilities] = Abilities("product sets", batch=True)
+    capabilities: ClassVar[Capabilities] = Capabilities("product sets", batch=True)
 
     def __post_init__(self) -> None:
         require(self, "step", 0 < self.step < np.inf, "above zero, finite")
@@ -87,11 +87,11 @@ class ProjectedGradient(Solver):
                 least[moving[better]] = objective[better]
                 answer[moving[better]] = x[moving[better]]
             step = x[moving] - self.step * gradient
-            finite: Booleans = np.asarray(np.isfinite(step).all(axis=1))
+            finite: BoolArray = np.asarray(np.isfinite(step).all(axis=1))
             following = _project(part, np.where(finite[:, None], step, x[moving]))
             change = np.abs(following - x[moving]).max(axis=1, initial=0.0)
             x[moving] = np.where(finite[:, None], following, np.nan)
-            still: Booleans = np.asarray(~finite | (change <= self.tolerance * self.step))
+            still: BoolArray = np.asarray(~finite | (change <= self.tolerance * self.step))
             if still.any():
                 spent[moving[still]] = iteration + 1
                 converged[moving[still]] = finite[still]
@@ -99,7 +99,7 @@ class ProjectedGradient(Solver):
                 part = instances[moving]
             if not moving.size:
                 break
-        lost: Booleans = np.asarray(~np.isfinite(x).all(axis=1))
+        lost: BoolArray = np.asarray(~np.isfinite(x).all(axis=1))
         if self.keep == "last":
             answer = x
         seconds = (time.perf_counter() - started) / max(1, len(x))
@@ -119,7 +119,7 @@ def _outcome(lost: np.bool_, converged: np.bool_) -> tuple[Status, str]:
     return Status.ITERATION_LIMIT, "iterations exhausted"
 
 
-def _project(instances: Instances, x: Floats) -> Floats:
+def _project(instances: Instances, x: FloatArray) -> FloatArray:
     if instances.sets is None:
         return np.clip(x, instances.lower, instances.upper)
     points = x.reshape(*instances.sets.shape, 2)

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import sparse
 
-from ...typing import Floats
+from ...typing import FloatArray
 from ..problem import Instances, Nlp
 from ..solution import Status
 from .base import Answer, Solver
@@ -43,25 +43,25 @@ class Functions:
         self._deadline = time.perf_counter() + seconds
         self._known: dict[str, tuple[bytes, Any]] = {}
 
-    def objective(self, x: Floats) -> float:
+    def objective(self, x: FloatArray) -> float:
         """Value of f at x."""
         if time.perf_counter() > self._deadline:
             raise OutOfTimeError
         return float(self._at("evaluate", x)[0])
 
-    def gradient(self, x: Floats) -> Floats:
+    def gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of f at x, (nx,)."""
         return np.asarray(self._at("gradient", x)[1], dtype=float).ravel()
 
-    def rows(self, x: Floats) -> Floats:
+    def rows(self, x: FloatArray) -> FloatArray:
         """Values of g at x, (ng,)."""
         return np.asarray(self._at("evaluate", x)[1], dtype=float).ravel()
 
-    def jacobian(self, x: Floats) -> sparse.csr_array:
+    def jacobian(self, x: FloatArray) -> sparse.csr_array:
         """Jacobian of g at x, (ng, nx)."""
         return sparse.csr_array(self._at("jacobian", x).sparse())
 
-    def _at(self, name: str, x: Floats) -> Any:
+    def _at(self, name: str, x: FloatArray) -> Any:
         key = x.tobytes()
         if name not in self._known or self._known[name][0] != key:
             if name == "evaluate":

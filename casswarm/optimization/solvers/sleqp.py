@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ..solution import Status
-from .base import Abilities, require
+from .base import Capabilities, require
 from .casadi_nlpsol import NlpsolSolver
 
 STATUS = {
@@ -37,7 +37,7 @@ class Sleqp(NlpsolSolver):
 
     name: ClassVar[str] = "sleqp"
     summary: ClassVar[str] = "active set by linear programs, then equality QPs; any problem"
-    abilities: ClassVar[Abilities] = Abilities(multipliers=True, time_limit=True)
+    capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
     plugin: ClassVar[str] = "sleqp"
     wants_a_row: ClassVar[bool] = True  # or one solve in ten takes seconds, past its limit of time
     statuses: ClassVar[dict[str, Status]] = STATUS

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..solution import Status
-from .base import Abilities, require
+from .base import Capabilities, require
 from .scipy import Functions, ScipySolver
 
 STATUS = {
@@ -37,7 +37,7 @@ class Slsqp(ScipySolver):
 
     name: ClassVar[str] = "slsqp"
     summary: ClassVar[str] = "SciPy's dense SQP with BFGS, exact gradients; any problem"
-    abilities: ClassVar[Abilities] = Abilities(time_limit=True)
+    capabilities: ClassVar[Capabilities] = Capabilities(time_limit=True)
     statuses: ClassVar[dict[str, Status]] = STATUS
 
     def __post_init__(self) -> None:

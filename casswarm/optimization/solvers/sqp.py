@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from ..solution import Status
-from .base import Abilities, require
+from .base import Capabilities, require
 from .casadi_nlpsol import NlpsolSolver
 
 STATUS = {
@@ -50,7 +50,7 @@ class Sqp(NlpsolSolver):
 
     name: ClassVar[str] = "sqp"
     summary: ClassVar[str] = "sequential quadratic programming with active-set QPs; any problem"
-    abilities: ClassVar[Abilities] = Abilities(multipliers=True)
+    capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True)
     plugin: ClassVar[str] = "sqpmethod"
     talks: ClassVar[bool] = True  # qpOASES, of its licence
     statuses: ClassVar[dict[str, Status]] = STATUS

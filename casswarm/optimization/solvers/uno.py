@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ..solution import Status
-from .base import Abilities, require
+from .base import Capabilities, require
 from .casadi_nlpsol import NlpsolSolver
 
 STATUS = {
@@ -40,7 +40,7 @@ class Uno(NlpsolSolver):
 
     name: ClassVar[str] = "uno"
     summary: ClassVar[str] = "trust-region filter SQP, exact derivatives; any problem"
-    abilities: ClassVar[Abilities] = Abilities(multipliers=True, time_limit=True)
+    capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
     plugin: ClassVar[str] = "uno"
     talks: ClassVar[bool] = True  # of variables that are fixed and rows without bounds
     statuses: ClassVar[dict[str, Status]] = STATUS

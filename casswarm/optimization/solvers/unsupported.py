@@ -4,7 +4,7 @@ from __future__ import annotations
 
 NOT_SHIPPED = "CasADi's wheel has the adaptor only: the library itself is not shipped"
 
-LEFT_OUT: dict[str, str] = {
+UNSUPPORTED: dict[str, str] = {
     "fatrop": (
         "converges on 38 of 43 trial problems, but never returns where the objective becomes NaN "
         "on the way, and neither a limit of time nor Ctrl-C stops it (casadi 3.8.2)"

@@ -12,17 +12,17 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ...typing import Floats
+from ...typing import FloatArray
 from .grid import Block, Grid
 from .windows import box_minimum
 
 Node: TypeAlias = tuple[int, int]
-Values: TypeAlias = list[list[Floats]]
+Values: TypeAlias = list[list[FloatArray]]
 """For every sample and every block, a value a node."""
 
 
 @dataclass(frozen=True, eq=False)
-class Prices:
+class StageCosts:
     """What nodes cost.
 
     Parameters
@@ -69,18 +69,20 @@ class Prices:
                 found[-1].append(costs)
         return found
 
-    def _rates(self, low: tuple[int, int], shape: tuple[int, int]) -> Floats:
+    def _rates(self, low: tuple[int, int], shape: tuple[int, int]) -> FloatArray:
         grid, hazard = self.grid, self.grid.task.hazard
         east, north = grid.axes(low, shape)
         if self.certified:
             rates = hazard.lone_rates_below(east, north, grid.spacing)
             assert rates is not None
         else:
-            rates = hazard.lone_rates(np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1))
+            rates = hazard.single_agent_rates(
+                np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)
+            )
         rates *= grid.merged * grid.task.dt
         return rates
 
-    def arrivals(self, block: Block) -> Floats:
+    def arrivals(self, block: Block) -> FloatArray:
         """Cost of stopping at a block's nodes, infinite where no adjacent cell touches the zone.
 
         With g(x) = (||x - c||^2 - R^2) / (2 R), about the distance from the rim, it is `multiplier`
@@ -115,7 +117,9 @@ def point(node: Node) -> Block:
     return Block(node, np.ones((0, 0), bool))
 
 
-def spread(sources: list[Floats], blocks: tuple[Block, ...], to: Block, reach: int) -> Floats:
+def spread(
+    sources: list[FloatArray], blocks: tuple[Block, ...], to: Block, reach: int
+) -> FloatArray:
     """At the nodes of a block, the least value within reach at the nodes of `blocks`."""
     out = np.full(to.shape, np.inf)
     for values, block in zip(sources, blocks, strict=True):
@@ -124,11 +128,11 @@ def spread(sources: list[Floats], blocks: tuple[Block, ...], to: Block, reach: i
     return out
 
 
-def backward(prices: Prices) -> Values:
+def backward(prices: StageCosts) -> Values:
     """Least cost of a visit to every node at every sample and of all that follows."""
     grid = prices.grid
     values: Values = [[] for _ in grid.blocks]
-    after: list[Floats] = []
+    after: list[FloatArray] = []
     following: tuple[Block, ...] = ()
     for sample in reversed(range(len(grid.blocks))):
         for block, costs in zip(grid.blocks[sample], prices.nodes[sample], strict=True):
@@ -139,10 +143,10 @@ def backward(prices: Prices) -> Values:
     return values
 
 
-def forward(prices: Prices) -> Iterator[list[Floats]]:
+def forward(prices: StageCosts) -> Iterator[list[FloatArray]]:
     """For every sample, the least cost of getting to every node, its own cost left out."""
     grid = prices.grid
-    before: list[Floats] = [np.zeros((1, 1))]
+    before: list[FloatArray] = [np.zeros((1, 1))]
     previous: tuple[Block, ...] = (point((0, 0)),)
     for blocks, costs in zip(grid.blocks, prices.nodes, strict=True):
         arriving = [spread(before, previous, block, grid.reach) for block in blocks]
@@ -151,7 +155,7 @@ def forward(prices: Prices) -> Iterator[list[Floats]]:
         previous = blocks
 
 
-def least(prices: Prices, values: Values) -> float:
+def least(prices: StageCosts, values: Values) -> float:
     """Least cost of a path from the start, by what `backward` gave."""
     start = point((0, 0))
     grid = prices.grid
@@ -162,7 +166,7 @@ def least(prices: Prices, values: Values) -> float:
 
 
 def best_node(
-    values: list[Floats], blocks: tuple[Block, ...], at: Node, reach: int
+    values: list[FloatArray], blocks: tuple[Block, ...], at: Node, reach: int
 ) -> tuple[float, Node]:
     """Least value within reach of a node, and where; infinite if there is none."""
     best, place = np.inf, at
@@ -177,7 +181,7 @@ def best_node(
     return best, place
 
 
-def trace(prices: Prices, values: Values, at: Node = (0, 0), sample: int = 0) -> list[Node]:
+def trace(prices: StageCosts, values: Values, at: Node = (0, 0), sample: int = 0) -> list[Node]:
     """Nodes of a least-cost path onwards from a node at a sample (0 is the start)."""
     grid = prices.grid
     path = [at]
@@ -191,7 +195,7 @@ def trace(prices: Prices, values: Values, at: Node = (0, 0), sample: int = 0) ->
     return path
 
 
-def trace_back(prices: Prices, arriving: Values, at: Node, sample: int) -> list[Node]:
+def trace_back(prices: StageCosts, arriving: Values, at: Node, sample: int) -> list[Node]:
     """Nodes of a least-cost path from the start to a node at a sample; `forward` gave `arriving`.
 
     The node itself is not among them.

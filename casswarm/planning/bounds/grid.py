@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 
 from ...hazard import Hazard
-from ...typing import Booleans, Floats
+from ...typing import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
@@ -47,15 +47,15 @@ class Relaxation:
     """
 
     hazard: Hazard
-    start: Floats
-    center: Floats
+    start: FloatArray
+    center: FloatArray
     radius: float
     step: float
     steps: int
     dt: float
 
     @classmethod
-    def of(cls, scenario: Scenario, start: Floats | None = None) -> Relaxation:
+    def of(cls, scenario: Scenario, start: FloatArray | None = None) -> Relaxation:
         """Relaxation of a scenario's guide problem, or of that of an agent elsewhere."""
         begin = scenario.guide_start if start is None else np.asarray(start, float)
         center = np.asarray(scenario.target.center, float)
@@ -91,7 +91,7 @@ class Block(NamedTuple):
     """
 
     low: tuple[int, int]
-    cells: Booleans
+    cells: BoolArray
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -99,7 +99,7 @@ class Block(NamedTuple):
         return self.cells.shape[0] + 1, self.cells.shape[1] + 1
 
     @property
-    def nodes(self) -> Booleans:
+    def nodes(self) -> BoolArray:
         """Which nodes are corners of active cells."""
         found = np.zeros(self.shape, bool)
         for corner in corners(found):
@@ -150,7 +150,7 @@ class Grid:
         return cls._of_ranges(task, 1, reach, _ranges(task, 1, reach, from_start=False))
 
     @classmethod
-    def around(cls, task: Relaxation, starts: Floats, most: int) -> Grid:
+    def around(cls, task: Relaxation, starts: FloatArray, most: int) -> Grid:
         """As `whole`, of paths from any of `starts` (n, 2): the finest of at most `most` nodes.
 
         Steps are merged where they must be.
@@ -208,7 +208,7 @@ class Grid:
         """Nodes, over all samples."""
         return sum(math.prod(block.shape) for blocks in self.blocks for block in blocks)
 
-    def axes(self, low: tuple[int, int], shape: tuple[int, int]) -> tuple[Floats, Floats]:
+    def axes(self, low: tuple[int, int], shape: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
         """Coordinates of nodes from `low` on."""
         east, north = (
             place + self.spacing * (first + np.arange(count))
@@ -216,7 +216,7 @@ class Grid:
         )
         return east, north
 
-    def halved(self, active: tuple[tuple[Booleans, ...], ...]) -> Grid:
+    def halved(self, active: tuple[tuple[BoolArray, ...], ...]) -> Grid:
         """Half the spacing, on the active cells of every block alone; half the steps merged."""
         blocks = tuple(
             tuple(
@@ -259,7 +259,7 @@ def _ranges(task: Relaxation, merged: int, reach: int, from_start: bool = True) 
         yield (np.maximum(low, -out), np.minimum(high, out)) if from_start else (low, high)
 
 
-def _split(low: tuple[int, int], cells: Booleans) -> Iterator[Block]:
+def _split(low: tuple[int, int], cells: BoolArray) -> Iterator[Block]:
     """Blocks that hold all active cells, and not many others."""
     rows, columns = np.flatnonzero(cells.any(axis=1)), np.flatnonzero(cells.any(axis=0))
     if not rows.size:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...typing import Floats
+from ...typing import FloatArray
 from .value_function import ValueFunction
 
 _NODES = 150  # an axis
@@ -17,7 +17,7 @@ _ARROWS = slice(4, None, 9)  # of the nodes, an axis
 
 
 @dataclass(frozen=True, eq=False)
-class Outlook:
+class CostToGoMap:
     """Survival and next velocities of a lone member from places between two corners, at a step.
 
     Parameters
@@ -32,14 +32,16 @@ class Outlook:
     """
 
     step: int
-    low: Floats
-    high: Floats
-    survival: Floats
-    places: Floats
-    velocities: Floats
+    low: FloatArray
+    high: FloatArray
+    survival: FloatArray
+    places: FloatArray
+    velocities: FloatArray
 
     @classmethod
-    def of(cls, value: ValueFunction, low: Floats, high: Floats, step: int = 0) -> Outlook:
+    def of(
+        cls, value: ValueFunction, low: FloatArray, high: FloatArray, step: int = 0
+    ) -> CostToGoMap:
         """What a value function says between the corners `low` and `high`."""
         east, north = (np.linspace(low[axis], high[axis], _NODES) for axis in (0, 1))
         nodes = np.stack(np.meshgrid(east, north), axis=-1)
@@ -52,7 +54,7 @@ class Outlook:
         return {part.name: np.asarray(getattr(self, part.name)) for part in fields(self)}
 
     @classmethod
-    def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Outlook:
+    def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> CostToGoMap:
         """The outlook of `arrays`, again."""
         found: dict[str, Any] = {part.name: arrays[part.name] for part in fields(cls)}
         found["step"] = int(found["step"])

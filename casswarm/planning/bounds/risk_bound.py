@@ -10,14 +10,14 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from ...hazard.lower_bounds import cap_radius
-from ...typing import Booleans, Floats
-from .dynamic_programming import Prices, Values, backward, forward, least, point, spread
+from ...typing import BoolArray, FloatArray
+from .dynamic_programming import StageCosts, Values, backward, forward, least, point, spread
 from .grid import UNIT, Block, Grid, Relaxation, corners, whole_size
 
 FIRST = 400_000
 """Nodes of the first grid, at the most where merging steps can keep it so."""
 
-MOST = 10_000_000
+MAX_ITERATIONS = 10_000_000
 """Nodes of any grid, over all steps: at most three numbers each are kept, 240 MB."""
 
 
@@ -103,7 +103,7 @@ def certify(
     gap: float = 0.01,
     time_limit: float = 60.0,
     first: int = FIRST,
-    most: int = MOST,
+    most: int = MAX_ITERATIONS,
 ) -> Certificate:
     """Bound on the risk of all guides, refined until it is within `gap` of the best known risk.
 
@@ -129,7 +129,7 @@ def certify(
     bound, reason = 0.0, ""
     while grid is not None:
         begun = time.perf_counter() - started
-        prices = Prices(grid, multiplier=multiplier)
+        prices = StageCosts(grid, multiplier=multiplier)
         values = backward(prices)
         slack = rounding(prices, best)
         bound = max(bound, min(best, least(prices, values)) - slack)
@@ -151,10 +151,10 @@ def certify(
     return Certificate(bound, best, reason, tuple(levels), time.perf_counter() - started)
 
 
-def _refined(prices: Prices, values: Values, threshold: float, most: int) -> Grid | None:
+def _refined(prices: StageCosts, values: Values, threshold: float, most: int) -> Grid | None:
     """The next grid, without the cells in which no better guide can be; None if it is too large."""
     grid = prices.grid
-    active: list[tuple[Booleans, ...]] = []
+    active: list[tuple[BoolArray, ...]] = []
     cells = 0
     totals = _merged_totals if grid.merged > 1 else _totals
     for blocks, risks in zip(grid.blocks, totals(prices, values), strict=True):
@@ -172,13 +172,13 @@ def _refined(prices: Prices, values: Values, threshold: float, most: int) -> Gri
     return refined if refined.size <= most else None
 
 
-def _totals(prices: Prices, values: Values) -> Iterator[list[Floats]]:
+def _totals(prices: StageCosts, values: Values) -> Iterator[list[FloatArray]]:
     """For every step, the least cost of the paths through every node."""
     for arriving, going in zip(forward(prices), values, strict=True):
         yield [before + after for before, after in zip(arriving, going, strict=True)]
 
 
-def _merged_totals(prices: Prices, values: Values) -> Iterator[list[Floats]]:
+def _merged_totals(prices: StageCosts, values: Values) -> Iterator[list[FloatArray]]:
     """For the steps of every sample, a bound on the risk of the guides near every node.
 
     All samples of a guide's m paths that are taken within those steps are within k nodes of its
@@ -205,7 +205,7 @@ def _merged_totals(prices: Prices, values: Values) -> Iterator[list[Floats]]:
         last = blocks
 
 
-def rounding(prices: Prices, risk: float) -> float:
+def rounding(prices: StageCosts, risk: float) -> float:
     """What rounding can add to the cost of a path of at most this risk; proof in the docs."""
     grid = prices.grid
     task = grid.task
@@ -214,7 +214,7 @@ def rounding(prices: Prices, risk: float) -> float:
     return float(UNIT * (operations + places) * (risk + 2 * prices.largest_arrival))
 
 
-def arrival_multiplier(task: Relaxation, positions: Floats, v_max: float) -> float:
+def arrival_multiplier(task: Relaxation, positions: FloatArray, v_max: float) -> float:
     """How much less the risk of a locally best path would be if the target were wider.
 
     From its conditions of optimality: with a_t the derivative of the risk by a common shift of
@@ -239,7 +239,7 @@ def arrival_multiplier(task: Relaxation, positions: Floats, v_max: float) -> flo
         return 0.0
     normal = np.broadcast_to(outward / distance, positions[1:].shape)
     apart = 1e-6 * task.step * np.eye(2)
-    ends = [task.hazard.lone_rates(positions[1:, None] + sign * apart) for sign in (1, -1)]
+    ends = [task.hazard.single_agent_rates(positions[1:, None] + sign * apart) for sign in (1, -1)]
     slopes = task.dt * (ends[0] - ends[1]) / (2e-6 * task.step)
     shifts = np.cumsum(slopes[::-1], axis=0)[::-1]
     velocities = np.diff(positions, axis=0) / task.dt

@@ -24,8 +24,8 @@ import numpy as np
 
 from ...hazard import Hazard
 from ...hazard.protection import LeastRate
-from ...typing import Booleans, Expression, Floats
-from .dynamic_programming import Prices, backward, least, spread, trace
+from ...typing import BoolArray, Expr, FloatArray
+from .dynamic_programming import StageCosts, backward, least, spread, trace
 from .grid import Block, Grid, Relaxation
 from .risk_bound import arrival_multiplier, first_grid, rounding
 
@@ -133,19 +133,19 @@ def success_bound(scenario: Scenario, nodes: int = NODES) -> SuccessBound:
 def _bound(scenario: Scenario, nodes: int) -> SuccessBound:
     hazard = scenario.hazard
     phi, start = hazard.least_rate(scenario.n), scenario.guide_start
-    if phi is None or hazard.least_lone_rate(start, start) is None:
+    if phi is None or hazard.single_agent_lower_bound(start, start) is None:
         reason = (
             f"{type(hazard).__name__} does not tell the least rate of a member among "
             f"{scenario.n}; Saturation and SaturationCollision do"
         )
         return SuccessBound(0.0, (0.0,) * scenario.n, reason)
     task = replace(Relaxation.of(scenario), hazard=ProtectedHazard(hazard, phi))
-    risks = least_risks(task, scenario.positions, nodes)
+    risks = lowest_risks(task, scenario.positions, nodes)
     failure = _ROUNDED * float(np.prod(-np.expm1(-risks)))
     return SuccessBound(failure, tuple(risks.tolist()))
 
 
-def least_risks(task: Relaxation, starts: Floats, nodes: int) -> Floats:
+def lowest_risks(task: Relaxation, starts: FloatArray, nodes: int) -> FloatArray:
     """Lower bounds (n,) on the risk of every path from each of `starts` (n, 2) to the target.
 
     Infinite where none arrives in time. One grid serves all starts: rounded to it at random, a
@@ -153,7 +153,7 @@ def least_risks(task: Relaxation, starts: Floats, nodes: int) -> Floats:
     interpolated.
     """
     grid = Grid.around(task, starts, nodes)
-    prices = Prices(grid, multiplier=_multiplier(task))
+    prices = StageCosts(grid, multiplier=_multiplier(task))
     values = backward(prices)
     at = (starts - task.start) / grid.spacing
     cell = np.floor(at).astype(int)
@@ -176,7 +176,7 @@ def least_risks(task: Relaxation, starts: Floats, nodes: int) -> Floats:
     )
 
 
-def _in_time(task: Relaxation, starts: Floats) -> Booleans:
+def _in_time(task: Relaxation, starts: FloatArray) -> BoolArray:
     """Whether the target is within reach of starts (n, 2)."""
     missing = np.maximum(np.abs(task.center - starts) - task.steps * task.step, 0.0)
     return np.asarray(np.hypot(*missing.T) <= task.radius * (1 + 1e-9))
@@ -185,7 +185,7 @@ def _in_time(task: Relaxation, starts: Floats) -> Booleans:
 def _multiplier(task: Relaxation) -> float:
     """Of arrival, by the best path on the nodes of a small grid: any value is valid."""
     grid = first_grid(task, _SKETCH)
-    prices = Prices(grid, certified=False, inside=True)
+    prices = StageCosts(grid, certified=False, inside=True)
     values = backward(prices)
     if grid.merged > 1 or not np.isfinite(least(prices, values)):
         return 0.0
@@ -207,11 +207,11 @@ class ProtectedHazard(Hazard):
     least: LeastRate
 
     @property
-    def radar_positions(self) -> Floats:
+    def radar_positions(self) -> FloatArray:
         """Those of the hazard itself."""
         return self.base.radar_positions
 
-    def lone_expression(self, points: Expression) -> Expression:
+    def lone_expression(self, points: Expr) -> Expr:
         """phi of the lone rate, (2, m) to (1, m)."""
         rates = self.base.lone_expression(points)
         found = math.inf
@@ -219,19 +219,21 @@ class ProtectedHazard(Hazard):
             found = ca.fmin(found, float(intercept) + float(slope) * rates)
         return found
 
-    def expression(self, positions: Expression, alive: Expression) -> Expression:  # noqa: ARG002
+    def expression(self, positions: Expr, alive: Expr) -> Expr:  # noqa: ARG002
         """Everybody as if the others were where they protect best."""
         return self.lone_expression(positions)
 
-    def _evaluate(self, positions: Floats, alive: Booleans) -> Floats:  # noqa: ARG002
-        return self.least(self.base.lone_rates(positions))
+    def _evaluate(self, positions: FloatArray, alive: BoolArray) -> FloatArray:  # noqa: ARG002
+        return self.least(self.base.single_agent_rates(positions))
 
-    def least_lone_rate(self, lower: Floats, upper: Floats) -> Floats | None:
+    def single_agent_lower_bound(self, lower: FloatArray, upper: FloatArray) -> FloatArray | None:
         """phi does not fall: of the least lone rate."""
-        found = self.base.least_lone_rate(lower, upper)
+        found = self.base.single_agent_lower_bound(lower, upper)
         return None if found is None else self.least(np.maximum(found, 0.0))
 
-    def lone_rates_below(self, east: Floats, north: Floats, spacing: float) -> Floats | None:
+    def lone_rates_below(
+        self, east: FloatArray, north: FloatArray, spacing: float
+    ) -> FloatArray | None:
         """Phi of the values below the lone rate: concave, it keeps interpolation below.
 
         I phi(v) <= phi(I v) <= phi(b) for I v <= b, where all v are at least 0; else the least

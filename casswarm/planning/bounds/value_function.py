@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import PlanningError
-from ...typing import Floats
-from .dynamic_programming import Prices, Values, backward
+from ...typing import FloatArray
+from .dynamic_programming import StageCosts, Values, backward
 from .grid import UNIT, Grid, Relaxation, whole_size
 from .windows import box_minimum
 
@@ -67,14 +67,17 @@ class ValueFunction:
         while whole_size(task, 1, 2 * reach, from_start=False) <= nodes:
             reach *= 2
         grid = Grid.everywhere(task, reach)
-        known = certified and scenario.hazard.least_lone_rate(task.center, task.center) is not None
+        known = (
+            certified
+            and scenario.hazard.single_agent_lower_bound(task.center, task.center) is not None
+        )
         return cls(
             grid,
-            backward(Prices(grid, certified=False, inside=True)),
-            backward(Prices(grid)) if known else None,
+            backward(StageCosts(grid, certified=False, inside=True)),
+            backward(StageCosts(grid)) if known else None,
         )
 
-    def bounds(self, step: int, positions: ArrayLike) -> tuple[Floats, Floats]:
+    def bounds(self, step: int, positions: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Proven bounds of the least risk to go, (...) each, at positions (..., 2) at a step.
 
         The lower one is 0 where the hazard knows no bounds; the upper one is, but for rounding, the
@@ -91,7 +94,7 @@ class ValueFunction:
         low[~arrived & ~self._in_time(step, flat)] = np.inf
         return low.reshape(places.shape[:-1]), high.reshape(places.shape[:-1])
 
-    def velocities(self, step: int, positions: ArrayLike) -> Floats:
+    def velocities(self, step: int, positions: ArrayLike) -> FloatArray:
         """The feedback guide: the best next velocities (..., 2) at positions (..., 2) at a step.
 
         To the best node within reach; straight towards the target where there is none, and zero in
@@ -107,14 +110,14 @@ class ValueFunction:
         found = np.clip((goals - flat) / task.dt, -limit, limit)
         return np.asarray(found.reshape(places.shape))
 
-    def to_go(self, step: int, positions: Floats) -> Floats:
+    def to_go(self, step: int, positions: FloatArray) -> FloatArray:
         """Risk to go at positions (..., 2) at a step, interpolated, (...); not a bound."""
         flat = positions.reshape(-1, 2)
         found = self._interpolated(self._spread(self.above, step), flat)
         arrived = np.hypot(*(flat - self.grid.task.center).T) <= self.grid.task.radius
         return np.where(arrived, 0.0, found).reshape(positions.shape[:-1])
 
-    def after(self, step: int, positions: Floats) -> Floats:
+    def after(self, step: int, positions: FloatArray) -> FloatArray:
         """Risk of being at positions (..., 2) at a step and of what follows, interpolated, (...).
 
         Not a bound; infinite where the grid knows no way on.
@@ -124,16 +127,16 @@ class ValueFunction:
         found = np.full(len(flat), np.inf) if values is None else self._interpolated(values, flat)
         arrived = np.hypot(*(flat - task.center).T) <= task.radius
         if arrived.any():
-            found[arrived] = task.dt * task.hazard.lone_rates(flat[arrived])
+            found[arrived] = task.dt * task.hazard.single_agent_rates(flat[arrived])
         return found.reshape(positions.shape[:-1])
 
-    def _at(self, values: Values, step: int) -> tuple[tuple[int, int], Floats] | None:
+    def _at(self, values: Values, step: int) -> tuple[tuple[int, int], FloatArray] | None:
         """First node and values of a step 1..N; None where there are none."""
         if not 1 <= step <= len(values) or not values[step - 1]:
             return None
         return self.grid.blocks[step - 1][0].low, values[step - 1][0]
 
-    def _spread(self, values: Values, step: int) -> tuple[tuple[int, int], Floats]:
+    def _spread(self, values: Values, step: int) -> tuple[tuple[int, int], FloatArray]:
         """First node and least value of the next step within reach of every node."""
         found = self._at(values, step + 1)
         if found is None:
@@ -143,7 +146,9 @@ class ValueFunction:
         shape = (array.shape[0] + 2 * k, array.shape[1] + 2 * k)
         return (i - k, j - k), box_minimum(array, (-k, -k), shape, k)
 
-    def _interpolated(self, known: tuple[tuple[int, int], Floats], flat: Floats) -> Floats:
+    def _interpolated(
+        self, known: tuple[tuple[int, int], FloatArray], flat: FloatArray
+    ) -> FloatArray:
         """Bilinear interpolation of node values at positions (B, 2); infinite outside."""
         low, array = known
         at = (flat - self.grid.task.start) / self.grid.spacing - np.array(low)
@@ -161,7 +166,7 @@ class ValueFunction:
                 found += np.where(share > 0, share * np.where(share > 0, corner, 0.0), 0.0)
         return np.where(inside, found, np.inf)
 
-    def _window(self, values: Values, step: int, flat: Floats) -> tuple[Floats, Floats]:
+    def _window(self, values: Values, step: int, flat: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Least value of the next step at nodes within reach of positions (B, 2), and where."""
         found = self._at(values, step + 1)
         risk, goals = np.full(len(flat), np.inf), flat.copy()
@@ -188,7 +193,7 @@ class ValueFunction:
             goals[part] = np.where(np.isfinite(risk[part])[:, None], chosen, flat[part])
         return risk, goals
 
-    def _in_time(self, step: int, flat: Floats) -> np.ndarray:
+    def _in_time(self, step: int, flat: FloatArray) -> np.ndarray:
         """Whether the target can be reached from positions (B, 2) by step N."""
         task = self.grid.task
         away = np.abs(flat - task.center) - max(0, task.steps - step) * task.step

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...typing import Floats
+from ...typing import FloatArray
 
 
-def box_minimum(values: Floats, first: tuple[int, int], shape: tuple[int, int], k: int) -> Floats:
+def box_minimum(
+    values: FloatArray, first: tuple[int, int], shape: tuple[int, int], k: int
+) -> FloatArray:
     """Least value within k nodes along either axis, infinite where there is none.
 
     Parameters
@@ -27,7 +29,7 @@ def box_minimum(values: Floats, first: tuple[int, int], shape: tuple[int, int], 
     return window_minimum(rows.T, first[1], shape[1], k).T
 
 
-def window_minimum(values: Floats, first: int, count: int, k: int) -> Floats:
+def window_minimum(values: FloatArray, first: int, count: int, k: int) -> FloatArray:
     """Least of ``values[p-k : p+k+1]`` along the first axis for p = first .. first + count - 1."""
     n = len(values)
     out = np.full((count, *values.shape[1:]), np.inf)

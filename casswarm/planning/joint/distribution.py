@@ -10,7 +10,7 @@ import numpy as np
 
 from ...problems.joint_instances import end_costs
 from ...problems.subsets import subsets
-from ...typing import Booleans, Floats
+from ...typing import BoolArray, FloatArray
 from ..bounds.grid import UNIT
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class PlanLaw:
+class PlanDistribution:
     """What becomes of a swarm whose living members follow given ways.
 
     Parameters
@@ -34,12 +34,12 @@ class PlanLaw:
     """
 
     n: int
-    lost: Floats
-    inside: Booleans
+    lost: FloatArray
+    inside: BoolArray
     rounding: float
 
     @classmethod
-    def of(cls, scenario: Scenario, positions: Floats) -> PlanLaw:
+    def of(cls, scenario: Scenario, positions: FloatArray) -> PlanDistribution:
         """Law of the ways `positions` (N+1, n, 2), from a step on to the scenario's last."""
         n = positions.shape[1]
         members = subsets(n).members
@@ -89,22 +89,22 @@ class PlanLaw:
         return float(value[-1])
 
     @cached_property
-    def masses(self) -> Floats:
+    def masses(self) -> FloatArray:
         """Probability (N+1, 2^n) that a run is going on at step t with exactly d alive."""
         return self._forward[0]
 
     @cached_property
-    def arrival(self) -> Floats:
+    def arrival(self) -> FloatArray:
         """Probability (N+1,) that the first arrival of a living member is at step t."""
         return self._forward[1]
 
     @cached_property
-    def survival(self) -> Floats:
+    def survival(self) -> FloatArray:
         """Probability (N+1, n) that a member is alive at step t, or was when its run ended."""
         return self._forward[2]
 
     @cached_property
-    def _forward(self) -> tuple[Floats, Floats, Floats]:
+    def _forward(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         sets, steps = subsets(self.n), len(self.lost)
         masses, arrival = np.zeros((steps + 1, 2**self.n)), np.zeros(steps + 1)
         survival, done = np.ones((steps + 1, self.n)), np.zeros(self.n)

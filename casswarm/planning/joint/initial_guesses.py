@@ -11,8 +11,8 @@ from scipy.optimize import linear_sum_assignment
 
 from ...problems.formation import Motion
 from ...problems.joint_instances import JointTask
-from ...typing import Counts, Floats
-from ..guide import Guide, path_of
+from ...typing import FloatArray, IntArray
+from ..guide import Guide, integrate
 from ..plan import plan_from
 from ..polyline import resampled
 
@@ -43,18 +43,18 @@ class SwarmStart:
     """
 
     origin: str
-    arrivals: Counts
-    velocities: Floats
+    arrivals: IntArray
+    velocities: FloatArray
 
 
-def lone_guide(scenario: Scenario, before: Floats) -> Guide:
+def single_agent_guide(scenario: Scenario, before: FloatArray) -> Guide:
     """The best guide of a lone agent among all ways and arrival steps, from V(-1) `before` (2,).
 
     The rim is arrival enough: the members' places in the formation are up to the joint plan.
     """
     free = {
         "guide.arrival": "any",
-        "guide.flyable": True,
+        "guide.acceleration_limited": True,
         "guide.margin": 1e-3 * scenario.target.radius,
     }
     return plan_from(
@@ -81,12 +81,14 @@ def initial_plans(
         yield _apart(scenario, task, guide)
 
 
-def _formation(scenario: Scenario, task: JointTask, origin: str, ways: list[Floats]) -> SwarmStart:
+def _formation(
+    scenario: Scenario, task: JointTask, origin: str, ways: list[FloatArray]
+) -> SwarmStart:
     """Members around paths of velocities (T, 2), as near to their places as the limits allow.
 
     With two ways, members take turns.
     """
-    paths = [path_of(scenario.guide_start, velocities, task.dt) for velocities in ways]
+    paths = [integrate(scenario.guide_start, velocities, task.dt) for velocities in ways]
     steps = max(map(len, ways))
     references = np.stack(
         [
@@ -113,14 +115,14 @@ def _apart(scenario: Scenario, task: JointTask, guide: Guide) -> SwarmStart:
     return SwarmStart("own guides", _possible(task, asked, scenario.n_steps), follow(task, goals))
 
 
-def follow(task: JointTask, goals: Floats) -> Floats:
+def follow(task: JointTask, goals: FloatArray) -> FloatArray:
     """Velocities (T, n, 2) to goals (T, n, 2), one a step, within v_max and a_max."""
     motion = Motion(task.v_max, task.a_max, task.dt)
-    places, previous = task.start, task.before
+    places, previous_velocities = task.start, task.before
     found = np.empty_like(goals)
     for step, goal in enumerate(goals):
-        found[step] = motion.toward(places, previous, goal)
-        places, previous = places + task.dt * found[step], found[step]
+        found[step] = motion.toward(places, previous_velocities, goal)
+        places, previous_velocities = places + task.dt * found[step], found[step]
     return found
 
 
@@ -137,7 +139,7 @@ def perturbed(start: SwarmStart, task: JointTask, rng: np.random.Generator) -> S
     )
 
 
-def _possible(task: JointTask, asked: Counts, horizon: int) -> Counts:
+def _possible(task: JointTask, asked: IntArray, horizon: int) -> IntArray:
     """Arrival steps asked for, later where v_max does not allow them, 0 where no step does."""
     reach = np.arange(1, horizon + 1)[:, None, None] * task.dt * task.v_max
     missing = np.maximum(np.abs(task.center - task.start) - reach, 0.0)  # (N, n, 2)
@@ -146,7 +148,7 @@ def _possible(task: JointTask, asked: Counts, horizon: int) -> Counts:
     return np.where(earliest > 0, np.maximum(asked, earliest), 0)
 
 
-def _places(scenario: Scenario, path: Floats, least: float) -> Floats:
+def _places(scenario: Scenario, path: FloatArray, least: float) -> FloatArray:
     """Members' places (n, 2) around a path's point.
 
     A triangular lattice of the spacing at which the rates add up to least where the path is most
@@ -156,7 +158,7 @@ def _places(scenario: Scenario, path: Floats, least: float) -> Floats:
         return np.zeros((1, 2))
     lattice = _lattice(scenario.n)
     hazard = scenario.hazard
-    worst = path[1 + int(hazard.lone_rates(path[1:]).argmax())]
+    worst = path[1 + int(hazard.single_agent_rates(path[1:]).argmax())]
     spacings = np.maximum(_SPACINGS * scenario.target.radius, 1.05 * least)
     totals = hazard.rates(worst + spacings[:, None, None] * lattice).sum(axis=1)
     places = spacings[int(totals.argmin())] * lattice
@@ -165,7 +167,7 @@ def _places(scenario: Scenario, path: Floats, least: float) -> Floats:
     return np.asarray(places[linear_sum_assignment(costs)[1]])
 
 
-def _lattice(n: int) -> Floats:
+def _lattice(n: int) -> FloatArray:
     """The n points of a triangular lattice of spacing 1 that are nearest to its centre of mass."""
     size = int(np.ceil(np.sqrt(n))) + 2
     i, j = np.meshgrid(*[np.arange(-size, size + 1)] * 2, indexing="ij")

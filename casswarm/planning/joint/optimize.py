@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...errors import ScenarioError, SolverError, among
+from ...errors import ScenarioError, SolverError, did_you_mean
 from ...optimization.solvers import Solver, make_solver
 from ...problems.formation import motion_of
 from ...problems.joint import OBJECTIVES, JointForm
-from ...problems.joint_hessian import MOST
+from ...problems.joint_hessian import MAX_ITERATIONS
 from ...problems.joint_instances import JointTask
-from ...typing import Floats
+from ...typing import FloatArray
 from ..bounds.success_bound import success_bound
 from ..guide import Guide
 from ..plan import initial_velocities, plan
-from .distribution import PlanLaw
-from .initial_guesses import SwarmStart, initial_plans, lone_guide, perturbed
+from .distribution import PlanDistribution
+from .initial_guesses import SwarmStart, initial_plans, perturbed, single_agent_guide
 from .plan import SwarmOutcome, SwarmPlan
-from .solve import MOST_EXACT, JointProblem, first_steps, newton, quasi_newton
+from .solve import MAX_EXACT, JointProblem, first_steps, newton, quasi_newton
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
@@ -72,7 +72,7 @@ def plan_swarm(
         in the target, or alive anywhere, when the run ends: at the first arrival. With
         ``"arrivals"`` members stay out of the target until the common arrival step.
     solver : str or Solver
-        By default Ipopt: with exact second derivatives for up to `MOST` members, and with a
+        By default Ipopt: with exact second derivatives for up to `MAX_ITERATIONS` members, and with a
         limited-memory Hessian beyond.
     starts : sequence of str
         Of ``"formations"`` along the ways of a lone agent, ``"own"`` guides of the members (in
@@ -113,9 +113,7 @@ def plan_swarm(
         raise ValueError(f"time_limit = {time_limit!r}; allowed: seconds above 0")
     guide = plan(scenario, certify=False) if guide is None else guide
     task = joint_task(scenario, initial_velocities(scenario, guide), distance)
-    form = JointForm(
-        scenario.n, scenario.n_steps, scenario.n <= MOST_EXACT, objective, distance > 0
-    )
+    form = JointForm(scenario.n, scenario.n_steps, scenario.n <= MAX_EXACT, objective, distance > 0)
     rough = JointForm(
         scenario.n, scenario.n_steps, scenario.n <= EXACT_STARTS, objective, distance > 0
     )
@@ -130,7 +128,7 @@ def plan_swarm(
     return search.result(best, time.perf_counter() - started, min_distance)
 
 
-def joint_task(scenario: Scenario, before: Floats, distance: float = 0.0) -> JointTask:
+def joint_task(scenario: Scenario, before: FloatArray, distance: float = 0.0) -> JointTask:
     """What the members of a scenario are to do, from V(-1) `before` (n, 2)."""
     return JointTask(
         start=scenario.positions,
@@ -148,12 +146,14 @@ def joint_task(scenario: Scenario, before: Floats, distance: float = 0.0) -> Joi
 
 def _require_known(objective: str, starts: Sequence[str]) -> None:
     if objective not in OBJECTIVES:
-        raise SolverError(f"objective {objective!r} is unknown{among(objective, OBJECTIVES)}")
+        raise SolverError(
+            f"objective {objective!r} is unknown{did_you_mean(objective, OBJECTIVES)}"
+        )
     if isinstance(starts, str) or not starts:
         raise SolverError(f"starts = {starts!r}; expected a list of {', '.join(STARTS)}")
     for kind in starts:
         if kind not in STARTS:
-            raise SolverError(f"kind of start {kind!r} is unknown{among(kind, STARTS)}")
+            raise SolverError(f"kind of start {kind!r} is unknown{did_you_mean(kind, STARTS)}")
 
 
 def _checked_distance(scenario: Scenario, given: float | None) -> float:
@@ -176,9 +176,9 @@ def _backends(solver: str | Solver, n: int) -> tuple[Solver, Solver]:
     if solver != "ipopt":
         backend = make_solver(solver)
         return backend, backend
-    if n <= MOST:
+    if n <= MAX_ITERATIONS:
         return newton(FIRST), newton(POLISHED)
-    if n <= EXACT_STARTS or n > MOST_EXACT:
+    if n <= EXACT_STARTS or n > MAX_EXACT:
         return quasi_newton(FIRST if n <= EXACT_STARTS else FIRST_ROUGH), quasi_newton(POLISHED)
     return quasi_newton(FIRST_ROUGH), quasi_newton(POLISHED_LARGE)
 
@@ -239,8 +239,8 @@ class _Search:
 
     def _initial(self, kinds: Sequence[str]) -> Iterator[SwarmStart]:
         scenario, task = self.problem.scenario, self.problem.task
-        guide = lone_guide(scenario, task.before[0])
-        own = "own" in kinds and scenario.n <= MOST_EXACT
+        guide = single_agent_guide(scenario, task.before[0])
+        own = "own" in kinds and scenario.n <= MAX_EXACT
         for start in initial_plans(scenario, task, guide, own):
             if start.origin == "own guides" or "formations" in kinds or not own:
                 yield start
@@ -277,7 +277,7 @@ class _Search:
             motion=motion_of(scenario),
             arrivals=first_steps(scenario, positions),
             value=best.value,
-            law=PlanLaw.of(scenario, positions) if problem.form.exact else None,
+            law=PlanDistribution.of(scenario, positions) if problem.form.exact else None,
             solution=best.solution,
             outcomes=tuple(self.outcomes),
             bound=success_bound(scenario),

@@ -8,9 +8,9 @@ import numpy as np
 
 from ...optimization.solution import Solution
 from ...problems.formation import Motion
-from ...typing import Counts, Floats
+from ...typing import FloatArray, IntArray
 from ..bounds.success_bound import SuccessBound
-from .distribution import PlanLaw
+from .distribution import PlanDistribution
 
 NEARLY = 1 - 1e-4
 """Share of a least distance that counts as it, for what a solver's tolerance leaves."""
@@ -38,8 +38,8 @@ class SwarmOutcome:
     """
 
     origin: str
-    arrivals: Counts
-    velocities: Floats
+    arrivals: IntArray
+    velocities: FloatArray
     value: float
     solution: Solution
     seconds: float
@@ -79,8 +79,8 @@ class SwarmPlan:
         First step at which each member is in the target, 0 for one that never is.
     value : float
         What was maximised: exact, or the mean field's.
-    law : PlanLaw or None
-        The exact law; None for swarms of more than `casswarm.planning.joint.solve.MOST_EXACT` members.
+    law : PlanDistribution or None
+        The exact law; None for swarms of more than `casswarm.planning.joint.solve.MAX_EXACT` members.
     solution : Solution
         Of the start that this plan came from.
     outcomes : tuple of SwarmOutcome
@@ -94,13 +94,13 @@ class SwarmPlan:
 
     scenario: str
     objective: str
-    positions: Floats
-    velocities: Floats
-    before: Floats
+    positions: FloatArray
+    velocities: FloatArray
+    before: FloatArray
     motion: Motion
-    arrivals: Counts
+    arrivals: IntArray
     value: float
-    law: PlanLaw | None
+    law: PlanDistribution | None
     solution: Solution
     outcomes: tuple[SwarmOutcome, ...] = field(default=(), repr=False)
     bound: SuccessBound | None = None
@@ -148,7 +148,7 @@ class SwarmPlan:
         return f"joint plan {end}: {told}{bound}"
 
 
-def least_distance(positions: Floats) -> float:
+def least_distance(positions: FloatArray) -> float:
     """Least distance of any two members at the same step of positions (T, n, 2)."""
     i, j = np.triu_indices(positions.shape[1], 1)
     apart = positions[:, i] - positions[:, j]

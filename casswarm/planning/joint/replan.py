@@ -23,14 +23,14 @@ import numpy as np
 from ...errors import PolicyError
 from ...optimization.solvers import Solver
 from ...problems.joint import JointForm
-from ...problems.joint_hessian import MOST
+from ...problems.joint_hessian import MAX_ITERATIONS
 from ...problems.joint_instances import JointTask
-from ...typing import Floats
-from .distribution import PlanLaw
+from ...typing import FloatArray
+from .distribution import PlanDistribution
 from .initial_guesses import SwarmStart
 from .optimize import joint_task
 from .plan import SwarmPlan
-from .solve import MOST_EXACT, JointProblem, first_steps, newton, quasi_newton
+from .solve import MAX_EXACT, JointProblem, first_steps, newton, quasi_newton
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
@@ -65,25 +65,25 @@ class Branch:
         Their velocities before it.
     mass : float
         Probability of the situation in which it was made, by the laws of the plans before.
-    law : PlanLaw
+    law : PlanDistribution
     """
 
     path: tuple[tuple[int, Members], ...]
     step: int
     members: Members
-    positions: Floats
-    velocities: Floats
-    before: Floats
+    positions: FloatArray
+    velocities: FloatArray
+    before: FloatArray
     mass: float
-    law: PlanLaw
+    law: PlanDistribution
 
-    def places(self, step: int, members: Members) -> tuple[Floats, Floats]:
+    def places(self, step: int, members: Members) -> tuple[FloatArray, FloatArray]:
         """X(step), V(step-1) of some of its members, (m, 2) each."""
         rows, at = self._rows(members), step - self.step
-        previous = self.velocities[at - 1] if at else self.before
-        return self.positions[at][rows], previous[rows]
+        previous_velocities = self.velocities[at - 1] if at else self.before
+        return self.positions[at][rows], previous_velocities[rows]
 
-    def way(self, step: int, members: Members) -> Floats:
+    def way(self, step: int, members: Members) -> FloatArray:
         """Velocities (T', m, 2) of some of its members from a step on."""
         return self.velocities[step - self.step :][:, self._rows(members)]
 
@@ -149,14 +149,14 @@ class PlanTree:
         if law is None:
             raise PolicyError(
                 f"planning again needs the plan's exact law, which is known for at most "
-                f"{MOST_EXACT} members; this swarm has {plan.n}: use the policy joint"
+                f"{MAX_EXACT} members; this swarm has {plan.n}: use the policy joint"
             )
         if not 0 <= least_mass <= 1:
             raise PolicyError(f"least_mass = {least_mass!r}; allowed: from 0 to 1")
         root = Branch((), 0, everybody, plan.positions, plan.velocities, plan.before, 1.0, law)
         tree = cls(
             scenario,
-            solver or (newton if plan.n <= MOST else quasi_newton)(ITERATIONS),
+            solver or (newton if plan.n <= MAX_ITERATIONS else quasi_newton)(ITERATIONS),
             least_mass,
             root,
             plan.objective,
@@ -166,8 +166,8 @@ class PlanTree:
         return tree
 
     def follow(
-        self, step: int, members: Members, positions: Floats, previous: Floats
-    ) -> tuple[Floats, bool, bool] | None:
+        self, step: int, members: Members, positions: FloatArray, previous_velocities: FloatArray
+    ) -> tuple[FloatArray, bool, bool] | None:
         """What the living do at a step.
 
         Parameters
@@ -175,7 +175,7 @@ class PlanTree:
         step : int
         members : tuple of int
             The living.
-        positions, previous : (m, 2)
+        positions, previous_velocities : (m, 2)
             Their X(step), V(step-1).
 
         Returns
@@ -188,7 +188,7 @@ class PlanTree:
 
         None where no plan has the members at these places.
         """
-        branch = self._found(step, members, positions, previous)
+        branch = self._found(step, members, positions, previous_velocities)
         if branch is None:
             return None
         planned = failed = False
@@ -202,7 +202,7 @@ class PlanTree:
         return (way[0] if len(way) else np.zeros((len(members), 2))), planned, failed
 
     def _found(
-        self, step: int, members: Members, positions: Floats, previous: Floats
+        self, step: int, members: Members, positions: FloatArray, previous_velocities: FloatArray
     ) -> Branch | None:
         """The plan whose way leads through these places."""
         first = self._places.get((step, members[0], positions[0].tobytes()), [])
@@ -210,7 +210,9 @@ class PlanTree:
             if not set(members) <= set(branch.members):
                 continue
             places, velocities = branch.places(step, members)
-            if np.array_equal(places, positions) and np.array_equal(velocities, previous):
+            if np.array_equal(places, positions) and np.array_equal(
+                velocities, previous_velocities
+            ):
                 return branch
         return None
 
@@ -243,12 +245,14 @@ class PlanTree:
         if not found.apart or found.value <= problem.value(rest, real):
             return branch
         positions = problem.positions(found.velocities)
-        law = PlanLaw.of(self.scenario, positions)
+        law = PlanDistribution.of(self.scenario, positions)
         made = Branch(key, step, members, positions, found.velocities, before, mass, law)
         self._add(made)
         return made
 
-    def _task(self, step: int, start: Floats, before: Floats) -> tuple[JointTask, JointForm]:
+    def _task(
+        self, step: int, start: FloatArray, before: FloatArray
+    ) -> tuple[JointTask, JointForm]:
         steps = self.scenario.n_steps
         quarter = -(-steps // _PARTS)
         horizon = min(steps, quarter * -(-(steps - step) // quarter))

@@ -13,8 +13,8 @@ from ...optimization.solvers import Ipopt, Solver
 from ...problems.formation import motion_of
 from ...problems.joint import JointForm, joint_nlp
 from ...problems.joint_instances import JointTask, joint_instance
-from ...typing import Counts, Floats
-from .distribution import PlanLaw
+from ...typing import FloatArray, IntArray
+from .distribution import PlanDistribution
 from .initial_guesses import SwarmStart, follow
 from .plan import NEARLY, SwarmOutcome, least_distance
 
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 _SECONDS = 3600.0  # of one solve: iterations end it, so that answers do not depend on the machine
 
-MOST_EXACT = 10
+MAX_EXACT = 10
 """Members up to which plans are priced exactly."""
 
 
 def newton(iterations: int) -> Ipopt:
-    """Ipopt with exact second derivatives, that stays near its start: for swarms of at most `MOST`.
+    """Ipopt with exact second derivatives, that stays near its start: for swarms of at most `MAX_ITERATIONS`.
 
     Log-odds to 1e-7 are relative differences in the probability of failure.
     """
@@ -105,30 +105,30 @@ class JointProblem:
             arrivals = outcome.arrivals
         return SwarmStart(outcome.origin, arrivals, outcome.velocities)
 
-    def flown(self, wanted: Floats) -> Floats:
+    def flown(self, wanted: FloatArray) -> FloatArray:
         """Velocities within the limits, on to the target's centre where a member has not arrived.
 
         What a solver's tolerance leaves beyond a limit is taken away as the chain would.
         """
         task, motion = self.task, motion_of(self.scenario)
         found = np.empty_like(wanted)
-        previous = task.before
+        previous_velocities = task.before
         for step, velocity in enumerate(wanted):
-            sets = motion.sets(previous)
+            sets = motion.sets(previous_velocities)
             beyond = sets.violation(velocity) > 0
             found[step] = np.where(beyond[:, None], sets.project(velocity), velocity)
-            previous = found[step]
+            previous_velocities = found[step]
         reached = first_steps(self.scenario, self.positions(found))
         if reached.all():
             return found[: int(reached.max())]
         left = task.steps - len(found)
         if left <= 0:
             return found
-        here = replace(task, start=self.positions(found)[-1], before=previous)
+        here = replace(task, start=self.positions(found)[-1], before=previous_velocities)
         goals = np.broadcast_to(task.center, (left, self.form.n, 2))
         return np.concatenate([found, follow(here, np.array(goals))])
 
-    def positions(self, velocities: Floats) -> Floats:
+    def positions(self, velocities: FloatArray) -> FloatArray:
         """X(0..T), (T+1, n, 2), as the chain computes them."""
         found = np.empty((len(velocities) + 1, *self.task.start.shape))
         found[0] = self.task.start
@@ -136,18 +136,18 @@ class JointProblem:
             found[step + 1] = found[step] + self.task.dt * velocity
         return found
 
-    def value(self, velocities: Floats, arrivals: Counts) -> float:
+    def value(self, velocities: FloatArray, arrivals: IntArray) -> float:
         """What is maximised, of velocities (T, n, 2): exactly where that can be."""
         share = 1.0 if self.form.objective == "success" else self.form.n
-        if self.form.n <= MOST_EXACT:
-            law = PlanLaw.of(self.scenario, self.positions(velocities))
+        if self.form.n <= MAX_EXACT:
+            law = PlanDistribution.of(self.scenario, self.positions(velocities))
             return share * (1.0 - law.cost(self.form.objective))
         instance = joint_instance(self.nlp, self.form, self.task, arrivals, velocities)
         odds = float(self.nlp.evaluate(instance.start[0], instance.parameters[0])[0])
         return share * float(1.0 / (1.0 + np.exp(odds)))
 
 
-def first_steps(scenario: Scenario, positions: Floats) -> Counts:
+def first_steps(scenario: Scenario, positions: FloatArray) -> IntArray:
     """First step at which each member (n,) of ways (T+1, n, 2) is in the target, 0 for never."""
     inside = scenario.target.contains(positions[1:])
     return np.where(inside.any(axis=0), inside.argmax(axis=0) + 1, 0)

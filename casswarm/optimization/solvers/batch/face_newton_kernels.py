@@ -17,7 +17,7 @@ ACTIVE = 1e-10  # a boundary is active that is nearer, in units of x
 HELD = 1e-9  # a member is held that the projected gradient moves less, in units of x
 DIFFERENCE = 1e-7  # length of the gradient's differences, in units of x
 FORCING = 1e-3  # residual at which the conjugate gradients stop, as a part of the first
-MOST = 30  # of their steps
+MAX_ITERATIONS = 30  # of their steps
 REACH = 0.1  # the longest component of a step, in units of x
 TRIALS = 4  # of its length
 SUFFICIENT = 1e-4  # decrease, as a part of what the gradient promises
@@ -160,7 +160,7 @@ def newton_step(x, f, p, shared, sets, units, work, face, scratch, counts):
         step[c] = 0.0
         residual[c] = -residual[c]
         q[c] = residual[c]
-    for _ in range(MOST):
+    for _ in range(MAX_ITERATIONS):
         curved = curvature_along(x, q, p, shared, unit, work, face, scratch)
         counts[1] += 1
         if not curved > 0.0:

@@ -12,13 +12,13 @@ import numpy as np
 
 from ...._util.jit import compiled_module
 from ....errors import SolverError
-from ....typing import Booleans, Counts, Floats
-from ...feasible_sets.trajectory import PathSets, barrier_sources
+from ....typing import BoolArray, FloatArray, IntArray
+from ...feasible_sets.trajectory import PathSets, interior_point_sources
 from ...problem import Instances, Nlp
 from ...solution import BatchSolution, Status
-from ..base import VIOLATION, Abilities, Answer, Solver, require
+from ..base import VIOLATION, Answer, Capabilities, Solver, require
 from . import interior_point_kernels
-from .spg import shared_out
+from .spg import in_threads
 
 _WORDS = {
     interior_point_kernels.CONVERGED: (Status.SOLVED, "stationary to tolerance"),
@@ -32,7 +32,7 @@ _SHARE = 32  # instances that are worth a thread
 
 
 @dataclass(frozen=True)
-class Barrier(Solver):
+class InteriorPoint(Solver):
     """Feasible primal-dual interior point with exact limits, state by state (`barrier_core`).
 
     For problems over paths (`Instances.paths`) whose objective is there as source.
@@ -57,7 +57,7 @@ class Barrier(Solver):
 
     name: ClassVar[str] = "barrier"
     summary: ClassVar[str] = "compiled interior point over batches; look-ahead problems only"
-    abilities: ClassVar[Abilities] = Abilities("paths", batch=True, multipliers=True)
+    capabilities: ClassVar[Capabilities] = Capabilities("paths", batch=True, multipliers=True)
 
     def __post_init__(self) -> None:
         require(self, "tolerance", 0 < self.tolerance < np.inf, "a finite number above zero")
@@ -77,14 +77,14 @@ class Barrier(Solver):
     def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         return self.run(nlp, instances).answers()
 
-    def run(self, nlp: Nlp, instances: Instances) -> BarrierRun:
-        """Solve and judge every instance; what it took stays in the `BarrierRun`."""
+    def run(self, nlp: Nlp, instances: Instances) -> InteriorPointRun:
+        """Solve and judge every instance; what it took stays in the `InteriorPointRun`."""
         if not self.can_take(nlp, instances):
             raise SolverError(
                 f"barrier cannot take {nlp.name}: it needs paths within limits of speed and "
                 "acceleration, and an objective made of kernels; take auto or ipopt"
             )
-        return BarrierRun.of(self, nlp, instances)
+        return InteriorPointRun.of(self, nlp, instances)
 
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
         """Solve every instance; every answer is judged, by the problem alone, as it is found.
@@ -97,22 +97,22 @@ class Barrier(Solver):
 
 
 @dataclass(frozen=True, eq=False)
-class BarrierRun:
+class InteriorPointRun:
     """The answers of one batch; see `interior_point_kernels.minimise_batch`."""
 
     nlp: Nlp
     paths: PathSets
-    parameters: Floats
-    units: Floats
-    x: Floats
-    multipliers: Floats
-    judged: Floats
-    outcome: Counts
-    counts: Counts
+    parameters: FloatArray
+    units: FloatArray
+    x: FloatArray
+    multipliers: FloatArray
+    judged: FloatArray
+    outcome: IntArray
+    counts: IntArray
     seconds: float
 
     @classmethod
-    def of(cls, solver: Barrier, nlp: Nlp, instances: Instances) -> BarrierRun:
+    def of(cls, solver: InteriorPoint, nlp: Nlp, instances: Instances) -> InteriorPointRun:
         """Solve; each state alone, on any thread."""
         started = time.perf_counter()
         paths, units = instances.paths, instances.units
@@ -140,7 +140,7 @@ class BarrierRun:
         counts = np.zeros((batch, 2), np.int64)
         results = (x, multipliers, judged, outcome, counts)
         minimise = _module(nlp).minimise_batch
-        shared_out(lambda first, last: minimise(first, last, *given, *results), batch, _SHARE)
+        in_threads(lambda first, last: minimise(first, last, *given, *results), batch, _SHARE)
         return cls(
             nlp=nlp,
             paths=paths,
@@ -154,7 +154,7 @@ class BarrierRun:
             seconds=time.perf_counter() - started,
         )
 
-    def solution(self, success: Booleans) -> BatchSolution:
+    def solution(self, success: BoolArray) -> BatchSolution:
         """The answers as arrays; none is a success that violates its constraints."""
         objective, violation, residual = self.judged.T
         return BatchSolution(
@@ -163,7 +163,7 @@ class BarrierRun:
             success=success & (self.units[:, 0] * violation <= VIOLATION),
             violation=self.units[:, 0] * violation,
             stationarity=residual,
-            resolved=np.zeros(len(self.x), bool),
+            fallbacks=np.zeros(len(self.x), bool),
             seconds=self.seconds,
         )
 
@@ -181,7 +181,7 @@ class BarrierRun:
             for i in range(len(self.x))
         ]
 
-    def _multipliers(self, i: int) -> tuple[Floats, Floats]:
+    def _multipliers(self, i: int) -> tuple[FloatArray, FloatArray]:
         """Those of the bounds and of g, from those of the slacks in units."""
         z, (_, steps, n) = self.multipliers[i], self.paths.shape
         speed, value = self.units[i]
@@ -209,7 +209,7 @@ class BarrierRun:
         return 1.0
 
 
-def _starts(instances: Instances, paths: PathSets, number: int) -> Floats:
+def _starts(instances: Instances, paths: PathSets, number: int) -> FloatArray:
     """Starts (B, S, H, 2n): the given one, or several around it, the same way for every state."""
     batch, steps, n = paths.shape
     starts = np.repeat(instances.start.reshape(batch, 1, steps, n, 2), number, axis=1)
@@ -222,4 +222,4 @@ def _starts(instances: Instances, paths: PathSets, number: int) -> Floats:
 
 def _module(nlp: Nlp) -> ModuleType:
     assert nlp.compiled is not None
-    return compiled_module(nlp.compiled.source, *barrier_sources())
+    return compiled_module(nlp.compiled.source, *interior_point_sources())

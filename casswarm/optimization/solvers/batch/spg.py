@@ -16,12 +16,12 @@ import numpy as np
 
 from ...._util.jit import compiled_module
 from ....errors import SolverError
-from ....typing import Booleans, Counts, Floats
+from ....typing import BoolArray, FloatArray, IntArray
 from ...feasible_sets import planar_kernels
 from ...feasible_sets.planar import PlanarSets
 from ...problem import Instances, Nlp
 from ...solution import BatchSolution, Status
-from ..base import VIOLATION, Abilities, Answer, Solver, require
+from ..base import VIOLATION, Answer, Capabilities, Solver, require
 from . import face_newton_kernels, spg_kernels, spg_numpy
 
 _WORDS = {
@@ -65,7 +65,7 @@ class SpectralProjectedGradient(Solver):
     summary: ClassVar[str] = (
         "compiled spectral projected gradient, in batches; boxes and discs only"
     )
-    abilities: ClassVar[Abilities] = Abilities("product sets", batch=True)
+    capabilities: ClassVar[Capabilities] = Capabilities("product sets", batch=True)
 
     def __post_init__(self) -> None:
         require(self, "tolerance", 0 < self.tolerance < np.inf, "a finite number above zero")
@@ -110,13 +110,13 @@ class Run:
     solver: SpectralProjectedGradient
     nlp: Nlp
     product: PlanarSets
-    units: Floats
-    starts: Floats
-    parameters: Floats
-    x: Floats
-    judged: Floats
-    outcome: Counts
-    counts: Counts
+    units: FloatArray
+    starts: FloatArray
+    parameters: FloatArray
+    x: FloatArray
+    judged: FloatArray
+    outcome: IntArray
+    counts: IntArray
     seconds: float = 0.0
 
     @classmethod
@@ -155,7 +155,7 @@ class Run:
             def share(first: int, last: int) -> None:
                 minimise(first, last, *given, tolerance, iterations, *results)
 
-            shared_out(share, len(self.x), _SHARE)
+            in_threads(share, len(self.x), _SHARE)
         elif len(self.x):
             batch = spg_numpy.Batch(self.nlp, self.parameters, self.product, self.units)
             self.x, self.judged, self.outcome, self.counts = spg_numpy.minimise_batch(
@@ -163,7 +163,7 @@ class Run:
             )
         self.seconds = time.perf_counter() - started
 
-    def solution(self, success: Booleans) -> BatchSolution:
+    def solution(self, success: BoolArray) -> BatchSolution:
         """The answers as arrays; none is a success that violates its constraints."""
         objective, violation, stationarity = self.judged.T
         return BatchSolution(
@@ -172,7 +172,7 @@ class Run:
             success=success & (violation <= VIOLATION),
             violation=violation,
             stationarity=stationarity,
-            resolved=np.zeros(len(self.x), bool),
+            fallbacks=np.zeros(len(self.x), bool),
             seconds=self.seconds,
         )
 
@@ -190,7 +190,7 @@ class Run:
         ]
 
 
-def _units(instances: Instances) -> Floats:
+def _units(instances: Instances) -> FloatArray:
     """Units of x and f, (B, 2); ones where none are given."""
     units = np.ones((len(instances), 2)) if instances.units is None else instances.units
     return np.ascontiguousarray(units)
@@ -201,7 +201,7 @@ def _pool(process: int) -> ThreadPoolExecutor:  # noqa: ARG001  (threads do not 
     return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="casswarm")
 
 
-def shared_out(work: Callable[[int, int], None], size: int, share: int) -> None:
+def in_threads(work: Callable[[int, int], None], size: int, share: int) -> None:
     """Work on instances `first` to `last` - 1, on threads of at least `share` instances."""
     threads = min(os.cpu_count() or 1, size // share)
     if threads < 2:
@@ -211,7 +211,7 @@ def shared_out(work: Callable[[int, int], None], size: int, share: int) -> None:
     list(_pool(os.getpid()).map(work, ends[:-1], ends[1:]))
 
 
-def _starts(instances: Instances, number: int) -> Floats:
+def _starts(instances: Instances, number: int) -> FloatArray:
     """Starts (S, B, nx): the given one, and others around it that depend on the state alone."""
     if number == 1:
         return np.ascontiguousarray(instances.start)[None]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ....typing import Booleans, Counts, Floats
+from ....typing import BoolArray, FloatArray, IntArray
 from ...feasible_sets.planar import PlanarSets
 from ...problem import Nlp
 from ..casadi_map import gradients
@@ -29,25 +29,25 @@ from .spg_kernels import (
 )
 
 _TRIALS = 60  # of a step's length
-_MOST = 300  # iterations: what takes more is sooner solved by a general solver
+_MAX = 300  # iterations: what takes more is sooner solved by a general solver
 
 
 @dataclass
 class Lanes:
     """The instances that have not ended, a row each."""
 
-    row: Counts  # which instance
-    x: Floats
-    f: Floats
-    gradient: Floats
-    direction: Floats
-    slope: Floats
-    length: Floats  # of the next trial, as a part of the direction
-    trials: Counts
-    steps: Floats  # (B, n): the spectral step of every member
-    history: Floats  # (B, MEMORY): objectives of the last points
+    row: IntArray  # which instance
+    x: FloatArray
+    f: FloatArray
+    gradient: FloatArray
+    direction: FloatArray
+    slope: FloatArray
+    length: FloatArray  # of the next trial, as a part of the direction
+    trials: IntArray
+    steps: FloatArray  # (B, n): the spectral step of every member
+    history: FloatArray  # (B, MEMORY): objectives of the last points
 
-    def only(self, which: Booleans) -> Lanes:
+    def only(self, which: BoolArray) -> Lanes:
         """Some of them."""
         return Lanes(*(getattr(self, field.name)[which] for field in fields(self)))
 
@@ -57,41 +57,43 @@ class Batch:
     """The instances: parameters (B, np), sets of shape (B, n), units (B, 2)."""
 
     nlp: Nlp
-    parameters: Floats
+    parameters: FloatArray
     sets: PlanarSets
-    units: Floats
+    units: FloatArray
 
     @property
-    def metric(self) -> Floats:
+    def metric(self) -> FloatArray:
         """Step of one unit of x for one unit of f, (B,)."""
         return self.units[:, 0] ** 2 / self.units[:, 1]
 
-    def evaluate(self, x: Floats, rows: Counts) -> tuple[Floats, Floats]:
+    def evaluate(self, x: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
         """Objectives and gradients."""
         return gradients(self.nlp, x, self.parameters[rows])
 
-    def project(self, x: Floats, rows: Counts) -> Floats:
+    def project(self, x: FloatArray, rows: IntArray) -> FloatArray:
         """Nearest points of the sets; NaN where x is not finite."""
         return self.sets[rows].project(x.reshape(len(x), x.shape[1] // 2, 2)).reshape(x.shape)
 
-    def projected_steps(self, x: Floats, gradient: Floats, steps: Floats, rows: Counts) -> Floats:
+    def projected_steps(
+        self, x: FloatArray, gradient: FloatArray, steps: FloatArray, rows: IntArray
+    ) -> FloatArray:
         """P(x - steps gradient) - x, a step a member."""
         return self.project(x - np.repeat(steps, 2, axis=1) * gradient, rows) - x
 
-    def residuals(self, x: Floats, gradient: Floats, rows: Counts) -> Floats:
+    def residuals(self, x: FloatArray, gradient: FloatArray, rows: IntArray) -> FloatArray:
         """P(x - gradient) - x in units, (B, nx)."""
         steps = np.broadcast_to(self.metric[rows, None], (len(x), x.shape[1] // 2))
         return self.projected_steps(x, gradient, steps, rows) / self.units[rows, :1]
 
 
 def minimise_batch(
-    batch: Batch, starts: Floats, tolerance: float, iterations: int
-) -> tuple[Floats, Floats, Counts, Counts]:
+    batch: Batch, starts: FloatArray, tolerance: float, iterations: int
+) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
     """Solve from every start (S, B, nx), coarsely, and from the best of the ends to tolerance.
 
     Returns x (B, nx), judged (B, 3): f, violation, stationarity; outcome (B,); counts (B, 2).
     """
-    iterations = min(iterations, _MOST)
+    iterations = min(iterations, _MAX)
     counts = np.zeros((starts.shape[1], 2), np.int64)
     start = starts[0]
     if len(starts) > 1:
@@ -104,8 +106,8 @@ def minimise_batch(
 
 
 def _minimise(
-    batch: Batch, start: Floats, tolerance: float, iterations: int, counts: Counts
-) -> tuple[Floats, Floats, Counts]:
+    batch: Batch, start: FloatArray, tolerance: float, iterations: int, counts: IntArray
+) -> tuple[FloatArray, FloatArray, IntArray]:
     """SPG2 from `start`: x, f and how it ended; adds to the counts of steps and evaluations."""
     rows = np.arange(len(start))
     x = batch.project(start, rows)
@@ -142,7 +144,7 @@ def _minimise(
     return ends
 
 
-def _turn(batch: Batch, lanes: Lanes, which: Booleans, tolerance: float) -> Counts:
+def _turn(batch: Batch, lanes: Lanes, which: BoolArray, tolerance: float) -> IntArray:
     """New directions of some lanes; how each lane has ended, -1 where it has not."""
     part = lanes.only(which)
     direction = batch.projected_steps(part.x, part.gradient, part.steps, part.row)
@@ -156,13 +158,13 @@ def _turn(batch: Batch, lanes: Lanes, which: Booleans, tolerance: float) -> Coun
     return ended
 
 
-def _trial(batch: Batch, lanes: Lanes, counts: Counts) -> Booleans:
+def _trial(batch: Batch, lanes: Lanes, counts: IntArray) -> BoolArray:
     """Try a point in every lane, and move where it is taken: where that is."""
     following = lanes.x + lanes.length[:, None] * lanes.direction
     f, gradient = batch.evaluate(following, lanes.row)
     counts[lanes.row, 1] += 1
     promised = lanes.length * lanes.slope
-    taken: Booleans = np.asarray(f <= lanes.history.max(axis=1) + SUFFICIENT * promised)
+    taken: BoolArray = np.asarray(f <= lanes.history.max(axis=1) + SUFFICIENT * promised)
     with np.errstate(all="ignore"):  # not finite where f is not, and then not taken
         shorter = -0.5 * lanes.length * promised / (f - lanes.f - promised)
     inside = (shorter >= 0.1 * lanes.length) & (shorter <= 0.9 * lanes.length)
@@ -181,10 +183,10 @@ def _trial(batch: Batch, lanes: Lanes, counts: Counts) -> Booleans:
     return taken
 
 
-def _spectral_steps(moved: Floats, changed: Floats, metric: Floats) -> Floats:
+def _spectral_steps(moved: FloatArray, changed: FloatArray, metric: FloatArray) -> FloatArray:
     """Every member's inverse curvature, (B, n), within a factor OWN of that of all."""
 
-    def inverse(moves: Floats, curves: Floats, otherwise: Floats) -> Floats:
+    def inverse(moves: FloatArray, curves: FloatArray, otherwise: FloatArray) -> FloatArray:
         return np.where(curves > 0, moves / np.where(curves > 0, curves, 1.0), otherwise)
 
     moves, curves = (
@@ -197,13 +199,13 @@ def _spectral_steps(moved: Floats, changed: Floats, metric: Floats) -> Floats:
     return np.clip(own, common / OWN, common * OWN)
 
 
-def _longest(vectors: Floats) -> Floats:
+def _longest(vectors: FloatArray) -> FloatArray:
     """Length of the longest member's part, of each of (B, nx)."""
     parts = vectors.reshape(len(vectors), vectors.shape[1] // 2, 2)
     return np.asarray(np.hypot(parts[..., 0], parts[..., 1]).max(axis=1))
 
 
-def _judge(batch: Batch, x: Floats) -> Floats:
+def _judge(batch: Batch, x: FloatArray) -> FloatArray:
     """f, violation and stationarity of points, anew."""
     rows = np.arange(len(x))
     f, gradient = batch.evaluate(x, rows)
