@@ -28,6 +28,7 @@ from .studies.evaluation import estimate, evaluate
 from .studies.pilot import runs_needed
 from .studies.simulation import Study, simulate
 from .studies.sweep import Sweep, sweep
+from .typing import Interval, Progress
 
 __version__: str
 
@@ -44,12 +45,14 @@ __all__ = [
     "Guide",
     "Hazard",
     "HazardError",
+    "Interval",
     "KernelHazard",
     "OutcomeDistribution",
     "PlanningError",
     "Policy",
     "PolicyError",
     "Problem",
+    "Progress",
     "Residuals",
     "Saturation",
     "SaturationCollision",

@@ -2,12 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from difflib import get_close_matches
+from typing import Any
 
 
 class CasswarmError(Exception):
-    """Base of every error that casswarm raises on purpose."""
+    """Base of every error that casswarm raises on purpose.
+
+    Parameters
+    ----------
+    message : str
+    **values
+        What the message is about, such as ``member=2``; each becomes an attribute of the error.
+
+    Examples
+    --------
+    >>> CasswarmError("member 2 has no position", member=2).member
+    2
+    """
+
+    def __init__(self, message: str, **values: Any) -> None:
+        super().__init__(message)
+        self.__dict__.update(values)
+
+    def __getattr__(self, name: str) -> Any:  # for type checkers: the values are dynamic
+        raise AttributeError(f"{type(self).__name__!r} error has no value {name!r}")
 
 
 class ScenarioError(CasswarmError, ValueError):
@@ -40,11 +58,3 @@ class CheckpointError(CasswarmError, RuntimeError):
 
 class WorkerError(CasswarmError, RuntimeError):
     """Processes that were to do the work died again and again; what was done before is kept."""
-
-
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """The end of a message about an unknown word: the known word nearest to it, and all of them."""
-    words = list(known)
-    close = get_close_matches(word, words, 1)
-    hint = f"; did you mean {close[0]!r}?" if close else ""
-    return f"{hint} (known: {', '.join(words)})"

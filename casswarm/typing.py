@@ -1,8 +1,8 @@
-"""Types of arrays and expressions, as signatures name them."""
+"""Types that every room uses: arrays, expressions, intervals, progress."""
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,47 @@ from numpy.typing import NDArray
 FloatArray: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 IntArray: TypeAlias = NDArray[np.int64]
-
 Expr: TypeAlias = Any
-"""A CasADi SX, MX or DM; CasADi has no type stubs."""
+"""A CasADi expression or Function; CasADi has no type hints."""
+
+
+class Interval(NamedTuple):
+    """A number known to lie between two others.
+
+    Parameters
+    ----------
+    low, high : float
+
+    Examples
+    --------
+    >>> success = Interval(0.25, 0.5)
+    >>> success.midpoint, success.width, 0.3 in success
+    (0.375, 0.25, True)
+    """
+
+    low: float
+    high: float
+
+    @property
+    def midpoint(self) -> float:
+        """Half-way between the ends."""
+        return 0.5 * (self.low + self.high)
+
+    @property
+    def width(self) -> float:
+        """Distance of the ends."""
+        return self.high - self.low
+
+    def __contains__(self, value: object) -> bool:
+        return isinstance(value, int | float) and self.low <= value <= self.high
+
+
+class Progress(Protocol):
+    """What long computations call to report progress: ``progress(task, done, total)``.
+
+    `task` names what is being done, `done` counts up to `total`, which is None where it is not
+    known.
+    """
+
+    def __call__(self, task: str, done: float, total: float | None) -> None:
+        """Report that `done` of `total` is done."""

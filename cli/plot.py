@@ -46,7 +46,8 @@ def plot(
       casswarm plot results/compare --width slide --out slides
     """
     with reported_errors():
-        from ..errors import CheckpointError, did_you_mean
+        from .._util.text import did_you_mean
+        from ..errors import CheckpointError
         from ..figures import look
         from ..results.folder import Saved
 

@@ -60,7 +60,7 @@ def reproduce(
     """
     with reported_errors():
         folder = Folder("reproduce", None, out, figures, width=width, dpi=dpi)
-        from ..errors import did_you_mean
+        from .._util.text import did_you_mean
         from ..reproduction import page
         from ..reproduction import reproduce as made_again
         from ..reproduction.reproduce import DRAWN, TABLES

@@ -14,7 +14,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..errors import ComparisonError, did_you_mean
+from .._util.text import did_you_mean
+from ..errors import ComparisonError
 from ..optimization.problem import Instances, Nlp
 from ..optimization.solution import BatchSolution
 from ..optimization.solvers import Answer, Auto, Ipopt, Solver

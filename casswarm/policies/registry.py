@@ -6,7 +6,8 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from ..errors import PolicyError, did_you_mean
+from .._util.text import did_you_mean
+from ..errors import PolicyError
 from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 from ..planning.bounds.value_function import ValueFunction
 from ..planning.guide import Guide

@@ -205,7 +205,7 @@ class Saved:
         CheckpointError
             There are no such runs.
         """
-        from ..errors import did_you_mean
+        from .._util.text import did_you_mean
 
         if self.command != "simulate":
             raise CheckpointError(

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
-from ...errors import SolverError, did_you_mean
+from ..._util.text import did_you_mean
+from ...errors import SolverError
 from .alpaqa import Alpaqa
 from .auto import Auto
 from .base import Answer, Capabilities, Solver

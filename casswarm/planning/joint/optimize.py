@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...errors import ScenarioError, SolverError, did_you_mean
+from ..._util.text import did_you_mean
+from ...errors import ScenarioError, SolverError
 from ...optimization.solvers import Solver, make_solver
 from ...problems.formation import motion_of
 from ...problems.joint import OBJECTIVES, JointForm
