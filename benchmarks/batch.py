@@ -12,14 +12,13 @@ medians per state; every other program runs in turn with casswarm's, so that rat
 
 from __future__ import annotations
 
-import argparse
 import statistics
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
+from _timing import arguments, in_turn, print_table, timed
 
 import casswarm as csw
 from casswarm.optimization.feasible_sets.planar import PlanarSets
@@ -102,21 +101,6 @@ def joined(parts: list[Instances]) -> Instances:
     return replace(whole, units=arrays("units", lambda p: p))
 
 
-def timed(work: Callable[[], object]) -> float:
-    started = time.perf_counter()
-    work()
-    return time.perf_counter() - started
-
-
-def in_turn(first: Callable[[], object], second: Callable[[], object], n: int) -> list[float]:
-    """Median times of both, in turn, and the median of their ratios second / first."""
-    first(), second()
-    pairs = [(timed(first), timed(second)) for _ in range(n)]
-    return [statistics.median(column) for column in zip(*pairs, strict=True)] + [
-        statistics.median(b / a for a, b in pairs)
-    ]
-
-
 def ipopt(nlp: Nlp, instances: Instances) -> tuple[float, np.ndarray]:
     """Seconds a state of a compiled parametric Ipopt, its judging not counted; its objectives."""
     found = Ipopt().solve_batch(nlp, instances)
@@ -141,7 +125,7 @@ def opti(nlp: Nlp, instances: Instances) -> float:
         problem.solve_limited()
 
     one(0)
-    return statistics.median(timed(lambda row=row: one(row)) for row in range(len(instances)))
+    return statistics.median(timed(lambda row=row: one(row)).wall for row in range(len(instances)))
 
 
 def alpaqa(nlp: Nlp, instances: Instances) -> Callable[[], object]:
@@ -219,8 +203,8 @@ def jax(scenario: csw.Scenario, nlp: Nlp, instances: Instances) -> Callable[[], 
     return run
 
 
-def row(name: str, states: int, repeats: int) -> None:
-    """Measure one problem and print its row and its remarks."""
+def row(name: str, states: int, repeats: int) -> list[str]:
+    """Measure one problem; its row of the table."""
     scenario_name, policy, goal = PROBLEMS[name]
     scenario, nlp, instances = formations(scenario_name, policy, states)
     solver = Auto()
@@ -231,7 +215,7 @@ def row(name: str, states: int, repeats: int) -> None:
     found = solver.solve_batch(nlp, instances)
     few = instances[slice(0, 100)]
     slow, objective = ipopt(nlp, instances)
-    own = statistics.median(timed(ours) for _ in range(repeats)) / states
+    own = timed(ours, repeats).wall / states
     worse = found.objective > objective + 1e-6 * np.abs(objective)
     better = found.objective < objective - 1e-6 * np.abs(objective)
     cells = [f"{1e6 * own:.2f} us", f"{1e3 * slow:.2f} ms ({slow / own:.0f} x)"]
@@ -248,25 +232,20 @@ def row(name: str, states: int, repeats: int) -> None:
         _, took, ratio = in_turn(ours, work, repeats if other == "jax" and goal else 3)
         ratio *= states / number
         cells.append(f"{1e6 * took / number:.2f} us ({ratio:.2f} x)")
-    wanted = f" of {goal} x" if goal else ""
-    print(f"| {name}{wanted} | " + " | ".join(cells), end=" | ")
-    print(
-        f"{worse.sum()} worse, {better.sum()} better than Ipopt, {found.fallbacks.sum()} resolved, "
-        f"{(~found.success).sum()} unsolved of {states}; "
-        f"stationarity <= {found.stationarity.max():.0e} |",
-        flush=True,
+    goal_text = f" (goal {goal} x)" if goal else ""
+    answers = (
+        f"{worse.sum()} worse, {better.sum()} better than Ipopt, {found.fallbacks.sum()} "
+        f"fallbacks, {(~found.success).sum()} unsolved of {states}; "
+        f"stationarity <= {found.stationarity.max():.0e}"
     )
+    return [f"{name}{goal_text}", *cells, answers]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="500 states, 5 repeats")
-    options = parser.parse_args()
-    states, repeats = (500, 5) if options.quick else (2000, 21)
-    print("| problem | casswarm auto | Ipopt, compiled | Opti, rebuilt | alpaqa | JAX | answers |")
-    print("|---|---|---|---|---|---|---|")
-    for name in PROBLEMS:
-        row(name, states, repeats)
+    """Print the table."""
+    states, repeats = (500, 5) if arguments(__doc__).quick else (2000, 21)
+    columns = ("problem", "casswarm auto", "Ipopt, compiled", "Opti, rebuilt", "alpaqa", "JAX")
+    print_table((*columns, "answers"), (row(name, states, repeats) for name in PROBLEMS))
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
-"""What the certificate promises, measured: gaps against time, local searches, and scale.
+"""Certified gaps against time, local searches against the bound, and scale.
 
 Run with the installed package::
 
-    python benchmarks/certificate.py                # gaps, rivals, acceleration_limited and scale: some minutes
+    python benchmarks/certificate.py                # all tables but the last: some minutes
     python benchmarks/certificate.py long           # the gap after 60 seconds each: half an hour
     python benchmarks/certificate.py --quick        # every table, on few cases
     python benchmarks/certificate.py gaps scale     # some tables
@@ -14,14 +14,14 @@ clock and, in brackets, seconds of CPU.
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from _timing import Timed, arguments, print_table, timed
 
 import casswarm as csw
 from casswarm import Guide, Scenario
@@ -73,41 +73,29 @@ def cases(quick: bool) -> dict[str, Scenario]:
     return found
 
 
-class Time(NamedTuple):
-    """Seconds by the clock, and of CPU."""
-
-    wall: float
-    cpu: float
-
-    def __str__(self) -> str:
-        return f"{self.wall:.2f} s ({self.cpu:.2f})"
-
-
-def timed(scenario: Scenario, solver: str = "ipopt", **options: object) -> tuple[Guide, Time]:
+def planned(
+    scenario: Scenario, solver: str = "ipopt", **options: object
+) -> tuple[Guide, Timed[Guide]]:
     """A guide and the time that it took, the first build of its program included."""
-    wall, cpu = time.perf_counter(), time.process_time()
-    guide = csw.plan(scenario, solver, **options)  # type: ignore[arg-type]
-    return guide, Time(time.perf_counter() - wall, time.process_time() - cpu)
-
-
-def table(head: list[str], rows: list[list[str]]) -> None:
-    print("| " + " | ".join(head) + " |\n|" + " --- |" * len(head))
-    print("\n".join("| " + " | ".join(row) + " |" for row in rows) + "\n", flush=True)
+    run = timed(lambda: csw.plan(scenario, solver, **options))  # type: ignore[arg-type]
+    return run.result, run
 
 
 def gaps(quick: bool) -> None:
     """Gap and time, planning included, at two gaps asked for."""
-    timed(random_geometry(999))  # what is loaded once
+    planned(random_geometry(999))  # what is loaded once
     rows, met = [], {0.01: 0, 0.001: 0}
     for name, scenario in cases(quick).items():
         row = [name, str(len(scenario.hazard.radar_positions))]
         for asked, limit in ((0.01, 2.0), (0.001, 10.0)):
-            guide, took = timed(scenario, gap=asked)
+            guide, took = planned(scenario, gap=asked)
             assert guide.gap is not None
             met[asked] += guide.gap <= asked and took.wall <= limit
             row += [f"{100 * guide.gap:.4f} %", str(took)]
         rows.append([*row[:2], f"{guide.risk:.4f}", *row[2:]])
-    table(["case", "radars", "risk", "gap, 1 % asked", "time", "gap, 0.1 % asked", "time"], rows)
+    print_table(
+        ["case", "radars", "risk", "gap, 1 % asked", "time", "gap, 0.1 % asked", "time"], rows
+    )
     print(
         f"{met[0.01]} of {len(rows)} within 1 % in 2 s, "
         f"{met[0.001]} of {len(rows)} within 0.1 % in 10 s\n"
@@ -118,31 +106,31 @@ def long(quick: bool) -> None:
     """The best gap after 60 seconds."""
     rows = []
     for name, scenario in cases(quick).items():
-        guide, took = timed(scenario, gap=1e-9, time_limit=5.0 if quick else 60.0)
+        guide, took = planned(scenario, gap=1e-9, time_limit=5.0 if quick else 60.0)
         proof = guide.certificate
         assert proof is not None
         nodes = max(level.nodes for level in proof.levels)
         rows.append([name, f"{guide.gap:.1e}", str(took), f"{nodes:,}", proof.reason])
         print(rows[-1], file=sys.stderr, flush=True)
-    table(["case", "gap", "time", "nodes, at most", "why it ended"], rows)
+    print_table(["case", "gap", "time", "nodes, at most", "why it ended"], rows)
 
 
-def rivals(quick: bool) -> None:
+def baselines(quick: bool) -> None:
     """Ipopt from the straight line, and the paper's projected gradient, against the bound."""
     rows, worse, factors = [], np.zeros(2, int), ([], [])  # type: ignore[var-annotated]
     for name, scenario in cases(quick).items():
-        best, _ = timed(scenario, gap=1e-4)
+        best, _ = planned(scenario, gap=1e-4)
         row = [name, f"{best.risk:.4f}", f"{best.risk_bound:.4f}"]
         for place, (solver, search) in enumerate(
             (("ipopt", "local"), ("projected-gradient", "local"))
         ):
-            guide, _ = timed(scenario, solver, search=search, certify=False, check=False)
+            guide, _ = planned(scenario, solver, search=search, certify=False, check=False)
             factor = guide.risk / best.risk if guide.arrives else np.inf
             worse[place] += factor > 1.01
             factors[place].append(factor)
             row.append(f"{guide.risk:.4f}" if guide.arrives else "does not arrive")
         rows.append(row)
-    table(["case", "global", "bound", "Ipopt, straight line", "projected gradient"], rows)
+    print_table(["case", "global", "bound", "Ipopt, straight line", "projected gradient"], rows)
     for name, count, found in zip(("Ipopt", "projected gradient"), worse, factors, strict=True):
         print(
             f"{name}: more than 1 % worse in {count} of {len(rows)}; risk times "
@@ -156,7 +144,7 @@ def acceleration_limited(quick: bool) -> None:
     rows = []
     for name in list(csw.builtin_scenarios())[: 2 if quick else None]:
         values = {"guide.search": "global", "guide.arrival": "any"}
-        guide, took = timed(csw.load_scenario(name).with_values(values), gap=0.001)
+        guide, took = planned(csw.load_scenario(name).with_values(values), gap=0.001)
         proof = guide.certificate
         assert proof is not None
         assert guide.gap is not None
@@ -172,7 +160,7 @@ def acceleration_limited(quick: bool) -> None:
                 str(took),
             ]
         )
-    table(["case", "risk", "bound", "gap", "of it limits", "of it the proof's", "time"], rows)
+    print_table(["case", "risk", "bound", "gap", "of it limits", "of it the proof's", "time"], rows)
 
 
 def sizes(quick: bool) -> Iterator[tuple[str, Scenario]]:
@@ -197,8 +185,8 @@ def sizes(quick: bool) -> Iterator[tuple[str, Scenario]]:
 
 def sized(scenario: Scenario) -> list[str]:
     """A row of the table of sizes; in a process of its own, whose memory is measured."""
-    timed(random_geometry(999), certify=False)
-    guide, took = timed(scenario)
+    planned(random_geometry(999), certify=False)
+    guide, took = planned(scenario)
     proof = guide.certificate
     assert proof is not None
     status = Path("/proc/self/status").read_text().splitlines()  # a parent's peak is not in it
@@ -223,18 +211,19 @@ def scale(quick: bool) -> None:
         for name, scenario in sizes(quick):
             rows.append([name, *fresh.submit(sized, scenario).result()])
             print(rows[-1], file=sys.stderr, flush=True)
-    table(head, rows)
+    print_table(head, rows)
 
 
 TABLES = {
     "gaps": gaps,
-    "rivals": rivals,
+    "baselines": baselines,
     "acceleration_limited": acceleration_limited,
     "scale": scale,
     "long": long,
 }
 
 if __name__ == "__main__":
-    asked = [name for name in sys.argv[1:] if name != "--quick"]
-    for name in asked or [name for name in TABLES if name != "long"]:
-        TABLES[name]("--quick" in sys.argv)
+    asked = arguments(__doc__, TABLES)
+    for name in asked.parts:
+        if name != "long" or len(asked.parts) < len(TABLES):  # half an hour: only on demand
+            TABLES[name](asked.quick)

@@ -13,15 +13,10 @@ shared: the processor's time stands beside that of the clock, and ratios are of 
 
 from __future__ import annotations
 
-import argparse
 import math
 import multiprocessing
-import os
-import statistics
 import sys
 import tempfile
-import time
-from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -29,6 +24,7 @@ from unittest import mock
 
 import numpy as np
 import pandas as pd
+from _timing import arguments, print_table, timed
 
 import casswarm as csw
 from casswarm.chain import monte_carlo as sampling
@@ -37,17 +33,6 @@ from casswarm.studies.simulation import PAPER_POLICIES
 
 Rows = list[dict[str, Any]]
 Z = 1.959964  # the 97.5 % quantile of the normal distribution
-
-
-def timed(work: Callable[[], Any], repeats: int = 1) -> tuple[Any, float, float]:
-    """The last result of `work`, and medians of its seconds: the clock's, and the processor's."""
-    walls, cpus = [], []
-    for _ in range(repeats):
-        wall, cpu = time.perf_counter(), sum(os.times()[:4])
-        found = work()
-        walls.append(time.perf_counter() - wall)
-        cpus.append(sum(os.times()[:4]) - cpu)
-    return found, statistics.median(walls), statistics.median(cpus)
 
 
 def laws(quick: bool) -> Rows:
@@ -334,29 +319,15 @@ def sweep(quick: bool) -> Rows:
 PARTS = {part.__name__: part for part in (laws, runs, equal, versus, hybrid, growth, sweep)}
 
 
-def shown(value: Any) -> str:
-    if isinstance(value, (float, np.floating)):
-        return "" if math.isnan(value) else f"{value:.4g}"
-    return str(value)
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
-    parser.add_argument("--quick", action="store_true", help="fewer runs, repeats and cells")
-    parser.add_argument("--out", type=Path, default=Path("results") / "chain")
-    options = parser.parse_args()
-    unknown = set(options.parts) - set(PARTS)
-    if unknown:
-        parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
+    """Print the tables, and write them to --out."""
+    options = arguments(__doc__, PARTS, out="results/chain")
     options.out.mkdir(parents=True, exist_ok=True)
-    for name in options.parts or PARTS:
+    for name in options.parts:
         table = pd.DataFrame(PARTS[name](options.quick))
         table.to_csv(options.out / f"{name}.csv", index=False)
         print(f"\n{PARTS[name].__doc__}\n")
-        print(f"| {' | '.join(table.columns)} |\n|{' --- |' * len(table.columns)}")
-        for row in table.itertuples(index=False):
-            print(f"| {' | '.join(map(shown, row))} |", flush=True)
+        print_table(list(table.columns), table.itertuples(index=False))
         if name == "growth":
             growth_chart(table, options.out / "growth.png")
 

@@ -8,8 +8,8 @@ Run with the installed package::
 Prints a Markdown table: brackets, where forty thousand states suffice for one of width 0.01, and
 otherwise (marked ~) intervals with 95 % confidence, what the states leave being sampled. It is
 what ``casswarm evaluate`` gives, too, for the scenario and the ``--set`` options of `cases`, with
-``--aggregation-tol 1e-6``. The lone agent starts in the middle of the swarm: its survival along the fixed
-guide, and along the feedback guide.
+``--aggregation-tol 1e-6``. The single agent starts at the centre of the swarm: its survival
+along the fixed guide, and along the feedback guide.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import time
 from typing import Any
 
 import numpy as np
+from _timing import arguments, print_table
 
 import casswarm as csw
 from casswarm import Guide, Scenario
@@ -45,43 +46,48 @@ def cases() -> dict[str, Scenario]:
     }
 
 
-def lone(scenario: Scenario, guide: Guide) -> float:
+def single_agent(scenario: Scenario, guide: Guide) -> float:
     """Survival of one agent along the feedback guide from where the fixed guide starts."""
     policy = csw.make_policy("leader-feedback", scenario)
-    place, velocity = guide.positions[:1, None], guide.velocities[:1, None]
+    position, velocity = guide.positions[:1, None], guide.velocities[:1, None]
     risk, alive = 0.0, np.ones((1, 1), bool)
     for step in range(scenario.n_steps):
-        velocity = policy.velocities(step, place, velocity, alive)
-        place = place + scenario.time.dt * velocity
-        risk += scenario.time.dt * float(scenario.hazard.single_agent_rates(place[0, 0]))
-        if scenario.target.contains(place[0, 0]):
+        velocity = policy.velocities(step, position, velocity, alive)
+        position = position + scenario.time.dt * velocity
+        risk += scenario.time.dt * float(scenario.hazard.single_agent_rates(position[0, 0]))
+        if scenario.target.contains(position[0, 0]):
             return float(np.exp(-risk))
     return 0.0
 
 
+def row(name: str, scenario: Scenario, options: dict[str, Any]) -> list[str]:
+    """A scenario's survival of a single agent, and its policies' success."""
+    guide = csw.plan(scenario, certify=False)
+    cells = [name, f"{guide.survival:.3f}", f"{single_agent(scenario, guide):.3f}"]
+    for policy in POLICIES:
+        started = time.process_time()
+        exact = csw.evaluate(scenario, policy, guide=guide, aggregation_tol=1e-6, **options)
+        (low, high), mark = exact.success, ""
+        if high - low > WIDE:
+            estimate = csw.estimate(
+                scenario, policy, 2000, guide=guide, aggregation_tol=1e-6, **options
+            )
+            (low, high), mark = estimate.success, "~ "
+        cells.append(f"{mark}{low:.4f} to {high:.4f}")
+        took = time.process_time() - started
+        print(f"{name}, {policy}: {exact.states} states, {took:.1f} s", file=sys.stderr)
+    return cells
+
+
 def main() -> None:
     """Print the table."""
-    options: dict[str, Any] = {"tolerance": 1e-2, "max_states": 20_000}
-    if "--quick" not in sys.argv:
-        options: dict[str, Any] = {"tolerance": 1e-3, "max_states": 40_000}
-    print("| scenario | lone agent: fixed | feedback | " + " | ".join(POLICIES) + " |")
-    print("| --- " * (3 + len(POLICIES)) + "|", flush=True)
-    for name, scenario in cases().items():
-        guide = csw.plan(scenario, certify=False)
-        row = [name, f"{guide.survival:.3f}", f"{lone(scenario, guide):.3f}"]
-        for policy in POLICIES:
-            started = time.process_time()
-            law = csw.evaluate(scenario, policy, guide=guide, aggregation_tol=1e-6, **options)
-            (low, high), mark = law.success, ""
-            if high - low > WIDE:
-                found = csw.estimate(
-                    scenario, policy, 2000, guide=guide, aggregation_tol=1e-6, **options
-                )
-                (low, high), mark = found.success, "~ "
-            row.append(f"{mark}{low:.4f} to {high:.4f}")
-            took = time.process_time() - started
-            print(f"{name}, {policy}: {law.states} states, {took:.1f} s", file=sys.stderr)
-        print("| " + " | ".join(row) + " |", flush=True)
+    quick = arguments(__doc__).quick
+    options: dict[str, Any] = {
+        "tolerance": 1e-2 if quick else 1e-3,
+        "max_states": 20_000 if quick else 40_000,
+    }
+    rows = (row(name, scenario, options) for name, scenario in cases().items())
+    print_table(("scenario", "single agent: fixed guide", "feedback", *POLICIES), rows)
 
 
 if __name__ == "__main__":

@@ -13,13 +13,13 @@ less on what else the machine does than seconds by the clock.
 from __future__ import annotations
 
 import math
-import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
 import casadi as ca
 import numpy as np
+from _timing import arguments, print_table, timed
 
 import casswarm as csw
 from casswarm import Scenario, SwarmPlan
@@ -37,19 +37,6 @@ from casswarm.problems.joint_instances import joint_instance
 SCENARIOS = ("paper-1", "paper-2", "ring", "wall", "crossfire", "gauntlet", "single-agent")
 MEMBERS = {"paper-1": (2, 3, 4, 5, 6, 7, 8, 9, 10), "paper-2": (2, 3, 4, 5, 6, 7, 8)}
 Row = Sequence[object]
-
-
-def printed(title: str, head: Sequence[str], rows: Iterable[Row]) -> None:
-    print(f"\n{title}\n\n| {' | '.join(head)} |\n|{' --- |' * len(head)}", flush=True)
-    for row in rows:
-        print(f"| {' | '.join(map(str, row))} |", flush=True)
-
-
-def timed(work: Callable[[], SwarmPlan]) -> tuple[SwarmPlan, float, float]:
-    """What it gave, seconds by the clock, and of CPU."""
-    clock, used = time.perf_counter(), time.process_time()
-    found = work()
-    return found, time.perf_counter() - clock, time.process_time() - used
 
 
 def around(name: str, n: int) -> Scenario:
@@ -115,14 +102,10 @@ def gradient_seconds(scenario: Scenario) -> float:
     return median_seconds(partial(nlp.gradient, x, p))
 
 
-def median_seconds(work: Callable[[], object], times: int = 5) -> float:
-    """CPU, the first time left out."""
-    seconds = []
-    for _ in range(times + 1):
-        begun = time.process_time()
-        work()
-        seconds.append(time.process_time() - begun)
-    return float(np.median(seconds[1:]))
+def median_seconds(work: Callable[[], object], repeats: int = 5) -> float:
+    """Median CPU time, without the first call."""
+    work()
+    return timed(work, repeats).cpu
 
 
 def hessians(quick: bool) -> Iterable[Row]:
@@ -245,11 +228,13 @@ TABLES: dict[str, tuple[Sequence[str], Callable[[bool], Iterable[Row]]]] = {
 
 
 def main() -> None:
-    quick = "--quick" in sys.argv
-    chosen = [name for name in sys.argv[1:] if not name.startswith("-")]
-    for title, (head, rows) in TABLES.items():
-        if not chosen or title.lower() in chosen:
-            printed(title, head, rows(quick))
+    """Print the chosen tables, or all."""
+    parts = {title.lower(): (title, *table) for title, table in TABLES.items()}
+    options = arguments(__doc__, parts)
+    for part in options.parts:
+        title, columns, rows = parts[part]
+        print(f"\n{title}\n")
+        print_table(columns, rows(options.quick))
 
 
 if __name__ == "__main__":

@@ -16,15 +16,15 @@ collisions.
 
 from __future__ import annotations
 
-import argparse
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 
 import numba
 import numpy as np
+from _timing import arguments, print_table, timed
 
 import casswarm as csw
 from casswarm.optimization.solvers import Auto
@@ -86,12 +86,7 @@ def gradient_seconds(found: np.ndarray, problem: Formation) -> float:
     work = np.empty(2 * n), np.empty(n * (n + 8))
     repeated, calls = _repeated(_module(nlp).evaluate), max(3, 20_000 // n)
     repeated(1, *given, *work)
-    times = []
-    for _ in range(5):
-        started = time.perf_counter()
-        repeated(calls, *given, *work)
-        times.append((time.perf_counter() - started) / calls)
-    return statistics.median(times)
+    return timed(lambda: repeated(calls, *given, *work), 5).wall / calls
 
 
 @cache
@@ -139,12 +134,8 @@ def flight(hazard: csw.Hazard, policy: str, n: int) -> list[Measured]:
     return rows
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="n up to 200")
-    sizes = SIZES[:-1] if parser.parse_args().quick else SIZES
-    print("| problem | n | build | solve | longest | evaluations | per gradient | answers |")
-    print("|---|---|---|---|---|---|---|---|")
+def table(sizes: Sequence[int]) -> Iterator[list[str]]:
+    """A row for every problem and size, and one with the exponent of its growth."""
     for kind, hazard in HAZARDS.items():
         for policy in ("leader", "constrained"):
             medians = {}
@@ -153,7 +144,7 @@ def main() -> None:
                     continue
                 rows = flight(hazard, policy, n)
                 medians[n] = statistics.median(row.solve for row in rows)
-                cells = (
+                yield [
                     f"{policy}{kind}",
                     str(n),
                     f"{1e3 * statistics.median(row.build for row in rows):.1f} ms",
@@ -162,13 +153,18 @@ def main() -> None:
                     f"{statistics.median(row.evaluations for row in rows):.0f}",
                     f"{statistics.median(r.solve / r.evaluations / r.gradient for r in rows):.2f}",
                     f"{sum(not row.solved for row in rows)} unsolved, "
-                    f"{sum(row.fallbacks for row in rows)} resolved of {len(rows)}",
-                )
-                print(f"| {' | '.join(cells)} |", flush=True)
+                    f"{sum(row.fallbacks for row in rows)} fallbacks of {len(rows)}",
+                ]
             large = [n for n in medians if n >= 50]
             logs = np.log(large), np.log([medians[n] for n in large])
-            exponent = np.polyfit(*logs, 1)[0]
-            print(f"| {policy}{kind} | n^{exponent:.2f} | | | | | | |", flush=True)
+            yield [f"{policy}{kind}", f"n^{np.polyfit(*logs, 1)[0]:.2f}", *[""] * 6]
+
+
+def main() -> None:
+    """Print the table."""
+    sizes = SIZES[:-1] if arguments(__doc__).quick else SIZES
+    columns = ("problem", "n", "build", "solve", "longest", "evaluations", "per gradient")
+    print_table((*columns, "answers"), table(sizes))
 
 
 if __name__ == "__main__":

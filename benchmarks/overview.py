@@ -1,9 +1,9 @@
-"""What the core promises about time, measured: medians, and ratios within one run.
+"""Times of the main commands and building blocks: medians, and ratios within one run.
 
 Run with the installed package::
 
-    python benchmarks/core.py            # all, a few minutes on two cores
-    python benchmarks/core.py plan rates # some
+    python benchmarks/overview.py            # all, a few minutes on two cores
+    python benchmarks/overview.py plan rates # some
 
 Prints a Markdown table. Machines differ and are shared: ratios say more than seconds.
 """
@@ -15,24 +15,15 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
+
+from _timing import arguments, in_turn, print_table, timed
 
 REPEATS = 5
 CASSWARM = str(Path(sys.executable).parent / "casswarm")
 
 Row = tuple[str, str, str]
-
-
-def seconds(work: Callable[[], object], repeats: int = REPEATS) -> float:
-    """Median wall time of `work`."""
-    times = []
-    for _ in range(repeats):
-        started = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - started)
-    return statistics.median(times)
 
 
 def process(*command: str) -> Callable[[], object]:
@@ -49,18 +40,15 @@ def plan() -> list[Row]:
     """`casswarm plan paper-1` against importing what it needs; pairs in turn."""
     imports = process(sys.executable, "-c", "import casadi, pandas, matplotlib.pyplot")
     command = process(CASSWARM, "plan", "paper-1")
-    imports(), command()
-    pairs = [(seconds(command, 1), seconds(imports, 1)) for _ in range(REPEATS)]
-    ratio = statistics.median(a / b for a, b in pairs)
-    took = statistics.median(a for a, _ in pairs)
+    _, took, ratio = in_turn(imports, command, REPEATS)
     return [("casswarm plan paper-1, as a process", f"{took:.2f} s", f"{ratio:.2f} x its imports")]
 
 
 def simulate() -> list[Row]:
     """`casswarm simulate paper-1 --runs 1000` by the default solver and by Ipopt."""
     command = (CASSWARM, "simulate", "paper-1", "--quiet", "--runs")
-    thousand = seconds(process(*command, "1000"), 3)
-    ipopt = seconds(process(*command, "1000", "--solver", "ipopt"), 1)
+    thousand = timed(process(*command, "1000"), 3).wall
+    ipopt = timed(process(*command, "1000", "--solver", "ipopt")).wall
     return [
         ("casswarm simulate paper-1 --runs 1000", f"{thousand:.1f} s", ""),
         ("the same with --solver ipopt", f"{ipopt:.1f} s", f"{ipopt / thousand:.1f} x"),
@@ -92,7 +80,7 @@ def formation() -> list[Row]:
                 decision = csw.make_policy(name, variant, guide, "ipopt").decide(0, *state)
                 assert not decision.failures.any()
 
-            took = seconds(build_and_solve)
+            took = timed(build_and_solve, REPEATS).wall
             rows.append((f"formation, n = 50, {name}{kind}: build and solve", f"{took:.2f} s", ""))
     return rows
 
@@ -114,9 +102,9 @@ def rates() -> list[Row]:
         total = ca.sum2(hazard.expression(x, alive))
         functions.append(ca.Function("f", [x, alive], [total, ca.gradient(total, x)]))
 
-    built = seconds(build)
-    evaluated = seconds(lambda: functions[-1](positions.T, np.ones((1, n))))
-    numeric = seconds(lambda: hazard.rates(positions))
+    built = timed(build, REPEATS).wall
+    evaluated = timed(lambda: functions[-1](positions.T, np.ones((1, n))), REPEATS).wall
+    numeric = timed(lambda: hazard.rates(positions), REPEATS).wall
     return [
         ("rates and gradient, n = 1000: build", f"{built:.2f} s", ""),
         ("rates and gradient, n = 1000: evaluate", f"{1e3 * evaluated:.0f} ms", ""),
@@ -167,13 +155,11 @@ def first_use() -> list[Row]:
 PARTS = {part.__name__: part for part in (plan, simulate, formation, rates, first_use)}
 
 
-def main(names: list[str]) -> None:
-    """Measure the parts of these names, or all."""
-    print("| what | median | ratio |\n|---|---|---|")
-    for name in names or PARTS:
-        for row in PARTS[name]():
-            print(f"| {' | '.join(row)} |", flush=True)
+def main() -> None:
+    """Measure the chosen parts, or all."""
+    chosen = arguments(__doc__, PARTS).parts
+    print_table(("item", "median", "ratio"), (row for name in chosen for row in PARTS[name]()))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -1,14 +1,14 @@
-"""What look-ahead formation costs, and what it buys.
+"""What receding-horizon formations cost, and what they gain.
 
 Run with the installed package::
 
-    python benchmarks/lookahead.py speed          # against Ipopt on the same windows
-    python benchmarks/lookahead.py value          # success and shortfalls against H
-    python benchmarks/lookahead.py value --quick  # fewer states and runs
+    python benchmarks/mpc.py speed          # against Ipopt on the same windows
+    python benchmarks/mpc.py value          # success and shortfalls against H
+    python benchmarks/mpc.py value --quick  # fewer states and runs
 
 `speed` prints microseconds per state (n = 5, states of simulated runs of the policy itself) and the
 ratio to Ipopt, medians of passes in turn; then the time of a law and of a thousand runs. `value`
-prints a Markdown table, and writes lookahead.csv and lookahead.png in the current folder: brackets
+prints a Markdown table, and writes mpc.csv and mpc.png in the current folder: brackets
 by the exact law, where its states suffice for one of width 0.01, and otherwise (marked ~) intervals
 with 95 % confidence, what the states leave being sampled. It is what ``casswarm evaluate SCENARIO
 --policy leader-mpc-3 --aggregation-tol 1e-6`` gives.
@@ -16,17 +16,15 @@ with 95 % confidence, what the states leave being sampled. It is what ``casswarm
 
 from __future__ import annotations
 
-import argparse
-import statistics
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from _timing import arguments, in_turn, timed
 
 import casswarm as csw
 from casswarm import make_policy
@@ -61,12 +59,6 @@ def windows(scenario: csw.Scenario, name: str, runs: int) -> list[tuple[Nlp, Ins
     return list(ASKED)
 
 
-def timed(work: Callable[[], object]) -> float:
-    started = time.perf_counter()
-    work()
-    return time.perf_counter() - started
-
-
 def one_speed(name: str, problem: str, steps: int, runs: int, few: int) -> str:
     """A row: times a state of `auto` and of Ipopt on the same windows, and how answers compare."""
     scenario = csw.load_scenario(name)
@@ -87,9 +79,8 @@ def one_speed(name: str, problem: str, steps: int, runs: int, few: int) -> str:
         return [ipopt.solve_batch(nlp, instances) for nlp, instances in chosen]
 
     found, exact = batches(), singles()  # and all is compiled
-    pairs = [(timed(batches) / states, timed(singles) / few) for _ in range(3)]
-    ours, theirs = (statistics.median(column) for column in zip(*pairs, strict=True))
-    ratio = statistics.median(b / a for a, b in pairs)
+    ours, theirs, ratio = in_turn(batches, singles, 3)
+    ours, theirs, ratio = ours / states, theirs / few, ratio * states / few
     same = [auto.solve_batch(nlp, instances) for nlp, instances in chosen]
     f = np.array([s.objective[0] for s in same])
     g = np.array([s.objective[0] if s.success[0] else np.inf for s in exact])
@@ -129,7 +120,7 @@ def speed(quick: bool) -> None:
         low, high = law.success
         print(f"{policy.name}: {low:.4f} to {high:.4f}, {law.states} states, {took:.1f} s")
         policy = make_policy(named(problem, 8), scenario, guide)
-        took = timed(lambda policy=policy: csw.simulate(scenario, [policy], 1000, guide=guide))
+        took = timed(lambda policy=policy: csw.simulate(scenario, [policy], 1000, guide=guide)).wall
         print(f"{policy.name}: 1000 runs in {took:.1f} s")
 
 
@@ -185,18 +176,19 @@ def value(quick: bool) -> None:
                     f"{found['infeasible']:.1f}"
                 )
                 print(f"{name}, {problem}, H = {steps}: {took:.0f} s, {found}", file=sys.stderr)
-                pd.DataFrame(rows).to_csv("lookahead.csv", index=False)
+                pd.DataFrame(rows).to_csv("mpc.csv", index=False)
             print(f"| {name} | {problem} | " + " | ".join(cells) + " |", flush=True)
-    save(mpc_chart(pd.DataFrame(rows)), Path("lookahead.png"))
+    save(mpc_chart(pd.DataFrame(rows)), Path("mpc.png"))
+
+
+PARTS = {"speed": speed, "value": value}
 
 
 def main() -> None:
-    """Print what is asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("what", choices=["speed", "value"])
-    parser.add_argument("--quick", action="store_true")
-    asked = parser.parse_args()
-    {"speed": speed, "value": value}[asked.what](asked.quick)
+    """Print the chosen tables, or both."""
+    options = arguments(__doc__, PARTS)
+    for part in options.parts:
+        PARTS[part](options.quick)
 
 
 if __name__ == "__main__":
