@@ -5,6 +5,7 @@ import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+SUFFIXES = {".py", ".pyi", ".toml", ".html", ".md", ".mplstyle"}
 HOMES = {"casswarm": "casswarm", "problems": "casswarm/problems", "cli": "casswarm/cli"}
 
 
@@ -14,19 +15,19 @@ def expected() -> set[str]:
         f"{home}/{path.relative_to(ROOT / folder).as_posix()}"
         for folder, home in HOMES.items()
         for path in (ROOT / folder).rglob("*")
-        if path.suffix in {".py", ".toml", ".html"} or path.name == "py.typed"
+        if path.suffix in SUFFIXES or path.name == "py.typed"
     }
 
 
 def main(wheel: str) -> int:
     """Print the differences; 0 if there are none."""
     names = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
-    wanted = expected()
-    for word, difference in (("missing", wanted - names), ("unexpected", names - wanted)):
+    files = expected()
+    for word, difference in (("missing", files - names), ("unexpected", names - files)):
         for name in sorted(difference):
             print(f"{word}: {name}")
     print(f"{Path(wheel).name}: {len(names)} files")
-    return int(names != wanted)
+    return int(names != files)
 
 
 if __name__ == "__main__":
