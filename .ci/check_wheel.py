@@ -1,11 +1,10 @@
-"""Compare a wheel's contents with the checkout: every module and scenario in it, nothing else."""
+"""Check that a wheel holds every module and data file of the checkout, and nothing else."""
 
 import sys
 import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-SUFFIXES = {".py", ".pyi", ".toml", ".html", ".md", ".mplstyle"}
 HOMES = {"casswarm": "casswarm", "problems": "casswarm/problems", "cli": "casswarm/cli"}
 
 
@@ -15,19 +14,19 @@ def expected() -> set[str]:
         f"{home}/{path.relative_to(ROOT / folder).as_posix()}"
         for folder, home in HOMES.items()
         for path in (ROOT / folder).rglob("*")
-        if path.suffix in SUFFIXES or path.name == "py.typed"
+        if path.is_file() and path.parent.name != "__pycache__"
     }
 
 
 def main(wheel: str) -> int:
     """Print the differences; 0 if there are none."""
     names = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
-    files = expected()
-    for word, difference in (("missing", files - names), ("unexpected", names - files)):
+    required = expected()
+    for label, difference in (("missing", required - names), ("unexpected", names - required)):
         for name in sorted(difference):
-            print(f"{word}: {name}")
+            print(f"{label}: {name}")
     print(f"{Path(wheel).name}: {len(names)} files")
-    return int(names != files)
+    return int(names != required)
 
 
 if __name__ == "__main__":

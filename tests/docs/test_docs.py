@@ -35,7 +35,7 @@ def test_marked_examples_of_a_page_run(page: Path, tmp_path: Path) -> None:
 
 
 def test_pages_on_how_to_add_have_no_python_that_is_not_run() -> None:
-    for name in ("own-rates", "own-policies", "own-solvers", "quick-start"):
+    for name in ("own-rates", "own-policies", "own-solvers", "quickstart"):
         page = ROOT / "docs" / f"{name}.md"
         shown = page.read_text(encoding="utf-8").count("\n```python\n")
         assert shown == sum(block.language == "python" for block in blocks(page)) > 0

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
-NOTEBOOK = NOTEBOOKS / "solver_comparison.py"
+NOTEBOOK = NOTEBOOKS / "04_solver_comparison.py"
 
 # not as a script: the processes that solvers run in would import and run it again
 RUN = f"""
@@ -53,14 +53,14 @@ def test_solver_comparison_runs_and_shows_what_its_text_says(tmp_path: Path) -> 
 
 
 CLAIMS = {
-    "quickstart": """
+    "01_quickstart": """
 assert guide.survival < around.survival <= around.survival_bound
 rates = study.summary.set_index("policy")["success"]
 assert rates["homing"] < rates["naive"] < rates["leader"]
 for law in laws:
     assert abs(rates[law.policy] - law.success[0]) < 0.12, "3 deviations of 200 runs"
 """,
-    "own_hazard_and_policy": """
+    "03_custom_hazard_and_policy": """
 rates = study.summary.set_index("policy")["success"]
 assert rates["leader"] < rates["constrained"] < rates["naive"], "protecting is the worst"
 assert guide.risk_bound <= guide.risk
@@ -70,7 +70,7 @@ lost = study.traces["leader"][0].positions[-1][~study.traces["leader"][0].alive[
 towers_at = np.array(scenario.hazard.radars)
 assert len(lost) and np.hypot(*(lost[:, None] - towers_at).T).min(axis=0).max() < 2.0
 """,
-    "policies_compared": """
+    "05_policies": """
 assert (best["policy"] == "joint").all()
 assert (table["success_high"] < table["bound"]).all()
 rows = table.set_index(["scenario", "policy"])
@@ -97,7 +97,7 @@ def test_notebook_runs_and_its_text_is_true(name: str, tmp_path: Path) -> None:
 
 def test_the_paper_reproduced_runs(tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-W", "error", NOTEBOOKS / "paper.py"],
+        [sys.executable, "-W", "error", NOTEBOOKS / "02_paper.py"],
         cwd=tmp_path,
         capture_output=True,
         text=True,

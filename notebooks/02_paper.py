@@ -33,7 +33,7 @@ found = reproduce(only=["table-1", "geometry", "table-2", "infeasible", "figures
 # ## Table I, and what is not in it
 #
 # The parameters are the paper's. Where radars, target and members are it shows in a picture only,
-# so the geometry is a calibration (`notebooks/calibration.py`), not the paper's figure.
+# so the geometry is a calibration (`notebooks/06_calibration.py`), not the paper's figure.
 
 # %%
 found.tables["table-1"]
