@@ -129,9 +129,9 @@ def _bar(stack: ExitStack) -> Progress:
 def _write(folder: Folder, comparison: Comparison) -> dict[str, Any]:
     from ..comparison.journal import CELLS, INPUTS
     from ..comparison.report import make_report
-    from ..figures import look
+    from ..figures import theme
 
-    with look(folder.width):
+    with theme(folder.width):
         report = make_report(comparison)
     for name, table in report.tables.items():
         folder.table(name, table)

@@ -126,7 +126,7 @@ def _write(
     bound: SuccessBound,
     inputs: dict[str, Any],
 ) -> dict[str, Any]:
-    from ..results.catalogue import evaluated
+    from ..results.catalogue import evaluation_figures
     from ..studies.tables import (
         arrival_table,
         estimate_table,
@@ -147,7 +147,7 @@ def _write(
     folder.table("survivors", survivor_table(laws))
     folder.table("members", member_table(laws))
     folder.table("population", population_table(laws))
-    folder.draw(evaluated(scenario, laws, successes))
+    folder.draw(evaluation_figures(scenario, laws, successes))
     return folder.record(result, inputs)
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from ..results.catalogue import Gallery
+    from ..results.catalogue import FigureCatalogue
     from ..scenario import Scenario
 
 _LIBRARIES = ("casadi", "numpy", "scipy", "pandas", "matplotlib")
@@ -69,12 +69,12 @@ class Folder:
 
         self._write(f"{name}.{self.ending}", lambda path: save(figure, path, self.dpi))
 
-    def draw(self, gallery: Gallery) -> None:
+    def draw(self, catalogue: FigureCatalogue) -> None:
         """Draw figures one by one, at the width that was asked for, and write them."""
-        from ..figures import look
+        from ..figures import theme
 
-        with look(self.width):
-            for name, drawn in gallery.items():
+        with theme(self.width):
+            for name, drawn in catalogue.items():
                 self.figure(name, drawn())
 
     def arrays(self, name: str, arrays: Mapping[str, Any]) -> None:

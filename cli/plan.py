@@ -226,7 +226,7 @@ def _write(
     inputs: dict[str, object],
 ) -> dict[str, object]:
     from ..planning.guide import integrate
-    from ..results.catalogue import planned
+    from ..results.catalogue import plan_figures
     from ..studies.tables import candidate_table, guide_table, path_table, rival_table
 
     folder.table("guide", guide_table(guide))
@@ -242,8 +242,8 @@ def _write(
         folder.table("comparison", rival_table(rivals))
     outlook = None if value is None else _outlook(scenario, guide, value)
     if outlook is not None:
-        folder.arrays("risk-to-go", outlook.arrays())
-    folder.draw(planned(scenario, guide, list(ways.values()), rivals, outlook))
+        folder.arrays("cost-to-go", outlook.arrays())
+    folder.draw(plan_figures(scenario, guide, list(ways.values()), rivals, outlook))
     certificate = guide.certificate
     result = {
         "risk": guide.risk,

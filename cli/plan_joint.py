@@ -69,14 +69,14 @@ def _write(
     sampled: Estimate | None,
     inputs: dict[str, Any],
 ) -> dict[str, Any]:
-    from ..results.catalogue import planned_jointly
+    from ..results.catalogue import swarm_plan_figures
     from ..studies.tables import estimate_table, joint_table, outcome_table
 
     folder.table("joint", joint_table(found))
     folder.table("outcomes", outcome_table(found))
     told = _told(found, sampled)
     survival = None if found.law is None else found.law.survival
-    folder.draw(planned_jointly(scenario, found.positions, survival, *told))
+    folder.draw(swarm_plan_figures(scenario, found.positions, survival, *told))
     result: dict[str, Any] = {
         "objective": found.objective,
         "value": found.value,

@@ -48,19 +48,21 @@ def plot(
     with reported_errors():
         from .._util.text import did_you_mean
         from ..errors import CheckpointError
-        from ..figures import look
+        from ..figures import theme
         from ..results.folder import Saved
 
         saved = Saved.of(folder)
-        with look(width):  # those of a comparison are drawn at once
-            gallery = saved.gallery(run)
+        with theme(width):  # those of a comparison are drawn at once
+            catalogue = saved.figures(run)
         for name in names:
-            if name not in gallery:
+            if name not in catalogue:
                 raise CheckpointError(
-                    f"{folder} has no figure {name!r}{did_you_mean(name, gallery)}"
+                    f"{folder} has no figure {name!r}{did_you_mean(name, catalogue)}"
                 )
         target = Folder("plot", None, out or folder, figures, width=width, dpi=dpi)
-        target.draw({name: drawn for name, drawn in gallery.items() if name in names or not names})
+        target.draw(
+            {name: drawn for name, drawn in catalogue.items() if name in names or not names}
+        )
     if out is None:
         target.add_to_record()
     click.echo("\n".join(str(target.path / name) for name in target.files))

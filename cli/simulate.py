@@ -156,7 +156,7 @@ def _bars(stack: ExitStack) -> Progress:
 def _write(
     folder: Folder, study: Study, bound: SuccessBound, inputs: dict[str, Any]
 ) -> dict[str, Any]:
-    from ..results.catalogue import simulated
+    from ..results.catalogue import simulation_figures
     from ..studies.tables import guide_table, trace_table
 
     scenario, guide = study.scenario, study.guide
@@ -166,7 +166,7 @@ def _write(
     folder.table("runs", study.runs)
     folder.table("guide", guide_table(guide))
     folder.table("traces", trace_table(study.traces))
-    folder.draw(simulated(scenario, guide, study.summary, study.paired, study.traces))
+    folder.draw(simulation_figures(scenario, guide, study.summary, study.paired, study.traces))
     result = {
         "summary": study.summary.to_dict("records"),
         "paired": study.paired.to_dict("records"),

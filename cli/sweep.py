@@ -162,11 +162,11 @@ def _range(text: str, parts: list[str]) -> list[Any]:
 
 
 def _write(folder: Folder, found: Sweep, inputs: dict[str, Any]) -> dict[str, Any]:
-    from ..results.catalogue import swept
+    from ..results.catalogue import sweep_figures
 
     folder.table("sweep", found.table)
     folder.table("effort", found.effort)
-    folder.draw(swept(found.scenario.name, found.table, found.keys))
+    folder.draw(sweep_figures(found.scenario.name, found.table, found.keys))
     return folder.record(
         {"failures": found.failures, "sweep": found.table.to_dict("records")}, inputs
     )

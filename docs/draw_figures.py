@@ -24,14 +24,14 @@ RUNS = (
     ("plan", "paper-1", "--joint", "--out", "results/joint"),
     ("simulate", "paper-1", "--keep", "100"),
     ("simulate", "paper-2", "--policy", "leader", "--keep", "100", "--runs", "100"),
-    ("simulate", "wall", *AHEAD, "--runs", "500", "--out", "results/look-ahead"),
+    ("simulate", "wall", *AHEAD, "--runs", "500", "--out", "results/mpc"),
     ("evaluate", "paper-1"),
     ("sweep", "paper-1", "--set", "n=2,3,4,5,6", "--out", "results/sweep-n"),
     ("sweep", "paper-1", "--set", "n=2,4,6", "--set", "spacing=0.2,0.5,1.0", "--runs", "300"),
     ("compare", "--family", "quick", "--time-limit", "10"),
 )
 DRAWN = {
-    "plan-paper-1": ("guide", "risk-to-go"),
+    "plan-paper-1": ("guide", "cost-to-go"),
     "descent": ("comparison",),
     "joint": ("joint",),
     "simulate-paper-1": (
@@ -42,7 +42,7 @@ DRAWN = {
         "formation-constrained",
     ),
     "simulate-paper-2": ("formation-leader",),
-    "look-ahead": ("success", "run-leader", "run-leader-mpc-8"),
+    "mpc": ("success", "run-leader", "run-leader-mpc-8"),
     "evaluate-paper-1": ("arrival", "population", "survival"),
     "sweep-n": ("over-n",),
     "sweep-paper-1": ("over-spacing", "heat-map"),

@@ -1,6 +1,6 @@
 """Figures: arrays and tables in, a matplotlib Figure out; nothing is shown or written.
 
-Each is drawn in the look of its context, ``with look("column"): ...``: see `LOOKS`.
+Each is drawn in the look of its context, ``with theme("column"): ...``: see `THEMES`.
 """
 
 from .animation import animate
@@ -9,50 +9,50 @@ from .distributions import arrival_chart, population_chart, survival_chart
 from .formations import formation_chart
 from .frames import player, save_gif
 from .joint import joint_map
-from .maps import comparison_map, guide_map, risk_map, swarm_map
+from .maps import comparison_map, cost_to_go_map, guide_map, swarm_map
 from .mpc import mpc_chart
 from .paper import (
     beyond_chart,
-    guides_map,
+    infeasible_chart,
+    member_guides_map,
     sensitivity_chart,
-    shortfall_chart,
     table_2_chart,
 )
 from .performance_profiles import pair_chart, profile_chart, win_chart
 from .policy_comparison import policy_comparison_chart
-from .style import LOOKS, look, save
+from .style import THEMES, save, theme
 from .success_bars import difference_chart, success_chart
 from .sweeps import sweep_heat_map, sweep_lines
 
 __all__ = [
-    "LOOKS",
+    "THEMES",
     "animate",
     "arrival_chart",
     "beyond_chart",
     "comparison_map",
     "convergence_chart",
+    "cost_to_go_map",
     "difference_chart",
     "formation_chart",
     "guide_map",
-    "guides_map",
+    "infeasible_chart",
     "joint_map",
-    "look",
+    "member_guides_map",
     "mpc_chart",
     "pair_chart",
     "player",
     "policy_comparison_chart",
     "population_chart",
     "profile_chart",
-    "risk_map",
     "save",
     "save_gif",
     "sensitivity_chart",
-    "shortfall_chart",
     "success_chart",
     "survival_chart",
     "swarm_map",
     "sweep_heat_map",
     "sweep_lines",
     "table_2_chart",
+    "theme",
     "win_chart",
 ]

@@ -18,9 +18,17 @@ from ..chain.trajectories import RunTrajectory
 from ..planning.guide import Guide
 from ..scenario import Scenario
 from .base_map import GREYS, extent, frame, landmarks, pixels, single_agent_norm
-from .closeups import SHARES, Closeup, follows, guest_rates, leader_at, shades, window
+from .closeups import (
+    RELATIVE_RATE_NORM,
+    Closeup,
+    additional_agent_rates,
+    follows,
+    leader_at,
+    shades,
+    window,
+)
 from .formations import caption, legend_handles
-from .style import BLUE, INK, MEMBERS, VERMILION, current, drawn, line, settings
+from .style import BLUE, INK, MEMBERS, VERMILION, current_theme, scaled, settings, themed
 
 _PIXELS = 110
 
@@ -98,16 +106,16 @@ class Stage:
             scenario, contents if guide is None else [*contents, guide.positions]
         )
         self.nodes = pixels(self.low, self.high, _PIXELS)
-        self.settings = settings(current())
+        self.settings = settings(current_theme())
         self.few = trace.alive.shape[1] <= len(MEMBERS)
-        self.drawn: list[Artist] = []
+        self.artists: list[Artist] = []
         self.figure = self._build()
 
-    @drawn
+    @themed
     def _build(self) -> Figure:
         size = self.high - self.low
         shape = size[1] / size[0]
-        width = current().width
+        width = current_theme().width
         fig = Figure(figsize=(width, 0.62 * width), layout="constrained")
         FigureCanvasAgg(fig)
         self.map, close = fig.subplots(1, 2, width_ratios=(1.0, shape))
@@ -132,7 +140,7 @@ class Stage:
         )
         landmarks(self.map, self.scenario)
         if self.guide is not None:
-            self.map.plot(*self.guide.positions.T, color=INK, lw=line(0.8), ls=":", zorder=3)
+            self.map.plot(*self.guide.positions.T, color=INK, lw=scaled(0.8), ls=":", zorder=3)
         half = window(self.trace, self.middle)
         self.closeup = Closeup(close, self.scenario, self.trace, self.middle, half, False)
         close.set_ylabel("")
@@ -140,7 +148,7 @@ class Stage:
         fig.colorbar(
             self.image, ax=self.map, label="rate of one more member", extend="max", **options
         )
-        share = ScalarMappable(SHARES, shades())
+        share = ScalarMappable(RELATIVE_RATE_NORM, shades())
         label = "as a share of a lone member's"
         fig.colorbar(share, ax=close, label=label, extend="max", **options)
 
@@ -151,7 +159,7 @@ class Stage:
         rest: list[Artist] = list(legend_handles(self.middle is not None, False, leads))
         if self.guide is not None:
             rest = [handle for handle in rest if handle.get_label() != "guide"]
-            rest.append(Line2D([], [], color=INK, lw=line(0.8), ls=":", label="guide"))
+            rest.append(Line2D([], [], color=INK, lw=scaled(0.8), ls=":", label="guide"))
         for handle in rest:
             if handle.get_label() == "lost in this step":
                 handle.set_label("lost")
@@ -162,14 +170,14 @@ class Stage:
         with rc_context(self.settings):
             positions, alive = self.trace.positions[step], self.trace.alive[step]
             hazard = self.scenario.hazard
-            self.image.set_data(guest_rates(hazard, self.nodes, positions, alive))
+            self.image.set_data(additional_agent_rates(hazard, self.nodes, positions, alive))
             self.closeup.show(step)
             self.heading.set_text(self._words(step))
-            for artist in self.drawn:
+            for artist in self.artists:
                 artist.remove()
-            self.drawn = []
+            self.artists = []
             self._members(step)
-        return self.drawn
+        return self.artists
 
     def _members(self, step: int) -> None:
         """Members with their ways so far; the destroyed as crosses where they fell."""
@@ -178,9 +186,9 @@ class Stage:
         for member, end in enumerate(ends):
             color = MEMBERS[member] if self.few else BLUE
             way = self.trace.positions[: end + 1, member]
-            self.drawn += self.map.plot(*way.T, color=color, lw=line(0.9), alpha=0.7, zorder=4)
+            self.artists += self.map.plot(*way.T, color=color, lw=scaled(0.9), alpha=0.7, zorder=4)
             leads = member == leader
-            self.drawn += self.map.plot(
+            self.artists += self.map.plot(
                 *way[-1],
                 marker="X" if not alive[member] else "*" if leads else "o",
                 color="white"
@@ -189,8 +197,8 @@ class Stage:
                 if leads and not self.few
                 else color,
                 markeredgecolor=INK if leads or not alive[member] else "white",
-                markeredgewidth=line(0.7),
-                markersize=line(11 if leads else 6.5 if self.few else 4.5),
+                markeredgewidth=scaled(0.7),
+                markersize=scaled(11 if leads else 6.5 if self.few else 4.5),
                 zorder=7 if leads else 6,
             )
 

@@ -14,7 +14,7 @@ from matplotlib.patches import Circle, Rectangle
 
 from ..scenario import Scenario
 from ..typing import FloatArray
-from .style import INK, SKY, VERMILION, figure, line, upright
+from .style import INK, SKY, VERMILION, figure, scaled, wrap_label
 
 _PIXELS = 300
 _CAP = 0.995  # quantile of the rates at which the shades end: radars are not the whole story
@@ -27,8 +27,8 @@ def single_agent_map(
     """Rates of a lone member as shades, radars and target; the extent holds all `contents`."""
     low, high = extent(scenario, contents)
     fig, axes = field_axes(low, high)
-    image = lone_shades(axes, scenario)
-    label = upright("rate of a lone member, per unit time")
+    image = draw_rates(axes, scenario)
+    label = wrap_label("rate of a lone member, per unit time")
     fig.colorbar(image, ax=axes, label=label, extend="max")
     landmarks(axes, scenario)
     return fig, axes, image
@@ -73,10 +73,10 @@ def landmarks(axes: Axes, scenario: Scenario, radars: str = VERMILION) -> None:
             *places.T,
             color=radars,
             marker="^",
-            markersize=line(9.0),
+            markersize=scaled(9.0),
             linestyle="",
             markeredgecolor="white" if radars != "white" else INK,
-            markeredgewidth=line(1.0),
+            markeredgewidth=scaled(1.0),
             zorder=5,
             label="radar",
         )
@@ -102,7 +102,7 @@ def single_agent_norm(scenario: Scenario, low: FloatArray, high: FloatArray) -> 
     return LogNorm(least, max(float(np.quantile(rates, _CAP)), least * 1.01))
 
 
-def lone_shades(axes: Axes, scenario: Scenario) -> AxesImage:
+def draw_rates(axes: Axes, scenario: Scenario) -> AxesImage:
     """The rates of a lone member over a map."""
     low, high = corners(axes)
     norm = single_agent_norm(scenario, low, high)

@@ -19,22 +19,22 @@ from ..planning.guide import Guide
 from ..scenario import Scenario
 from ..typing import BoolArray, FloatArray
 from .base_map import GREYS, frame, pixels
-from .style import BLUE, INK, MEMBERS, VERMILION, halo, line
+from .style import BLUE, INK, MEMBERS, VERMILION, scaled, text_outline
 
 _PIXELS = 80
 _MAX = 1.5  # share to which the edge of the danger is drawn smooth
 _NEAR = 0.2  # of a window's half width: members that near share a label
 OVER = "#E8A987"  # where members endanger each other
-SHARES = Normalize(0.0, 1.0)
+RELATIVE_RATE_NORM = Normalize(0.0, 1.0)
 """Of a lone member's rate: nobody is protected at 1; above it, members endanger each other."""
 
 
 def shades() -> Colormap:
-    """Colours of `SHARES`: the better the protection, the lighter."""
+    """Colours of `RELATIVE_RATE_NORM`: the better the protection, the lighter."""
     return GREYS.with_extremes(over=OVER)
 
 
-def shares(
+def relative_rates(
     hazard: Hazard, places: FloatArray, positions: FloatArray, alive: BoolArray
 ) -> FloatArray:
     """Rates that one more member would have at places (..., 2), as shares of a lone member's.
@@ -49,10 +49,12 @@ def shares(
     """
     lone = hazard.single_agent_rates(places)
     found = np.ones_like(lone)
-    return np.divide(guest_rates(hazard, places, positions, alive), lone, out=found, where=lone > 0)
+    return np.divide(
+        additional_agent_rates(hazard, places, positions, alive), lone, out=found, where=lone > 0
+    )
 
 
-def guest_rates(
+def additional_agent_rates(
     hazard: Hazard, places: FloatArray, positions: FloatArray, alive: BoolArray
 ) -> FloatArray:
     """Rates (...) that one more member would have at places (..., 2), given a swarm."""
@@ -94,30 +96,30 @@ class Closeup:
         self.nodes = pixels(-corner, corner, _PIXELS)
         self.image: AxesImage = axes.imshow(
             np.ones((_PIXELS, _PIXELS)),
-            norm=SHARES,
+            norm=RELATIVE_RATE_NORM,
             cmap=shades(),
             extent=(-half, half, -half, half),
             origin="lower",
             interpolation="bilinear",
         )
         if guide is not None:
-            axes.plot(0, 0, marker="+", color=BLUE, markersize=line(9), zorder=3)
+            axes.plot(0, 0, marker="+", color=BLUE, markersize=scaled(9), zorder=3)
         if corridors:
             radius = float(np.sqrt(scenario.formation.rho))
             axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor=BLUE, zorder=3))
-        self.drawn: list[Artist] = []
+        self.artists: list[Artist] = []
         root = axes.get_figure(root=True)
         assert root is not None
         self._scale = root.dpi_scale_trans
 
     def show(self, step: int) -> None:
         """Show a step instead of what is shown."""
-        for artist in self.drawn:
+        for artist in self.artists:
             artist.remove()
-        self.drawn = []
+        self.artists = []
         alive, center = self.trace.alive[step], middle(self.trace, self.guide, step)
         positions = self.trace.positions[step]
-        found = shares(self.hazard, self.nodes + center, positions, alive)
+        found = relative_rates(self.hazard, self.nodes + center, positions, alive)
         self.image.set_data(np.minimum(found, _MAX))  # rates of collisions have no end
         before = self.trace.alive[step - 1] if step else alive
         offsets = positions - center
@@ -132,13 +134,13 @@ class Closeup:
         for member in np.flatnonzero(alive):
             color = MEMBERS[member] if few else BLUE
             leads = member == leader
-            self.drawn += self.axes.plot(
+            self.artists += self.axes.plot(
                 *offsets[member],
                 marker="*" if leads else "o",
                 color=VERMILION if leads and not few else color,
                 markeredgecolor=INK if leads else "white",
-                markeredgewidth=line(0.8 if leads else 0.5),
-                markersize=line(12 if leads else (6.5 if few else 3.5)),
+                markeredgewidth=scaled(0.8 if leads else 0.5),
+                markersize=scaled(12 if leads else (6.5 if few else 3.5)),
                 zorder=6 if leads else 5,
             )
 
@@ -146,19 +148,19 @@ class Closeup:
         """Crosses, beside the living where these stand at the same place."""
         for member in np.flatnonzero(lost):
             beside = self._near(offsets, offsets[member], list(np.flatnonzero(alive)))
-            away_by = -line(7) / 72 if beside else 0.0
+            away_by = -scaled(7) / 72 if beside else 0.0
             shift = ScaledTranslation(away_by, away_by, self._scale)
-            self.drawn += self.axes.plot(
+            self.artists += self.axes.plot(
                 *offsets[member],
                 marker="X",
                 color="white",
                 markeredgecolor=INK,
-                markeredgewidth=line(0.9),
-                markersize=line(7.0),
+                markeredgewidth=scaled(0.9),
+                markersize=scaled(7.0),
                 transform=self.axes.transData + shift,
                 zorder=7,
             )
-            self.drawn[-1].set_clip_on(True)
+            self.artists[-1].set_clip_on(True)
 
     def _labels(
         self, offsets: FloatArray, members: BoolArray, others: BoolArray, crosses: bool = False
@@ -180,16 +182,16 @@ class Closeup:
             elif beside:
                 right, above = bool(x < 0.6), bool(y < 0.6)
             gap = 13.0 if crosses and beside else 6.0
-            self.drawn.append(
+            self.artists.append(
                 self.axes.annotate(
                     _numbers(near),
                     place,
-                    ((gap if right else -gap) * line(), (gap - 1) * line(1 if above else -1)),
+                    ((gap if right else -gap) * scaled(), (gap - 1) * scaled(1 if above else -1)),
                     textcoords="offset points",
                     ha="left" if right else "right",
                     va="bottom" if above else "top",
                     fontsize="small",
-                    path_effects=halo(),
+                    path_effects=text_outline(),
                     zorder=8,
                 )
             )

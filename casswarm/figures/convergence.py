@@ -8,12 +8,22 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from .style import GREY, INK, current, drawn, headline, line, marks, panels, tidy
+from .style import (
+    GREY,
+    INK,
+    add_title,
+    current_theme,
+    despine,
+    panels,
+    policy_styles,
+    scaled,
+    themed,
+)
 
 _DASHES = ("-", "--", "-.", ":")
 
 
-@drawn
+@themed
 def convergence_chart(
     guide: pd.DataFrame,
     formations: pd.DataFrame,
@@ -31,25 +41,25 @@ def convergence_chart(
     references : mapping
         Name to the survival that other guides have.
     """
-    narrow = current().width < 5
+    narrow = current_theme().width < 5
     across = 1 if narrow else 2
     fig, some = panels(across, 4 // across, 2.3 if narrow else 0.75, sharex=True)
     survival, residual, gap, formation_residual = some
     path: dict[str, Any] = {"color": INK, "marker": "o"}
     survival.plot(guide["iteration"], guide["survival"], **path)
     for place, (name, value) in enumerate(references.items()):
-        survival.axhline(value, color=GREY, linewidth=line(), linestyle=_DASHES[1 + place % 3])
+        survival.axhline(value, color=GREY, linewidth=scaled(), linestyle=_DASHES[1 + place % 3])
         survival.annotate(
             f"{name}: {value:.2g}",
             (1, value),
-            (0, line(3)),
+            (0, scaled(3)),
             textcoords="offset points",
             fontsize="small",
         )
     survival.set(title="guide: survival of a lone member", yscale="log", ylim=(5e-5, 5))
     residual.plot(guide["iteration"], guide["residual"], **path)
     residual.set(title="guide: stationarity residual", yscale="log", ylim=(1e-5, 1e-2))
-    looks = marks(str(kind).split(",")[0] for kind in formations["problems"])
+    looks = policy_styles(str(kind).split(",")[0] for kind in formations["problems"])
     for place, (kind, rows) in enumerate(formations.groupby("problems", sort=False)):
         color, dashes = looks[str(kind).split(",")[0]].color, _DASHES[place % len(_DASHES)]
         for axes, column in ((gap, "gap_median"), (formation_residual, "residual_median")):
@@ -61,11 +71,11 @@ def convergence_chart(
         axes.set_xscale("symlog", linthresh=1)
         axes.set_xlim(0, 1e4)
         axes.set_xticks([0, 1, 10, 100, 1000, 10000])
-        tidy(axes)
+        despine(axes)
     for axes in some[-across:]:
         axes.set_xlabel("iteration")
     handles, labels = gap.get_legend_handles_labels()
     columns = 2 if narrow else 4
     fig.legend(handles, labels, loc="outside lower center", ncols=columns, title="formation of")
-    headline(fig, "the paper's projected gradient; formations: medians over the steps")
+    add_title(fig, "the paper's projected gradient; formations: medians over the steps")
     return fig

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 
 from ..chain.distribution import OutcomeDistribution
 from ..typing import FloatArray
-from .style import drawn, figure, headline, line, marks, tidy
+from .style import add_title, despine, figure, policy_styles, scaled, themed
 
 
-@drawn
+@themed
 def arrival_chart(laws: Sequence[OutcomeDistribution], title: str = "") -> Figure:
     """Probability of having arrived by every step, a band a policy as wide as its bracket."""
     curves = {}
@@ -27,7 +27,7 @@ def arrival_chart(laws: Sequence[OutcomeDistribution], title: str = "") -> Figur
     return fig
 
 
-@drawn
+@themed
 def population_chart(laws: Sequence[OutcomeDistribution], members: int, title: str = "") -> Figure:
     """Mean number of members alive at every step, a band a policy as wide as its bracket."""
     curves = {}
@@ -40,7 +40,7 @@ def population_chart(laws: Sequence[OutcomeDistribution], members: int, title: s
     return fig
 
 
-@drawn
+@themed
 def survival_chart(laws: Sequence[OutcomeDistribution], title: str = "") -> Figure:
     """Probability that somebody is alive at every step, a band a policy as wide as its bracket.
 
@@ -61,7 +61,7 @@ def _chart(
 ) -> tuple[Figure, Axes]:
     """Step curves over time: label to policy, low end and high end, (N+1,) each."""
     fig, axes = figure()
-    looks = marks(policy for policy, *_ in curves.values())
+    looks = policy_styles(policy for policy, *_ in curves.values())
     for label, (policy, low, high) in curves.items():
         mark, steps = looks[policy], np.arange(len(low))
         axes.fill_between(steps, low, high, step="post", color=mark.color, alpha=0.3, linewidth=0)
@@ -70,11 +70,11 @@ def _chart(
             low,
             where="post",
             color=mark.color,
-            linewidth=line(1.8),
+            linewidth=scaled(1.8),
             linestyle=mark.dashes,
             label=label,
         )
     axes.set(xlabel="step", xlim=(0, max(len(low) for _, low, _ in curves.values()) - 1))
-    headline(fig, title, "exact law")
-    tidy(axes)
+    add_title(fig, title, "exact law")
+    despine(axes)
     return fig, axes

@@ -13,11 +13,11 @@ from matplotlib.lines import Line2D
 from ..chain.trajectories import RunTrajectory
 from ..planning.guide import Guide
 from ..scenario import Scenario
-from .closeups import SHARES, Closeup, shades, window
-from .style import BLUE, GREY, INK, current, drawn, headline, line, panels
+from .closeups import RELATIVE_RATE_NORM, Closeup, shades, window
+from .style import BLUE, GREY, INK, add_title, current_theme, panels, scaled, themed
 
 
-@drawn
+@themed
 def formation_chart(
     scenario: Scenario,
     trace: RunTrajectory,
@@ -51,10 +51,10 @@ def formation_chart(
     """
     across = _columns()
     number = 6 if across == 3 else 8
-    chosen = telling_steps(trace, number) if steps is None else list(steps)
+    chosen = representative_steps(trace, number) if steps is None else list(steps)
     if not chosen or min(chosen) < 0 or max(chosen) >= len(trace.alive):
         raise ValueError(f"steps = {chosen}; allowed: from 0 to {len(trace.alive) - 1}, at least 1")
-    narrow = current().width < 5
+    narrow = current_theme().width < 5
     columns = min(across, len(chosen))
     rows = -(-len(chosen) // columns)
     shape = 1.05 * rows / columns + 0.16 if narrow else 0.95 * rows / columns + 0.06
@@ -70,12 +70,12 @@ def formation_chart(
     side: dict[str, Any] = (
         {"location": "bottom", "pad": 0.015} if narrow else {"location": "right", "pad": 0.02}
     )
-    mappable = ScalarMappable(SHARES, shades())
+    mappable = ScalarMappable(RELATIVE_RATE_NORM, shades())
     bar = fig.colorbar(mappable, ax=places, extend="max", **side)
     bar.set_label("rate of one more member,\nas a share of a lone member's")
     handles = legend_handles(guide is not None, corridors, bool((trace.leaders >= 0).any()))
     fig.legend(handles=handles, loc="outside lower center", ncols=2 if narrow else len(handles))
-    headline(
+    add_title(
         fig,
         title or scenario.name,
         f"the formation around {'the guide' if guide else 'its middle'}",
@@ -85,12 +85,12 @@ def formation_chart(
 
 def _columns() -> int:
     """Panels side by side whose captions have room."""
-    chosen = current()
+    chosen = current_theme()
     caption = 23 * 0.58 * 0.83 * chosen.letters / 72
     return max(2, min(4, int(0.86 * chosen.width / caption)))
 
 
-def telling_steps(trace: RunTrajectory, number: int) -> list[int]:
+def representative_steps(trace: RunTrajectory, number: int) -> list[int]:
     """The first and the last step, those of losses, and others between, as evenly as can be."""
     last = len(trace.alive) - 1
     losses = np.flatnonzero((trace.alive[:-1] & ~trace.alive[1:]).any(axis=1)) + 1
@@ -126,12 +126,12 @@ def legend_handles(guide: bool, corridors: bool, leads: bool) -> list[Line2D]:
             marker=sign[0],
             color=sign[1],
             markeredgecolor=sign[2],
-            markersize=line(sign[3]),
+            markersize=scaled(sign[3]),
             label=name,
         )
         for name, sign in signs.items()
         if sign is not None
     ]
     if corridors:
-        handles.append(Line2D([], [], color=BLUE, lw=line(0.8), label="corridor"))
+        handles.append(Line2D([], [], color=BLUE, lw=scaled(0.8), label="corridor"))
     return handles

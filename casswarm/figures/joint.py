@@ -9,14 +9,14 @@ from matplotlib.figure import Figure
 from ..scenario import Scenario
 from ..typing import FloatArray
 from .base_map import single_agent_map
-from .style import BLUE, INK, MEMBERS, drawn, headline, key, line
+from .style import BLUE, INK, MEMBERS, add_legend, add_title, scaled, themed
 
 _WIDEST, _THINNEST = 2.0, 0.3  # of the uppermost member's line, alive and dead
 _STEP = 1.6  # by which each member below is wider: members often share a way
 _MANY = 0.8  # width of all lines in a large swarm
 
 
-@drawn
+@themed
 def joint_map(
     scenario: Scenario, positions: FloatArray, survival: FloatArray | None = None, title: str = ""
 ) -> Figure:
@@ -41,7 +41,7 @@ def joint_map(
         color = MEMBERS[member] if few else BLUE
         alive = np.ones(len(way)) if survival is None else survival[: len(way), member]
         widest = _WIDEST + _STEP * (members - 1 - member) if few else _MANY
-        widths = line() * (alive * widest + (1 - alive) * _THINNEST)
+        widths = scaled() * (alive * widest + (1 - alive) * _THINNEST)
         axes.add_collection(
             LineCollection(
                 list(np.stack([way[:-1], way[1:]], axis=1)),
@@ -51,25 +51,25 @@ def joint_map(
                 zorder=4,
             )
         )
-        size = (widths + line(0.8)) ** 2
+        size = (widths + scaled(0.8)) ** 2
         axes.scatter(way[:, 0], way[:, 1], s=size, color=color, linewidths=0, zorder=4)
         told = f"member {member + 1}"
         if survival is not None:
             told += f",\nsurvives with {alive[-1]:.3f}"
         if few:
-            axes.plot([], [], color=color, linewidth=line(2.5), label=told)
+            axes.plot([], [], color=color, linewidth=scaled(2.5), label=told)
     axes.plot(
         *positions[0].T,
         linestyle="",
         marker="o",
-        markersize=line(4.5),
+        markersize=scaled(4.5),
         markerfacecolor="white",
         markeredgecolor=INK,
         zorder=5,
         label="start",
     )
-    key(fig, axes)
-    headline(fig, scenario.name, title)
+    add_legend(fig, axes)
+    add_title(fig, scenario.name, title)
     return fig
 
 

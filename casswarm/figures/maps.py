@@ -21,18 +21,18 @@ from .style import (
     INK,
     MEMBERS,
     VERMILION,
-    drawn,
-    halo,
-    headline,
-    key,
-    line,
-    upright,
+    add_legend,
+    add_title,
+    scaled,
+    text_outline,
+    themed,
+    wrap_label,
 )
 
 _NEAR = 0.04  # of a map's width: graves that near share a label
 
 
-@drawn
+@themed
 def guide_map(
     scenario: Scenario, guide: Guide, others: Sequence[Candidate | FloatArray] = ()
 ) -> Figure:
@@ -50,15 +50,15 @@ def guide_map(
     fig, axes, _ = single_agent_map(scenario, [guide.positions, scenario.positions, *paths])
     for number, path in enumerate(paths):
         label = "other ways tried" if number == 0 else None
-        axes.plot(*path.T, color=INK, lw=line(0.9), ls=(0, (4, 3)), zorder=3, label=label)
+        axes.plot(*path.T, color=INK, lw=scaled(0.9), ls=(0, (4, 3)), zorder=3, label=label)
     if scenario.n > 1:
         corridor(axes, guide.positions, scenario.formation.rho)
     axes.plot(
         *guide.positions.T,
         color=BLUE,
         marker="o",
-        markersize=line(3.2),
-        linewidth=line(1.6),
+        markersize=scaled(3.2),
+        linewidth=scaled(1.6),
         zorder=4,
         label=f"guide, {guide.arrival} steps",
     )
@@ -66,19 +66,19 @@ def guide_map(
         *scenario.positions.T,
         linestyle="",
         marker="o",
-        markersize=line(4.5),
+        markersize=scaled(4.5),
         markerfacecolor="white",
         markeredgecolor=INK,
-        markeredgewidth=line(1.0),
+        markeredgewidth=scaled(1.0),
         zorder=3.5,
         label="members at the start" if scenario.n > 1 else "start",
     )
-    key(fig, axes)
-    headline(fig, scenario.name, f"guide, survival of a lone member {guide.survival:.3g}")
+    add_legend(fig, axes)
+    add_title(fig, scenario.name, f"guide, survival of a lone member {guide.survival:.3g}")
     return fig
 
 
-@drawn
+@themed
 def comparison_map(scenario: Scenario, guides: Mapping[str, Guide]) -> Figure:
     """Several guides over the map of a lone member's rates, with what each survives."""
     fig, axes, _ = single_agent_map(scenario, [guide.positions for guide in guides.values()])
@@ -88,20 +88,20 @@ def comparison_map(scenario: Scenario, guides: Mapping[str, Guide]) -> Figure:
             *guide.positions.T,
             color=colors[place % len(colors)],
             marker="os^Dv"[place % 5],
-            markersize=line(3.4),
-            linewidth=line(1.6),
+            markersize=scaled(3.4),
+            linewidth=scaled(1.6),
             zorder=4,
             label=f"{name},\nsurvival {guide.survival:.3g}",
         )
-    key(fig, axes)
+    add_legend(fig, axes)
     bounds = [g.survival_bound for g in guides.values() if g.survival_bound is not None]
     told = f"; none exceeds {rounded_up(min(bounds)):.4f}" if bounds else ""
-    headline(fig, scenario.name, f"guides of a lone member{told}")
+    add_title(fig, scenario.name, f"guides of a lone member{told}")
     return fig
 
 
-@drawn
-def risk_map(
+@themed
+def cost_to_go_map(
     scenario: Scenario, value: ValueFunction | CostToGoMap, guide: Guide, step: int = 0
 ) -> Figure:
     """Survival from every place on at a step, along the best path there is, and its directions.
@@ -120,19 +120,19 @@ def risk_map(
         origin="lower",
         interpolation="bilinear",
     )
-    fig.colorbar(image, ax=axes, label=upright("survival of a lone member from here"))
+    fig.colorbar(image, ax=axes, label=wrap_label("survival of a lone member from here"))
     moving = np.hypot(*outlook.velocities.T) > 0
     places, arrows = outlook.places[moving], outlook.velocities[moving]
     axes.quiver(*places.T, *arrows.T, color="white", alpha=0.75, zorder=3)
-    axes.plot(*guide.positions.T, color=VERMILION, lw=line(1.8), zorder=4, label="guide")
+    axes.plot(*guide.positions.T, color=VERMILION, lw=scaled(1.8), zorder=4, label="guide")
     landmarks(axes, scenario, radars="white")
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    key(fig, axes)
-    headline(fig, scenario.name, f"the way on from every place at step {outlook.step}")
+    add_legend(fig, axes)
+    add_title(fig, scenario.name, f"the way on from every place at step {outlook.step}")
     return fig
 
 
-@drawn
+@themed
 def swarm_map(
     scenario: Scenario,
     trace: RunTrajectory,
@@ -168,8 +168,8 @@ def swarm_map(
             color=MEMBERS[member] if few else BLUE,
             alpha=1.0 if few else 0.55,
             marker="o" if few else "",
-            markersize=line(width + 1.0),
-            linewidth=line(width),
+            markersize=scaled(width + 1.0),
+            linewidth=scaled(width),
             solid_capstyle="round",
             zorder=4,
             label=f"member {member + 1}" if few else ("members" if member == 0 else None),
@@ -177,11 +177,11 @@ def swarm_map(
     if guide is not None:
         if corridors:
             corridor(axes, guide.positions, scenario.formation.rho)
-        axes.plot(*guide.positions.T, color=INK, lw=line(0.9), ls=":", zorder=5, label="guide")
+        axes.plot(*guide.positions.T, color=INK, lw=scaled(0.9), ls=":", zorder=5, label="guide")
     _graves(axes, trace, few)
-    key(fig, axes)
+    add_legend(fig, axes)
     steps, survivors = len(trace.alive) - 1, int(trace.alive[-1].sum())
-    headline(fig, title or scenario.name, f"{survivors} of {members} alive after {steps} steps")
+    add_title(fig, title or scenario.name, f"{survivors} of {members} alive after {steps} steps")
     return fig
 
 
@@ -196,10 +196,10 @@ def _graves(axes: Axes, trace: RunTrajectory, few: bool) -> None:
     axes.plot(
         *places.T,
         marker="X",
-        markersize=line(9.0 if few else 6.0),
+        markersize=scaled(9.0 if few else 6.0),
         color="white",
         markeredgecolor=INK,
-        markeredgewidth=line(1.0),
+        markeredgewidth=scaled(1.0),
         linestyle="",
         zorder=6,
         label="destroyed",
@@ -215,10 +215,10 @@ def _graves(axes: Axes, trace: RunTrajectory, few: bool) -> None:
         axes.annotate(
             text,
             place,
-            (line(6), line(-9)),
+            (scaled(6), scaled(-9)),
             textcoords="offset points",
             fontsize="small",
-            path_effects=halo(),
+            path_effects=text_outline(),
             zorder=7,
         )
 

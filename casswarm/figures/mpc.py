@@ -5,11 +5,11 @@ from __future__ import annotations
 import pandas as pd
 from matplotlib.figure import Figure
 
-from .style import current, drawn, headline, marks, panels, shown, tidy
+from .style import add_title, current_theme, despine, format_value, panels, policy_styles, themed
 from .sweeps import success_line
 
 
-@drawn
+@themed
 def mpc_chart(table: pd.DataFrame, title: str = "") -> Figure:
     """Success (above) and shortfalls (below) over the look-ahead, a column a scenario.
 
@@ -22,11 +22,11 @@ def mpc_chart(table: pd.DataFrame, title: str = "") -> Figure:
     """
     scenarios = list(dict.fromkeys(table["scenario"]))
     steps = sorted(set(table["horizon"]))
-    across = min(len(scenarios), 2 if current().width < 5 else 3)
+    across = min(len(scenarios), 2 if current_theme().width < 5 else 3)
     bands = -(-len(scenarios) // across)  # of two rows of panels
     shape = 1.25 * bands / max(2, across) + 0.12
     fig, places = panels(across, 2 * bands, shape, sharex=True)
-    looks = marks(table["policy"])
+    looks = policy_styles(table["policy"])
     for number in range(bands * across):
         band, column = divmod(number, across)
         above, below = (places[(2 * band + row) * across + column] for row in (0, 1))
@@ -49,9 +49,9 @@ def mpc_chart(table: pd.DataFrame, title: str = "") -> Figure:
             below.tick_params(labelbottom=True)
             below.set_xlabel("steps in view")
         for axes in (above, below):
-            axes.set_xticks(steps, [shown(step) for step in steps])
-            tidy(axes)
+            axes.set_xticks(steps, [format_value(step) for step in steps])
+            despine(axes)
     handles, labels = places[0].get_legend_handles_labels()
     fig.legend(handles, labels, loc="outside lower center", ncols=min(3, len(labels)))
-    headline(fig, title)
+    add_title(fig, title)
     return fig

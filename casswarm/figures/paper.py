@@ -19,20 +19,20 @@ from .style import (
     GREY,
     INK,
     MEMBERS,
-    current,
-    drawn,
+    add_legend,
+    add_title,
+    current_theme,
+    despine,
     figure,
-    headline,
-    key,
-    line,
-    marks,
     panels,
-    tidy,
+    policy_styles,
+    scaled,
+    themed,
 )
 
 
-@drawn
-def guides_map(scenario: Scenario, guides: Sequence[Guide], title: str = "") -> Figure:
+@themed
+def member_guides_map(scenario: Scenario, guides: Sequence[Guide], title: str = "") -> Figure:
     """Every member's own guide over the map of a lone member's rates.
 
     Members often share a path: the first is drawn widest and lowest, so that all stay visible.
@@ -44,8 +44,8 @@ def guides_map(scenario: Scenario, guides: Sequence[Guide], title: str = "") -> 
             *guide.positions.T,
             color=MEMBERS[place % len(MEMBERS)],
             marker="o",
-            markersize=line(width + 1.0),
-            linewidth=line(width),
+            markersize=scaled(width + 1.0),
+            linewidth=scaled(width),
             solid_capstyle="round",
             zorder=4,
             label=f"member {place + 1}: {guide.survival:.3f},\nstep {guide.arrival}",
@@ -55,18 +55,18 @@ def guides_map(scenario: Scenario, guides: Sequence[Guide], title: str = "") -> 
         *starts.T,
         linestyle="",
         marker="o",
-        markersize=line(4.5),
+        markersize=scaled(4.5),
         markerfacecolor="white",
         markeredgecolor=INK,
         zorder=5,
         label="start",
     )
-    key(fig, axes)
-    headline(fig, scenario.name, title or "every member's own guide, its survival and arrival")
+    add_legend(fig, axes)
+    add_title(fig, scenario.name, title or "every member's own guide, its survival and arrival")
     return fig
 
 
-@drawn
+@themed
 def table_2_chart(table: pd.DataFrame, runs: int, few: int = 50) -> Figure:
     """Table II: the paper's numbers, the exact ones, and sampled ones, with their intervals.
 
@@ -85,19 +85,19 @@ def table_2_chart(table: pd.DataFrame, runs: int, few: int = 50) -> Figure:
         "exact": ("casswarm, exact", "|", None),
     }
     fig, axes = figure(_shape(1.45 * len(kinds) * len(table) + 7))
-    looks = marks(table["policy"])
+    looks = policy_styles(table["policy"])
     for row, values in enumerate(table.to_dict("records")):
         color = looks[str(values["policy"])].color
         for place, (column, (_, marker, face)) in enumerate(kinds.items()):
             low, high = values[f"{column}_low"], values[f"{column}_high"]
             middle = (low + high) / 2 if column == "exact" else values[column]
             height = row + 0.2 * (place - (len(kinds) - 1) / 2)
-            axes.plot([low, high], [height] * 2, color=color, linewidth=line(1.6), zorder=2)
+            axes.plot([low, high], [height] * 2, color=color, linewidth=scaled(1.6), zorder=2)
             axes.plot(middle, height, color=color, zorder=3, **_sign(marker, face))
             axes.annotate(
                 f"{middle:.2f}" if column in ("paper", f"runs_{few}") else f"{middle:.3f}",
                 (max(high, middle), height),
-                (line(6), 0),
+                (scaled(6), 0),
                 textcoords="offset points",
                 va="center",
                 fontsize="small",
@@ -111,7 +111,7 @@ def table_2_chart(table: pd.DataFrame, runs: int, few: int = 50) -> Figure:
     ]
     columns = 4 if _letters() > 90 else 2
     fig.legend(handles=handles, loc="outside lower center", ncols=columns)
-    headline(fig, "paper-1", "Table II, with Wilson's 95 % intervals")
+    add_title(fig, "paper-1", "Table II, with Wilson's 95 % intervals")
     return fig
 
 
@@ -121,13 +121,13 @@ def _sign(marker: str, face: str | None) -> dict[str, Any]:
     sign: dict[str, Any] = {
         "linestyle": "",
         "marker": marker,
-        "markersize": line(10 if bar else 5),
-        "markeredgewidth": line(2 if bar else 1.2),
+        "markersize": scaled(10 if bar else 5),
+        "markeredgewidth": scaled(2 if bar else 1.2),
     }
     return sign if face is None else sign | {"markerfacecolor": face}
 
 
-@drawn
+@themed
 def beyond_chart(table: pd.DataFrame) -> Figure:
     """Success of every policy in several scenarios: a line a scenario, bars where not exact.
 
@@ -139,14 +139,14 @@ def beyond_chart(table: pd.DataFrame) -> Figure:
     names = list(dict.fromkeys(table["scenario"]))
     policies = list(dict.fromkeys(table["policy"]))
     fig, axes = figure(_shape(2.7 * len(names) + 5))
-    looks = marks(policies)
+    looks = policy_styles(policies)
     for row in table.to_dict("records"):
         policy = str(row["policy"])
         place = policies.index(policy) - (len(policies) - 1) / 2
         height = names.index(row["scenario"]) + 0.66 * place / len(policies)
         low, high = row["success_low"], row["success_high"]
         mark = looks[policy]
-        axes.plot([low, high], [height] * 2, color=mark.color, linewidth=line(4), alpha=0.45)
+        axes.plot([low, high], [height] * 2, color=mark.color, linewidth=scaled(4), alpha=0.45)
         axes.plot(
             (low + high) / 2,
             height,
@@ -159,11 +159,11 @@ def beyond_chart(table: pd.DataFrame) -> Figure:
     axes.set(xlim=(-0.03, 1.03), ylim=(len(names) - 0.5, -0.5), xlabel="success probability")
     _rows(axes, len(names))
     fig.legend(loc="outside lower center", ncols=3)
-    headline(fig, "success with other guides and in other scenarios")
+    add_title(fig, "success with other guides and in other scenarios")
     return fig
 
 
-@drawn
+@themed
 def sensitivity_chart(table: pd.DataFrame, intervals: Mapping[str, tuple[float, float]]) -> Figure:
     """Exact success where a geometry is moved a little, beside intervals to stay within.
 
@@ -175,12 +175,12 @@ def sensitivity_chart(table: pd.DataFrame, intervals: Mapping[str, tuple[float, 
         Policy to (low, high), drawn as a band.
     """
     fig, some = panels(len(intervals), 1, _shape(2.0 * len(table) + 7), sharex=True, sharey=True)
-    looks = marks(intervals)
+    looks = policy_styles(intervals)
     heights = np.arange(len(table))
     for axes, (policy, (low, high)) in zip(some, intervals.items(), strict=True):
         mark = looks[policy]
         axes.axvspan(low, high, color=mark.color, alpha=0.15, linewidth=0)
-        axes.axvline(float(table[policy].iloc[0]), color=INK, linewidth=line(0.8), linestyle=":")
+        axes.axvline(float(table[policy].iloc[0]), color=INK, linewidth=scaled(0.8), linestyle=":")
         axes.plot(table[policy], heights, color=mark.color, marker=mark.marker, linestyle="")
         axes.set_title(policy)
         _rows(axes, 0)
@@ -190,12 +190,12 @@ def sensitivity_chart(table: pd.DataFrame, intervals: Mapping[str, tuple[float, 
         fill("exact success; shaded: Wilson's 95 % interval of the paper's 50 runs", _letters()),
         fontsize="medium",
     )
-    headline(fig, "paper-1", "small changes")
+    add_title(fig, "paper-1", "small changes")
     return fig
 
 
-@drawn
-def shortfall_chart(table: pd.DataFrame) -> Figure:
+@themed
+def infeasible_chart(table: pd.DataFrame) -> Figure:
     """Members alive at every step, and how many of them have an empty constraint set.
 
     Parameters
@@ -204,11 +204,11 @@ def shortfall_chart(table: pd.DataFrame) -> Figure:
         With the columns policy, step, alive and short.
     """
     policies = list(dict.fromkeys(table["policy"]))
-    narrow = current().width < 5
+    narrow = current_theme().width < 5
     across, rows = (1, len(policies)) if narrow else (len(policies), 1)
     shape = 0.5 * len(policies) + 0.15 if narrow else None
     fig, some = panels(across, rows, shape, sharex=True, sharey=True)
-    looks = marks(policies)
+    looks = policy_styles(policies)
     for axes, policy in zip(some, policies, strict=True):
         own = table[table["policy"] == policy]
         axes.bar(own["step"], own["short"], color=looks[str(policy)].color, width=0.8)
@@ -216,25 +216,25 @@ def shortfall_chart(table: pd.DataFrame) -> Figure:
         axes.set(title=str(policy), xlabel="step", ylabel="members, mean")
         axes.set_ylim(0, 1.1 * float(table["alive"].max()))
         axes.label_outer()
-        tidy(axes)
+        despine(axes)
     handles = [
         Line2D([], [], color=INK, label="alive"),
-        Line2D([], [], color=GREY, linewidth=line(5), label="with an empty constraint set"),
+        Line2D([], [], color=GREY, linewidth=scaled(5), label="with an empty constraint set"),
     ]
     fig.legend(handles=handles, loc="outside lower center", ncols=2)
-    headline(fig, "members whose constraint set is empty")
+    add_title(fig, "members whose constraint set is empty")
     return fig
 
 
 def _shape(lines: float) -> float:
     """Height over width of a figure as high as so many lines of its letters."""
-    chosen = current()
+    chosen = current_theme()
     return lines * 1.2 * chosen.letters / 72 / chosen.width
 
 
 def _letters() -> int:
     """How many letters fit beside each other."""
-    chosen = current()
+    chosen = current_theme()
     return int(72 * chosen.width / (0.58 * chosen.letters))
 
 
@@ -246,10 +246,10 @@ def _broken(name: object) -> str:
 
 def _rows(axes: Axes, number: int) -> None:
     """A frame and a grid for lines of symbols, with rules between so many lines."""
-    tidy(axes)
+    despine(axes)
     axes.spines["left"].set_visible(False)
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="y", visible=False)
     axes.grid(axis="x", color="#dddddd")
     for place in range(1, number):
-        axes.axhline(place - 0.5, color="#dddddd", linewidth=line(0.6))
+        axes.axhline(place - 0.5, color="#dddddd", linewidth=scaled(0.6))

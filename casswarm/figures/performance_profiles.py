@@ -13,7 +13,18 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator
 
 from ..typing import FloatArray
-from .style import GREY, INK, MEMBERS, current, drawn, figure, headline, line, panels, tidy
+from .style import (
+    GREY,
+    INK,
+    MEMBERS,
+    add_title,
+    current_theme,
+    despine,
+    figure,
+    panels,
+    scaled,
+    themed,
+)
 
 _COLORS = (*MEMBERS, INK, GREY)
 _DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (7, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 1)))
@@ -22,7 +33,7 @@ _ROOM = 1.15  # between two labels, in letters
 _DECADES = 20  # powers of two that an axis shows at the most
 
 
-@drawn
+@themed
 def profile_chart(
     profiles: Mapping[str, pd.DataFrame], xlabel: str, title: str = "", order: Sequence[str] = ()
 ) -> Figure:
@@ -36,26 +47,28 @@ def profile_chart(
     order : sequence of str
         All solvers there are: gives each its colour, whoever takes part in a panel.
     """
-    across = 1 if current().width < 5 else len(profiles)
+    across = 1 if current_theme().width < 5 else len(profiles)
     down = -(-len(profiles) // across)
     fig, axes = panels(across, down, 0.72 * down if across == 1 else 0.9 / across + 0.04)
     names = list(order) or list(next(iter(profiles.values())).columns)
     for place, (name, profile) in zip(axes, profiles.items(), strict=True):
         _curves(place, profile, names)
-        place.set_title(fill(name, int(90 * current().width / current().letters / across)))
+        place.set_title(
+            fill(name, int(90 * current_theme().width / current_theme().letters / across))
+        )
         place.set_xlabel(xlabel)
         place.set_ylabel("share of problems")
         place.label_outer()
-    headline(fig, title)
+    add_title(fig, title)
     return fig
 
 
-@drawn
+@themed
 def pair_chart(
     profiles: Mapping[tuple[str, str], pd.DataFrame], title: str = "", order: Sequence[str] = ()
 ) -> Figure:
     """Performance profiles of pairs of solvers, a panel a pair."""
-    columns = min(2 if current().width < 5 else 4, max(1, len(profiles)))
+    columns = min(2 if current_theme().width < 5 else 4, max(1, len(profiles)))
     rows = -(-len(profiles) // columns)
     fig, axes = panels(columns, rows, min(0.6, 0.95 / columns + 0.08) * rows)
     names = list(order) or sorted({name for pair in profiles for name in pair})
@@ -72,15 +85,15 @@ def pair_chart(
         place.set_visible(False)
     fig.supxlabel("factor of the faster one of the two", fontsize="medium")
     fig.supylabel("share of problems", fontsize="medium")
-    headline(fig, title)
+    add_title(fig, title)
     return fig
 
 
-@drawn
+@themed
 def win_chart(wins: pd.DataFrame, title: str = "") -> Figure:
     """Share of problems in which the row's solver is faster than the column's, as a matrix."""
     size = len(wins)
-    fig, axes = figure(min(1.1, 0.18 + 0.055 * line() * size * 7.16 / current().width))
+    fig, axes = figure(min(1.1, 0.18 + 0.055 * scaled() * size * 7.16 / current_theme().width))
     values = wins.to_numpy(dtype=float)
     axes.imshow(np.nan_to_num(values), cmap="Blues", vmin=0, vmax=1.25, aspect="auto")
     for row, column in np.argwhere(np.isfinite(values)):
@@ -97,7 +110,7 @@ def win_chart(wins: pd.DataFrame, title: str = "") -> Figure:
     axes.set_xticks(range(size), list(wins.columns), rotation=30, ha="right")
     axes.set_yticks(range(size), list(wins.index))
     axes.set(xlabel="... than this one", ylabel="this one is faster ...")
-    headline(fig, title)
+    add_title(fig, title)
     return fig
 
 
@@ -116,7 +129,7 @@ def _curves(axes: Axes, profile: pd.DataFrame, names: Sequence[str], labels: boo
             np.concatenate([[0.0], shares[:, column], shares[-1:, column] if len(points) else [0]]),
             where="post",
             # what lies over others is drawn narrower, so that all are seen
-            linewidth=line(2.8 - 1.7 * column / max(1, len(profile.columns) - 1)),
+            linewidth=scaled(2.8 - 1.7 * column / max(1, len(profile.columns) - 1)),
             # in shares of the axes, so that no two curves have theirs at the same places
             markevery=(0.03 + 0.021 * (number % 9), 0.19),
             label=name,
@@ -126,7 +139,7 @@ def _curves(axes: Axes, profile: pd.DataFrame, names: Sequence[str], labels: boo
     axes.xaxis.set_major_locator(LogLocator(base=2, numticks=8))
     axes.xaxis.set_major_formatter(FuncFormatter(_power))
     axes.set(xlim=(first * 0.93, end), ylim=(-0.02, 1.03))
-    tidy(axes)
+    despine(axes)
     if labels and len(points):
         _end_labels(axes, profile, names)
 
@@ -137,7 +150,7 @@ def _look(number: int) -> dict[str, Any]:
         "color": _COLORS[number % len(_COLORS)],
         "linestyle": _DASHES[number % len(_DASHES)],
         "marker": _MARKERS[number % len(_MARKERS)],
-        "markersize": line(4.8),
+        "markersize": scaled(4.8),
         "markeredgecolor": "white",
         "markeredgewidth": 0.5,
     }
@@ -150,7 +163,7 @@ def _end_labels(axes: Axes, profile: pd.DataFrame, names: Sequence[str]) -> None
     root = axes.get_figure(root=True)
     assert root is not None
     height = 72 * axes.get_position().height * root.get_figheight()
-    places = _apart((ends[order] + 0.02) / 1.05, _ROOM * 0.83 * current().letters / height)
+    places = _apart((ends[order] + 0.02) / 1.05, _ROOM * 0.83 * current_theme().letters / height)
     for column, place in zip(order, places, strict=True):
         name = str(profile.columns[column])
         look = _look(names.index(name))
@@ -171,7 +184,7 @@ def _end_labels(axes: Axes, profile: pd.DataFrame, names: Sequence[str]) -> None
             [1.0, 1.045],
             [(ends[column] + 0.02) / 1.05, place],
             color="#bbbbbb",
-            linewidth=line(0.7),
+            linewidth=scaled(0.7),
             transform=axes.transAxes,
             clip_on=False,
         )

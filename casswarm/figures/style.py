@@ -26,8 +26,6 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.legend import Legend
 from matplotlib.patheffects import withStroke
 
-from .layout import settle
-
 P = ParamSpec("P")
 
 # M. Okabe, K. Ito, Color Universal Design, 2002, revised 2008, https://jfly.uni-koeln.de/color/
@@ -45,7 +43,7 @@ DPI = 200
 
 
 @dataclass(frozen=True)
-class Look:
+class Theme:
     """Width in inches, letters in points, lines as a factor of a page's, and height over width."""
 
     width: float
@@ -54,10 +52,10 @@ class Look:
     shape: float
 
 
-LOOKS = {
-    "column": Look(3.5, 8.0, 0.8, 0.72),
-    "page": Look(7.16, 9.0, 1.0, 0.46),
-    "slide": Look(10.0, 16.0, 1.7, 0.52),
+THEMES = {
+    "column": Theme(3.5, 8.0, 0.8, 0.72),
+    "page": Theme(7.16, 9.0, 1.0, 0.46),
+    "slide": Theme(10.0, 16.0, 1.7, 0.52),
 }
 """A column and a double column of a journal (those of the IEEE), and a slide."""
 
@@ -65,16 +63,16 @@ _CURRENT: ContextVar[str] = ContextVar("look", default="page")
 
 
 @contextmanager
-def look(name: str) -> Iterator[None]:
-    """Draw figures in the look of this name, of `LOOKS`, while in the context.
+def theme(name: str) -> Iterator[None]:
+    """Draw figures in the look of this name, of `THEMES`, while in the context.
 
     Raises
     ------
     ValueError
         An unknown name.
     """
-    if name not in LOOKS:
-        raise ValueError(f"look {name!r} is unknown; allowed: {', '.join(LOOKS)}")
+    if name not in THEMES:
+        raise ValueError(f"theme {name!r} is unknown; allowed: {', '.join(THEMES)}")
     token = _CURRENT.set(name)
     try:
         yield
@@ -82,12 +80,12 @@ def look(name: str) -> Iterator[None]:
         _CURRENT.reset(token)
 
 
-def current() -> Look:
+def current_theme() -> Theme:
     """The look of the context."""
-    return LOOKS[_CURRENT.get()]
+    return THEMES[_CURRENT.get()]
 
 
-def drawn(function: Callable[P, Figure]) -> Callable[P, Figure]:
+def themed(function: Callable[P, Figure]) -> Callable[P, Figure]:
     """A function that draws a figure, with the letters and lines of the look of its context.
 
     What is drawn comes out as it is, whatever the user's own settings of matplotlib are, and as
@@ -96,16 +94,16 @@ def drawn(function: Callable[P, Figure]) -> Callable[P, Figure]:
 
     @wraps(function)
     def draw(*args: P.args, **kwargs: P.kwargs) -> Figure:
-        with rc_context(settings(current())):
+        with rc_context(settings(current_theme())):
             fig = function(*args, **kwargs)
             _fix_ticks(axes for axes in fig.axes if axes.get_subplotspec() is None)  # scales
-            settle(fig)
+            fit_height(fig)
         return fig
 
     return draw
 
 
-def settings(chosen: Look) -> dict[Any, Any]:
+def settings(chosen: Theme) -> dict[Any, Any]:
     """Matplotlib's settings of a look."""
     thin = 0.8 * chosen.lines
     return {
@@ -143,9 +141,9 @@ def settings(chosen: Look) -> dict[Any, Any]:
     }
 
 
-def line(factor: float = 1.0) -> float:
+def scaled(factor: float = 1.0) -> float:
     """A line's width, or a marker's size, in points: on a page `factor`."""
-    return factor * current().lines
+    return factor * current_theme().lines
 
 
 def figure(shape: float | None = None) -> tuple[Figure, Axes]:
@@ -158,8 +156,8 @@ def panels(
     columns: int, rows: int, shape: float | None = None, **options: Any
 ) -> tuple[Figure, list[Axes]]:
     """A figure of rows times columns axes, row by row; `options` are those of `subplots`."""
-    width = current().width
-    height = width * (current().shape if shape is None else shape)
+    width = current_theme().width
+    height = width * (current_theme().shape if shape is None else shape)
     fig = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(fig)
     axes = list(fig.subplots(rows, columns, squeeze=False, **options).ravel())
@@ -176,25 +174,25 @@ def _fix_ticks(some: Iterable[Axes]) -> None:
         axes.tick_params(which="both", labelsize=FontProperties(size="small").get_size_in_points())
 
 
-def headline(fig: Figure, *parts: str) -> None:
+def add_title(fig: Figure, *parts: str) -> None:
     """The title of a figure: its parts, those that are not empty, broken to the figure's width."""
-    chosen = current()
+    chosen = current_theme()
     most = int(72 * chosen.width / (0.56 * chosen.letters))
     text = ": ".join(part for part in parts if part)
     if text:
         fig.suptitle(textwrap.fill(text, most))
 
 
-def upright(label: str) -> str:
+def wrap_label(label: str) -> str:
     """A label along a map's side, broken so that it fits there."""
-    chosen = current()
+    chosen = current_theme()
     return textwrap.fill(label, int(0.42 * 72 * chosen.width / (0.56 * chosen.letters)))
 
 
-def key(fig: Figure, axes: Axes) -> Legend:
+def add_legend(fig: Figure, axes: Axes) -> Legend:
     """The legend of a map: on the right of a wide figure, below a narrow one."""
     handles, labels = axes.get_legend_handles_labels()
-    chosen = current()
+    chosen = current_theme()
     if chosen.width > 5:
         return fig.legend(handles, labels, loc="outside right center", borderpad=1.0)
     longest = max(len(part) for label in labels for part in label.split("\n"))
@@ -203,12 +201,12 @@ def key(fig: Figure, axes: Axes) -> Legend:
     return fig.legend(handles, labels, loc="outside lower center", ncols=max(1, fitting))
 
 
-def halo() -> list[withStroke]:
+def text_outline() -> list[withStroke]:
     """What makes small words readable on any ground."""
-    return [withStroke(linewidth=line(1.8), foreground="white", alpha=0.85)]
+    return [withStroke(linewidth=scaled(1.8), foreground="white", alpha=0.85)]
 
 
-def tidy(axes: Axes) -> None:
+def despine(axes: Axes) -> None:
     """Plain frame and quiet grid."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(axis="y", color="#dddddd")
@@ -216,7 +214,7 @@ def tidy(axes: Axes) -> None:
 
 
 @dataclass(frozen=True)
-class Mark:
+class PolicyStyle:
     """How a policy is drawn: told apart without colours too."""
 
     color: str
@@ -225,45 +223,77 @@ class Mark:
 
 
 POLICIES = {
-    "naive": Mark(VERMILION, "-", "o"),
-    "constrained": Mark(GREEN, (0, (5, 1.5)), "s"),
-    "leader": Mark(BLUE, (0, (6, 1.5, 1, 1.5)), "D"),
-    "constrained-feedback": Mark(ORANGE, (0, (3, 1)), "^"),
-    "leader-feedback": Mark(SKY, (0, (2, 1, 1, 1)), "v"),
-    "joint": Mark(PURPLE, (0, (1, 1)), "P"),
-    "joint-replanning": Mark("#882255", (0, (4, 1, 1, 1)), "p"),  # the last three: darker kin
-    "constrained-ahead": Mark("#00573F", (0, (8, 1.5, 1, 1.5)), "d"),
-    "leader-ahead": Mark("#003B6F", (0, (3, 1, 1, 1, 1, 1)), "*"),
+    "naive": PolicyStyle(VERMILION, "-", "o"),
+    "constrained": PolicyStyle(GREEN, (0, (5, 1.5)), "s"),
+    "leader": PolicyStyle(BLUE, (0, (6, 1.5, 1, 1.5)), "D"),
+    "constrained-feedback": PolicyStyle(ORANGE, (0, (3, 1)), "^"),
+    "leader-feedback": PolicyStyle(SKY, (0, (2, 1, 1, 1)), "v"),
+    "joint": PolicyStyle(PURPLE, (0, (1, 1)), "P"),
+    "joint-replanning": PolicyStyle(
+        "#882255", (0, (4, 1, 1, 1)), "p"
+    ),  # the last three: darker kin
+    "constrained-mpc": PolicyStyle("#00573F", (0, (8, 1.5, 1, 1.5)), "d"),
+    "leader-mpc": PolicyStyle("#003B6F", (0, (3, 1, 1, 1, 1, 1)), "*"),
 }
-"""The policies that casswarm brings; the same in every figure. Look-ahead of any length is one."""
+"""The policies that casswarm brings; the same in every figure. Theme-ahead of any length is one."""
 
 _OTHERS = (
-    Mark(INK, (0, (8, 2)), "X"),
-    Mark(GREY, (0, (4, 1, 1, 1, 1, 1)), "h"),
-    Mark("#7A5195", (0, (1, 2)), "<"),
-    Mark("#8B5A2B", (0, (10, 2, 2, 2)), ">"),
+    PolicyStyle(INK, (0, (8, 2)), "X"),
+    PolicyStyle(GREY, (0, (4, 1, 1, 1, 1, 1)), "h"),
+    PolicyStyle("#7A5195", (0, (1, 2)), "<"),
+    PolicyStyle("#8B5A2B", (0, (10, 2, 2, 2)), ">"),
 )
 
 
-def marks(names: Iterable[str]) -> dict[str, Mark]:
+def policy_styles(names: Iterable[str]) -> dict[str, PolicyStyle]:
     """How every policy of these names is drawn; others by their name, and no two alike.
 
     More policies than there are marks share them.
     """
-    found: dict[str, Mark] = {}
+    found: dict[str, PolicyStyle] = {}
     for name in dict.fromkeys(map(str, names)):
         first = crc32(name.encode()) % len(_OTHERS)
         order = [_OTHERS[(first + k) % len(_OTHERS)] for k in range(len(_OTHERS))]
         free = [mark for mark in order if mark not in found.values()]
-        known = POLICIES.get(re.sub(r"-ahead-\d+$", "-ahead", name))
+        known = POLICIES.get(re.sub(r"-mpc-\d+$", "-mpc", name))
         found[name] = known if known and known not in found.values() else (free or order)[0]
     return found
 
 
-def shown(value: object) -> str:
+def format_value(value: object) -> str:
     """A parameter's value as an axis tells it."""
     number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
     return f"{value:g}" if number else str(value)
+
+
+def fit_height(fig: Figure) -> None:
+    """Make a figure as high as maps need it to be to use its width, and lay it out for good."""
+    maps = [a for a in fig.axes if a.get_aspect() != "auto" and a.get_subplotspec() is not None]
+    engine = fig.get_layout_engine()
+    if not maps or engine is None:
+        return
+    for axes in maps:  # the layout of axes that shrink in their boxes may swing
+        axes.set_aspect("auto")
+    engine.execute(fig)
+    for _ in range(5):
+        missing = _missing_height(fig, maps[0])
+        if abs(missing) < 0.01:
+            break
+        width, height = fig.get_size_inches()
+        fig.set_size_inches(width, max(0.3 * width, height + missing))
+        engine.execute(fig)
+    fig.set_layout_engine("none")
+    for axes in maps:
+        axes.set_aspect("equal")
+
+
+def _missing_height(fig: Figure, axes: Axes) -> float:
+    """Inches by which a figure is too low (below zero: too high) for its rows of such maps."""
+    spec = axes.get_subplotspec()
+    assert spec is not None
+    wide, high = fig.get_size_inches() * axes.get_position().size
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    return float(spec.get_gridspec().nrows * (wide * (north - south) / (east - west) - high))
 
 
 def save(fig: Figure, path: Path | str, dpi: int = DPI) -> Path:

@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from .style import INK, drawn, figure, headline, line, marks, tidy
+from .style import INK, add_title, despine, figure, policy_styles, scaled, themed
 
 
-@drawn
+@themed
 def success_chart(summary: pd.DataFrame, title: str = "") -> Figure:
     """Success probability of every policy with its interval or bracket.
 
@@ -22,7 +22,7 @@ def success_chart(summary: pd.DataFrame, title: str = "") -> Figure:
     title : str
     """
     fig, axes = figure()
-    looks = marks(summary["policy"])
+    looks = policy_styles(summary["policy"])
     sampled = "success" in summary
     for place, row in enumerate(summary.to_dict("records")):
         low, high = row["success_low"], row["success_high"]
@@ -30,9 +30,9 @@ def success_chart(summary: pd.DataFrame, title: str = "") -> Figure:
         mark = looks[str(row["policy"])]
         axes.bar(place, height, width=0.55, color=mark.color, alpha=0.85)
         error = [[max(0.0, height - low)], [max(0.0, high - height)]]
-        axes.errorbar(place, height, error, color=INK, capsize=line(5), linewidth=line(1.3))
+        axes.errorbar(place, height, error, color=INK, capsize=scaled(5), linewidth=scaled(1.3))
         text = f"{height:.3f}" if sampled else _bracket(low, high)
-        axes.annotate(text, (place, high), (0, line(4)), textcoords="offset points", ha="center")
+        axes.annotate(text, (place, high), (0, scaled(4)), textcoords="offset points", ha="center")
     names = [str(name).replace("-", "-\n", 1) for name in summary["policy"]]
     axes.set_xticks(range(len(summary)), names, fontsize="medium")
     axes.set(ylim=(0, 1.08), xlim=(-0.6, len(summary) - 0.4), ylabel="success probability")
@@ -41,12 +41,12 @@ def success_chart(summary: pd.DataFrame, title: str = "") -> Figure:
     if "runs" in summary:
         runs = f"{int(summary['runs'].min()):,} runs each"
         told = f"{runs}, 95 % intervals" if sampled else f"{runs} beyond what is exact, intervals"
-    headline(fig, title, told)
-    tidy(axes)
+    add_title(fig, title, told)
+    despine(axes)
     return fig
 
 
-@drawn
+@themed
 def difference_chart(paired: pd.DataFrame, title: str = "") -> Figure:
     """Differences in success between policies, run by run, with their 95 % intervals.
 
@@ -61,14 +61,14 @@ def difference_chart(paired: pd.DataFrame, title: str = "") -> Figure:
     middle = paired["difference"].to_numpy(float)
     low, high = (paired[f"difference_{end}"].to_numpy(float) for end in ("low", "high"))
     error = [np.maximum(0.0, middle - low), np.maximum(0.0, high - middle)]
-    axes.axvline(0.0, color=INK, linewidth=line(0.8), zorder=1)
-    axes.errorbar(middle, rows, xerr=error, fmt="o", color=INK, capsize=line(4), zorder=3)
+    axes.axvline(0.0, color=INK, linewidth=scaled(0.8), zorder=1)
+    axes.errorbar(middle, rows, xerr=error, fmt="o", color=INK, capsize=scaled(4), zorder=3)
     names = [f"{a} − {b}" for a, b in zip(paired["first"], paired["second"], strict=True)]
     axes.set_yticks(rows, names, fontsize="medium")
     ends = np.array([min(-0.02, low.min()), max(0.02, high.max())])
     axes.set(xlim=ends + 0.08 * np.ptp(ends) * np.array([-1, 1]), ylim=(-0.7, len(paired) - 0.3))
     axes.set_xlabel("difference in success probability,\n95 % interval")
-    headline(fig, title, "on the same random numbers, run by run")
+    add_title(fig, title, "on the same random numbers, run by run")
     axes.spines[["top", "right", "left"]].set_visible(False)
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="x", color="#dddddd")

@@ -11,12 +11,22 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .style import current, drawn, figure, headline, line, marks, panels, shown, tidy
+from .style import (
+    add_title,
+    current_theme,
+    despine,
+    figure,
+    format_value,
+    panels,
+    policy_styles,
+    scaled,
+    themed,
+)
 
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (6, 1.5, 1, 1.5)), (0, (1, 1)), (0, (3, 1)))
 
 
-@drawn
+@themed
 def sweep_lines(
     table: pd.DataFrame, key: str, title: str = "", others: Sequence[str] = ()
 ) -> Figure:
@@ -38,7 +48,7 @@ def sweep_lines(
     if others:
         return _by_policy(good, key, order, title, list(others))
     fig, axes = figure()
-    looks = marks(table["policy"])
+    looks = policy_styles(table["policy"])
     for policy, rows in good.groupby("policy", sort=False):
         mark = looks[str(policy)]
         look = {"color": mark.color, "marker": mark.marker, "linestyle": mark.dashes}
@@ -47,7 +57,7 @@ def sweep_lines(
     axes.set_ylabel("success probability")
     if len(good):
         axes.legend(loc="best")
-    headline(fig, title)
+    add_title(fig, title)
     return fig
 
 
@@ -55,7 +65,7 @@ def _by_policy(
     good: pd.DataFrame, key: str, order: list[Any], title: str, others: list[str]
 ) -> Figure:
     policies = list(dict.fromkeys(good["policy"]))
-    narrow = current().width < 5
+    narrow = current_theme().width < 5
     columns = 1 if narrow else min(3, max(1, len(policies)))
     rows = -(-max(1, len(policies)) // columns)
     shape = (0.52 if narrow else 0.4) * rows + 0.12
@@ -71,7 +81,7 @@ def _by_policy(
                 "marker": "osD^vP"[number % 6],
                 "linestyle": _DASHES[number % len(_DASHES)],
             }
-            success_line(axes, part, key, order, look, ", ".join(map(shown, values)))
+            success_line(axes, part, key, order, look, ", ".join(map(format_value, values)))
         _finish(axes, key, order)
         axes.set_title(str(policy))
         axes.label_outer()
@@ -87,7 +97,7 @@ def _by_policy(
         title_fontsize="small",
         ncols=3 if narrow else 1,
     )
-    headline(fig, title)
+    add_title(fig, title)
     return fig
 
 
@@ -112,16 +122,16 @@ def _finish(axes: Axes, key: str, order: list[Any]) -> None:
             axes.set_xscale("log")
             axes.minorticks_off()
         if len(order) <= 8:
-            axes.set_xticks(order, [shown(value) for value in order])
+            axes.set_xticks(order, [format_value(value) for value in order])
     axes.set(xlabel=key, ylim=(0, 1.02))
-    tidy(axes)
+    despine(axes)
 
 
 def _numbers(values: Sequence[Any]) -> bool:
     return bool(pd.api.types.is_numeric_dtype(pd.Series(list(values))))
 
 
-@drawn
+@themed
 def sweep_heat_map(table: pd.DataFrame, keys: Sequence[str], title: str = "") -> Figure:
     """Success over two parameters, a panel a policy; cells that failed are crossed out.
 
@@ -136,28 +146,30 @@ def sweep_heat_map(table: pd.DataFrame, keys: Sequence[str], title: str = "") ->
     across, up = keys
     policies = list(dict.fromkeys(table["policy"]))
     columns, rows = (list(dict.fromkeys(table[key])) for key in keys)
-    narrow = current().width < 5
+    narrow = current_theme().width < 5
     wide = min(len(policies), 1 if narrow else 3)
     high = -(-len(policies) // wide)
-    shape = high * (0.16 + min(0.9, 0.3 * line() * len(rows) / current().width * 2.2)) + 0.12
+    shape = (
+        high * (0.16 + min(0.9, 0.3 * scaled() * len(rows) / current_theme().width * 2.2)) + 0.12
+    )
     fig, places = panels(wide, high, shape, sharex=True, sharey=True)
     for axes, policy in zip(places, policies, strict=False):
         values = np.full((len(rows), len(columns)), np.nan)
         for row in table[table["policy"] == policy].to_dict("records"):
             values[rows.index(row[up]), columns.index(row[across])] = row["success"]
         image = axes.imshow(values, origin="lower", vmin=0, vmax=1, cmap="cividis", aspect="auto")
-        size = 0.8 * current().letters * min(1.0, 9.0 / (wide * len(columns)))
+        size = 0.8 * current_theme().letters * min(1.0, 9.0 / (wide * len(columns)))
         for (i, j), value in np.ndenumerate(values):
             text = "×" if np.isnan(value) else f"{value:.2f}"
             color = "black" if np.isnan(value) or value > 0.55 else "white"
             axes.text(j, i, text, ha="center", va="center", fontsize=max(4.0, size), color=color)
-        axes.set_xticks(range(len(columns)), [shown(value) for value in columns])
-        axes.set_yticks(range(len(rows)), [shown(value) for value in rows])
+        axes.set_xticks(range(len(columns)), [format_value(value) for value in columns])
+        axes.set_yticks(range(len(rows)), [format_value(value) for value in rows])
         axes.set_title(str(policy))
         axes.set(xlabel=across, ylabel=up)
         axes.label_outer()
     for axes in places[len(policies) :]:
         axes.set_visible(False)
     fig.colorbar(image, ax=places, label="success probability")
-    headline(fig, title)
+    add_title(fig, title)
     return fig

@@ -14,16 +14,16 @@ from ..chain.trajectories import RunTrajectory
 from ..figures import (
     beyond_chart,
     convergence_chart,
-    guides_map,
+    infeasible_chart,
+    member_guides_map,
     sensitivity_chart,
-    shortfall_chart,
     swarm_map,
     table_2_chart,
 )
 from ..planning.guide import Guide
 from ..planning.plan import plan
 from ..policies import member_guides
-from ..results.catalogue import Gallery
+from ..results.catalogue import FigureCatalogue
 from ..scenario import Scenario, load_scenario
 from ..studies.simulation import simulate
 from .convergence import condensed, formation_convergence, guide_convergence
@@ -82,7 +82,7 @@ class Reproduction:
     """
 
     tables: Mapping[str, pd.DataFrame]
-    figures: Gallery
+    figures: FigureCatalogue
     guide: Guide
     runs: int
     seed: int
@@ -148,7 +148,7 @@ def reproduce(
         if only is None or name in only:
             tell(name)
             tables[name] = makers[name]()
-    figures: Gallery = {}
+    figures: FigureCatalogue = {}
     if only is None or DRAWN in only:
         tell(DRAWN)
         figures = paper_figures(first, second, guide, seed)
@@ -164,20 +164,22 @@ def _formations(first: Scenario, second: Scenario, guide: Guide, tell: Tell) -> 
     return condensed(tables)
 
 
-def paper_figures(first: Scenario, second: Scenario, guide: Guide, seed: int = 0) -> Gallery:
+def paper_figures(
+    first: Scenario, second: Scenario, guide: Guide, seed: int = 0
+) -> FigureCatalogue:
     """The paper's Figures 1 to 4, in its layout: maps of a run each, and the naive guides."""
     runs = {
         "figure-1": (first, "leader", "leader protection, scenario I"),
         "figure-2": (first, "constrained", "constrained trajectory, scenario I"),
         "figure-3": (second, "leader", "leader protection, scenario II"),
     }
-    figures: Gallery = {}
+    figures: FigureCatalogue = {}
     for name, (scenario, policy, words) in runs.items():
         number, trace = run_like_the_papers(scenario, policy, guide, seed)
         title, kept = f"{words}, run {number}", policy == "constrained"
         figures[name] = partial(swarm_map, scenario, trace, guide, title, corridors=kept)
     title = "naive, every member's own guide: its survival alone and arrival"
-    figures["figure-4"] = partial(guides_map, first, member_guides(first, guide), title)
+    figures["figure-4"] = partial(member_guides_map, first, member_guides(first, guide), title)
     return figures
 
 
@@ -195,9 +197,9 @@ def run_like_the_papers(
     return int(wanted[0]), study.traces[policy][int(wanted[0])]
 
 
-def _charts(tables: Mapping[str, pd.DataFrame], guide: Guide, runs: int) -> Gallery:
+def _charts(tables: Mapping[str, pd.DataFrame], guide: Guide, runs: int) -> FigureCatalogue:
     """The figures of the tables that there are."""
-    charts: Gallery = {}
+    charts: FigureCatalogue = {}
     if "table-2" in tables:
         charts["table-2"] = partial(table_2_chart, tables["table-2"], runs)
     if "sensitivity" in tables:
@@ -219,7 +221,7 @@ def _charts(tables: Mapping[str, pd.DataFrame], guide: Guide, runs: int) -> Gall
             references,
         )
     if "infeasible" in tables:
-        charts["infeasible"] = partial(shortfall_chart, tables["infeasible"])
+        charts["infeasible"] = partial(infeasible_chart, tables["infeasible"])
     if "beyond" in tables:
         charts["beyond"] = partial(beyond_chart, tables["beyond"])
     return charts

@@ -14,12 +14,12 @@ from ..chain.trajectories import RunTrajectory
 from ..figures import (
     arrival_chart,
     comparison_map,
+    cost_to_go_map,
     difference_chart,
     formation_chart,
     guide_map,
     joint_map,
     population_chart,
-    risk_map,
     success_chart,
     survival_chart,
     swarm_map,
@@ -32,44 +32,44 @@ from ..planning.guide import Candidate, Guide
 from ..scenario import Scenario
 from ..typing import FloatArray
 
-Gallery = dict[str, Callable[[], Figure]]
+FigureCatalogue = dict[str, Callable[[], Figure]]
 """Functions that draw a figure in the look of their context, by the figure's name."""
 
 
-def planned(
+def plan_figures(
     scenario: Scenario,
     guide: Guide,
     others: Sequence[Candidate | FloatArray] = (),
     rivals: Mapping[str, Guide] | None = None,
     outlook: CostToGoMap | None = None,
-) -> Gallery:
+) -> FigureCatalogue:
     """Of a plan: the guide among the other ways, its rivals, and the way on from everywhere."""
-    found: Gallery = {"guide": partial(guide_map, scenario, guide, others)}
+    found: FigureCatalogue = {"guide": partial(guide_map, scenario, guide, others)}
     if rivals:
         found["comparison"] = partial(comparison_map, scenario, rivals)
     if outlook is not None:
-        found["risk-to-go"] = partial(risk_map, scenario, outlook, guide)
+        found["cost-to-go"] = partial(cost_to_go_map, scenario, outlook, guide)
     return found
 
 
-def planned_jointly(
+def swarm_plan_figures(
     scenario: Scenario, positions: FloatArray, survival: FloatArray | None, success: str, bound: str
-) -> Gallery:
+) -> FigureCatalogue:
     """Of a joint plan; `success` and `bound` are said in its title."""
     title = "; ".join(part for part in (f"joint plan, success {success}", bound) if part)
     return {"joint": partial(joint_map, scenario, positions, survival, title)}
 
 
-def simulated(
+def simulation_figures(
     scenario: Scenario,
     guide: Guide,
     summary: pd.DataFrame,
     paired: pd.DataFrame,
     traces: Mapping[str, Sequence[RunTrajectory]],
     run: int = 0,
-) -> Gallery:
+) -> FigureCatalogue:
     """Of a simulation: success, differences, and of one run of every policy map and close-ups."""
-    found: Gallery = {"success": partial(success_chart, summary, scenario.name)}
+    found: FigureCatalogue = {"success": partial(success_chart, summary, scenario.name)}
     if len(paired):
         found["differences"] = partial(difference_chart, paired, scenario.name)
     for policy, kept in traces.items():
@@ -89,9 +89,9 @@ def simulated(
     return found
 
 
-def evaluated(
+def evaluation_figures(
     scenario: Scenario, laws: Sequence[OutcomeDistribution], successes: pd.DataFrame
-) -> Gallery:
+) -> FigureCatalogue:
     """Of exact laws; `successes` is the table of the laws, or of estimates where there are any."""
     name = scenario.name
     return {
@@ -102,9 +102,9 @@ def evaluated(
     }
 
 
-def swept(name: str, table: pd.DataFrame, keys: Sequence[str]) -> Gallery:
+def sweep_figures(name: str, table: pd.DataFrame, keys: Sequence[str]) -> FigureCatalogue:
     """Of a sweep: lines over every parameter of several values, a heat map where there are two."""
-    found: Gallery = {}
+    found: FigureCatalogue = {}
     varied = [key for key in keys if table[key].nunique() > 1]
     for key in varied:
         others = [other for other in varied if other != key]

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from ..comparison import Comparison
     from ..scenario import Scenario
-    from .catalogue import Gallery
+    from .catalogue import FigureCatalogue
 
 COMMANDS = ("plan", "plan-joint", "simulate", "evaluate", "sweep", "compare")
 """Commands whose folders can be drawn again."""
@@ -154,7 +154,7 @@ class Saved:
         tolerances = Tolerances(**inputs["tolerances"])
         return Comparison(self.table("cells"), pd.DataFrame(), inputs, tolerances)
 
-    def gallery(self, run: int = 0) -> Gallery:
+    def figures(self, run: int = 0) -> FigureCatalogue:
         """The figures that the command left; of simulated runs, number `run`.
 
         Raises
@@ -163,14 +163,14 @@ class Saved:
             A table is missing, or the run was not kept.
         """
         try:
-            return self._gallery(run)
+            return self._figures(run)
         except KeyError as error:
             raise CheckpointError(
                 f"the tables in {self.folder} lack {error}: one of them is damaged, or an older "
                 f"casswarm left them; run casswarm {self.command} again"
             ) from None
 
-    def _gallery(self, run: int) -> Gallery:
+    def _figures(self, run: int) -> FigureCatalogue:
         from . import catalogue
 
         if self.command == "compare":
@@ -178,22 +178,22 @@ class Saved:
 
             return {name: partial(_same, fig) for name, fig in pictures(self.comparison).items()}
         if self.command == "plan":
-            return catalogue.planned(self.scenario, self.guide, *self._plan())
+            return catalogue.plan_figures(self.scenario, self.guide, *self._plan())
         if self.command == "plan-joint":
-            return catalogue.planned_jointly(
+            return catalogue.swarm_plan_figures(
                 self.scenario, *self._joint(), *self._part("result")["told"]
             )
         if self.command == "evaluate":
             estimated = self.has("estimates.csv")
             successes = self.table("estimates" if estimated else "laws")
-            return catalogue.evaluated(self.scenario, self.laws, successes)
+            return catalogue.evaluation_figures(self.scenario, self.laws, successes)
         if self.command == "sweep":
             keys = list(self.record["inputs"]["settings"])
-            return catalogue.swept(self.scenario.name, self.table("sweep"), keys)
+            return catalogue.sweep_figures(self.scenario.name, self.table("sweep"), keys)
         for policy in self.traces:
             self.trace(policy, run)
         paired = self.table("paired") if self.has("paired.csv") else pd.DataFrame()
-        return catalogue.simulated(
+        return catalogue.simulation_figures(
             self.scenario, self.guide, self.table("summary"), paired, self.traces, run
         )
 
@@ -241,8 +241,8 @@ class Saved:
             for name, path in groups.get("rival", {}).items()
         }
         outlook = None
-        if self.has("risk-to-go.npz"):
-            with np.load(self.folder / "risk-to-go.npz", allow_pickle=False) as arrays:
+        if self.has("cost-to-go.npz"):
+            with np.load(self.folder / "cost-to-go.npz", allow_pickle=False) as arrays:
                 outlook = CostToGoMap.of_arrays(dict(arrays))
         return list(groups.get("way", {}).values()), rivals, outlook
 

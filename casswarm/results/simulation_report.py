@@ -14,7 +14,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from .._util.templates import rendered
-from ..figures import look
+from ..figures import theme
 from ..planning.bounds.success_bound import SuccessBound
 from . import catalogue
 from .folder import Saved
@@ -66,9 +66,9 @@ def simulation_page(
     """
     saved.trace(run=run)  # says so, where that is no simulation
     record, summary = saved.record, saved.table("summary")
-    drawn = {**saved.gallery(run), **catalogue.planned(saved.scenario, saved.guide)}
+    drawn = {**saved.figures(run), **catalogue.plan_figures(saved.scenario, saved.guide)}
     pictures = {}
-    with look("page"):
+    with theme("page"):
         for name, draw in drawn.items():
             progress(name)
             pictures[name] = picture(name, draw())

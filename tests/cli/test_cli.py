@@ -174,7 +174,7 @@ def test_plan_takes_a_gap_a_time_limit_and_a_map_or_no_proof_at_all(tmp_path):
     )
     assert json.loads(done.stdout)["result"]["gap"] < 1e-5
     folder = tmp_path / "results" / "plan-single-agent"
-    assert (folder / "risk-to-go.png").read_bytes().startswith(PNG)
+    assert (folder / "cost-to-go.png").read_bytes().startswith(PNG)
     limits = ("--gap", "1e-12", "--time-limit", "1e-6")
     assert "time limit of 1e-06 s" in casswarm(tmp_path, "plan", "ring", *limits, "--json").stdout
     plain = casswarm(tmp_path, "plan", "single-agent", "--no-certify").stdout

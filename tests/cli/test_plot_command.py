@@ -65,7 +65,7 @@ def test_figures_of_a_simulation_come_out_as_the_simulation_drew_them(simulated)
     [
         (
             ("plan", "paper-1", "--map", "--no-certify", "--solver=projected-gradient", FEW),
-            {"guide", "risk-to-go", "comparison"},
+            {"guide", "cost-to-go", "comparison"},
         ),
         (
             ("evaluate", "paper-1", "--policy", "leader", "--max-states", 30, "--runs", 20),
@@ -82,7 +82,7 @@ def test_figures_of_other_commands_come_out_the_same_too(tmp_path, command, name
     casswarm(tmp_path, *command, "--quiet", "--out", "here")
     before = figures(tmp_path / "here")
     assert set(before) == {f"{name}.png" for name in names}
-    drawn = Saved.of(tmp_path / "here").gallery()  # what casswarm plot does, in this process
+    drawn = Saved.of(tmp_path / "here").figures()  # what casswarm plot does, in this process
     (tmp_path / "there").mkdir()
     for name, draw in drawn.items():
         save(draw(), tmp_path / "there" / f"{name}.png")
@@ -122,7 +122,7 @@ def test_what_plot_adds_goes_when_the_folder_is_made_anew(simulated):
 def test_folders_that_are_no_results_are_refused(simulated, spoil, words):
     spoil(simulated)
     with pytest.raises(CheckpointError, match=words):
-        Saved.of(simulated).gallery()
+        Saved.of(simulated).figures()
 
 
 def test_wrong_folders_runs_and_names_are_answered_with_the_right_ones(simulated):
@@ -131,7 +131,7 @@ def test_wrong_folders_runs_and_names_are_answered_with_the_right_ones(simulated
     with pytest.raises(
         CheckpointError, match=r"kept: 0 to 1\. casswarm simulate --keep 8 keeps it"
     ):
-        Saved.of(simulated).gallery(7)
+        Saved.of(simulated).figures(7)
     done = casswarm(where, "plot", simulated.name, "--figure", "sucess", code=2)
     assert "did you mean 'success'" in done.stderr
 

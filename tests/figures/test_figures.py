@@ -25,25 +25,25 @@ from PIL import Image
 
 from casswarm.chain.trajectories import RunTrajectory
 from casswarm.figures import (
-    LOOKS,
+    THEMES,
     arrival_chart,
     comparison_map,
+    cost_to_go_map,
     difference_chart,
     formation_chart,
     guide_map,
     joint_map,
-    look,
     population_chart,
     profile_chart,
-    risk_map,
     save,
     success_chart,
     survival_chart,
     swarm_map,
     sweep_heat_map,
     sweep_lines,
+    theme,
 )
-from casswarm.figures.style import POLICIES, marks
+from casswarm.figures.style import POLICIES, policy_styles
 from casswarm.planning.bounds.outlook import CostToGoMap
 
 PROFILE = pd.DataFrame({"fast": [0.5, 1.0], "slow": [0.0, 0.5]}, index=[1.0, 4.0])
@@ -58,7 +58,7 @@ OUTLOOK = CostToGoMap(
 DRAWN: dict[str, Callable[[], Figure]] = {
     "guide": lambda: guide_map(SCENARIO, GUIDE, [GUIDE.positions[::-1]]),
     "comparison": lambda: comparison_map(SCENARIO, {"one": GUIDE, "other": GUIDE}),
-    "risk": lambda: risk_map(SCENARIO, OUTLOOK, GUIDE),
+    "risk": lambda: cost_to_go_map(SCENARIO, OUTLOOK, GUIDE),
     "swarm": lambda: swarm_map(SCENARIO, TRACE, GUIDE, "mine"),
     "formation": lambda: formation_chart(SCENARIO, TRACE, GUIDE, corridors=True),
     "success": lambda: success_chart(SUMMARY, "mine"),
@@ -92,7 +92,7 @@ def words_of(fig: Figure) -> str:
     + [(what, name) for what in ("guide", "formation", "profile") for name in ("page", "slide")],
 )
 def test_figure_has_the_width_of_its_look_and_keeps_all_within_it(what: str, name: str) -> None:
-    with look(name):
+    with theme(name):
         fig = DRAWN[what]()
     assert_fits(fig, name)
 
@@ -101,30 +101,30 @@ def test_figure_has_the_width_of_its_look_and_keeps_all_within_it(what: str, nam
     ("what", "ending"), [("guide", "svg"), ("guide", "pdf"), ("success", "svg"), ("success", "png")]
 )
 def test_the_same_figure_gives_the_same_file(what: str, ending: str, tmp_path: Path) -> None:
-    with look("column"):
+    with theme("column"):
         files = [save(DRAWN[what](), tmp_path / f"{number}.{ending}") for number in (1, 2)]
     assert files[0].read_bytes() == files[1].read_bytes()
 
 
 def test_a_png_has_the_width_and_resolution_that_were_asked_for(tmp_path: Path) -> None:
-    with look("column"):
+    with theme("column"):
         save(DRAWN["guide"](), tmp_path / "guide.png", 300)
     with Image.open(tmp_path / "guide.png") as image:
         assert image.width == 1050
 
 
 def test_letters_of_a_column_are_no_smaller_than_journals_allow() -> None:
-    with look("column"):
+    with theme("column"):
         fig = DRAWN["guide"]()
     sizes = [text.get_fontsize() for text in fig.findobj(match=Text)]
     assert min(sizes) > 5.5
 
 
-def test_an_unknown_look_is_refused_and_the_look_ends_with_its_context() -> None:
+def test_theme_with_unknown_name_raises() -> None:
     words = "'poster' is unknown; allowed: column, page, slide"
-    with pytest.raises(ValueError, match=words), look("poster"):
+    with pytest.raises(ValueError, match=words), theme("poster"):
         pass
-    assert DRAWN["success"]().get_size_inches()[0] == LOOKS["page"].width
+    assert DRAWN["success"]().get_size_inches()[0] == THEMES["page"].width
 
 
 # --- maps
@@ -166,7 +166,7 @@ def test_a_swarm_map_numbers_the_destroyed_where_they_fell() -> None:
 
 def test_labels_have_room_where_numbers_get_longer_with_the_layout() -> None:
     far = np.array([[-0.5, 0.5], [4.0, -5.7], [11.7, 2.4], [8.5, 6.3]])
-    with look("column"):
+    with theme("column"):
         fig = joint_map(SCENARIO, np.repeat(far[:, None], 3, axis=1), title="joint plan " * 5)
     assert_fits(fig, "column")
 
@@ -196,14 +196,14 @@ def test_policies_have_the_same_look_in_every_chart() -> None:
 
 def test_policies_of_users_have_looks_that_nobody_else_has() -> None:
     names = ["mine", "yours", "naive", "theirs", "leader"]
-    found = marks(names)
+    found = policy_styles(names)
     assert len(set(found.values())) == 5
     assert found["naive"] == POLICIES["naive"]
-    assert marks(["mine"])["mine"] == found["mine"]  # whoever else is there
-    ahead = marks(["leader", "leader-mpc-3", "leader-mpc-5"])
-    assert ahead["leader-mpc-3"] == marks(["leader-mpc-7"])["leader-mpc-7"]
+    assert policy_styles(["mine"])["mine"] == found["mine"]  # whoever else is there
+    ahead = policy_styles(["leader", "leader-mpc-3", "leader-mpc-5"])
+    assert ahead["leader-mpc-3"] == policy_styles(["leader-mpc-7"])["leader-mpc-7"]
     assert len(set(ahead.values())) == 3
-    assert set(marks(map(str, range(50)))) == set(map(str, range(50)))
+    assert set(policy_styles(map(str, range(50)))) == set(map(str, range(50)))
 
 
 def test_bars_reach_the_success_and_lines_the_ends_of_its_interval() -> None:

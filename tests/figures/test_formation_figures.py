@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from casswarm import Hazard
 from casswarm.chain.trajectories import RunTrajectory
 from casswarm.figures import formation_chart
-from casswarm.figures.closeups import follows, guest_rates, leader_at, shares
-from casswarm.figures.formations import telling_steps
+from casswarm.figures.closeups import additional_agent_rates, follows, leader_at, relative_rates
+from casswarm.figures.formations import representative_steps
 
 
 def signs(axes: Axes, marker: str) -> list[tuple[float, float]]:
@@ -55,7 +55,7 @@ def test_steps_out_of_the_run_are_refused() -> None:
 def test_rates_of_one_more_member_are_those_that_it_would_have(hazard: Hazard) -> None:
     positions, alive = TRACE.positions[2], TRACE.alive[2]
     places = np.array([[[0.3, 0.1], [1.2, -0.4]], [[2.0, 1.0], [-1.0, 0.0]]])
-    found = guest_rates(hazard, places, positions, alive)
+    found = additional_agent_rates(hazard, places, positions, alive)
     for index in np.ndindex(2, 2):
         four = np.vstack([positions, places[index]])
         expected = hazard.rates(four, np.append(alive, True))[3]
@@ -70,19 +70,19 @@ def hazard() -> Hazard:
 def test_a_lone_member_is_not_protected_and_a_swarm_protects(hazard: Hazard) -> None:
     positions = TRACE.positions[1]
     here = positions.mean(axis=0)[None]
-    assert shares(hazard, here, positions, np.zeros(3, bool))[0] == pytest.approx(1)
-    all_three = shares(hazard, here, positions, np.ones(3, bool))[0]
-    two = shares(hazard, here, positions, TRACE.alive[2])[0]
+    assert relative_rates(hazard, here, positions, np.zeros(3, bool))[0] == pytest.approx(1)
+    all_three = relative_rates(hazard, here, positions, np.ones(3, bool))[0]
+    two = relative_rates(hazard, here, positions, TRACE.alive[2])[0]
     assert 0 < all_three < two < 1
 
 
 def test_telling_steps_are_ends_losses_and_what_lies_between() -> None:
-    assert telling_steps(TRACE, 8) == [0, 1, 2, 3]
+    assert representative_steps(TRACE, 8) == [0, 1, 2, 3]
     alive = np.ones((31, 3), bool)
     alive[17:, 0] = False
     alive[20:, 1] = False
     long = RunTrajectory(np.zeros((31, 3, 2)), alive, np.full(30, -1))
-    steps = telling_steps(long, 8)
+    steps = representative_steps(long, 8)
     assert len(steps) == 8
     assert {0, 17, 20, 30} <= set(steps)
     assert max(np.diff(steps)) <= 6
@@ -91,7 +91,7 @@ def test_telling_steps_are_ends_losses_and_what_lies_between() -> None:
 def test_more_losses_than_panels_are_thinned_out() -> None:
     alive = np.tril(np.ones((31, 30), bool), 0)[:, ::-1] == 0
     many = RunTrajectory(np.zeros((31, 30, 2)), alive, np.full(30, -1))
-    steps = telling_steps(many, 8)
+    steps = representative_steps(many, 8)
     assert len(steps) == 8
     assert steps[0] == 0
     assert steps[-1] == 30

@@ -15,13 +15,13 @@ from matplotlib.figure import Figure
 from casswarm.figures import (
     beyond_chart,
     convergence_chart,
-    guides_map,
+    infeasible_chart,
     joint_map,
-    look,
+    member_guides_map,
     mpc_chart,
     sensitivity_chart,
-    shortfall_chart,
     table_2_chart,
+    theme,
 )
 from casswarm.figures.style import POLICIES
 
@@ -85,7 +85,7 @@ AHEAD = pd.DataFrame(
     ]
 )
 DRAWN: dict[str, Callable[[], Figure]] = {
-    "guides": lambda: guides_map(SCENARIO, [GUIDE, GUIDE], "mine"),
+    "guides": lambda: member_guides_map(SCENARIO, [GUIDE, GUIDE], "mine"),
     "joint": lambda: joint_map(SCENARIO, np.repeat(GUIDE.positions[:, None], 3, axis=1)),
     "table 2": lambda: table_2_chart(TABLE_2, 100),
     "beyond": lambda: beyond_chart(BEYOND),
@@ -93,7 +93,7 @@ DRAWN: dict[str, Callable[[], Figure]] = {
         SENSITIVITY, {"naive": (0.2, 0.5), "leader": (0.5, 0.8)}
     ),
     "convergence": lambda: convergence_chart(PATH, FORMATIONS, {"Ipopt": 0.03, "global": 0.7}),
-    "infeasible": lambda: shortfall_chart(SHORTFALLS),
+    "infeasible": lambda: infeasible_chart(SHORTFALLS),
     "ahead": lambda: mpc_chart(AHEAD, "looking ahead"),
 }
 
@@ -101,7 +101,7 @@ DRAWN: dict[str, Callable[[], Figure]] = {
 @pytest.mark.parametrize("name", ["column", "slide"])
 @pytest.mark.parametrize("what", DRAWN)
 def test_figure_has_the_width_of_its_look_and_keeps_all_within_it(what: str, name: str) -> None:
-    with look(name):
+    with theme(name):
         fig = DRAWN[what]()
     assert_fits(fig, name)
 
@@ -128,9 +128,9 @@ def test_table_2_has_a_sign_a_kind_and_a_colour_a_policy() -> None:
 def test_beyond_has_the_middle_of_every_bracket() -> None:
     fig = DRAWN["beyond"]()
     assert [x for x, _ in points(fig.axes[0], "o")] == pytest.approx([0.1, 0.3])
-    ahead = points(fig.axes[0], POLICIES["leader-ahead"].marker)
+    ahead = points(fig.axes[0], POLICIES["leader-mpc"].marker)
     assert [x for x, _ in ahead] == pytest.approx([0.25, 0.45])
-    assert {color for _, color in ahead} == set(colors("leader-ahead"))
+    assert {color for _, color in ahead} == set(colors("leader-mpc"))
     assert [t.get_text() for t in fig.legends[0].get_texts()] == ["naive", "leader-mpc-3"]
 
 
@@ -161,7 +161,7 @@ def test_shortfalls_are_bars_below_the_living() -> None:
 
 
 def test_look_ahead_has_a_pair_of_panels_a_scenario_and_none_to_spare() -> None:
-    with look("page"):
+    with theme("page"):
         shown = [axes for axes in DRAWN["ahead"]().axes if axes.get_visible()]
     assert [axes.get_title() for axes in shown if axes.get_title()] == [
         *("one", "two", "three", "four")
@@ -169,4 +169,4 @@ def test_look_ahead_has_a_pair_of_panels_a_scenario_and_none_to_spare() -> None:
     assert len(shown) == 8
     line = shown[3].get_lines()[0]  # below the first three
     np.testing.assert_allclose(line.get_xydata(), [[1, 10], [3, 10 / 3], [8, 1.25]])
-    assert to_hex(line.get_color()) == colors("leader-ahead")[0]
+    assert to_hex(line.get_color()) == colors("leader-mpc")[0]

@@ -9,7 +9,7 @@ from small_scenarios import DT, small
 
 from casswarm import Guide, OutcomeDistribution, Residuals, Solution, Status
 from casswarm.chain.trajectories import RunTrajectory
-from casswarm.figures import LOOKS
+from casswarm.figures import THEMES
 
 SCENARIO = small([(0.0, 0.0), (0.3, 0.2), (-0.2, 0.3)], (3.0, 0.0), [(1.5, 0.8)], 12)
 
@@ -111,7 +111,7 @@ def assert_fits(fig: Figure, name: str) -> None:
     """Assert that a figure has the width of a look, and that all that it shows is within it."""
     fig.draw_without_rendering()
     width, height = fig.get_size_inches()
-    assert width == LOOKS[name].width
+    assert width == THEMES[name].width
     assert 0.25 * width < height < 3 * width
     box = fig.get_tightbbox()
     assert box.x0 > -0.02

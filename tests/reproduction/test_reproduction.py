@@ -11,9 +11,9 @@ from casswarm.chain.confidence import wilson
 from casswarm.figures import (
     beyond_chart,
     convergence_chart,
-    guides_map,
+    infeasible_chart,
+    member_guides_map,
     sensitivity_chart,
-    shortfall_chart,
     table_2_chart,
 )
 from casswarm.optimization.problem import Instances
@@ -226,12 +226,12 @@ def test_charts_are_drawn_from_what_is_checked_in(guide):
     figures = [
         table_2_chart(checked_in("table-2"), 10_000),
         beyond_chart(beyond_table),
-        shortfall_chart(checked_in("infeasible")),
+        infeasible_chart(checked_in("infeasible")),
         sensitivity_chart(checked_in("sensitivity"), {"naive": (0.2, 0.4), "leader": (0.5, 0.8)}),
         convergence_chart(
             checked_in("guide-convergence"), checked_in("formation-convergence"), {"best": 0.7}
         ),
-        guides_map(FIRST, member_guides(FIRST, guide)),
+        member_guides_map(FIRST, member_guides(FIRST, guide)),
     ]
     assert [len(figure.axes) for figure in figures] == [1, 1, 2, 2, 4, 2]
     marks = [line for line in figures[1].axes[0].lines if line.get_marker() not in ("None", "")]

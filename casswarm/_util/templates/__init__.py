@@ -10,7 +10,7 @@ def rendered(template: str, **values: Any) -> str:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
-        loader=PackageLoader("casswarm", "templates"),
+        loader=PackageLoader("casswarm", "_util/templates"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
