@@ -95,10 +95,14 @@ def joined(parts: list[Instances]) -> Instances:
     def arrays(name: str, owner: Callable[[Instances], object]) -> np.ndarray:
         return np.concatenate([getattr(owner(part), name) for part in parts])
 
-    sets = (arrays(name, lambda p: p.sets) for name in ("lower", "upper", "centers", "radii"))
-    names = ("start", "parameters", "lower", "upper", "lower_g", "upper_g")
-    whole = Instances(*(arrays(name, lambda p: p) for name in names), sets=PlanarSets(*sets))
-    return replace(whole, units=arrays("units", lambda p: p))
+    sets = (
+        arrays(name, lambda p: p.feasible_set) for name in ("lower", "upper", "centers", "radii")
+    )
+    names = ("x0", "p", "lbx", "ubx", "lbg", "ubg")
+    whole = Instances(
+        *(arrays(name, lambda p: p) for name in names), feasible_set=PlanarSets(*sets)
+    )
+    return replace(whole, scale=arrays("scale", lambda p: p))
 
 
 def ipopt(nlp: Nlp, instances: Instances) -> tuple[float, np.ndarray]:
@@ -113,14 +117,14 @@ def opti(nlp: Nlp, instances: Instances) -> float:
     def one(row: int) -> None:
         problem = ca.Opti()
         v = problem.variable(nlp.sizes[0])
-        f, g = nlp.evaluate(v, instances.parameters[row])
+        f, g = nlp.evaluate(v, instances.p[row])
         problem.minimize(f)
-        lower, upper = instances.lower[row], instances.upper[row]
+        lower, upper = instances.lbx[row], instances.ubx[row]
         problem.subject_to(problem.bounded(lower, v, upper))
-        finite = np.flatnonzero(np.isfinite(instances.upper_g[row]))
+        finite = np.flatnonzero(np.isfinite(instances.ubg[row]))
         if finite.size:
-            problem.subject_to(g[finite.tolist()] <= instances.upper_g[row][finite])
-        problem.set_initial(v, instances.start[row])
+            problem.subject_to(g[finite.tolist()] <= instances.ubg[row][finite])
+        problem.set_initial(v, instances.x0[row])
         problem.solver("ipopt", {"print_time": False}, {"print_level": 0, "sb": "yes"})
         problem.solve_limited()
 
@@ -146,7 +150,7 @@ def alpaqa(nlp: Nlp, instances: Instances) -> Callable[[], object]:
             )
         )
         .subject_to(g, (-wide, wide))
-        .with_param(p, instances.parameters[0])
+        .with_param(p, instances.p[0])
         .compile(sym=ca.SX.sym)
     )
     inner = pa.PANOCSolver({"max_iter": 500}, {"memory": 10})
@@ -154,11 +158,11 @@ def alpaqa(nlp: Nlp, instances: Instances) -> Callable[[], object]:
 
     def run() -> None:
         for row in range(len(instances)):
-            problem.param = instances.parameters[row]
-            problem.variable_bounds.lower = instances.lower[row]
-            problem.variable_bounds.upper = instances.upper[row]
-            problem.general_bounds.upper = instances.upper_g[row]
-            solver(problem, instances.start[row], np.zeros(nlp.sizes[2]))
+            problem.param = instances.p[row]
+            problem.variable_bounds.lower = instances.lbx[row]
+            problem.variable_bounds.upper = instances.ubx[row]
+            problem.general_bounds.upper = instances.ubg[row]
+            solver(problem, instances.x0[row], np.zeros(nlp.sizes[2]))
 
     return run
 
@@ -172,9 +176,9 @@ def jax(scenario: csw.Scenario, nlp: Nlp, instances: Instances) -> Callable[[], 
     hazard, batch, n = scenario.hazard, len(instances), nlp.sizes[0] // 2
     keys = ("alpha_1", "alpha_2", "alpha_3", "beta_1", "beta_2")
     numbers = {key: getattr(hazard, key) for key in keys if hasattr(hazard, key)}
-    assert instances.sets is not None
-    discs = instances.sets.radii.shape[-1]
-    p, units = instances.parameters, instances.units
+    assert instances.feasible_set is not None
+    discs = instances.feasible_set.radii.shape[-1]
+    p, units = instances.p, instances.scale
     assert units is not None
     weights = p[:, 5 * n : 6 * n]
     one = bool((np.count_nonzero(weights, axis=1) == 1).all())
@@ -189,7 +193,7 @@ def jax(scenario: csw.Scenario, nlp: Nlp, instances: Instances) -> Callable[[], 
         "alive": ordered(p[:, 4 * n : 5 * n]),
         "weights": ordered(weights),
         "dt": p[:, 6 * n + 2],
-        "sets": ordered(instances.sets.packed),
+        "sets": ordered(instances.feasible_set.packed),
         "unit": units[:, 0],
         "metric": units[:, 0] ** 2 / units[:, 1],
     }

@@ -93,7 +93,7 @@ def instance_of(scenario: Scenario) -> tuple[Nlp, np.ndarray, np.ndarray]:
     arrivals = np.full(scenario.n, scenario.n_steps)
     ways = np.full((scenario.n_steps, scenario.n, 2), 0.8)
     instance = joint_instance(nlp, form, task, arrivals, ways)
-    return nlp, instance.start[0], instance.parameters[0]
+    return nlp, instance.x0[0], instance.p[0]
 
 
 def gradient_seconds(scenario: Scenario) -> float:
@@ -158,7 +158,7 @@ def by_mean_field(scenario: Scenario, exact: SwarmPlan) -> tuple[float, float]:
     task = joint_task(scenario, exact.before)
     problem = JointProblem(scenario, task, form)
     instance = joint_instance(problem.nlp, form, task, exact.arrivals, exact.velocities)
-    odds = float(problem.nlp.evaluate(instance.start[0], instance.parameters[0])[0])
+    odds = float(problem.nlp.evaluate(instance.x0[0], instance.p[0])[0])
     solver = Ipopt(1e-5, 500, hessian="limited-memory", memory=20, feasibility=1e-8)
     start = SwarmStart("", exact.arrivals, exact.velocities)
     found = problem.solved(start, solver)

@@ -82,7 +82,7 @@ def gradient_seconds(found: np.ndarray, problem: Formation) -> float:
     """Median time of one compiled objective and gradient, called from compiled code."""
     nlp, n = problem.nlp, found.size // 2
     assert nlp.compiled is not None
-    given = found, np.ascontiguousarray(problem.instances.parameters[0]), nlp.compiled.shared
+    given = found, np.ascontiguousarray(problem.instances.p[0]), nlp.compiled.shared
     work = np.empty(2 * n), np.empty(n * (n + 8))
     repeated, calls = _repeated(_module(nlp).evaluate), max(3, 20_000 // n)
     repeated(1, *given, *work)

@@ -242,8 +242,8 @@ def _formation(
         radii * [1.0, step.motion.dt][: radii.shape[-1]]
     ) ** 2  # as the constraints state them
     instances = Instances(
-        start=nlp.pack_variables(velocities=fallback if guess is None else sets.project(guess)),
-        parameters=nlp.pack_parameters(
+        x0=nlp.pack_variables(velocities=fallback if guess is None else sets.project(guess)),
+        p=nlp.pack_parameters(
             positions=step.positions,
             previous_velocities=step.previous_velocities,
             alive=step.alive[..., None],
@@ -251,14 +251,14 @@ def _formation(
             goal=step.goal[None] if step.goal.ndim == 1 else step.goal[:, None],
             dt=[[step.motion.dt]],
         ),
-        lower=nlp.pack_variables(velocities=lower),
-        upper=nlp.pack_variables(velocities=upper),
-        lower_g=np.full((len(free), nlp.sizes[2]), -np.inf),
-        upper_g=nlp.pack_constraints(
+        lbx=nlp.pack_variables(velocities=lower),
+        ubx=nlp.pack_variables(velocities=upper),
+        lbg=np.full((len(free), nlp.sizes[2]), -np.inf),
+        ubg=nlp.pack_constraints(
             **{name: squared[..., k, None] for k, name in enumerate(nlp.constraints)}
         ),
-        sets=sets,
-        units=_units(step, weights),
+        feasible_set=sets,
+        scale=_units(step, weights),
     )
     return Formation(nlp, instances, free, infeasible, fallback)
 

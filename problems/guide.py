@@ -150,10 +150,10 @@ def guide_instance(
     a_max = np.where(moving, task.a_max, np.inf)
     a_max[0] = task.a_max_first
     return Instances(
-        start=nlp.pack_variables(
+        x0=nlp.pack_variables(
             positions=task.start + task.dt * np.cumsum(guess, axis=0), velocities=guess
         ),
-        parameters=nlp.pack_parameters(
+        p=nlp.pack_parameters(
             start=task.start[None],
             before=task.before[None],
             center=task.center[None],
@@ -163,14 +163,14 @@ def guide_instance(
             length=[[task.length]],
             clock=[[task.dt if task.clock is None else task.clock]],
         ),
-        lower=nlp.pack_variables(positions=-free, velocities=-limit),
-        upper=nlp.pack_variables(positions=free, velocities=limit),
-        lower_g=nlp.pack_constraints(
+        lbx=nlp.pack_variables(positions=-free, velocities=-limit),
+        ubx=nlp.pack_variables(positions=free, velocities=limit),
+        lbg=nlp.pack_constraints(
             dynamics=np.zeros((horizon, 2)),
             acceleration=np.full((horizon, 1), -np.inf),
             arrival=[[-np.inf]],
         ),
-        upper_g=nlp.pack_constraints(
+        ubg=nlp.pack_constraints(
             dynamics=np.zeros((horizon, 2)),
             acceleration=within(a_max)[:, None],
             arrival=within(np.array([[task.radius**2]])),

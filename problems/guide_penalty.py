@@ -56,16 +56,16 @@ def penalised_guide_instance(
     """Instance of one agent's task, started from `velocities` (N, 2)."""
     limit = np.full_like(velocities, task.v_max)
     return Instances(
-        start=nlp.pack_variables(velocities=velocities[None]),
-        parameters=nlp.pack_parameters(
+        x0=nlp.pack_variables(velocities=velocities[None]),
+        p=nlp.pack_parameters(
             start=task.start[None],
             center=task.center[None],
             radius=[[task.radius]],
             gamma=[[gamma]],
             dt=[[task.dt]],
         ),
-        lower=nlp.pack_variables(velocities=-limit),
-        upper=nlp.pack_variables(velocities=limit),
-        lower_g=nlp.pack_constraints(),
-        upper_g=nlp.pack_constraints(),
+        lbx=nlp.pack_variables(velocities=-limit),
+        ubx=nlp.pack_variables(velocities=limit),
+        lbg=nlp.pack_constraints(),
+        ubg=nlp.pack_constraints(),
     )

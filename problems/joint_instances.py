@@ -80,8 +80,8 @@ def joint_instance(
         lower["apart"] = np.where(moving[:, None], least, -np.inf) * np.ones(pairs)
         upper["apart"] = np.full((steps, pairs), np.inf)
     return Instances(
-        start=nlp.pack_variables(velocities=guess.reshape(steps, 2 * n)),
-        parameters=nlp.pack_parameters(
+        x0=nlp.pack_variables(velocities=guess.reshape(steps, 2 * n)),
+        p=nlp.pack_parameters(
             **(_ends(form, at) if form.exact else {}),
             arrivals=at.astype(float),
             begin=((task.start - origin) / length).reshape(1, -1),
@@ -91,10 +91,10 @@ def joint_instance(
             length=[[length]],
             clock=[[task.dt]],
         ),
-        lower=nlp.pack_variables(velocities=-limit),
-        upper=nlp.pack_variables(velocities=limit),
-        lower_g=nlp.pack_constraints(**lower),
-        upper_g=nlp.pack_constraints(**upper),
+        lbx=nlp.pack_variables(velocities=-limit),
+        ubx=nlp.pack_variables(velocities=limit),
+        lbg=nlp.pack_constraints(**lower),
+        ubg=nlp.pack_constraints(**upper),
     )
 
 

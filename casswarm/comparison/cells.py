@@ -33,7 +33,7 @@ def run_cell(problem: Problem, start: str, label: str, solver: Isolated) -> dict
     the objective's; gradient_seconds, the time of an evaluation of objective and gradient.
     """
     nlp, instance = problem.nlp, problem.starts[start]
-    length, value = (1.0, 1.0) if instance.units is None else instance.units[0].tolist()
+    length, value = (1.0, 1.0) if instance.scale is None else instance.scale[0].tolist()
     row: dict[str, Any] = {
         "family": problem.family,
         "problem": problem.name,
@@ -99,7 +99,7 @@ def _times(solver: Isolated, nlp: Nlp, instance: Instances, answer: Answer) -> l
 
 
 def _gradient_seconds(nlp: Nlp, instance: Instances) -> float:
-    x, p = instance.start[0], instance.parameters[0]
+    x, p = instance.x0[0], instance.p[0]
     times = []
     for _ in range(7):
         started = time.perf_counter()

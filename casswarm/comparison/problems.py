@@ -16,6 +16,7 @@ import numpy as np
 
 from .._util.text import did_you_mean
 from ..errors import ComparisonError
+from ..optimization.feasible_sets.planar import PlanarSets
 from ..optimization.problem import Instances, Nlp
 from ..optimization.solution import BatchSolution
 from ..optimization.solvers import Answer, Auto, Ipopt, Solver
@@ -72,7 +73,7 @@ class Problem:
             digest.update(start.encode())
             for part in ("start", "parameters", "lower", "upper", "lower_g", "upper_g"):
                 digest.update(np.ascontiguousarray(getattr(instances, part)).tobytes())
-            values = self.nlp.evaluate(instances.start[0], instances.parameters[0])
+            values = self.nlp.evaluate(instances.x0[0], instances.p[0])
             digest.update(b"".join(np.asarray(value).tobytes() for value in values))
         return digest.hexdigest()[:16]
 
@@ -131,11 +132,11 @@ def _guide(name: str, radars: FloatArray, horizon: int, rng: np.random.Generator
     listener = _Listener(Ipopt())
     plan_from(scenario, scenario.guide_start, listener, search="local")
     nlp, instances, found = listener.heard[0]
-    near = np.where(np.isfinite(found), found, instances.start)
+    near = np.where(np.isfinite(found), found, instances.x0)
     near = near + NOISE * rng.normal(size=near.shape)
     traits = {"radars": len(radars), "horizon": horizon}
     return _problem(
-        name, "guides", nlp, {"cold": instances, "warm": instances.restarted(near)}, traits
+        name, "guides", nlp, {"cold": instances, "warm": instances.with_x0(near)}, traits
     )
 
 
@@ -158,24 +159,25 @@ def _formations(
             variant = scenario.with_values({f"hazard.{k}": v for k, v in _RATES[rate].items()})
             simulate(variant, [policy], runs, seed, guide=guide, solver=listener, traces=0)
             for number, (nlp, instances) in enumerate(listener.chosen(count, rng)):
-                zero = np.zeros_like(instances.start)  # where the paper starts
+                zero = np.zeros_like(instances.x0)  # where the paper starts
                 yield _problem(
                     f"{policy}-{n}-{rate}-{number}",
                     "formations",
                     nlp,
-                    {"cold": instances.restarted(zero), "warm": _from_previous(nlp, instances)},
+                    {"cold": instances.with_x0(zero), "warm": _from_previous(nlp, instances)},
                     {"members": n, "policy": policy, "rate": rate},
                 )
 
 
 def _from_previous(nlp: Nlp, instances: Instances) -> Instances:
     """Started from the previous velocities, made feasible; a policy may know better."""
-    assert instances.sets is not None
+    sets = instances.feasible_set
+    assert isinstance(sets, PlanarSets)
     sizes = [block.numel() for block in nlp.parameters.values()]
     first = sum(sizes[: list(nlp.parameters).index("previous_velocities")])
-    previous_velocities = instances.parameters[:, first : first + instances.start.shape[1]]
-    points = instances.sets.project(previous_velocities.reshape(*instances.sets.shape, 2))
-    return instances.restarted(points.reshape(instances.start.shape))
+    previous_velocities = instances.p[:, first : first + instances.x0.shape[1]]
+    points = sets.project(previous_velocities.reshape(*sets.shape, 2))
+    return instances.with_x0(points.reshape(instances.x0.shape))
 
 
 _RATES: dict[str, dict[str, object]] = {

@@ -31,7 +31,7 @@ class Tolerances:
     violation : float
         Largest violation of a bound or constraint, absolute.
     stationarity : float
-        Largest component of the Lagrangian's gradient, in `Instances.units`.
+        Largest component of the Lagrangian's gradient, in `Instances.scale`.
     complementarity : float
         Largest product of a multiplier and its slack, in units of the objective.
     objective : float

@@ -37,13 +37,13 @@ def judge(
     Residuals
         Infinite where x or the functions at x are not finite.
     """
-    p = instance.parameters[0]
+    p = instance.p[0]
     objective, g = (np.asarray(part).ravel() for part in nlp.evaluate(x, p))
     if not (np.isfinite(x).all() and np.isfinite(objective).all() and np.isfinite(g).all()):
         return Residuals(np.inf, np.inf, np.inf, "not finite")
     values = np.concatenate([x, g])
-    lower = np.concatenate([instance.lower[0], instance.lower_g[0]])
-    upper = np.concatenate([instance.upper[0], instance.upper_g[0]])
+    lower = np.concatenate([instance.lbx[0], instance.lbg[0]])
+    upper = np.concatenate([instance.ubx[0], instance.ubg[0]])
     gaps = np.maximum(np.maximum(lower - values, values - upper), 0.0)
     violation, worst = float(gaps.max(initial=0.0)), ""
     if violation > 0:

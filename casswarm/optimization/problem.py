@@ -199,63 +199,63 @@ def _pack(blocks: Mapping[str, Expr], arrays: Mapping[str, ArrayLike]) -> FloatA
 
 @dataclass(frozen=True, eq=False)
 class Instances:
-    """B instances of an `Nlp`: its parameters, its bounds and where to start.
+    """B instances of an `Nlp` in CasADi's notation: initial guesses, parameters and bounds.
 
     Parameters
     ----------
-    start : (B, nx)
-        Initial guess; solvers that start from elsewhere by definition say so.
-    parameters : (B, np)
-    lower, upper : (B, nx)
-    lower_g, upper_g : (B, ng)
-    sets : PlanarSets, shape (B, nx / 2), optional
-        Where lbx, ubx and g describe a product of simple sets in the plane: that product, which
-        projection methods work on.
-    units : (B, 2), optional
-        A typical length of x and a typical value of f: what tolerances are relative to.
-    paths : PathSets of B states, optional
-        Where lbx, ubx and g describe paths within limits: those sets. x are the advances, and the
+    x0 : (B, nx)
+        Initial guesses; solvers that start from elsewhere by definition say so.
+    p : (B, np)
+        Parameters.
+    lbx, ubx : (B, nx)
+        Bounds on x.
+    lbg, ubg : (B, ng)
+        Bounds on g.
+    feasible_set : PlanarSets of shape (B, nx / 2) or PathSets of B states, optional
+        The set that lbx, ubx, lbg and ubg describe, where it has a structure that special solvers
+        exploit: a product of simple sets in the plane, onto which one can project, or paths within
+        limits of speed and acceleration. With `PathSets`, x are the displacements per step, and the
         objective is the sum of `Nlp.compiled` over the steps.
+    scale : (B, 2), optional
+        A typical length of x and a typical value of f: what tolerances are relative to.
     """
 
-    start: FloatArray
-    parameters: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-    lower_g: FloatArray
-    upper_g: FloatArray
-    sets: PlanarSets | None = None
-    units: FloatArray | None = None
-    paths: PathSets | None = None
+    x0: FloatArray
+    p: FloatArray
+    lbx: FloatArray
+    ubx: FloatArray
+    lbg: FloatArray
+    ubg: FloatArray
+    feasible_set: PlanarSets | PathSets | None = None
+    scale: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        batch = self.start.shape[0]
-        for name in ("parameters", "lower", "upper", "lower_g", "upper_g"):
+        batch = self.x0.shape[0]
+        for name in ("p", "lbx", "ubx", "lbg", "ubg"):
             array = getattr(self, name)
             width = array.shape[-1]
             object.__setattr__(self, name, np.broadcast_to(array, (batch, width)))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # made anew, so that its arrays are read-only again: Numba compiles for each kind
+        # the constructor makes broadcast arrays read-only again, as Numba's compiled kinds need
         return type(self), tuple(getattr(self, field.name) for field in fields(self))
 
     def __len__(self) -> int:
-        return int(self.start.shape[0])
+        return int(self.x0.shape[0])
 
     def __getitem__(self, rows: slice | NDArray[Any]) -> Instances:
         """Some of the instances: a slice, a mask or indices."""
         return Instances(
-            self.start[rows],
-            self.parameters[rows],
-            self.lower[rows],
-            self.upper[rows],
-            self.lower_g[rows],
-            self.upper_g[rows],
-            None if self.sets is None else self.sets[rows],
-            None if self.units is None else self.units[rows],
-            None if self.paths is None else self.paths[rows],
+            self.x0[rows],
+            self.p[rows],
+            self.lbx[rows],
+            self.ubx[rows],
+            self.lbg[rows],
+            self.ubg[rows],
+            None if self.feasible_set is None else self.feasible_set[rows],
+            None if self.scale is None else self.scale[rows],
         )
 
-    def restarted(self, start: FloatArray) -> Instances:
-        """The same instances from another start."""
-        return replace(self, start=start)
+    def with_x0(self, x0: FloatArray) -> Instances:
+        """The same instances with other initial guesses."""
+        return replace(self, x0=x0)

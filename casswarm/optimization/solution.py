@@ -115,7 +115,7 @@ class BatchSolution:
     success : (B,) bool
         Whether an answer is a solution to the stated tolerance.
     violation, stationarity : (B,)
-        Residuals, recomputed from the problem; stationarity in `Instances.units`.
+        Residuals, recomputed from the problem; stationarity in `Instances.scale`.
     fallbacks : (B,) bool
         Whether a first answer was not good enough and another solver was called.
     seconds : float

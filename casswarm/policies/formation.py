@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..hazard import Hazard
+from ..optimization.feasible_sets.planar import PlanarSets
 from ..optimization.solution import BatchSolution
 from ..optimization.solvers import Solver
 from ..planning.guide import Guide
@@ -23,7 +24,7 @@ from .leader_selection import LEADER_SELECTION
 LOG = logging.getLogger(__name__)
 
 HONEST = 1e-3
-"""Stationarity, in `Instances.units`, above which an answer counts as failed whatever its solver
+"""Stationarity, in `Instances.scale`, above which an answer counts as failed whatever its solver
 says of it: loose, for what a solver calls solved is its own tolerance."""
 
 
@@ -108,17 +109,18 @@ def solved(formation: Formation, solver: Solver) -> Decision:
     take the velocities that change least. Every failure is counted, and its reason is logged, once
     for every solver and reason.
     """
-    velocities = formation.instances.lower.reshape(*formation.free.shape, 2).copy()
+    velocities = formation.instances.lbx.reshape(*formation.free.shape, 2).copy()
     failures, fallbacks = np.zeros((2, len(velocities)), np.int64)
     open_ = np.flatnonzero(formation.free.any(axis=1))
     if open_.size:
         instances = formation.instances[open_]
-        assert instances.sets is not None
+        sets = instances.feasible_set
+        assert isinstance(sets, PlanarSets)
         found = solver.solve_batch(formation.nlp, instances)
         usable = np.asarray(np.isfinite(found.x).all(axis=1, keepdims=True))
-        points = np.where(usable, found.x, 0.0).reshape(*instances.sets.shape, 2)
+        points = np.where(usable, found.x, 0.0).reshape(*sets.shape, 2)
         velocities[open_] = np.where(
-            usable[..., None], instances.sets.project(points), formation.fallback[open_]
+            usable[..., None], sets.project(points), formation.fallback[open_]
         )
         good = np.asarray(found.success & (found.stationarity <= HONEST))
         failures[open_], fallbacks[open_] = ~good, found.fallbacks

@@ -150,16 +150,16 @@ def _problem(
     if steps > 1:
         parameters["later"] = window.goals[None, 1:]
     instances = Instances(
-        start=guess.reshape(batch, -1),
-        parameters=nlp.pack_parameters(**parameters),
-        lower=np.where(fixed, inside, -bound).reshape(batch, -1),
-        upper=np.where(fixed, inside, bound).reshape(batch, -1),
-        lower_g=lower,
-        upper_g=upper,
-        units=np.stack(
+        x0=guess.reshape(batch, -1),
+        p=nlp.pack_parameters(**parameters),
+        lbx=np.where(fixed, inside, -bound).reshape(batch, -1),
+        ubx=np.where(fixed, inside, bound).reshape(batch, -1),
+        lbg=lower,
+        ubg=upper,
+        scale=np.stack(
             [np.full(batch, motion.v_max), steps * np.where(alone > 0, alone, 1.0)], axis=1
         ),
-        paths=PathSets(
+        feasible_set=PathSets(
             window.previous_velocities,
             targets,
             radii,

@@ -41,7 +41,7 @@ def iterates(
     for before, after in pairwise(points):
         x = np.stack([solution.x for solution in found])
         solver = ProjectedGradient(step=step, iterations=after - before)
-        found = solver.solve(nlp, instances.restarted(x))
+        found = solver.solve(nlp, instances.with_x0(x))
         yield after, found
 
 
@@ -134,7 +134,7 @@ def formation_convergence(
     steps = np.flatnonzero(formation.free.any(axis=1))
     nlp, instances = formation.nlp, formation.instances[steps]
     best = make_solver("auto").solve_batch(nlp, instances).objective
-    units = np.ones((len(steps), 2)) if instances.units is None else instances.units
+    units = np.ones((len(steps), 2)) if instances.scale is None else instances.scale
     up_to = [k for k in points if k <= options.iterations]
     rows = []
     for iteration, found in iterates(nlp, instances, options.learning_rate, up_to, "zero"):

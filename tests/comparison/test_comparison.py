@@ -51,7 +51,7 @@ def test_problems_survive_a_journey(quick):
 def test_starts_are_of_one_problem_and_differ(quick):
     for problem in quick:
         cold, warm = problem.starts["cold"], problem.starts["warm"]
-        assert not np.array_equal(cold.start, warm.start)
+        assert not np.array_equal(cold.x0, warm.x0)
         for part in ("parameters", "lower", "upper", "lower_g", "upper_g"):
             np.testing.assert_array_equal(getattr(cold, part), getattr(warm, part))
     assert {p.family for p in quick} == {"guides", "formations"}
@@ -61,7 +61,7 @@ def test_states_of_formations_have_something_to_decide(quick):
     for problem in quick:
         if problem.family == "formations":
             instance = problem.starts["warm"]
-            assert (instance.upper > instance.lower).any()
+            assert (instance.ubx > instance.lbx).any()
             solution = Ipopt().solve(problem.nlp, instance)[0]
             assert solution.status.success
 

@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from casswarm.optimization.feasible_sets.planar import PlanarSets
 from casswarm.optimization.problem import Instances, Nlp
 from casswarm.optimization.solution import Status
 from casswarm.optimization.solvers import Answer, Ipopt, Solver
@@ -48,7 +49,7 @@ class Faulty(Solver):
             raise RuntimeError("cannot be built")
 
     def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        wrong = instances.parameters[:, 0] >= self.above
+        wrong = instances.p[:, 0] >= self.above
         if wrong.any():
             self._misbehave()
         answers = Ipopt()._answers(nlp, instances)
@@ -78,10 +79,10 @@ class Faulty(Solver):
             case "infeasible lie":
                 return replace(answer, x=answer.x + 10.0, status=Status.SOLVED, message="fine")
             case "feasible lie":
-                start = instance.start[0]
-                if instance.sets is not None:
-                    points = start.reshape(*instance.sets.shape, 2)
-                    start = instance.sets.project(points).reshape(start.shape)
+                start = instance.x0[0]
+                if isinstance(instance.feasible_set, PlanarSets):
+                    points = start.reshape(*instance.feasible_set.shape, 2)
+                    start = instance.feasible_set.project(points).reshape(start.shape)
                 return replace(answer, x=start, status=Status.SOLVED, message="fine")
             case "wrong shape":
                 return replace(answer, x=answer.x[:-1])

@@ -45,12 +45,12 @@ def known(
     constraints = {row: function(x) for row, (function, _, _) in rows.items()}
     lower, upper = box or ([-INF] * n, [INF] * n)
     instance = Instances(
-        start=np.array([start], float),
-        parameters=np.empty((1, 0)),
-        lower=np.array([lower], float),
-        upper=np.array([upper], float),
-        lower_g=np.array([[low for _, low, _ in rows.values()]], float),
-        upper_g=np.array([[high for _, _, high in rows.values()]], float),
+        x0=np.array([start], float),
+        p=np.empty((1, 0)),
+        lbx=np.array([lower], float),
+        ubx=np.array([upper], float),
+        lbg=np.array([[low for _, low, _ in rows.values()]], float),
+        ubg=np.array([[high for _, _, high in rows.values()]], float),
     )
     return Known(
         Nlp(name, {"x": x}, {}, objective(x), constraints),
@@ -180,13 +180,13 @@ def planar(
     x, centers = ca.MX.sym("x", 2, n), ca.DM(discs[:, :2].T)
     nlp = Nlp("planar", {"x": x}, {}, objective(x), {"discs": ca.sum1((x - centers) ** 2)})
     return nlp, Instances(
-        start=start.reshape(1, -1),
-        parameters=np.empty((1, 0)),
-        lower=lower.reshape(1, -1),
-        upper=upper.reshape(1, -1),
-        lower_g=np.full((1, n), -INF),
-        upper_g=radii[None] ** 2,
-        sets=PlanarSets(
+        x0=start.reshape(1, -1),
+        p=np.empty((1, 0)),
+        lbx=lower.reshape(1, -1),
+        ubx=upper.reshape(1, -1),
+        lbg=np.full((1, n), -INF),
+        ubg=radii[None] ** 2,
+        feasible_set=PlanarSets(
             lower[None], upper[None], discs[None, :, None, :2], discs[None, :, None, 2]
         ),
     )

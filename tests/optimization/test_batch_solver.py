@@ -77,7 +77,7 @@ def test_compiled_objective_and_gradient_are_casadis(hazard):
     nlp = formation_nlp(hazard, 5, False)
     formation = leader(hazard)
     gradient = np.empty(10)
-    for p in formation.instances.parameters[:20]:
+    for p in formation.instances.p[:20]:
         x = np.random.default_rng(1).uniform(-2, 2, 10)
         f = _module(nlp).evaluate(x, p, nlp.compiled.shared, gradient, np.empty(65))
         expected, slope = nlp.gradient(x, p)
@@ -120,10 +120,10 @@ def test_several_starts_find_better_minima_where_members_collide():
 def test_residuals_are_those_of_casadis_gradient():
     formation = corridor(HAZARDS[2], states=20)
     found = SpectralProjectedGradient(iterations=3).solve_batch(formation.nlp, formation.instances)
-    sets = formation.instances.sets
+    sets = formation.instances.feasible_set
     for i, x in enumerate(found.x):
-        gradient = np.asarray(formation.nlp.gradient(x, formation.instances.parameters[i])[1])
-        length, value = formation.instances.units[i]
+        gradient = np.asarray(formation.nlp.gradient(x, formation.instances.p[i])[1])
+        length, value = formation.instances.scale[i]
         moved = (x - length**2 / value * gradient.ravel()).reshape(-1, 2)
         change = np.abs(sets[i].project(moved).ravel() - x).max() / length
         assert found.stationarity[i] == pytest.approx(change, rel=1e-9, abs=1e-12)
@@ -175,9 +175,9 @@ def test_auto_solves_again_what_the_batch_solver_leaves_and_counts_it():
 
 def test_auto_never_accepts_what_is_not_finite():
     formation = leader(HAZARDS[0], states=4)
-    parameters = formation.instances.parameters.copy()
+    parameters = formation.instances.p.copy()
     parameters[1, 0] = np.nan  # a position
-    found = Auto().solve_batch(formation.nlp, replace(formation.instances, parameters=parameters))
+    found = Auto().solve_batch(formation.nlp, replace(formation.instances, p=parameters))
     assert found.success.tolist() == [True, False, True, True]
     assert found.fallbacks.tolist() == [False, True, False, False]
 
@@ -215,9 +215,9 @@ def test_mapped_and_compiled_loops_find_the_same(problem, hazard):
 
 def test_mapped_loop_never_calls_what_is_not_finite_solved():
     formation = leader(csw.CustomHazard(rate), states=4)
-    parameters = formation.instances.parameters.copy()
+    parameters = formation.instances.p.copy()
     parameters[1, 0] = np.nan
-    instances = replace(formation.instances, parameters=parameters)
+    instances = replace(formation.instances, p=parameters)
     found = SpectralProjectedGradient().solve_batch(formation.nlp, instances)
     assert found.success.tolist() == [True, False, True, True]
 
@@ -225,7 +225,9 @@ def test_mapped_loop_never_calls_what_is_not_finite_solved():
 def test_problems_with_other_constraints_are_refused_by_spectral():
     formation = leader(HAZARDS[0], states=3)
     with pytest.raises(SolverError, match="boxes and discs"):
-        SpectralProjectedGradient().solve(formation.nlp, replace(formation.instances, sets=None))
+        SpectralProjectedGradient().solve(
+            formation.nlp, replace(formation.instances, feasible_set=None)
+        )
 
 
 @pytest.mark.parametrize("options", [{"tolerance": 0.0}, {"iterations": 0}, {"starts": 0}])

@@ -133,7 +133,7 @@ def test_programs_pickle_with_their_blocks_and_derivatives():
 def test_instances_pickle_as_they_are():
     instances = goals((0.5, 3.0), (1.0, 2.0))[1]
     again = pickle.loads(pickle.dumps(instances))
-    for name in ("start", "parameters", "lower", "upper", "lower_g", "upper_g"):
+    for name in ("x0", "p", "lbx", "ubx", "lbg", "ubg"):
         ours, theirs = getattr(instances, name), getattr(again, name)
         np.testing.assert_array_equal(ours, theirs)
         # compiled code is compiled again for arrays that can be written to

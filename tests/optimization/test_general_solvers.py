@@ -14,6 +14,7 @@ from backend_cases import FORMATIONS, Case, formation, guide
 from hock_schittkowski import NUMBERS, published
 from known_problems import KNOWN, planar
 
+from casswarm.optimization.feasible_sets.planar import PlanarSets
 from casswarm.optimization.problem import Instances
 from casswarm.optimization.solution import Solution, Status
 from casswarm.optimization.solvers import SOLVERS, make_solver
@@ -159,10 +160,10 @@ def test_what_is_called_a_single_minimum_is_found_from_everywhere() -> None:
     rng = np.random.default_rng(0)
     for name in FORMATIONS:
         nlp, instance = formation(name)
-        assert instance.sets is not None
-        points = rng.normal(0, 1, (12, *instance.sets.shape[1:], 2))
-        starts = [instance.sets.project(point[None]).reshape(1, -1) for point in points]
-        found = [solve("ipopt", (nlp, instance.restarted(start))) for start in starts]
+        assert isinstance(instance.feasible_set, PlanarSets)
+        points = rng.normal(0, 1, (12, *instance.feasible_set.shape[1:], 2))
+        starts = [instance.feasible_set.project(point[None]).reshape(1, -1) for point in points]
+        found = [solve("ipopt", (nlp, instance.with_x0(start))) for start in starts]
         values = np.array([s.objective for s in found if s.status.success])
         assert len(values) > 6
         assert (np.ptp(values) < DIGITS) == (name in ONE_MINIMUM)
@@ -180,8 +181,8 @@ def test_backend_finds_a_minimum_of_a_formation_and_ipopts_where_it_is_alone(
         assert apart(solution.objective, reference.objective) < DIGITS
     else:
         nlp, instance = formation(name)
-        p = instance.parameters[0]
-        assert solution.objective < float(nlp.evaluate(instance.start[0], p)[0])
+        p = instance.p[0]
+        assert solution.objective < float(nlp.evaluate(instance.x0[0], p)[0])
 
 
 GUIDES = (4.62, 5.5, 6.0)
@@ -236,7 +237,7 @@ def test_an_end_without_a_word_is_a_failure_that_says_so() -> None:
     answer = make_solver("sqp")._solve(Mute(), case.instance, 0)  # type: ignore[attr-defined]
     assert answer.status is Status.FAILED
     assert answer.message == WORDLESS
-    np.testing.assert_array_equal(answer.x, case.instance.start[0])
+    np.testing.assert_array_equal(answer.x, case.instance.x0[0])
 
 
 # --- product sets

@@ -33,7 +33,7 @@ def test_program_of_one_step_is_the_formation_program_with_every_number_the_same
     for corridor in (False, True):
         one, ahead = formation_nlp(HAZARD, 4, corridor), lookahead_nlp(HAZARD, 4, 1, corridor)
         assert one.sizes == ahead.sizes
-        p = corridor_formation(step, RHO).instances.parameters[0]
+        p = corridor_formation(step, RHO).instances.p[0]
         for _ in range(5):
             v = rng.normal(size=8)
             for a, b in zip(one.evaluate(v, p), ahead.evaluate(v, p), strict=True):
@@ -50,8 +50,7 @@ def test_program_is_the_stated_one_with_every_formula_written_out(corridor: bool
     problem = both(data)[corridor]
     u = np.random.default_rng(4).normal(size=(3, 3, 2))
     f, g = (
-        np.asarray(part).ravel()
-        for part in problem.nlp.evaluate(u.ravel(), problem.instances.parameters[0])
+        np.asarray(part).ravel() for part in problem.nlp.evaluate(u.ravel(), problem.instances.p[0])
     )
     counted = np.flatnonzero(data.alive[0]) if corridor else leaders_of(data)
     places = data.positions[0] + DT * u
@@ -192,7 +191,7 @@ def test_residuals_and_multipliers_are_those_of_the_independent_judge() -> None:
         for i, answer in enumerate(run.answers()):
             found = judge(problem.nlp, instances[i : i + 1], answer.x, answer.multipliers)
             assert found.violation <= 1e-12
-            unit = instances.units[i, 1] / instances.units[i, 0]  # type: ignore[index]
+            unit = instances.scale[i, 1] / instances.scale[i, 0]  # type: ignore[index]
             assert found.stationarity <= unit * run.judged[i, 2] + 1e-9
             assert found.complementarity <= 1e-6
             low, high = answer.multipliers  # type: ignore[misc]

@@ -92,8 +92,8 @@ def test_unrolled_expressions_give_the_same_solution(problem: Callable[[], Known
 def test_answers_lie_in_their_boxes_exactly(problem: Callable[[], Known]) -> None:
     case = problem()
     x = solve(case).x
-    assert (case.instance.lower[0] <= x).all()
-    assert (x <= case.instance.upper[0]).all()
+    assert (case.instance.lbx[0] <= x).all()
+    assert (x <= case.instance.ubx[0]).all()
 
 
 def test_a_tighter_tolerance_gives_a_more_precise_answer() -> None:
@@ -110,7 +110,7 @@ def test_a_variable_whose_bounds_meet_stays_there_and_has_a_multiplier() -> None
     case = hs_35()
     fixed = np.array([[1.0, 0, 0]])
     upper = np.array([[1.0, INF, INF]])
-    solution = solve(case, lower=fixed, upper=upper)
+    solution = solve(case, lbx=fixed, ubx=upper)
     assert solution.status is Status.SOLVED
     assert solution.x[0] == 1
     assert solution.residuals.stationarity < 1e-6
@@ -124,12 +124,12 @@ def test_parameters_change_the_problem_without_building_it_anew() -> None:
     wide = np.full((3, 2), INF)
     instances = replace(
         case.instance,
-        start=np.ones((3, 2)),
-        parameters=goals,
-        lower=-wide,
-        upper=wide,
-        lower_g=np.ones((3, 1)),
-        upper_g=np.ones((3, 1)),
+        x0=np.ones((3, 2)),
+        p=goals,
+        lbx=-wide,
+        ubx=wide,
+        lbg=np.ones((3, 1)),
+        ubg=np.ones((3, 1)),
     )
     solutions = Ipopt().solve(nlp, instances)
     expected = goals / np.linalg.norm(goals, axis=1, keepdims=True)
@@ -191,7 +191,7 @@ def test_a_limit_of_iterations_is_kept(iterations: int) -> None:
 
 
 def test_an_infeasible_problem_is_told_as_such() -> None:
-    far: dict[str, Any] = {"lower": np.array([[2.0, 2, 2]]), "upper": np.array([[5.0, 5, 5]])}
+    far: dict[str, Any] = {"lbx": np.array([[2.0, 2, 2]]), "ubx": np.array([[5.0, 5, 5]])}
     solution = solve(hs_35(), **far)
     assert solution.status is Status.INFEASIBLE
     assert solution.message == "Infeasible_Problem_Detected"
@@ -206,7 +206,7 @@ def test_an_unbounded_problem_diverges() -> None:
     assert solution.message == "Diverging_Iterates"
 
 
-@pytest.mark.parametrize("changes", [{"lower": np.nan}, {"upper_g": np.nan}, {"start": np.nan}])
+@pytest.mark.parametrize("changes", [{"lbx": np.nan}, {"ubg": np.nan}, {"x0": np.nan}])
 def test_bounds_or_starts_that_are_nan_fail_without_raising(changes: dict[str, float]) -> None:
     case = hs_35()
     arrays = {name: np.full_like(getattr(case.instance, name), v) for name, v in changes.items()}
@@ -219,7 +219,7 @@ def test_ipopt_says_nothing_by_itself(capfd: pytest.CaptureFixture[str]) -> None
     solve(hs_71())
     solve(hs_71(), Ipopt(max_iterations=2))
     solve(hs_71(), Ipopt(max_seconds=1e-9))
-    solve(hs_35(), lower=np.full((1, 3), 2.0))
+    solve(hs_35(), lbx=np.full((1, 3), 2.0))
     solve(known("root", lambda x: ca.sqrt(x[0] - 9), ([9], 0), [0]))
     Ipopt().solve(*nearest_in_box(np.full((1, 2), np.nan)))
     assert capfd.readouterr() == ("", "")

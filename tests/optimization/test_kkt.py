@@ -77,8 +77,8 @@ def test_a_multiplier_is_what_its_bound_costs(problem: Callable[[], Known]) -> N
         return solver.solve(case.nlp, replace(case.instance, **moved))[0].objective
 
     for multipliers, names in (
-        (case.bound_multipliers, ("lower", "upper")),
-        (case.row_multipliers, ("lower_g", "upper_g")),
+        (case.bound_multipliers, ("lbx", "ubx")),
+        (case.row_multipliers, ("lbg", "ubg")),
     ):
         for row in np.flatnonzero(multipliers):
             shift = step * (np.arange(len(multipliers)) == row)

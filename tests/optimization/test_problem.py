@@ -154,13 +154,13 @@ def test_an_unknown_variable_is_a_key_error(nlp: Nlp) -> None:
 def batch(sets: PlanarSets | None = None) -> Instances:
     rows = np.arange(5.0)[:, None]
     return Instances(
-        start=np.hstack([rows, rows + 0.5]),
-        parameters=rows * 10,
-        lower=np.array([-1.0, -2.0]),
-        upper=np.hstack([rows + 1, rows + 2]),
-        lower_g=np.full(3, -np.inf),
-        upper_g=np.hstack([rows + 3, rows + 4, rows + 5]),
-        sets=sets,
+        x0=np.hstack([rows, rows + 0.5]),
+        p=rows * 10,
+        lbx=np.array([-1.0, -2.0]),
+        ubx=np.hstack([rows + 1, rows + 2]),
+        lbg=np.full(3, -np.inf),
+        ubg=np.hstack([rows + 3, rows + 4, rows + 5]),
+        feasible_set=sets,
     )
 
 
@@ -180,37 +180,37 @@ def test_instances_are_taken_by_slices_masks_and_indices(rows: Any, kept: list[i
     )
     some = batch(sets)[rows]
     assert len(some) == len(kept)
-    assert some.start[:, 0].tolist() == kept
-    assert some.parameters[:, 0].tolist() == [10 * i for i in kept]
-    assert some.upper.tolist() == [[i + 1, i + 2] for i in kept]
-    assert some.lower.shape == (len(kept), 2)
-    assert some.upper_g.tolist() == [[i + 3, i + 4, i + 5] for i in kept]
-    assert some.lower_g.shape == (len(kept), 3)
-    assert some.sets is not None
-    assert some.sets.radii[:, 0, 0].tolist() == kept
-    assert batch()[rows].sets is None
+    assert some.x0[:, 0].tolist() == kept
+    assert some.p[:, 0].tolist() == [10 * i for i in kept]
+    assert some.ubx.tolist() == [[i + 1, i + 2] for i in kept]
+    assert some.lbx.shape == (len(kept), 2)
+    assert some.ubg.tolist() == [[i + 3, i + 4, i + 5] for i in kept]
+    assert some.lbg.shape == (len(kept), 3)
+    assert isinstance(some.feasible_set, PlanarSets)
+    assert some.feasible_set.radii[:, 0, 0].tolist() == kept
+    assert batch()[rows].feasible_set is None
 
 
 def test_bounds_that_all_share_are_spread_over_the_batch() -> None:
     some = batch()
     assert len(some) == 5
-    assert some.lower.tolist() == [[-1, -2]] * 5
-    assert some.lower_g.tolist() == [[-np.inf] * 3] * 5
+    assert some.lbx.tolist() == [[-1, -2]] * 5
+    assert some.lbg.tolist() == [[-np.inf] * 3] * 5
 
 
 def test_restarted_instances_differ_only_in_their_start() -> None:
     some, start = batch(), np.zeros((5, 2))
-    other = some.restarted(start)
-    assert other.start is start
-    for name in ("parameters", "lower", "upper", "lower_g", "upper_g"):
+    other = some.with_x0(start)
+    assert other.x0 is start
+    for name in ("p", "lbx", "ubx", "lbg", "ubg"):
         np.testing.assert_array_equal(getattr(other, name), getattr(some, name))
-    assert some.start[1, 1] == 1.5
+    assert some.x0[1, 1] == 1.5
 
 
 def test_instances_pickle() -> None:
     other = pickle.loads(pickle.dumps(batch()))
-    np.testing.assert_array_equal(other.start, batch().start)
-    np.testing.assert_array_equal(other.upper, batch().upper)
+    np.testing.assert_array_equal(other.x0, batch().x0)
+    np.testing.assert_array_equal(other.ubx, batch().ubx)
 
 
 # --- a thousand members

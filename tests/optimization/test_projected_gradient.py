@@ -87,14 +87,14 @@ def test_iterates_are_those_of_the_paper(iterations: int) -> None:
 
 def test_a_start_outside_is_projected_first() -> None:
     nlp, instances = nearest_in_box(np.zeros((1, 2)))
-    outside = instances.restarted(np.array([[9.0, -9.0]]))
+    outside = instances.with_x0(np.array([[9.0, -9.0]]))
     solution = ProjectedGradient(step=0.1, iterations=1).solve(nlp, outside)[0]
     np.testing.assert_allclose(solution.x, [0.8, -0.8])
 
 
 def test_the_papers_start_is_the_projection_of_zero() -> None:
     nlp, instances = nearest_in_box(np.ones((1, 2)))
-    shifted = replace(instances.restarted(np.ones((1, 2))), lower=np.array([[0.25, -1.0]]))
+    shifted = replace(instances.with_x0(np.ones((1, 2))), lbx=np.array([[0.25, -1.0]]))
     for start, expected in (("given", [1, 1]), ("zero", [0.25, 0])):
         solver = ProjectedGradient(iterations=0, start=start)  # type: ignore[arg-type]
         assert solver.solve(nlp, shifted)[0].x.tolist() == expected
@@ -169,7 +169,7 @@ def test_a_problem_without_constraints_but_a_box_is_taken() -> None:
     nlp = Nlp("sphere", {"x": x}, {}, ca.sumsqr(x - 1), {})
     case = hs_35()
     none = np.empty((1, 0))
-    instance = replace(case.instance, lower_g=none, upper_g=none)
+    instance = replace(case.instance, lbg=none, ubg=none)
     np.testing.assert_allclose(ProjectedGradient().solve(nlp, instance)[0].x, 1, atol=1e-6)
 
 
@@ -196,9 +196,9 @@ def test_the_papers_step_keeps_formations_feasible_and_never_ends_worse(name: st
         nlp, instances = formation.nlp, formation.instances
         solver = ProjectedGradient(step=0.05, iterations=100, keep="best")
         for i, solution in enumerate(solver.solve(nlp, instances)):
-            start = float(nlp.evaluate(instances.start[i], instances.parameters[i])[0])
+            start = float(nlp.evaluate(instances.x0[i], instances.p[i])[0])
             assert solution.objective <= start
             assert solution.residuals.violation < 1e-12
             assert np.isfinite(solution.x).all()
             still = np.repeat(~formation.free[i], 2)
-            np.testing.assert_array_equal(solution.x[still], instances.lower[i, still])
+            np.testing.assert_array_equal(solution.x[still], instances.lbx[i, still])

@@ -99,14 +99,14 @@ def test_solvers_that_know_no_limit_of_time_say_so() -> None:
 @pytest.mark.parametrize("name", GENERAL)
 def test_a_box_without_inside_is_no_success(name: str) -> None:
     case = active_box()
-    lower, upper = case.instance.upper + 1.0, case.instance.lower
+    lower, upper = case.instance.ubx + 1.0, case.instance.lbx
     upside_down = Instances(
-        case.instance.start,
-        case.instance.parameters,
+        case.instance.x0,
+        case.instance.p,
         lower,
         upper,
-        case.instance.lower_g,
-        case.instance.upper_g,
+        case.instance.lbg,
+        case.instance.ubg,
     )
     solution = make_solver(name).solve(case.nlp, upside_down)[0]
     assert not solution.status.success

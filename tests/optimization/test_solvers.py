@@ -82,7 +82,7 @@ def test_no_instances_have_no_solutions(solver: Solver) -> None:
 @both
 def test_solving_leaves_the_instances_as_they_are(solver: Solver) -> None:
     case = active_box()
-    names = ("start", "lower", "upper")
+    names = ("x0", "lbx", "ubx")
     before = [getattr(case.instance, name).copy() for name in names]
     solver.solve(case.nlp, case.instance)
     for name, array in zip(names, before, strict=True):
@@ -120,7 +120,7 @@ def test_a_limit_of_iterations_is_no_success(solver: Solver) -> None:
 @both
 def test_a_box_without_inside_is_no_success(solver: Solver) -> None:
     case = active_box()
-    upside_down = replace(case.instance, lower=case.instance.upper, upper=case.instance.lower)
+    upside_down = replace(case.instance, lbx=case.instance.ubx, ubx=case.instance.lbx)
     solution = solver.solve(case.nlp, upside_down)[0]
     assert solution.status is Status.FAILED
     assert solution.residuals.violation > 0

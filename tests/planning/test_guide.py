@@ -170,7 +170,7 @@ def test_program_is_the_paper_s_with_every_formula_written_out() -> None:
     rng = np.random.default_rng(6)
     X, V = rng.uniform(0, 4, (6, 2)), rng.uniform(-2, 2, (6, 2))
     x = nlp.pack_variables(positions=X, velocities=V)[0]
-    objective, g = (np.asarray(part).ravel() for part in nlp.evaluate(x, instance.parameters[0]))
+    objective, g = (np.asarray(part).ravel() for part in nlp.evaluate(x, instance.p[0]))
 
     risk = sum(0.33 * lone_rate_by_hand(*X[t], RADARS) for t in range(4))
     assert objective[0] == pytest.approx(risk, rel=1e-12)
@@ -184,13 +184,13 @@ def test_program_is_the_paper_s_with_every_formula_written_out() -> None:
 def test_bounds_are_the_limits_until_arrival_and_rest_after_it() -> None:
     nlp, instance = task_instance(horizon=6, arrival=4, seed=7)
     box = [[2.0, 2.0]] * 4 + [[0.0, 0.0]] * 2
-    assert nlp.variable("velocities", instance.upper[0]).tolist() == box
-    assert nlp.variable("velocities", -instance.lower[0]).tolist() == box
-    assert np.isinf(nlp.variable("positions", instance.upper[0])).all()
+    assert nlp.variable("velocities", instance.ubx[0]).tolist() == box
+    assert nlp.variable("velocities", -instance.lbx[0]).tolist() == box
+    assert np.isinf(nlp.variable("positions", instance.ubx[0])).all()
     names = np.array([name.partition("[")[0] for name in nlp.row_names])
-    assert (instance.lower_g[0, names == "dynamics"] == 0).all()
-    assert (instance.upper_g[0, names == "dynamics"] == 0).all()
-    limits = instance.upper_g[0, (names == "acceleration") | (names == "arrival")]
+    assert (instance.lbg[0, names == "dynamics"] == 0).all()
+    assert (instance.ubg[0, names == "dynamics"] == 0).all()
+    limits = instance.ubg[0, (names == "acceleration") | (names == "arrival")]
     exact = np.array([0.7, 0.4, 0.4, 0.4, math.inf, math.inf, 0.25])
     np.testing.assert_allclose(limits, exact, rtol=1e-6)
     assert (limits[np.isfinite(exact)] <= exact[np.isfinite(exact)] - 0.9e-7).all()  # see ROOM
@@ -199,10 +199,10 @@ def test_bounds_are_the_limits_until_arrival_and_rest_after_it() -> None:
 def test_start_of_a_solve_is_a_path_that_obeys_the_dynamics_and_the_box() -> None:
     nlp = guide_nlp(HAZARD, 6)
     instance = guide_instance(nlp, TASK, 4, 3 * walk(4, 8))
-    V = nlp.variable("velocities", instance.start[0])
+    V = nlp.variable("velocities", instance.x0[0])
     np.testing.assert_array_equal(V[:4], np.clip(3 * walk(4, 8), -2, 2))
     np.testing.assert_array_equal(V[4:], 0.0)
-    X = nlp.variable("positions", instance.start[0])
+    X = nlp.variable("positions", instance.x0[0])
     np.testing.assert_allclose(X, integrate(TASK.start, V, 0.33)[1:], rtol=1e-14)
 
 
@@ -218,8 +218,8 @@ def test_dimensionless_task_is_the_same_program_in_lengths_of_a_step() -> None:
         ),
     ):
         instance = guide_instance(nlp, task, 4, V)
-        values = [np.asarray(part) for part in nlp.evaluate(x[0], instance.parameters[0])]
-        found.append([np.concatenate(values).ravel(), instance.upper_g[0]])
+        values = [np.asarray(part) for part in nlp.evaluate(x[0], instance.p[0])]
+        found.append([np.concatenate(values).ravel(), instance.ubg[0]])
     scale = np.array([1.0, *[unit] * 8, *[4.0] * 4, unit**2])
     np.testing.assert_allclose(scale * found[1][0], found[0][0], rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(scale[1:] * found[1][1], found[0][1], rtol=1e-6)
@@ -231,7 +231,7 @@ def test_dimensionless_task_is_the_same_program_in_lengths_of_a_step() -> None:
 def penalised(velocities: Array, gamma: float = 10.0) -> tuple[float, Array]:
     nlp = penalised_guide_nlp(HAZARD, len(velocities))
     instance = penalised_guide_instance(nlp, TASK, gamma, velocities)
-    value, gradient = nlp.gradient(velocities.ravel(), instance.parameters[0])
+    value, gradient = nlp.gradient(velocities.ravel(), instance.p[0])
     return float(value), np.asarray(gradient).reshape(-1, 2)
 
 
@@ -292,5 +292,5 @@ def test_penalised_program_has_the_box_alone() -> None:
     nlp = penalised_guide_nlp(HAZARD, 5)
     instance = penalised_guide_instance(nlp, TASK, 10.0, walk(5, 10))
     assert nlp.sizes[2] == 0
-    assert (instance.upper == 2.0).all()
-    assert (instance.lower == -2.0).all()
+    assert (instance.ubx == 2.0).all()
+    assert (instance.lbx == -2.0).all()

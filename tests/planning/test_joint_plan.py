@@ -162,7 +162,7 @@ def test_objective_is_the_log_odds_of_the_laws_cost(objective: str) -> None:
     first = scenario.target.contains(positions[1:]).argmax(axis=0) + 1
     assert (first > 1).all()
     instance = joint_instance(nlp, form, task, first, velocities[: first.max()])
-    odds = float(nlp.evaluate(instance.start[0], instance.parameters[0])[0])
+    odds = float(nlp.evaluate(instance.x0[0], instance.p[0])[0])
     cost = PlanDistribution.of(scenario, positions[: first.max() + 1]).cost(objective)
     assert odds == pytest.approx(math.log(cost / (1 - cost)), rel=1e-9)
 
@@ -175,7 +175,7 @@ def test_gradient_is_that_of_differences() -> None:
         nlp = joint_nlp(scenario.hazard, form)
         wild = np.random.default_rng(1).normal(1.2, 0.4, (8, 2, 2))
         instance = joint_instance(nlp, form, task, np.array([8, 7]), wild)
-        x, p = instance.start[0], instance.parameters[0]
+        x, p = instance.x0[0], instance.p[0]
         gradient = np.asarray(nlp.gradient(x, p)[1]).ravel()
         for row in range(0, len(x), 3):
             apart = 1e-6 * np.eye(len(x))[row]
@@ -192,7 +192,7 @@ def test_mean_field_of_one_member_is_exact() -> None:
         form = JointForm(1, scenario.n_steps, exact)
         nlp = joint_nlp(scenario.hazard, form)
         instance = joint_instance(nlp, form, task, np.array([8]), ways)
-        odds.append(float(nlp.evaluate(instance.start[0], instance.parameters[0])[0]))
+        odds.append(float(nlp.evaluate(instance.x0[0], instance.p[0])[0]))
     assert odds[0] == pytest.approx(odds[1], rel=1e-9)
 
 

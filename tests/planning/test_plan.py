@@ -243,7 +243,7 @@ class Fickle(Solver):
 
     def _run(self, nlp: Nlp, instances: Instances) -> list[Answer]:
         answer = Ipopt()._run(nlp, instances)[0]
-        moving = (nlp.variable("velocities", instances.upper[0])[:, 0] > 0).sum()
+        moving = (nlp.variable("velocities", instances.ubx[0])[:, 0] > 0).sum()
         if moving % 2 == 0:
             return [answer]
         nowhere = np.full_like(answer.x, np.nan)

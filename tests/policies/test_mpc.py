@@ -34,7 +34,7 @@ def paths_of(problem: MpcFormation, data: Window) -> Array:
     """Advances (B, H, n, 2) by the batch solver, every one converged; those given as they are."""
     batch, n = data.alive.shape
     rows = np.flatnonzero(problem.free.any(axis=1))
-    found = problem.instances.start.copy()
+    found = problem.instances.x0.copy()
     run = InteriorPoint().run(problem.nlp, problem.instances[rows])
     assert run.judged[:, 2].max(initial=0.0) <= 1e-6
     found[rows] = run.x
@@ -78,7 +78,7 @@ def test_window_of_one_step_has_the_one_step_answer_by_the_other_solver() -> Non
     for ahead, (one, margin) in zip(both(data), pairs, strict=True):
         found, paper = (
             flown(data, ahead, InteriorPoint()),
-            one.instances.lower.reshape(40, 4, 2).copy(),
+            one.instances.lbx.reshape(40, 4, 2).copy(),
         )
         rows = np.flatnonzero(one.free.any(axis=1))
         solution = make_solver("spectral").solve_batch(one.nlp, one.instances[rows])

@@ -240,7 +240,7 @@ class Broken(Solver):
         pass
 
     def _run(self, nlp: Nlp, instances: Instances) -> list[Answer]:
-        start = instances.start
+        start = instances.x0
         return [
             Answer(np.full_like(start[i], self.x), self.status, "broken", 0, 0, 0.0)
             if i % 2

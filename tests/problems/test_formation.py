@@ -45,7 +45,7 @@ def leaders_of(step: Step) -> NDArray[np.intp]:
 
 def velocities(formation: Formation, solver: str = "ipopt") -> Array:
     """Velocities (B, n, 2) of problems that must all be solved."""
-    found = formation.instances.lower.reshape(*formation.free.shape, 2).copy()
+    found = formation.instances.lbx.reshape(*formation.free.shape, 2).copy()
     rows = np.flatnonzero(formation.free.any(axis=1))
     solutions = make_solver(solver).solve(formation.nlp, formation.instances[rows])
     assert {solution.status for solution in solutions} <= {Status.SOLVED}
@@ -116,7 +116,7 @@ def test_leader_problem_weighs_the_leader_alone_and_corridor_problem_all_the_liv
     v = np.random.default_rng(3).normal(size=(6, 5, 2))
     for formation, everybody in zip(both(step, leaders), (False, True), strict=True):
         for b in range(6):
-            value = formation.nlp.evaluate(v[b].ravel(), formation.instances.parameters[b])[0]
+            value = formation.nlp.evaluate(v[b].ravel(), formation.instances.p[b])[0]
             following = step.positions[b] + DT * v[b]
             counted = np.flatnonzero(step.alive[b]) if everybody else [leaders[b]]
             rates = [rate_by_hand(i, following, step.alive[b], RADARS) for i in counted]
@@ -298,7 +298,7 @@ def test_leader_that_cannot_reach_its_place_is_the_one_shortfall() -> None:
     leaders = leaders_of(step)
     formation = leader_formation(step, leaders)
     rows = np.arange(20)
-    lead = formation.instances.lower.reshape(20, 4, 2)[rows, leaders]
+    lead = formation.instances.lbx.reshape(20, 4, 2)[rows, leaders]
     missed = np.hypot(*(step.positions[rows, leaders] + DT * lead - GOAL).T)
     short = formation.infeasible[rows, leaders]
     assert (short == (missed > 1e-6)).all()

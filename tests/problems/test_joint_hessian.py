@@ -73,4 +73,4 @@ def point(scenario: csw.Scenario, form: JointForm) -> tuple[np.ndarray, np.ndarr
     velocities = draws.uniform(0.2, 1.6, (form.horizon, 3, 2))
     nlp = joint_nlp(scenario.hazard, form)
     instance = joint_instance(nlp, form, task, np.array([3, 4, 4]), velocities)
-    return instance.start[0], instance.parameters[0]
+    return instance.x0[0], instance.p[0]

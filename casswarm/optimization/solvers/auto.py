@@ -88,4 +88,4 @@ class Auto(Solver):
 def _restarted(instances: Instances, x: FloatArray) -> Instances:
     """The instances from x, or from their own start where x is not finite."""
     usable = np.isfinite(x).all(axis=1, keepdims=True)
-    return instances.restarted(np.where(usable, x, instances.start))
+    return instances.with_x0(np.where(usable, x, instances.x0))

@@ -116,7 +116,7 @@ class Solver(ABC):
 
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
         """Like `solve`, for thousands of instances: arrays instead of objects."""
-        return BatchSolution.of(self.solve(nlp, instances), instances.units)
+        return BatchSolution.of(self.solve(nlp, instances), instances.scale)
 
     def _answers(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         try:
@@ -146,12 +146,12 @@ class Solver(ABC):
 
     def _judged(self, nlp: Nlp, instance: Instances, answer: Answer, build: float) -> Solution:
         shape = np.shape(answer.x)
-        if shape != instance.start.shape[1:]:
+        if shape != instance.x0.shape[1:]:
             answer = failed(instance, f"gave x of shape {shape}: {answer.message}")[0]
         residuals = judge(nlp, instance, answer.x, answer.multipliers)
         return Solution(
             x=answer.x,
-            objective=float(nlp.evaluate(answer.x, instance.parameters[0])[0]),
+            objective=float(nlp.evaluate(answer.x, instance.p[0])[0]),
             status=_trusted(answer.status, residuals),
             message=answer.message,
             solver=self.name,
@@ -171,7 +171,7 @@ def _checked(answer: object) -> Answer:
 
 def failed(instances: Instances, message: str, seconds: float = 0.0) -> list[Answer]:
     """Failed answers to all of the instances, with no x: not a number."""
-    nothing = np.full(instances.start.shape[1], np.nan)
+    nothing = np.full(instances.x0.shape[1], np.nan)
     return [Answer(nothing, Status.FAILED, message, 0, 0, seconds) for _ in range(len(instances))]
 
 

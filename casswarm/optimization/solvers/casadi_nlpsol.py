@@ -77,26 +77,26 @@ class NlpsolSolver(Solver):
 
     def _solve(self, function: Any, instances: Instances, i: int) -> Answer:
         started = time.perf_counter()
-        free = self.wants_a_row and not instances.lower_g.shape[1]
+        free = self.wants_a_row and not instances.lbg.shape[1]
         try:
             with interruptible(), silence() if self.talks else nullcontext():
                 out = function(
-                    x0=instances.start[i],
-                    p=instances.parameters[i],
-                    lbx=instances.lower[i],
-                    ubx=instances.upper[i],
-                    lbg=-np.inf if free else instances.lower_g[i],
-                    ubg=np.inf if free else instances.upper_g[i],
+                    x0=instances.x0[i],
+                    p=instances.p[i],
+                    lbx=instances.lbx[i],
+                    ubx=instances.ubx[i],
+                    lbg=-np.inf if free else instances.lbg[i],
+                    ubg=np.inf if free else instances.ubg[i],
                 )
         except RuntimeError as error:  # CasADi's, for example on NaN bounds
             seconds = time.perf_counter() - started
-            return Answer(instances.start[i], Status.FAILED, _reason(error), 0, 0, seconds)
+            return Answer(instances.x0[i], Status.FAILED, _reason(error), 0, 0, seconds)
         seconds = time.perf_counter() - started
         stats = _stats(function)
         words = self._words(stats)
         if words == INTERRUPTED:
             raise KeyboardInterrupt
-        rows = instances.lower_g.shape[1]
+        rows = instances.lbg.shape[1]
         return Answer(
             x=np.asarray(out["x"]).ravel(),
             status=self._status(words, stats),

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...errors import SolverError
 from ...typing import BoolArray, FloatArray
+from ..feasible_sets.planar import PlanarSets
 from ..problem import Instances, Nlp
 from ..solution import Status
 from .base import Answer, Capabilities, Solver, require
@@ -22,8 +23,8 @@ class ProjectedGradient(Solver):
     """x <- P(x - step grad f(x)), the paper's algorithm of sections III and IV.
 
     Bertsekas, Tsitsiklis, Parallel and Distributed Computation, section 3.3.2. For problems whose
-    constraints are a box, or a product of boxes and discs in the plane (`Instances.sets`). Batched:
-    all instances advance together, and each stops on its own.
+    constraints are a box, or a product of boxes and discs in the plane (`Instances.feasible_set`).
+    Batched: all instances advance together, and each stops on its own.
 
     Parameters
     ----------
@@ -62,7 +63,7 @@ class ProjectedGradient(Solver):
         _ = nlp.gradient
 
     def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        if nlp.constraints and instances.sets is None:
+        if nlp.constraints and not isinstance(instances.feasible_set, PlanarSets):
             raise SolverError(
                 f"projected-gradient cannot take {nlp.name}: its constraints "
                 f"({', '.join(nlp.constraints)}) are no product of boxes and discs"
@@ -74,14 +75,14 @@ class ProjectedGradient(Solver):
 
     def _run_chunk(self, nlp: Nlp, instances: Instances) -> list[Answer]:
         started = time.perf_counter()
-        origin = np.zeros_like(instances.start) if self.start == "zero" else instances.start
+        origin = np.zeros_like(instances.x0) if self.start == "zero" else instances.x0
         x = _project(instances, origin)
         answer, least = x.copy(), np.full(len(x), np.inf)
         spent = np.full(len(x), self.iterations)
         converged = np.zeros(len(x), bool)
         moving, part = np.arange(len(x)), instances
         for iteration in range(self.iterations):
-            objective, gradient = gradients(nlp, x[moving], part.parameters)
+            objective, gradient = gradients(nlp, x[moving], part.p)
             if self.keep == "best":
                 better = objective < least[moving]
                 least[moving[better]] = objective[better]
@@ -120,7 +121,7 @@ def _outcome(lost: np.bool_, converged: np.bool_) -> tuple[Status, str]:
 
 
 def _project(instances: Instances, x: FloatArray) -> FloatArray:
-    if instances.sets is None:
-        return np.clip(x, instances.lower, instances.upper)
-    points = x.reshape(*instances.sets.shape, 2)
-    return instances.sets.project(points).reshape(x.shape)
+    sets = instances.feasible_set
+    if not isinstance(sets, PlanarSets):
+        return np.clip(x, instances.lbx, instances.ubx)
+    return sets.project(x.reshape(*sets.shape, 2)).reshape(x.shape)

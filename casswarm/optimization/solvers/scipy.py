@@ -34,10 +34,10 @@ class Functions:
     """
 
     def __init__(self, nlp: Nlp, instance: Instances, seconds: float) -> None:
-        self.nlp, self.p = nlp, instance.parameters[0]
-        self.lower, self.upper = instance.lower[0], instance.upper[0]
-        self.lower_g, self.upper_g = instance.lower_g[0], instance.upper_g[0]
-        self.start = np.clip(instance.start[0], self.lower, self.upper)
+        self.nlp, self.p = nlp, instance.p[0]
+        self.lower, self.upper = instance.lbx[0], instance.ubx[0]
+        self.lower_g, self.upper_g = instance.lbg[0], instance.ubg[0]
+        self.start = np.clip(instance.x0[0], self.lower, self.upper)
         self.last = self.start
         self.evaluations = 0
         self._deadline = time.perf_counter() + seconds
@@ -98,7 +98,7 @@ class ScipySolver(Solver):
             seconds = time.perf_counter() - started
             return Answer(functions.last, status, message, 0, functions.evaluations, seconds)
 
-        if not (instance.lower <= instance.upper).all() or not np.isfinite(functions.start).all():
+        if not (instance.lbx <= instance.ubx).all() or not np.isfinite(functions.start).all():
             return failure(Status.FAILED, "bounds cross, or bounds or start are not finite")
         try:
             with warnings.catch_warnings(), np.errstate(all="ignore"):

@@ -143,7 +143,7 @@ class JointProblem:
             law = PlanDistribution.of(self.scenario, self.positions(velocities))
             return share * (1.0 - law.cost(self.form.objective))
         instance = joint_instance(self.nlp, self.form, self.task, arrivals, velocities)
-        odds = float(self.nlp.evaluate(instance.start[0], instance.parameters[0])[0])
+        odds = float(self.nlp.evaluate(instance.x0[0], instance.p[0])[0])
         return share * float(1.0 / (1.0 + np.exp(odds)))
 
 

@@ -35,12 +35,12 @@ _SHARE = 32  # instances that are worth a thread
 class InteriorPoint(Solver):
     """Feasible primal-dual interior point with exact limits, state by state (`barrier_core`).
 
-    For problems over paths (`Instances.paths`) whose objective is there as source.
+    For problems over paths (`Instances.feasible_set`) whose objective is there as source.
 
     Parameters
     ----------
     tolerance : float
-        Largest component of the Lagrangian's gradient at the end, in `Instances.units`.
+        Largest component of the Lagrangian's gradient at the end, in `Instances.scale`.
     finest : float
         Barrier parameter at the end, in units of the objective: every multiplier times its slack.
     iterations : int
@@ -68,7 +68,7 @@ class InteriorPoint(Solver):
     @staticmethod
     def can_take(nlp: Nlp, instances: Instances) -> bool:
         """Whether the constraints are limits of paths, and the objective is there as source."""
-        return instances.paths is not None and nlp.compiled is not None
+        return isinstance(instances.feasible_set, PathSets) and nlp.compiled is not None
 
     def _build(self, nlp: Nlp) -> None:
         if nlp.compiled is not None:
@@ -90,7 +90,7 @@ class InteriorPoint(Solver):
         """Solve every instance; every answer is judged, by the problem alone, as it is found.
 
         Stationarity is the larger of the Lagrangian's gradient and of complementarity, in
-        `Instances.units`.
+        `Instances.scale`.
         """
         run = self.run(nlp, instances)
         return run.solution(run.outcome == interior_point_kernels.CONVERGED)
@@ -115,8 +115,8 @@ class InteriorPointRun:
     def of(cls, solver: InteriorPoint, nlp: Nlp, instances: Instances) -> InteriorPointRun:
         """Solve; each state alone, on any thread."""
         started = time.perf_counter()
-        paths, units = instances.paths, instances.units
-        assert paths is not None
+        paths, units = instances.feasible_set, instances.scale
+        assert isinstance(paths, PathSets)
         assert nlp.compiled is not None
         batch, steps, n = paths.shape
         units = np.ones((batch, 2)) if units is None else np.ascontiguousarray(units)
@@ -128,7 +128,7 @@ class InteriorPointRun:
             np.array([paths.speed, paths.change]),
             np.ascontiguousarray(paths.centers),
             np.ascontiguousarray(paths.radii),
-            np.ascontiguousarray(instances.parameters)[:, None],
+            np.ascontiguousarray(instances.p)[:, None],
             nlp.compiled.shared,
             units,
             solver.finest,
@@ -144,7 +144,7 @@ class InteriorPointRun:
         return cls(
             nlp=nlp,
             paths=paths,
-            parameters=instances.parameters,
+            parameters=instances.p,
             units=units,
             x=x.reshape(batch, -1),
             multipliers=multipliers,
@@ -212,7 +212,7 @@ class InteriorPointRun:
 def _starts(instances: Instances, paths: PathSets, number: int) -> FloatArray:
     """Starts (B, S, H, 2n): the given one, or several around it, the same way for every state."""
     batch, steps, n = paths.shape
-    starts = np.repeat(instances.start.reshape(batch, 1, steps, n, 2), number, axis=1)
+    starts = np.repeat(instances.x0.reshape(batch, 1, steps, n, 2), number, axis=1)
     if number > 1:
         # one pattern for all states, so that a state's answer does not depend on its batch
         pattern = np.random.default_rng(1).normal(size=(number, 1, n, 2))

@@ -47,7 +47,7 @@ class SpectralProjectedGradient(Solver):
     ----------
     tolerance : float
         A point x has converged when no component of x - P(x - grad f(x)) is larger, all in
-        `Instances.units`: an answer does not depend on the scenario's units.
+        `Instances.scale`: an answer does not depend on the scenario's units.
     iterations : int, optional
         Limit for every start. By default 300 and one for every variable; of an objective that
         CasADi evaluates, 300 at the most.
@@ -76,7 +76,8 @@ class SpectralProjectedGradient(Solver):
     @staticmethod
     def can_take(nlp: Nlp, instances: Instances) -> bool:
         """Whether the constraints are a product of boxes and discs, and given as such."""
-        return instances.sets is not None and 2 * instances.sets.shape[-1] == nlp.sizes[0]
+        sets = instances.feasible_set
+        return isinstance(sets, PlanarSets) and 2 * sets.shape[-1] == nlp.sizes[0]
 
     def _build(self, nlp: Nlp) -> None:
         if nlp.compiled is not None:
@@ -96,7 +97,7 @@ class SpectralProjectedGradient(Solver):
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
         """Solve every instance; every answer is judged, by the problem alone, as it is found.
 
-        Stationarity is the largest component of x - P(x - grad f(x)), in `Instances.units`; it
+        Stationarity is the largest component of x - P(x - grad f(x)), in `Instances.scale`; it
         needs no multipliers.
         """
         run = self.run(nlp, instances)
@@ -127,16 +128,16 @@ class Run:
                 f"spectral cannot take {nlp.name}: it needs constraints that are products of boxes "
                 "and discs in the plane"
             )
-        assert instances.sets is not None
+        assert isinstance(instances.feasible_set, PlanarSets)
         batch = len(instances)
         return cls(
             solver=solver,
             nlp=nlp,
-            product=instances.sets,
+            product=instances.feasible_set,
             units=_units(instances),
             starts=_starts(instances, solver.starts or nlp.starts),
-            parameters=np.ascontiguousarray(instances.parameters),
-            x=np.empty(instances.start.shape),
+            parameters=np.ascontiguousarray(instances.p),
+            x=np.empty(instances.x0.shape),
             judged=np.empty((batch, 3)),
             outcome=np.empty(batch, np.int64),
             counts=np.zeros((batch, 2), np.int64),
@@ -192,7 +193,7 @@ class Run:
 
 def _units(instances: Instances) -> FloatArray:
     """Units of x and f, (B, 2); ones where none are given."""
-    units = np.ones((len(instances), 2)) if instances.units is None else instances.units
+    units = np.ones((len(instances), 2)) if instances.scale is None else instances.scale
     return np.ascontiguousarray(units)
 
 
@@ -214,11 +215,11 @@ def in_threads(work: Callable[[int, int], None], size: int, share: int) -> None:
 def _starts(instances: Instances, number: int) -> FloatArray:
     """Starts (S, B, nx): the given one, and others around it that depend on the state alone."""
     if number == 1:
-        return np.ascontiguousarray(instances.start)[None]
-    starts = np.repeat(instances.start[None], number, axis=0)
+        return np.ascontiguousarray(instances.x0)[None]
+    starts = np.repeat(instances.x0[None], number, axis=0)
     if number > 1:
-        assert instances.sets is not None
-        radius = instances.sets.radii.min(axis=-1, initial=np.inf)
+        assert isinstance(instances.feasible_set, PlanarSets)
+        radius = instances.feasible_set.radii.min(axis=-1, initial=np.inf)
         spread = _SPREAD * np.where(np.isfinite(radius), radius, 0.0)
         points = starts.reshape(number, *radius.shape, 2)  # a view
         # one pattern for all states, so that a state's answer does not depend on its batch
