@@ -413,8 +413,8 @@ def published(number: int) -> Published:
     case = known(
         f"HS {number}",
         stated.objective,
-        (stated.x0, stated.optimum),
-        stated.x0,
+        (stated.start, stated.optimum),
+        stated.start,
         box=tuple(zip(*stated.box, strict=True)) if stated.box else None,  # type: ignore[arg-type]
         rows={f"row{i}": row for i, row in enumerate(stated.rows)},
     )

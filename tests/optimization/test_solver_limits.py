@@ -89,7 +89,7 @@ def test_a_limit_of_time_is_named_and_no_success(name: str) -> None:
     solution = make_solver(name, max_seconds=1e-3).solve(*guide(10.0))[0]
     assert solution.status is Status.TIME_LIMIT, solution
     assert solution.message
-    assert solution.x.shape == guide(10.0)[1].start.shape[1:]
+    assert solution.x.shape == guide(10.0)[1].x0.shape[1:]
 
 
 def test_solvers_that_know_no_limit_of_time_say_so() -> None:
