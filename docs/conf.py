@@ -1,17 +1,22 @@
-"""How the site is built: sphinx-build -W docs docs/_build/html."""
+"""Configuration of the site: sphinx-build -W docs docs/_build/html."""
 
 from __future__ import annotations
 
+import hashlib
+import shutil
 import sys
 from pathlib import Path
+from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parent / "_ext"))
-
-from notebook_pages import fingerprint
+from docutils import nodes
+from sphinx.application import Sphinx
+from sphinx.util.nodes import make_refnode
 
 from casswarm import __version__
 
 HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent
+sys.path.insert(0, str(HERE / "_ext"))
 
 project = "casswarm"
 author = "The casswarm developers"
@@ -19,24 +24,20 @@ copyright = author  # noqa: A001  # Sphinx wants this name
 version = release = __version__
 
 extensions = [
-    "myst_nb",  # Markdown, and notebooks
+    "myst_nb",
+    "numpydoc",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
     "sphinx.ext.viewcode",
     "sphinx_click",
     "sphinx_copybutton",
-    "command_help",
-    "docstrings",
-    "notebook_pages",
-    "page_trees",
-    "public_names",
-    "repository_links",
-    "scenario_keys",
+    "command_help",  # sphinx-click prints examples and defaults as plain paragraphs
+    "repository_links",  # links such as ../LICENSE work on GitHub and on the site
+    "scenario_keys",  # the reference of scenario files, from the pydantic schema
 ]
-exclude_patterns = ["_build", "**.ipynb_checkpoints"]
+exclude_patterns = ["_build", "_ext", "*.py", "**.ipynb_checkpoints"]
 smartquotes = False  # else --runs becomes a dash and a word
-nitpicky = True
 
 # --- pages
 
@@ -46,10 +47,23 @@ myst_heading_anchors = 3  # links to sections, as GitHub names them
 copybutton_prompt_text = r"\$ |>>> |\.\.\. "
 copybutton_prompt_is_regexp = True
 
-# --- notebooks: the scripts in notebooks/, executed once and kept until they or casswarm change
+# --- notebooks: the scripts in notebooks/, executed and cached until they or casswarm change
 
+
+def package_fingerprint() -> str:
+    """Hash of the package's sources, on which the notebooks' results depend."""
+    digest = hashlib.sha256()
+    for folder in ("casswarm", "problems"):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+# Sphinx reads sources below docs/ only
+shutil.copytree(ROOT / "notebooks", HERE / "notebooks", dirs_exist_ok=True)
+nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:percent"}]}
 nb_execution_mode = "cache"
-nb_execution_cache_path = str(HERE / "_build" / ".jupyter_cache" / fingerprint(HERE.parent))
+nb_execution_cache_path = str(HERE / "_build" / ".jupyter_cache" / package_fingerprint())
 nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
@@ -57,14 +71,30 @@ nb_merge_streams = True
 
 # --- reference
 
-default_role = "public"  # names in docstrings: a link where the name is documented
-autosummary_generate = False  # no files: tables of what is on the same page
+default_role = "py:obj"  # names in docstrings are links where they are documented
+templates_path = ["_templates"]
+autosummary_generate = True
+autosummary_imported_members = True
 autodoc_member_order = "bysource"
-autodoc_typehints = "none"  # docstrings tell types, and the shapes that annotations cannot
-napoleon_use_param = False
-napoleon_use_rtype = False
+autodoc_typehints = "none"  # docstrings state types, and the shapes that annotations cannot
+numpydoc_show_class_members = False  # autodoc lists them
 python_use_unqualified_type_names = True
 toc_object_entries_show_parents = "hide"
+
+
+def public_name(app: Sphinx, env: Any, node: nodes.Element, content: nodes.Element) -> Any:
+    """Resolve a public name that a docstring of another module mentions without `casswarm.`."""
+    name = f"casswarm.{node.get('reftarget')}"
+    entry = env.domains.python_domain.objects.get(name)
+    if entry is None:
+        return None
+    return make_refnode(app.builder, node["refdoc"], entry.docname, entry.node_id, content, name)
+
+
+def setup(app: Sphinx) -> None:
+    """Connect the resolver of public names."""
+    app.connect("missing-reference", public_name)
+
 
 # --- links: looked up by `sphinx-build -b linkcheck`, which needs the network
 

@@ -1,7 +1,7 @@
-r"""The help of commands as sphinx-click gives it, made easier to read.
+r"""The output of sphinx-click, made readable: examples as code, defaults and choices as a line.
 
-Examples, which click keeps as they are after ``\b``, become code; an option's default and choices,
-a line.
+sphinx-click marks each line of a paragraph that follows ``\b`` in a docstring with a bar, and
+prints defaults and choices as field lists.
 """
 
 from __future__ import annotations
@@ -11,48 +11,45 @@ from typing import Any
 
 from sphinx.application import Sphinx
 
-BAR = "| "  # which sphinx-click puts before every line after \b
+BAR = "| "
 
 
-def examples_as_code(_app: Sphinx, _context: object, lines: list[str]) -> None:
-    """Turn blocks of a heading and indented lines into a heading and code."""
-    found: list[str] = []
-    inside = False
+def format_examples(_app: Sphinx, _context: object, lines: list[str]) -> None:
+    """Turn indented lines of a marked paragraph into a code block."""
+    formatted: list[str] = []
+    in_code = False
     for line in lines:
-        if not line.startswith(BAR):
-            inside = False
-            found.append(line)
-            continue
         text = line.removeprefix(BAR)
-        if text.startswith(" "):
-            if not inside:
-                found += ["", ".. code-block:: text", ""]
-            inside = True
-            found.append(f"   {text.strip()}")
+        is_code = text != line and text.startswith(" ")
+        if is_code and not in_code:
+            formatted += ["", ".. code-block:: text", ""]
+        if is_code:
+            formatted.append(f"   {text.strip()}")
         else:
-            inside = False
-            found += ["", text]
-    lines[:] = [*found, ""]
+            formatted += ["", text] if text != line else [line]
+        in_code = is_code
+    lines[:] = [*formatted, ""]
 
 
-def facts_in_a_line(_app: Sphinx, _context: object, lines: list[str]) -> None:
+def format_options(_app: Sphinx, _context: object, lines: list[str]) -> None:
     """Turn the fields for default and choices into sentences."""
-    for place, line in enumerate(lines):
+    formatted: list[str] = []
+    for line in lines:
         default = re.fullmatch(r"( +):default: ``'?(.*?)'?``", line)
         choices = re.fullmatch(r"( +):options: (.*)", line)
         if default:
-            lines[place] = f"{default[1]}Default: ``{default[2]}``."
-            if place + 1 < len(lines) and ":options:" in lines[place + 1]:
-                lines[place] += "\n"
+            formatted += [f"{default[1]}Default: ``{default[2]}``.", ""]
         elif choices:
-            words = ", ".join(f"``{word}``" for word in choices[2].split(" | "))
-            lines[place] = f"{choices[1]}One of {words}."
-    lines[:] = [part for line in lines for part in line.split("\n")]
+            names = ", ".join(f"``{name}``" for name in choices[2].split(" | "))
+            formatted.append(f"{choices[1]}One of {names}.")
+        else:
+            formatted.append(line)
+    lines[:] = formatted
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """After sphinx-click, whose events these are."""
+    """Connect to sphinx-click's events."""
     app.setup_extension("sphinx_click")
-    app.connect("sphinx-click-process-description", examples_as_code)
-    app.connect("sphinx-click-process-options", facts_in_a_line)
+    app.connect("sphinx-click-process-description", format_examples)
+    app.connect("sphinx-click-process-options", format_options)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,4 +1,4 @@
-"""The scenario file, key by key, from the schema that reads it: nothing here is written twice.
+"""Reference of scenario files, generated from the pydantic schema that validates them.
 
 ``{scenario-keys}`` makes a section a table of the file, with every key's limits, default and
 meaning; ``{builtin-scenarios}`` a table of the scenarios that come with casswarm.
@@ -42,31 +42,31 @@ def rows(table: str, model: type[BaseModel]) -> list[tuple[str, str, str, str]]:
 
 
 def meaning(field: FieldInfo) -> str:
-    """What a key means, with its unit."""
+    """Description of a key, with its unit."""
     if not field.description:
         raise ValueError(f"a field of the schema has no description: {field}")
     return field.description
 
 
 def default(table: str, key: str, field: FieldInfo) -> str:
-    """Default of a key as it would be written, or who needs it."""
+    """Default of a key as it would be written, or the kinds of hazard that require it."""
     if field.is_required():
-        return "must be given"
-    kinds = [kind for kind, needed in CONSTANTS.items() if table == "hazard" and key in needed]
+        return "required"
+    kinds = [k for k, required in CONSTANTS.items() if table == "hazard" and key in required]
     if kinds:
         every = len(kinds) == len(CONSTANTS)
-        needing = "every built-in kind" if every else " and ".join(f'`"{k}"`' for k in kinds)
-        return f"needed by {needing}"
+        requiring = "every built-in kind" if every else " and ".join(f'`"{k}"`' for k in kinds)
+        return f"required by {requiring}"
     value = field.get_default(call_default_factory=True)
     if value is None or value in ({}, ()):
-        return "left out"
+        return "none"
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
     return f'`"{value}"`' if isinstance(value, str) else f"`{value:g}`"
 
 
 def marked(text: str) -> str:
-    """Plain text as Markdown: quoted words as values, nothing else of it special."""
+    """Plain text as Markdown, with quoted words as code."""
     escaped = re.sub(r"([\\*_\[\]$<>`|])", r"\\\1", text)
     return re.sub(
         r"'([\w:+\\-]+)'", lambda word: '`"{}"`'.format(word[1].replace("\\", "")), escaped
@@ -85,35 +85,35 @@ def list_table(head: Sequence[str], lines: Iterable[Sequence[str]], widths: str)
 
 
 def reference() -> str:
-    """All tables, a section each."""
+    """Sections of all tables."""
     parts = []
     for name, model in tables():
-        said = "The keys that come before all tables."
+        text = "Keys that precede all tables."
         if name:
-            said = (model.__doc__ or "").split("\n\n")[0]
+            text = (model.__doc__ or "").split("\n\n")[0]
             optional = not fields(Scenario)[name].is_required()
-            said += " The table may be left out." if optional else ""
+            text += " The table is optional." if optional else ""
         title = f"`[{name}]`" if name else "Name and description"
-        parts += [f"## {title}", "", said, "", list_table(HEAD, rows(name, model), "14 24 16 46")]
+        parts += [f"## {title}", "", text, "", list_table(HEAD, rows(name, model), "14 24 16 46")]
     return "\n".join(parts)
 
 
 def builtin() -> str:
-    """The scenarios that come with casswarm."""
-    found = []
+    """Table of the built-in scenarios."""
+    lines = []
     for name, description in builtin_scenarios().items():
         scenario = load_scenario(name)
         radars = len(scenario.hazard.radar_positions)
-        found.append((f"`{name}`", str(scenario.n), str(radars), str(scenario.n_steps)))
-        found[-1] += (marked(description),)
-    return list_table(("Name", "Members", "Radars", "Steps", "What it is"), found, "16 9 9 9 57")
+        numbers = (str(scenario.n), str(radars), str(scenario.n_steps))
+        lines.append((f"`{name}`", *numbers, marked(description)))
+    return list_table(("Name", "Members", "Radars", "Steps", "Description"), lines, "16 9 9 9 57")
 
 
 class ScenarioKeys(SphinxDirective):
     """``{scenario-keys}``."""
 
     def run(self) -> list[nodes.Node]:
-        """The sections."""
+        """Sections of the reference."""
         return self.parse_text_to_nodes(reference(), allow_section_headings=True)
 
 
@@ -121,12 +121,12 @@ class BuiltinScenarios(SphinxDirective):
     """``{builtin-scenarios}``."""
 
     def run(self) -> list[nodes.Node]:
-        """The table."""
+        """Table of scenarios."""
         return self.parse_text_to_nodes(builtin())
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Both directives."""
+    """Register both directives."""
     app.add_directive("scenario-keys", ScenarioKeys)
     app.add_directive("builtin-scenarios", BuiltinScenarios)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,4 +1,4 @@
-"""The page of figures is true: its pictures are there and small, its commands and code work."""
+"""The page on figures is correct: pictures exist and are small, commands and code work."""
 
 import re
 import runpy
@@ -17,14 +17,14 @@ PAGE = (ROOT / "docs" / "figures.md").read_text(encoding="utf-8")
 LINKED = re.findall(r"!\[[^]]+\]\((images/[^)]+)\)", PAGE)
 
 
-def test_pictures_are_there_small_and_said_in_words():
+def test_pictures_exist_are_small_and_have_alt_text():
     assert len(LINKED) > 15
     assert len(LINKED) == PAGE.count("![")
     for name in LINKED:
         assert (ROOT / "docs" / name).stat().st_size < 500_000, name
 
 
-def test_pictures_are_those_that_the_script_draws():
+def test_pictures_are_drawn_by_the_script():
     script = runpy.run_path(str(ROOT / "docs" / "draw_figures.py"), run_name="read")
     drawn = {
         f"images/{source}-{figure}.png"
@@ -39,22 +39,22 @@ def test_pictures_are_those_that_the_script_draws():
 
 
 def commands():
-    told = re.findall(r"`(casswarm [^`]+)`", PAGE) + re.findall(r"^(casswarm .+)$", PAGE, re.M)
-    return sorted({" ".join(command.split()) for command in told})
+    shown = re.findall(r"`(casswarm [^`]+)`", PAGE) + re.findall(r"^(casswarm .+)$", PAGE, re.M)
+    return sorted({" ".join(command.split()) for command in shown})
 
 
 @pytest.mark.parametrize("command", commands())
-def test_commands_are_what_the_command_line_takes(command):
+def test_command_on_page_parses(command):
     words = shlex.split(command)[1:]
     known = main.commands[words[0]]
     try:
         known.make_context(words[0], words[1:])
     except click.MissingParameter:
-        assert words[1:] == []  # a command that is spoken of
+        assert words[1:] == []  # a command mentioned by name
 
 
-def test_code_runs_as_it_stands(tmp_path):
-    pytest.importorskip("IPython", reason="the notebooks' extra is not installed")
+def test_code_on_page_runs(tmp_path):
+    pytest.importorskip("IPython", reason="requires the extra `notebooks`")
     blocks = re.findall(r"^```python\n(.*?)^```$", PAGE, re.M | re.S)
     assert len(blocks) == 2
     (tmp_path / "code.py").write_text("\n".join(blocks))

@@ -1,4 +1,4 @@
-"""Notebooks, run as they are, and what their text says held against their numbers."""
+"""Notebooks run, and their numbers support what their text states."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
 NOTEBOOK = NOTEBOOKS / "04_solver_comparison.py"
 
-# not as a script: the processes that solvers run in would import and run it again
+# not as a script, which the solvers' processes would import and run again
 RUN = f"""
 exec(compile(open({str(NOTEBOOK)!r}, encoding="utf-8").read(), "solver_comparison", "exec"))
 import numpy as np
@@ -22,7 +22,7 @@ assert len(cells) == 2 * 5 * 2 * len(solvers), "problems of a kind, kinds, start
 taken = cells[cells["taken"]]
 assert set(cells.loc[~cells["taken"], "family"]) == {{"guides"}}, "which are no product sets"
 
-# what the text says of the numbers beside it
+# claims of the text
 best = taken[taken["solver"].isin(["ipopt", "spectral"])]
 assert best["solved"].all(), best["reason"].tolist()
 assert not summary["said_not_true"].any(), "no false claims"
@@ -38,7 +38,7 @@ print("done", len(cells))
 """
 
 
-def test_solver_comparison_runs_and_shows_what_its_text_says(tmp_path: Path) -> None:
+def test_solver_comparison_supports_its_text(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", RUN],
         cwd=tmp_path,
@@ -78,11 +78,11 @@ for name in scenarios:
     assert rows.loc[(name, "naive"), "success_high"] < rows.loc[(name, "leader"), "success_low"]
 """,
 }
-"""What the text says of the numbers beside it."""
+"""Claims of the text, as code."""
 
 
 @pytest.mark.parametrize("name", CLAIMS)
-def test_notebook_runs_and_its_text_is_true(name: str, tmp_path: Path) -> None:
+def test_notebook_supports_its_text(name: str, tmp_path: Path) -> None:
     text = (NOTEBOOKS / f"{name}.py").read_text(encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", f"{text}\n{CLAIMS[name]}"],
@@ -95,7 +95,7 @@ def test_notebook_runs_and_its_text_is_true(name: str, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_the_paper_reproduced_runs(tmp_path: Path) -> None:
+def test_paper_notebook_runs(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-W", "error", NOTEBOOKS / "02_paper.py"],
         cwd=tmp_path,

@@ -1,11 +1,11 @@
-"""Fenced blocks of Markdown pages that are marked to be run, and the running of them.
+"""Marked code blocks of Markdown pages, and how to run them.
 
 A comment in the line above a block marks it:
 
-    <!-- file: NAME -->   is written to NAME before anything runs
-    <!-- tested -->       Python, or sh: lines of casswarm and of python. A page runs in order, as
-                          one process: what one block defines, the next may use
-    <!-- output -->       each line is printed by one of these, numbers nearly so
+    <!-- file: NAME -->   written to NAME before anything runs
+    <!-- tested -->       Python, or sh with lines of casswarm and of python. The blocks of a page
+                          run in order in one process and share their names
+    <!-- output -->       each line is printed by a tested block; numbers may differ slightly
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ def _casswarm(*arguments):
     try:
         _main(arguments, prog_name="casswarm")
     except SystemExit as end:
-        assert not end.code, f"casswarm {arguments} ended with {end.code}"
+        assert not end.code, f"casswarm {arguments} exited with {end.code}"
 
 
 def _python(*arguments):
     _subprocess.run([_sys.executable, "-W", "error", *arguments], check=True)
 """
-"""Commands in the process that runs the page: their imports take longer than their work."""
+"""Commands run in the page's own process: importing takes longer than running them."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """A marked block: how it is marked, its language and its text."""
+    """A marked block: its mark, language and text."""
 
     mark: str
     language: str
@@ -56,16 +56,16 @@ class Block:
 
 
 def blocks(page: Path) -> list[Block]:
-    return [Block(*found) for found in BLOCK.findall(page.read_text(encoding="utf-8"))]
+    return [Block(*match) for match in BLOCK.findall(page.read_text(encoding="utf-8"))]
 
 
 def run(page: Path, folder: Path) -> None:
     """Run a page's blocks in a folder; AssertionError where one fails."""
-    found = blocks(page)
-    for block in found:
+    marked = blocks(page)
+    for block in marked:
         if block.mark.startswith("file: "):
             (folder / block.mark.removeprefix("file: ")).write_text(block.text, encoding="utf-8")
-    script = "\n".join([PREAMBLE, *(block.script for block in found if block.mark == "tested")])
+    script = "\n".join([PREAMBLE, *(block.script for block in marked if block.mark == "tested")])
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", script],
         cwd=folder,
@@ -75,17 +75,17 @@ def run(page: Path, folder: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, f"{page.name}:\n{done.stdout}\n{done.stderr}"
-    for block in found:
+    for block in marked:
         if block.mark == "output":
-            assert said(block.text, done.stdout), f"{page.name}: not printed:\n{block.text}"
+            assert is_printed(block.text, done.stdout), f"{page.name}: not printed:\n{block.text}"
 
 
-def said(told: str, printed: str) -> bool:
-    """Whether all lines told were printed; numbers may differ in their last digits."""
+def is_printed(shown: str, printed: str) -> bool:
+    """Whether all lines shown were printed; numbers may differ in their last digits."""
     lines = [_parts(line) for line in printed.splitlines()]
     return all(
         any(words == other and near(values, others) for other, others in lines)
-        for words, values in map(_parts, filter(None, map(str.strip, told.splitlines())))
+        for words, values in map(_parts, filter(None, map(str.strip, shown.splitlines())))
     )
 
 
@@ -93,5 +93,5 @@ def _parts(line: str) -> tuple[str, list[float]]:
     return " ".join(NUMBER.sub("#", line).split()), [float(n) for n in NUMBER.findall(line)]
 
 
-def near(told: list[float], printed: list[float]) -> bool:
-    return all(abs(a - b) <= 0.003 + 0.02 * abs(b) for a, b in zip(told, printed, strict=True))
+def near(shown: list[float], printed: list[float]) -> bool:
+    return all(abs(a - b) <= 0.003 + 0.02 * abs(b) for a, b in zip(shown, printed, strict=True))
