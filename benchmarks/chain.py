@@ -203,7 +203,7 @@ def hybrid(quick: bool) -> Rows:
                 "n": scenario.n,
                 "policy": policy,
                 "runs": runs,
-                "mass sampled": found[0].sampled,
+                "mass sampled": found[0].sampled_mass,
                 "states": states,
                 "width": own,
                 "plain runs": done,

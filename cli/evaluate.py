@@ -95,7 +95,7 @@ def evaluate(
                 estimates.append(
                     estimate(chosen, policy, runs, seed, tolerance=tolerance, **options)
                 )
-                laws.append(estimates[-1].head)
+                laws.append(estimates[-1].enumerated)
     inputs = {
         "tolerance": tolerance,
         "max_states": max_states,
@@ -112,10 +112,10 @@ def evaluate(
     say(folder.closing(), quiet)
 
 
-def _tell(states: int, left: float) -> None:
-    """A line that is written over, where standard error is a terminal."""
+def _tell(policy: str, done: float, total: float | None) -> None:  # noqa: ARG001
+    """Overwrite the progress line, if standard error is a terminal."""
     if sys.stderr.isatty():
-        click.echo(f"\r  {states} states solved, {left:.2e} left \r", err=True, nl=False)
+        click.echo(f"\r  {policy}: residual mass {1.0 - done:.2e} \r", err=True, nl=False)
 
 
 def _write(
@@ -164,7 +164,7 @@ def _words(scenario: Scenario, laws: list[OutcomeDistribution]) -> str:
         )
         for law in laws
     ]
-    notes = [f"{law.policy}: {law.help}" for law in laws if not law.complete]
+    notes = [f"{law.policy}: {law.advice}" for law in laws if not law.complete]
     merged = [] if all(law.proven for law in laws) else [_MERGED.format(laws[0].aggregation_tol)]
     table = aligned([head, *rows])
     lines = [f"{scenario.name}, exact law; counts are means of a run", "", table]

@@ -48,7 +48,7 @@ for name, scenario in scenarios.items():
                 "policy": policy,
                 "success_low": found.success[0],
                 "success_high": found.success[1],
-                "sampled": found.sampled,
+                "sampled": found.sampled_mass,
                 "bound": float(bound),
             }
         )

@@ -1,1 +1,1 @@
-"""The controlled Markov chain of destructions."""
+"""The controlled Markov chain of destructions, sampled and enumerated."""

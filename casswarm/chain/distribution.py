@@ -1,21 +1,35 @@
-"""The law of the chain under a policy, as brackets."""
+"""The outcome distribution of the chain under a policy, as lower and upper bounds."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from ..typing import FloatArray
+from .._util.display import Displayed
+from ..typing import FloatArray, Interval
 
 
-@dataclass(frozen=True, eq=False)
-class OutcomeDistribution:
-    """The law of the chain under a policy.
+class Band(NamedTuple):
+    """Lower and upper bounds at every step.
 
-    Every probability is known up to `unresolved`: the true one lies between the number given and
-    that number plus `unresolved`. With `aggregation_tol` above zero that holds for the chain in which
-    states nearer than `aggregation_tol` are one; at zero it holds for the chain itself.
+    Parameters
+    ----------
+    low, high : (N+1,)
+    """
+
+    low: FloatArray
+    high: FloatArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OutcomeDistribution(Displayed):
+    """Distribution of the outcomes of a run under a policy.
+
+    Every probability is a lower bound, and the exact value exceeds it by at most `residual_mass`.
+    With `aggregation_tol` above zero that holds for the chain in which states closer than
+    `aggregation_tol` are identified; at zero it holds for the chain itself.
 
     Parameters
     ----------
@@ -29,19 +43,19 @@ class OutcomeDistribution:
         Probability that a member is alive at the end of the run.
     population : (N+1, n+1)
         Probability that k members are alive at step t, or at the end of a run that ended before.
-    unknown : (N+1,)
-        Mass set aside before step t: `arrival` and `population` are known up to it.
-    unresolved : float
-        Mass of the states that were set aside, over all steps.
+    residual_mass_before : (N+1,)
+        Mass left unexpanded before step t: `arrival` and `population` are known up to it.
+    residual_mass : float
+        Mass of all states that were not expanded, over all steps.
     states : int
-        Distinct states that were solved.
+        Number of distinct states in which the policy was evaluated.
     infeasible, failures : float
-        Expected numbers of member-steps with a shortfall and of solver failures in a run, up to
-        what was set aside.
+        Expected numbers of infeasible member-steps and of solver failures in a run, up to the
+        residual mass.
     tolerance : float
-        What `unresolved` was to be at the most.
+        Requested upper limit of `residual_mass`.
     aggregation_tol : float
-        Width of the grid in a cell of which two states counted as equal.
+        Width of the grid; states in the same grid cell were identified.
     """
 
     policy: str
@@ -49,8 +63,8 @@ class OutcomeDistribution:
     survivors: FloatArray
     members: FloatArray
     population: FloatArray
-    unknown: FloatArray
-    unresolved: float
+    residual_mass_before: FloatArray
+    residual_mass: float
     states: int
     infeasible: float
     failures: float
@@ -58,59 +72,65 @@ class OutcomeDistribution:
     aggregation_tol: float
 
     @property
-    def success(self) -> tuple[float, float]:
-        """Bracket of the probability that some member arrives alive."""
+    def success(self) -> Interval:
+        """Bounds of the probability that at least one member arrives alive."""
         low = float(self.arrival.sum())
-        return low, min(1.0, low + self.unresolved)
+        return Interval(low, min(1.0, low + self.residual_mass))
 
     @property
-    def survivors_mean(self) -> tuple[float, float]:
-        """Bracket of the mean number of members alive at the end of a run."""
+    def survivors_mean(self) -> Interval:
+        """Bounds of the expected number of members alive at the end of a run."""
         low = float(self.members.sum())
-        return low, low + self.unresolved * len(self.members)
+        return Interval(low, low + self.residual_mass * len(self.members))
 
     @property
     def complete(self) -> bool:
-        """Whether the bracket is as narrow as was asked for."""
-        return self.unresolved <= self.tolerance
+        """Whether the bounds are as narrow as requested."""
+        return self.residual_mass <= self.tolerance
 
     @property
     def proven(self) -> bool:
-        """Whether no states but equal ones were merged, so that the brackets are the chain's."""
+        """Whether only identical states were aggregated, so that the bounds are the chain's."""
         return self.aggregation_tol == 0.0
 
     @property
-    def population_mean(self) -> tuple[FloatArray, FloatArray]:
-        """Brackets (N+1,) of the mean number of members alive at every step; nobody comes back."""
+    def population_mean(self) -> Band:
+        """Bounds of the expected number of living members at every step; it never increases."""
         low = self.population @ np.arange(self.population.shape[1])
-        high = low + self.unknown * (self.population.shape[1] - 1)
-        return low, np.minimum.accumulate(high)
+        high = low + self.residual_mass_before * (self.population.shape[1] - 1)
+        return Band(low, np.minimum.accumulate(high))
 
     @property
-    def anybody(self) -> tuple[FloatArray, FloatArray]:
-        """Brackets (N+1,) of the probability that somebody is alive at every step."""
+    def any_alive(self) -> Band:
+        """Bounds of the probability that at least one member is alive, at every step."""
         low = self.population[:, 1:].sum(axis=1)
-        return low, np.minimum.accumulate(np.minimum(1.0, low + self.unknown))
+        high = np.minimum(1.0, low + self.residual_mass_before)
+        return Band(low, np.minimum.accumulate(high))
+
+    def __repr__(self) -> str:
+        low, high = self.success
+        return (
+            f"OutcomeDistribution({self.policy!r}, success=[{low:.6f}, {high:.6f}], "
+            f"states={self.states})"
+        )
 
     def __str__(self) -> str:
         low, high = self.success
-        merged = (
-            "" if self.proven else f", states within {self.aggregation_tol:g} of each other merged"
-        )
+        aggregated = "" if self.proven else f", states within {self.aggregation_tol:g} aggregated"
         text = (
             f"{self.policy}: success between {low:.6f} and {high:.6f}, "
-            f"{self.states} distinct states solved{merged}"
+            f"{self.states} distinct states solved{aggregated}"
         )
-        return text if self.complete else f"{text}; {self.help}"
+        return text if self.complete else f"{text}; {self.advice}"
 
     @property
-    def help(self) -> str:
-        """What would narrow a bracket that is wider than was asked for."""
+    def advice(self) -> str:
+        """How to narrow bounds that are wider than requested; empty if they are not."""
         if self.complete:
             return ""
         text = (
-            f"wider than {self.tolerance:g}, the states ran out: allow more of them "
-            "(--max-states, max_states=), sample the rest (--runs, cs.estimate)"
+            f"state budget exhausted before a width of {self.tolerance:g} was reached: allow more "
+            "states (--max-states, max_states=), sample the residual mass (--runs, csw.estimate)"
         )
-        more = ", or merge nearly equal states (--aggregation-tol 1e-6, merging=)"
+        more = ", or aggregate nearly equal states (--aggregation-tol, aggregation_tol=1e-6)"
         return text + more if self.proven else text

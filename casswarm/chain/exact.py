@@ -1,27 +1,28 @@
-"""The controlled Markov chain, exactly: the law of a policy without sampling.
+"""Exact evaluation of the controlled Markov chain: outcome distributions without sampling.
 
-Policies are deterministic, so between two destructions nothing is random. The law is a set of
-distinct states (positions, previous velocities, who is alive) with probabilities. A step solves a
-state once and splits it by who survives; equal states are merged. What is not followed to its end
-may succeed or not, so every probability is a bracket [low, low + set aside] and no estimate.
+Policies are deterministic, so between two destructions nothing is random. The distribution is
+carried by distinct states (positions, previous velocities, living members) with probabilities. A
+step solves every state once and splits it by which members survive; equal states are aggregated.
+States that are not expanded may succeed or not, so every probability is bounded by
+[low, low + residual mass] and is not an estimate.
 
-States are followed in rounds, heaviest first: a round goes through the steps and solves every
-state whose probability is at least a threshold, and the threshold falls from round to round until
-what is left is within tolerance. So there is a bracket at any time, and it shrinks as it goes.
+States are expanded in rounds, most probable first: a round goes through the steps and expands every
+state whose probability is at least a threshold, and the threshold decreases from round to round
+until the residual mass is within tolerance. So bounds are available at any time, and they tighten.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..policies.base import Policy
-from ..typing import FloatArray
+from ..typing import BoolArray, FloatArray, Progress
 from .distribution import OutcomeDistribution
+from .frontier import Frontier
 from .states import AbsorptionStatistics, States, split
 from .transition import transition
 
@@ -29,149 +30,147 @@ if TYPE_CHECKING:
     from ..scenario import Scenario
 
 MAX_MEMBERS = 12
-"""Members up to which every one of the 2^n outcomes of a step may be enumerated."""
+"""Largest number of members for which all 2^n outcomes of a step may be enumerated."""
 
-FIRST = 1e-3  # the first threshold, in tolerances
-LIGHT = 1e-3  # outcomes lighter by this factor than the threshold are set aside for good
+FIRST_THRESHOLD = 1e-3  # the first threshold, in tolerances
+PRUNING_FACTOR = 1e-3  # outcomes less probable than this, in thresholds, are pruned
 BATCH = 1 << 16  # members solved at once: bounds memory
-HELD = 1 << 28  # bytes of states that may wait
-
-Progress = Callable[[int, float], None]
+MAX_BYTES = 1 << 28  # of the states of the frontier
 
 
-def propagate(
+@dataclass(frozen=True)
+class ExpansionOptions:
+    """What an expansion may spend, and how precise it should be.
+
+    Parameters
+    ----------
+    tolerance : float
+        Residual mass at which the expansion stops.
+    max_states : int
+        Maximum number of states to solve.
+    aggregation_tol : float
+        Width of the grid, in units of positions and of velocities; states in the same grid cell
+        are identified. 0 aggregates only states that are equal to the last bit.
+    max_pruned_fraction : float
+        Largest fraction of a state's probability that may be pruned when it is split; a state that
+        would lose more is not split.
+    min_probability : float
+        States less probable than this are not solved.
+    """
+
+    tolerance: float
+    max_states: int
+    aggregation_tol: float = 0.0
+    max_pruned_fraction: float = math.inf
+    min_probability: float = 0.0
+
+
+def expand(
     scenario: Scenario,
     policy: Policy,
-    before: FloatArray,
-    tolerance: float,
-    max_states: int,
-    aggregation_tol: float = 0.0,
+    initial_velocities: FloatArray,
+    options: ExpansionOptions,
     progress: Progress | None = None,
-    most_light: float = math.inf,
-    least: float = 0.0,
 ) -> StateSpaceExpansion:
-    """Follow the heaviest states until what is left is within tolerance, or the states run out.
+    """Expand the most probable states until the residual mass is within tolerance.
 
     Parameters
     ----------
     scenario : Scenario
     policy : Policy
-    before : (n, 2)
+    initial_velocities : (n, 2)
         V(-1).
-    tolerance : float
-        Mass that may be left.
-    max_states : int
-        States solved at the most.
-    aggregation_tol : float
-        Width of the grid, in units of positions and of velocities, in a cell of which states count
-        as equal; 0 merges what is equal to the last bit, and nothing else.
-    progress : callable, optional
-        Called with the number of states solved so far and the mass that is left.
-    most_light : float
-        Part of a state that may be set aside for good as too light when it is split; a state of
-        which that would be more is left as it is.
-    least : float
-        Probability below which no state is solved.
+    options : ExpansionOptions
+    progress : Progress, optional
+        Receives the policy's name and the enumerated probability mass, of a total of 1.
     """
-    head = StateSpaceExpansion(scenario, policy, tolerance, max_states, aggregation_tol, most_light)
-    head.waiting[0] = [States.start(scenario, before)]
-    threshold = max(FIRST * tolerance, 1.0 / max_states) if tolerance > 0 else 0.0
+    expansion = StateSpaceExpansion(scenario, policy, options)
+    expansion.frontier.add(0, States.initial(scenario, initial_velocities))
+    tolerance, max_states, least = options.tolerance, options.max_states, options.min_probability
+    threshold = max(FIRST_THRESHOLD * tolerance, 1.0 / max_states) if tolerance > 0 else 0.0
     threshold = max(threshold, least)
-    past: list[tuple[float, float, int]] = []
-    while not head.done:
-        head.round(threshold, progress)
-        if head.done or threshold <= least:
+    history: list[tuple[float, float, int]] = []
+    while not expansion.done:
+        expansion.expand_round(threshold, progress)
+        if expansion.done or threshold <= least:
             break
-        past.append((threshold, head.waiting_mass, head.states))
-        threshold = max(_lowered(past, tolerance, max_states), least)
-    return head
+        history.append((threshold, expansion.frontier.mass, expansion.statistics.states))
+        threshold = max(_next_threshold(history, tolerance, max_states), least)
+    return expansion
 
 
-@dataclass
 class StateSpaceExpansion:
-    """The part of a law that has been followed so far, and the states that wait.
+    """A partially enumerated distribution.
 
     Parameters
     ----------
-    waiting : N+1 lists of States
-        By step; those at the horizon are counted at once and do not wait.
-    whole : N+1 lists of States
-        States that cannot be split, by step.
-    light : (N+1,)
-        Mass of the outcomes of a step that were too light to be kept.
+    scenario : Scenario
+    policy : Policy
+    options : ExpansionOptions
+
+    Attributes
+    ----------
+    frontier : Frontier
+        States that can be expanded; those at the horizon are absorbed at once.
+    unsplit : Frontier
+        Solved states that were not split, because too much of them would have been pruned.
+    pruned : (N+1,)
+        Mass of the outcomes of every step that were too improbable to be stored.
+    statistics : AbsorptionStatistics
     """
 
-    scenario: Scenario
-    policy: Policy
-    tolerance: float
-    max_states: int
-    aggregation_tol: float
-    most_light: float = math.inf
-    waiting: list[list[States]] = field(init=False)
-    whole: list[list[States]] = field(init=False)
-    light: FloatArray = field(init=False)
-    endings: AbsorptionStatistics = field(init=False)
-    states: int = 0
-    infeasible: float = 0.0
-    failures: float = 0.0
-
-    def __post_init__(self) -> None:
-        self.waiting = [[] for _ in range(self.scenario.n_steps + 1)]
-        self.whole = [[] for _ in range(self.scenario.n_steps + 1)]
-        self.light = np.zeros(self.scenario.n_steps + 1)
-        self.endings = AbsorptionStatistics.none(self.scenario)
-
-    @property
-    def waiting_by_step(self) -> FloatArray:
-        """Mass (N+1,) of the states that wait at every step."""
-        return _masses(self.waiting)
-
-    @property
-    def waiting_mass(self) -> float:
-        """Mass of all states that wait."""
-        return float(self.waiting_by_step.sum())
+    def __init__(self, scenario: Scenario, policy: Policy, options: ExpansionOptions) -> None:
+        self.scenario, self.policy, self.options = scenario, policy, options
+        self.frontier, self.unsplit = Frontier(scenario.n_steps), Frontier(scenario.n_steps)
+        self.pruned: FloatArray = np.zeros(scenario.n_steps + 1)
+        self.statistics = AbsorptionStatistics.initial(scenario)
 
     @property
     def done(self) -> bool:
-        """Whether the bracket is narrow enough, or nothing can be done about it."""
-        waiting, light = self.waiting_mass, float(self.light.sum())
+        """Whether the bounds are narrow enough, or cannot be narrowed."""
+        mass, pruned = self.frontier.mass, float(self.pruned.sum())
+        tolerance = self.options.tolerance
         return (
-            waiting <= self.tolerance - light
-            or waiting == 0.0
-            or self.states >= self.max_states
-            or (light > self.tolerance and waiting <= light)
+            mass <= tolerance - pruned
+            or mass == 0.0
+            or self.statistics.states >= self.options.max_states
+            or (pruned > tolerance and mass <= pruned)
         )
 
-    def round(self, threshold: float, progress: Progress | None = None) -> None:
-        """Solve the states that weigh at least `threshold`, step after step."""
+    def expand_round(self, threshold: float, progress: Progress | None = None) -> None:
+        """Expand the states of probability at least `threshold`, step after step."""
         for step in range(self.scenario.n_steps):
-            if not self.waiting[step]:
+            if not self.frontier.batches[step]:
                 continue
-            pool = States.joined(self.waiting[step]).merged(self.aggregation_tol)
-            heavy = self._affordable(pool.weights, threshold)
-            self.waiting[step] = [] if heavy.all() else [pool[~heavy]]
-            rows = np.flatnonzero(heavy)
+            pool = States.concatenate(self.frontier.pop(step))
+            pool = pool.aggregated(self.options.aggregation_tol)
+            selected = self._selected(pool.weights, threshold)
+            self.frontier.add(step, pool[~selected])
+            rows = np.flatnonzero(selected)
             size = max(1, BATCH // self.scenario.n)
             for start in range(0, len(rows), size):
-                self._advance(step, pool[rows[start : start + size]], threshold)
+                self._expand(step, pool[rows[start : start + size]], threshold)
             if step + 1 == self.scenario.n_steps:
-                self._end_at_horizon()
-            self._bound_memory()
+                for batch in self.frontier.pop(step + 1):
+                    self.statistics.absorb(batch)
+            self.pruned += self.frontier.prune(self._max_stored)
             if rows.size and progress is not None:
-                progress(self.states, self.waiting_mass + float(self.light.sum()))
+                residual = self.frontier.mass + float(self.pruned.sum())
+                progress(self.policy.name, 1.0 - residual, 1.0)
             if self.done:
                 return
 
-    def _affordable(self, weights: FloatArray, threshold: float) -> np.ndarray:
-        """Which states are solved: those at least as heavy as the threshold, as many as allowed."""
-        heavy = np.asarray(weights >= threshold)
-        left = self.max_states - self.states
-        if heavy.sum() > left:
-            heavy = np.zeros(len(weights), bool)
-            heavy[np.argsort(-weights, kind="stable")[:left]] = True
-        return heavy
+    def _selected(self, weights: FloatArray, threshold: float) -> BoolArray:
+        """States to solve: those at least as probable as the threshold, within the budget."""
+        selected = np.asarray(weights >= threshold)
+        budget = self.options.max_states - self.statistics.states
+        if selected.sum() > budget:
+            selected = np.zeros(len(weights), bool)
+            selected[np.argsort(-weights, kind="stable")[:budget]] = True
+        return selected
 
-    def _advance(self, step: int, states: States, threshold: float) -> None:
+    def _expand(self, step: int, states: States, threshold: float) -> None:
+        """Solve states of a step, and add their outcomes to the frontier or the statistics."""
         move = transition(
             self.scenario,
             self.policy,
@@ -180,90 +179,77 @@ class StateSpaceExpansion:
             states.previous_velocities,
             states.alive,
         )
-        self.states += len(states)
-        self.infeasible += float(states.weights @ move.infeasible)
-        self.failures += float(states.weights @ move.failures)
-        light, added = np.zeros(len(states)), 0
-        cutoff = self._cutoff(threshold)
-        for part in split(move, states, step, cutoff, self.most_light, self.endings, light):
-            if len(part):
-                self.waiting[step + 1].append(part.merged(self.aggregation_tol))
-                added += len(part)
-            if added > self._most_held:
-                self._bound_memory()
+        self.statistics.count(states, move)
+        pruned, added = np.zeros(len(states)), 0
+        outcomes = split(
+            move,
+            states,
+            step,
+            self._cutoff(threshold),
+            self.options.max_pruned_fraction,
+            self.statistics,
+            pruned,
+        )
+        for batch in outcomes:
+            if len(batch):
+                self.frontier.add(step + 1, batch.aggregated(self.options.aggregation_tol))
+                added += len(batch)
+            if added > self._max_stored:
+                self.pruned += self.frontier.prune(self._max_stored)
                 added = 0
-        if (light < 0).any():
-            self.whole[step].append(states[light < 0])
-        self.light[step] += light[light > 0].sum()
+        if (pruned < 0).any():
+            self.unsplit.add(step, states[pruned < 0])
+        self.pruned[step] += pruned[pruned > 0].sum()
 
     def _cutoff(self, threshold: float) -> float:
-        """Mass below which an outcome is set aside for good."""
+        """Mass below which an outcome is pruned."""
         enumerable = self.scenario.n <= MAX_MEMBERS
-        if enumerable and (self.most_light < math.inf or self.light.sum() > self.tolerance / 4):
+        limited = self.options.max_pruned_fraction < math.inf
+        if enumerable and (limited or self.pruned.sum() > self.options.tolerance / 4):
             return 0.0
-        return LIGHT * threshold if enumerable else LIGHT**2 * threshold
-
-    def _end_at_horizon(self) -> None:
-        for part in self.waiting[-1]:
-            self.endings.end(part)
-        self.waiting[-1] = []
+        return PRUNING_FACTOR * threshold if enumerable else PRUNING_FACTOR**2 * threshold
 
     @property
-    def _most_held(self) -> int:
-        """States that may wait."""
-        return max(1024, HELD // (33 * self.scenario.n + 8))
+    def _max_stored(self) -> int:
+        """Largest number of states in the frontier."""
+        return max(1024, MAX_BYTES // (33 * self.scenario.n + 8))
 
-    def _bound_memory(self) -> None:
-        """Set the lightest states aside for good where too many wait."""
-        most = self._most_held
-        weights = [part.weights for parts in self.waiting for part in parts]
-        count = sum(map(len, weights))
-        if count <= most:
-            return
-        least = float(np.partition(np.concatenate(weights), count - most // 2)[count - most // 2])
-        for step, parts in enumerate(self.waiting):
-            self.light[step] += sum(part.weights[part.weights < least].sum() for part in parts)
-            kept = [part[part.weights >= least] for part in parts]
-            self.waiting[step] = [part for part in kept if len(part)]
-
-    def law(self) -> OutcomeDistribution:
-        """What is known of the law."""
-        aside = self.waiting_by_step + _masses(self.whole) + self.light
-        before = np.concatenate([[0.0], np.cumsum(aside)[:-1]])
-        ended = self.endings.ended.cumsum(axis=0)
+    def distribution(self) -> OutcomeDistribution:
+        """Bounds of the distribution, from what is enumerated so far."""
+        statistics = self.statistics
+        residual = self.frontier.masses + self.unsplit.masses + self.pruned
+        ended = statistics.ended.cumsum(axis=0)
         ended = np.vstack([np.zeros_like(ended[:1]), ended[:-1]])
         return OutcomeDistribution(
             policy=self.policy.name,
-            arrival=self.endings.arrival,
-            survivors=self.endings.survivors,
-            members=self.endings.members,
-            population=self.endings.population + ended,
-            unknown=before,
-            unresolved=float(aside.sum()),
-            states=self.states,
-            infeasible=self.infeasible,
-            failures=self.failures,
-            tolerance=self.tolerance,
-            aggregation_tol=self.aggregation_tol,
+            arrival=statistics.arrival,
+            survivors=statistics.survivors,
+            members=statistics.members,
+            population=statistics.population + ended,
+            residual_mass_before=np.concatenate([[0.0], np.cumsum(residual)[:-1]]),
+            residual_mass=float(residual.sum()),
+            states=statistics.states,
+            infeasible=statistics.infeasible,
+            failures=statistics.failures,
+            tolerance=self.options.tolerance,
+            aggregation_tol=self.options.aggregation_tol,
         )
 
 
-def _masses(states: list[list[States]]) -> FloatArray:
-    return np.array([sum(part.mass for part in parts) for parts in states])
+def _next_threshold(
+    history: list[tuple[float, float, int]], tolerance: float, max_states: int
+) -> float:
+    """The next threshold, from (threshold, frontier mass, states solved) of the rounds so far.
 
-
-def _lowered(past: list[tuple[float, float, int]], tolerance: float, max_states: int) -> float:
-    """The next threshold, from the (threshold, mass left, states solved) of the rounds so far.
-
-    Mass and states are taken for powers of the threshold: the next one should leave four fifths of
-    the tolerance, and need no more states than there are.
+    Mass and states are modelled as powers of the threshold: the next one should leave four fifths
+    of the tolerance, and need no more states than are available.
     """
-    threshold, mass, states = past[-1]
-    shrinks, grows = 0.5, 0.8
-    if len(past) > 1 and past[-2][0] > threshold > 0.0:
-        down = math.log(past[-2][0] / threshold)
-        shrinks = min(1.0, max(0.2, math.log(max(past[-2][1] / mass, 1.0)) / down))
-        grows = min(1.2, max(0.3, math.log(states / past[-2][2]) / down))
-    factor = (mass / (0.8 * tolerance)) ** (1.0 / shrinks) if tolerance > 0 else 32.0
-    most = (max_states / max(1, states)) ** (1.0 / grows)
-    return threshold / max(1.2, float(min(factor, most, 32.0)))
+    threshold, mass, states = history[-1]
+    mass_exponent, states_exponent = 0.5, 0.8
+    if len(history) > 1 and history[-2][0] > threshold > 0.0:
+        down = math.log(history[-2][0] / threshold)
+        mass_exponent = min(1.0, max(0.2, math.log(max(history[-2][1] / mass, 1.0)) / down))
+        states_exponent = min(1.2, max(0.3, math.log(states / history[-2][2]) / down))
+    factor = (mass / (0.8 * tolerance)) ** (1.0 / mass_exponent) if tolerance > 0 else 32.0
+    budget = (max_states / max(1, states)) ** (1.0 / states_exponent)
+    return threshold / max(1.2, float(min(factor, budget, 32.0)))

@@ -1,4 +1,4 @@
-"""Random numbers that belong to (seed, run, step, member), in whatever order they are drawn."""
+"""Random numbers determined by (seed, run, step, member), independent of the drawing order."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def uniforms(seed: int, step: int, first: int, runs: int, members: int) -> Float
     """Uniform numbers in [0, 1) of a step, for the runs `first`, ..., `first` + `runs` - 1.
 
     A counter-based generator (Philox-4x64: Salmon, Moraes, Dror, Shaw, SC11, 2011) keyed by the
-    seed and the step, with a fixed block of counters for every run: a number depends on nothing but
+    seed and the step, with a fixed block of counters for every run: a number depends only on
     the seed, the step, the run, the member and the number of members. The numbers are the same
     under every policy (common random numbers), for every horizon, in every batch, on every worker.
 

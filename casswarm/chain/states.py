@@ -1,4 +1,4 @@
-"""Batches of states with probabilities: equal ones made one, and split by who survives a step."""
+"""Batches of states with probabilities: aggregation of equal states, splitting by survivors."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from .transition import Transition
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
-ROOM = 1 << 26
-"""Bytes of outcomes that are written at once: bounds memory."""
+OUTCOME_BYTES = 1 << 26
+"""Size of the buffer of outcomes: bounds memory."""
 
 
 def _core() -> ModuleType:
@@ -45,18 +45,19 @@ class States:
     weights: FloatArray
 
     @classmethod
-    def start(cls, scenario: Scenario, before: FloatArray) -> States:
-        """The initial state, with certainty."""
+    def initial(cls, scenario: Scenario, initial_velocities: FloatArray) -> States:
+        """The initial state, with probability 1."""
         alive = np.ones((1, scenario.n), bool)
-        return cls(scenario.positions[None].copy(), before[None].copy(), alive, np.ones(1))
+        positions, velocities = scenario.positions[None], initial_velocities[None]
+        return cls(positions.copy(), velocities.copy(), alive, np.ones(1))
 
     @classmethod
-    def joined(cls, parts: list[States]) -> States:
-        """All states of the parts, at least one."""
-        if len(parts) == 1:
-            return parts[0]
+    def concatenate(cls, batches: list[States]) -> States:
+        """All states of one or more batches."""
+        if len(batches) == 1:
+            return batches[0]
         names = ("positions", "previous_velocities", "alive", "weights")
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+        return cls(*(np.concatenate([getattr(b, name) for b in batches]) for name in names))
 
     def __len__(self) -> int:
         return len(self.weights)
@@ -74,23 +75,23 @@ class States:
         """Sum of the weights."""
         return float(self.weights.sum())
 
-    def merged(self, tolerance: float = 0.0) -> States:
-        """Equal states as one; above zero, states in one cell of a grid of width `tolerance`.
+    def aggregated(self, tolerance: float = 0.0) -> States:
+        """Identify equal states or, above zero, states in the same cell of a grid of that width.
 
-        The heaviest of them stands for all.
+        The most probable state represents the others.
         """
         if len(self) < 2:
             return self
         keys: tuple[NDArray[np.generic], ...] = (self.positions, self.previous_velocities)
         if tolerance > 0:
             keys = tuple(np.round(np.asarray(key, float) / tolerance) + 0.0 for key in keys)
-        first, back = distinct_states(*keys, self.alive)
+        first, inverse = distinct_states(*keys, self.alive)
         if len(first) == len(self):
             return self
-        weights = np.bincount(back, self.weights, len(first)).astype(np.float64)
+        weights = np.bincount(inverse, self.weights, len(first)).astype(np.float64)
         if tolerance > 0:
-            order = np.lexsort((-self.weights, back))
-            first = order[np.searchsorted(back[order], np.arange(len(first)))]
+            order = np.lexsort((-self.weights, inverse))
+            first = order[np.searchsorted(inverse[order], np.arange(len(first)))]
         return States(
             self.positions[first], self.previous_velocities[first], self.alive[first], weights
         )
@@ -98,7 +99,7 @@ class States:
 
 @dataclass
 class AbsorptionStatistics:
-    """What is known of the law so far: masses of runs by how they ended, and by time.
+    """Statistics of an enumeration so far: masses of absorbed runs, and expected counts.
 
     Parameters
     ----------
@@ -106,9 +107,13 @@ class AbsorptionStatistics:
     survivors : (n+1,)
     members : (n,)
     population : (N+1, n+1)
-        Mass of the states with k alive that came about at step t, whether the run ended or not.
+        Mass of the states with k alive that were reached at step t, absorbed or not.
     ended : (N+1, n+1)
-        Of these, the mass of the runs that ended then.
+        Mass of the runs that were absorbed at step t with k alive.
+    states : int
+        Number of states solved.
+    infeasible, failures : float
+        Expected numbers of infeasible member-steps and of solver failures.
     """
 
     arrival: FloatArray
@@ -116,27 +121,31 @@ class AbsorptionStatistics:
     members: FloatArray
     population: FloatArray
     ended: FloatArray
+    states: int = 0
+    infeasible: float = 0.0
+    failures: float = 0.0
 
     @classmethod
-    def none(cls, scenario: Scenario) -> AbsorptionStatistics:
-        """Nothing is known but that everybody is alive at first."""
+    def initial(cls, scenario: Scenario) -> AbsorptionStatistics:
+        """Statistics at step 0, where all members are alive."""
         n, steps = scenario.n, scenario.n_steps
         population = np.zeros((steps + 1, n + 1))
         population[0, n] = 1.0
-        return cls(
-            np.zeros(steps + 1),
-            np.zeros(n + 1),
-            np.zeros(n),
-            population,
-            np.zeros((steps + 1, n + 1)),
-        )
+        ended = np.zeros_like(population)
+        return cls(np.zeros(steps + 1), np.zeros(n + 1), np.zeros(n), population, ended)
 
-    def end(self, states: States) -> None:
-        """Count states at the horizon."""
+    def absorb(self, states: States) -> None:
+        """Add states at the horizon."""
         self.survivors += np.bincount(
             states.alive.sum(axis=1), states.weights, minlength=len(self.survivors)
         )
         self.members += states.weights @ states.alive
+
+    def count(self, states: States, move: Transition) -> None:
+        """Add states that were solved, with what their decisions report."""
+        self.states += len(states)
+        self.infeasible += float(states.weights @ move.infeasible)
+        self.failures += float(states.weights @ move.solver_failures)
 
 
 def split(
@@ -144,20 +153,20 @@ def split(
     states: States,
     step: int,
     cutoff: float,
-    most_light: float,
-    endings: AbsorptionStatistics,
-    light: FloatArray,
+    max_pruned_fraction: float,
+    statistics: AbsorptionStatistics,
+    pruned: FloatArray,
 ) -> Iterator[States]:
-    """The states after a step in which the run goes on, in parts of at most `ROOM` bytes.
+    """Yield the states after a step in which the run goes on, in batches of `OUTCOME_BYTES`.
 
-    Runs that end are counted in `endings`. Into `light` (S,) is written what was cut off of every
-    state, outcomes lighter than `cutoff` or too many for `ROOM`; -1 where that is more than the
-    part `most_light` of the state, which then has not been split at all.
+    Absorbed runs are added to `statistics`. The mass that was pruned from every state is written to
+    `pruned` (S,): outcomes less probable than `cutoff`, or too many for the buffer. It is -1 where
+    it would exceed the fraction `max_pruned_fraction` of the state, which is then not split.
     """
     n = states.alive.shape[1]
-    room = min(ROOM // (33 * n + 8), len(states) << min(n, 20))
-    parents, masses = np.empty(room, np.int64), np.empty(room)
-    fates = np.empty((room, n), bool)
+    capacity = min(OUTCOME_BYTES // (33 * n + 8), len(states) << min(n, 20))
+    parents, masses = np.empty(capacity, np.int64), np.empty(capacity)
+    survived = np.empty((capacity, n), bool)
     arrival = np.zeros(1)
     core, first = _core(), 0
     while first < len(states):
@@ -170,46 +179,46 @@ def split(
             np.ascontiguousarray(states.alive),
             np.ascontiguousarray(move.inside),
             cutoff,
-            most_light,
+            max_pruned_fraction,
             parents,
-            fates,
+            survived,
             masses,
             arrival,
-            endings.population[step + 1],
+            statistics.population[step + 1],
             survivors,
-            endings.members,
-            light,
+            statistics.members,
+            pruned,
         )
-        endings.arrival[step + 1] += arrival[0]
-        endings.survivors += survivors
-        endings.ended[step + 1] += survivors
-        origin, kept = parents[:filled], fates[:filled].copy()
-        shown = kept[..., None]
+        statistics.arrival[step + 1] += arrival[0]
+        statistics.survivors += survivors
+        statistics.ended[step + 1] += survivors
+        origin, alive = parents[:filled], survived[:filled].copy()
+        living = alive[..., None]
         yield States(
-            np.where(shown, move.positions[origin], 0.0),
-            np.where(shown, move.velocities[origin], 0.0),
-            kept,
+            np.where(living, move.positions[origin], 0.0),
+            np.where(living, move.velocities[origin], 0.0),
+            alive,
             masses[:filled].copy(),
         )
 
 
 def distinct_states(*arrays: NDArray[np.generic]) -> tuple[IntArray, IntArray]:
-    """Rows that differ, of arrays with a common first axis, compared bit by bit.
+    """Distinct rows of arrays with a common first axis, compared bit by bit.
 
     Returns
     -------
     first : (D,) int
         The first row of every distinct state, ascending.
-    back : (B,) int
-        Which of the D every row is.
+    inverse : (B,) int
+        Index, among the D, of every row.
     """
     count = len(arrays[0])
-    parts = [np.ascontiguousarray(a).reshape(count, math.prod(a.shape[1:])) for a in arrays]
-    widths = [part.shape[1] * part.itemsize for part in parts]
+    columns = [np.ascontiguousarray(a).reshape(count, math.prod(a.shape[1:])) for a in arrays]
+    widths = [column.shape[1] * column.itemsize for column in columns]
     words = np.zeros((count, -(-sum(widths) // 8)), np.uint64)
     ends = np.cumsum(widths)
-    for part, end, width in zip(parts, ends, widths, strict=True):
-        words.view(np.uint8)[:, end - width : end] = part.view(np.uint8)
+    for column, end, width in zip(columns, ends, widths, strict=True):
+        words.view(np.uint8)[:, end - width : end] = column.view(np.uint8)
     slots = np.full(1 << (2 * count).bit_length(), -1)
-    first, back = np.empty(count, np.int64), np.empty(count, np.int64)
-    return first[: _core().grouped(words, slots, first, back)], back
+    first, inverse = np.empty(count, np.int64), np.empty(count, np.int64)
+    return first[: _core().grouped(words, slots, first, inverse)], inverse

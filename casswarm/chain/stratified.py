@@ -1,22 +1,21 @@
-"""The head of a law exactly, and the rest sampled: for swarms whose law cannot be closed.
+"""Estimates that enumerate the most probable states exactly and sample the residual mass.
 
-`propagate` leaves states that wait, of total mass M. These are cut into R parts of equal mass, and
-one run is sampled from every part, independently. States are ordered by who is left and by step, so
-that neighbouring parts are alike; how much that saves is seen from pairs of neighbours
-(`effective_runs`), and Wilson's interval with the effective number of runs covers the mean of the
-rest's successes about as often as that of plain runs covers theirs. M times it is what the rest
-adds to the success.
+`expand` leaves states of total mass M in its frontier. They are divided into R strata of equal mass,
+and one run is sampled from every stratum, independently. States are ordered by their living members
+and by step, so that neighbouring strata are alike; pairs of neighbours show how much variance that
+saves (`effective_runs`), and Wilson's interval with the effective number of runs covers the mean of
+the strata about as often as that of plain runs covers theirs. M times this interval is the
+contribution of the residual mass to the success probability.
 
-Why that is narrower than plain sampling with as many solves: a state of probability w is visited
-by R plain runs with probability 1 - (1 - w)^R, 0.86 at w = `VISITS` / R, so that what the
-head solves, they would solve too. Below the head R / M plain runs solve as much as R of
-these; their variance is
-p (1 - p) M / R, the hybrid's at most M^2 q (1 - q) / R with q the success below the head, and
-p (1 - p) >= M q (1 - q), by the law of total variance. Where no state but the first is heavy
-enough, M is 1 and the two are the same.
+Why the interval is narrower than that of plain sampling with as many solves: a state of probability
+w is visited by R plain runs with probability 1 - (1 - w)^R, 0.86 at w = `VISITS` / R, so plain runs
+would solve the enumerated states too. Below them, R / M plain runs solve as many states as R of
+these; their variance is p (1 - p) M / R, that of the strata at most M^2 q (1 - q) / R with q the
+success probability given the residual mass, and p (1 - p) >= M q (1 - q), by the law of total
+variance. Where only the initial state is probable enough, M is 1 and both are the same.
 
-Outcomes that were too light to be kept count as a bracket, [0, their mass]; a state in which they
-would weigh more than `MAX_LIGHT` of it is not split but sampled as it is.
+Outcomes that were too improbable to be stored contribute an interval, [0, their mass]; a state of
+which they would be a larger fraction than `MAX_PRUNED_FRACTION` is not split but sampled.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..typing import Interval
 from .confidence import LEVEL, effective_runs, wilson
 from .distribution import OutcomeDistribution
 from .exact import StateSpaceExpansion
@@ -32,113 +32,116 @@ from .monte_carlo import Chain
 from .random_streams import uniforms
 from .states import States
 
-MAX_LIGHT = 1e-5
+MAX_PRUNED_FRACTION = 1e-5
 
 VISITS = 2.0
-"""Visits that R plain runs pay on average to the lightest state that the head solves."""
+"""Expected visits by R plain runs to the least probable state that is enumerated."""
 
-_STEP_OF_CHOICE = 1 << 30  # where the random numbers that choose states come from: no real step
+_STRATUM_STEP = 1 << 30  # stream of the random numbers that select states: not a time step
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A success probability of which one part is proven and the other statistical.
+    """Success probability of which one part is proven and the other statistical.
 
     Parameters
     ----------
-    head : Law
-        What is proven: its bracket holds with certainty (see `OutcomeDistribution`).
-    sampled : float
-        Mass that was sampled.
-    light : float
-        Mass that was neither followed nor sampled; the interval is wider by it.
+    enumerated : OutcomeDistribution
+        The proven part: its bounds hold with certainty.
+    sampled_mass : float
+        Mass of the states that were sampled.
+    pruned_mass : float
+        Mass that was neither enumerated nor sampled; it widens the interval.
     runs, successes : int
-        Of the sample.
-    effective : float
-        Independent runs that are as good as these, at least `runs`.
+        Numbers of sampled runs, and of those that succeeded.
+    effective_runs : float
+        Number of independent runs with the same variance, at least `runs`.
     seed : int
     states : int
-        Distinct states solved, head and sample together.
+        Distinct states solved, enumerated or sampled.
     level : float
-        Confidence of the interval.
+        Confidence level of the interval.
     """
 
-    head: OutcomeDistribution
-    sampled: float
-    light: float
+    enumerated: OutcomeDistribution
+    sampled_mass: float
+    pruned_mass: float
     runs: int
     successes: int
-    effective: float
+    effective_runs: float
     seed: int
     states: int
     level: float = LEVEL
 
     @property
-    def success(self) -> tuple[float, float]:
+    def success(self) -> Interval:
         """Interval of the success probability, of confidence `level`."""
-        low = self.head.success[0]
+        low, high = self.enumerated.success
         if not self.runs:
-            return self.head.success
+            return Interval(low, high)
         mean = self.successes / self.runs
-        bottom, top = wilson(mean * self.effective, self.effective, self.level)
-        return low + self.sampled * bottom, min(1.0, low + self.sampled * top + self.light)
+        bottom, top = wilson(mean * self.effective_runs, self.effective_runs, self.level)
+        top = low + self.sampled_mass * top + self.pruned_mass
+        return Interval(low + self.sampled_mass * bottom, min(1.0, top))
 
     @property
     def policy(self) -> str:
         """Name of the policy."""
-        return self.head.policy
+        return self.enumerated.policy
 
     def __str__(self) -> str:
         low, high = self.success
-        first, last = self.head.success
+        first, last = self.enumerated.success
+        kind = "proven bounds" if self.enumerated.proven else "bounds with aggregated states"
         return (
             f"{self.policy}: success between {low:.6f} and {high:.6f} with {self.level:.0%} "
-            f"confidence; {'proven' if self.head.proven else 'followed, states merged'}: "
-            f"{first:.6f} to {last:.6f}; a mass of {self.sampled:.4g} sampled "
-            f"by {self.runs} runs, {self.states} distinct states solved"
+            f"confidence; {kind}: {first:.6f} to {last:.6f}; residual mass "
+            f"{self.sampled_mass:.4g} sampled by {self.runs} runs, {self.states} distinct states "
+            "solved"
         )
 
 
-def sample_rest(
-    head: StateSpaceExpansion, chain: Chain, runs: int, level: float = LEVEL
+def sample_residual(
+    expansion: StateSpaceExpansion, chain: Chain, runs: int, level: float = LEVEL
 ) -> Estimate:
-    """Sample what a head left.
+    """Sample the states that an expansion left.
 
     Parameters
     ----------
-    head : Head
+    expansion : StateSpaceExpansion
     chain : Chain
-        Of the same scenario; its seed decides.
+        Chain of the same scenario; its seed determines the sample.
     runs : int
     level : float
     """
-    light, law = float(head.light.sum()), head.law()
-    parts = [
-        (step, part)
-        for waiting in (head.waiting, head.whole)
-        for step, parts in enumerate(waiting)
-        for part in parts
+    distribution, solved = expansion.distribution(), expansion.statistics.states
+    pruned = float(expansion.pruned.sum())
+    batches = [
+        (step, batch)
+        for frontier in (expansion.frontier, expansion.unsplit)
+        for step, batches in enumerate(frontier.batches)
+        for batch in batches
     ]
-    if not parts:
-        return Estimate(law, 0.0, light, 0, 0, 0.0, chain.seed, head.states, level)
-    states = States.joined([part for _, part in parts])
-    steps = np.concatenate([np.full(len(part), step) for step, part in parts])
+    if not batches:
+        return Estimate(distribution, 0.0, pruned, 0, 0, 0.0, chain.seed, solved, level)
+    states = States.concatenate([batch for _, batch in batches])
+    steps = np.concatenate([np.full(len(batch), step) for step, batch in batches])
     order = np.lexsort((steps, states.alive.sum(axis=1)))
     states, steps = states[order], steps[order]
     ends = np.cumsum(states.weights)
-    jitter = uniforms(chain.seed, _STEP_OF_CHOICE, 0, runs, 1)[:, 0]
-    places = (np.arange(runs) + jitter) / runs * ends[-1]
-    chosen = np.minimum(np.searchsorted(ends, places, side="right"), len(states) - 1)
-    found = chain.finish(head.policy, states[chosen], steps[chosen])
-    outcomes = found.arrival >= 0
+    jitter = uniforms(chain.seed, _STRATUM_STEP, 0, runs, 1)[:, 0]
+    masses = (np.arange(runs) + jitter) / runs * ends[-1]
+    selected = np.minimum(np.searchsorted(ends, masses, side="right"), len(states) - 1)
+    sample = chain.finish(expansion.policy, states[selected], steps[selected])
+    outcomes = sample.arrival >= 0
     return Estimate(
-        law,
+        distribution,
         float(ends[-1]),
-        light,
+        pruned,
         runs,
         int(outcomes.sum()),
         effective_runs(outcomes) if len(states) > 1 else float(runs),
         chain.seed,
-        head.states + found.states,
+        solved + sample.states,
         level,
     )

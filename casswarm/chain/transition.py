@@ -1,6 +1,6 @@
-"""One step of the chain, the part that is not random: the same for sampling and for exact laws.
+"""The deterministic part of a step of the chain, shared by sampling and enumeration.
 
-The paper's section II.C: observe positions and who is alive, decide, move; then member i survives
+The paper's section II.C: observe positions and living members, decide, move; then member i survives
 with probability exp(-dt lambda_i(X(t+1), alive(t))).
 """
 
@@ -19,26 +19,26 @@ from ..typing import BoolArray, FloatArray, IntArray
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
-PHYSICAL = 1e-9
-"""Excess over v_max or a_max (in units of velocity) up to which a velocity is left as it is."""
+SATURATION_TOL = 1e-9
+"""Excess over v_max or a_max (in units of velocity) up to which a velocity is not projected."""
 
 
 @dataclass(frozen=True, eq=False)
 class Transition:
-    """What a policy makes of B states in a step.
+    """Result of a policy's step from B states, before survival is drawn.
 
     Parameters
     ----------
     velocities, positions : (B, n, 2)
         V(t), within v_max and a_max, and X(t+1).
     survival : (B, n)
-        Probability that a living member survives the step; 1 for the destroyed, without meaning.
+        Probability that a living member survives the step; 1, without meaning, for the destroyed.
     inside : (B, n) bool
-        Who is in the target zone at X(t+1).
-    shortfalls, failures, fallbacks : (B,) int
+        Members in the target zone at X(t+1).
+    infeasible, solver_failures, fallbacks : (B,) int
         As in `Decision`.
     saturated : (B,) int
-        Members whose velocity had to be changed to respect v_max and a_max.
+        Number of members whose velocity was projected to respect v_max and a_max.
     """
 
     velocities: FloatArray
@@ -46,7 +46,7 @@ class Transition:
     survival: FloatArray
     inside: BoolArray
     infeasible: IntArray
-    failures: IntArray
+    solver_failures: IntArray
     fallbacks: IntArray
     saturated: IntArray
 
@@ -59,7 +59,7 @@ def transition(
     previous_velocities: FloatArray,
     alive: BoolArray,
 ) -> Transition:
-    """Take B states, positions and previous velocities (B, n, 2), from `step` to step + 1.
+    """Advance B states, positions and previous velocities (B, n, 2), from `step` to step + 1.
 
     Raises
     ------
@@ -67,8 +67,8 @@ def transition(
         Velocities or rates of the wrong shape, or not finite.
     """
     decision = policy.decide(step, *map(_read_only, (positions, previous_velocities, alive)))
-    wanted = checked_velocities(policy.name, step, decision.velocities, alive)
-    velocities, saturated = physical(scenario, wanted, previous_velocities, alive)
+    commanded = checked_velocities(policy.name, step, decision.velocities, alive)
+    velocities, saturated = saturate(scenario, commanded, previous_velocities, alive)
     following = positions + scenario.time.dt * velocities
     return Transition(
         velocities=velocities,
@@ -76,26 +76,26 @@ def transition(
         survival=np.exp(-scenario.time.dt * scenario.hazard.rates(following, alive)),
         inside=scenario.target.contains(following),
         infeasible=decision.infeasible,
-        failures=decision.failures,
+        solver_failures=decision.failures,
         fallbacks=decision.fallbacks,
         saturated=saturated,
     )
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """A view that a policy cannot write into: the dead stay dead."""
+    """A view that a policy cannot write to, so that it cannot change the state."""
     view = array.view()
     view.flags.writeable = False
     return view
 
 
-def physical(
-    scenario: Scenario, wanted: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+def saturate(
+    scenario: Scenario, commanded: FloatArray, previous_velocities: FloatArray, alive: BoolArray
 ) -> tuple[FloatArray, IntArray]:
-    """Velocities (B, n, 2) within v_max and a_max, and how many had to be changed, (B,)."""
+    """Velocities (B, n, 2) projected to v_max and a_max, and the number (B,) that changed."""
     sets = motion_of(scenario).sets(previous_velocities)
-    beyond = alive & (sets.violation(wanted) > PHYSICAL)
-    velocities = wanted.copy()
-    if beyond.any():
-        velocities[beyond] = sets[beyond].project(wanted[beyond])
-    return velocities, beyond.sum(axis=1)
+    exceeds = alive & (sets.violation(commanded) > SATURATION_TOL)
+    velocities = commanded.copy()
+    if exceeds.any():
+        velocities[exceeds] = sets[exceeds].project(commanded[exceeds])
+    return velocities, exceeds.sum(axis=1)

@@ -20,7 +20,7 @@ def arrival_chart(laws: Sequence[OutcomeDistribution], title: str = "") -> Figur
     for law in laws:
         low, (first, last) = np.cumsum(law.arrival), law.success
         label = f"{law.policy}: {first:.4f} to {last:.4f}"
-        curves[label] = (law.policy, low, np.minimum(1.0, low + law.unknown))
+        curves[label] = (law.policy, low, np.minimum(1.0, low + law.residual_mass_before))
     fig, axes = _chart(curves, title)
     axes.set(ylabel="probability of arrival so far", ylim=(0, 1.02))
     axes.legend(loc="upper left")
@@ -48,7 +48,7 @@ def survival_chart(laws: Sequence[OutcomeDistribution], title: str = "") -> Figu
     """
     curves = {}
     for law in laws:
-        low, high = law.anybody
+        low, high = law.any_alive
         curves[law.policy] = (law.policy, low, high)
     fig, axes = _chart(curves, title)
     axes.set(ylabel="probability that somebody is alive", ylim=(0, 1.02))

@@ -120,7 +120,7 @@ def _bracket(
     if law.complete:
         return *law.success, "proven", law.infeasible
     found = estimate(scenario, policy, runs, seed, max_states=states // 15, guide=guide)
-    return *found.success, "95 %", found.head.infeasible
+    return *found.success, "95 %", found.enumerated.infeasible
 
 
 def small_changes(scenario: Scenario) -> Iterator[tuple[str, dict[str, object]]]:

@@ -13,6 +13,7 @@ import numpy as np
 from .._util.parallel import Workers, done_jobs
 from ..chain.monte_carlo import Chain, Runs
 from ..policies.base import Policy
+from ..typing import Progress
 from .checkpoint import Checkpoint, cell_name
 
 BATCH = 20_000
@@ -23,8 +24,6 @@ _SHARES = 8
 
 Parts = dict[str, list[tuple[Runs, float]]]
 """Runs that are done, by policy, and the seconds that they took."""
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ class Job:
     runs: int
     traces: int
 
-    def __call__(self, progress: Callable[[int], None] | None = None) -> tuple[Runs, float]:
+    def __call__(self, progress: Progress | None = None) -> tuple[Runs, float]:
         """The runs, and the seconds that they took."""
         started = time.perf_counter()
         part = self.chain.run(self.policy, self.first, self.runs, self.traces, progress)
@@ -79,7 +78,7 @@ def sample_jobs(
     """Add the outcome of every job to `parts`, and keep it, as soon as it is there."""
     done = {name: sum(len(part.arrival) for part, _ in kept) for name, kept in parts.items()}
 
-    def tell(policy: str, ended: int = 0) -> None:
+    def tell(policy: str, ended: float = 0, total: float | None = None) -> None:  # noqa: ARG001
         if progress is not None:
             progress(policy, done[policy] + ended, runs)
 
@@ -87,14 +86,14 @@ def sample_jobs(
         if ended:
             tell(name)
     calls: list[Callable[[], tuple[Runs, float]]] = (
-        [partial(job, partial(tell, job.policy.name)) for job in jobs]
+        [partial(job, tell) for job in jobs]
         if workers == 1
         else list(jobs)
     )
     for place, (part, seconds) in done_jobs(calls, workers):
         job = jobs[place]
         if store is not None:
-            store.save(job.name, part.arrays() | {"seconds": np.array(seconds)})
+            store.save(job.name, part.to_arrays() | {"seconds": np.array(seconds)})
         parts[job.policy.name].append((part, seconds))
         done[job.policy.name] += job.runs
         tell(job.policy.name)
@@ -111,7 +110,7 @@ def kept_parts(store: Checkpoint | None, made: Sequence[Policy], runs: int) -> P
         policy = by_cell.get(name.split("-", 2)[-1])
         if cell is None or policy is None:
             continue
-        part = Runs.of_arrays(cell)
+        part = Runs.from_arrays(cell)
         end = parts[policy][-1][0].end if parts[policy] else 0
         if end <= part.first and part.end <= runs:
             parts[policy].append((part, float(cell["seconds"])))

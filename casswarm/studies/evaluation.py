@@ -6,15 +6,15 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from ..chain.distribution import OutcomeDistribution
-from ..chain.exact import MAX_MEMBERS, Progress, StateSpaceExpansion, propagate
+from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion, expand
 from ..chain.monte_carlo import Chain
-from ..chain.stratified import MAX_LIGHT, VISITS, Estimate, sample_rest
+from ..chain.stratified import MAX_PRUNED_FRACTION, VISITS, Estimate, sample_residual
 from ..errors import PolicyError
 from ..optimization.solvers import Solver
 from ..planning.guide import Guide
 from ..planning.plan import initial_velocities, plan
 from ..policies import as_policy, make_policy
-from ..typing import FloatArray
+from ..typing import FloatArray, Progress
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -47,7 +47,7 @@ def evaluate(
     max_states : int
         Distinct states solved at the most, by default a million, or ten thousand with more than 12
         members; where that is too few for `tolerance`, the brackets are
-        wider, `OutcomeDistribution.unresolved` says how wide, and `OutcomeDistribution.help` what would help.
+        wider, `OutcomeDistribution.residual_mass` says how wide, and `OutcomeDistribution.advice` what would help.
     aggregation_tol : float
         States in one cell of a grid of this width count as equal. The default merges what is equal
         to the last bit, so brackets are proven; a policy's solver leaves differences of about 1e-8
@@ -57,8 +57,8 @@ def evaluate(
         Planned from the scenario by default.
     solver : str or Solver
         Of the formation problems.
-    progress : callable, optional
-        Called with the number of states solved so far and the mass that is left.
+    progress : Progress, optional
+        Receives the policy's name and the enumerated probability mass, of a total of 1.
 
     Returns
     -------
@@ -81,9 +81,10 @@ def evaluate(
     >>> 0 <= low <= high <= low + 1e-3
     True
     """
-    return _head(scenario, policy, tolerance, max_states, aggregation_tol, guide, solver, progress)[
-        0
-    ].law()
+    expansion, _ = _expansion(
+        scenario, policy, tolerance, max_states, aggregation_tol, guide, solver, progress
+    )
+    return expansion.distribution()
 
 
 def estimate(
@@ -129,7 +130,7 @@ def estimate(
     for name, value, least in (("runs", runs, 1), ("seed", seed, 0)):
         if value < least:
             raise ValueError(f"{name} = {value}; allowed: whole numbers from {least}")
-    head, before = _head(
+    expansion, velocities = _expansion(
         scenario,
         policy,
         tolerance,
@@ -138,13 +139,13 @@ def estimate(
         guide,
         solver,
         progress,
-        MAX_LIGHT,
-        least=VISITS / runs if max_states is None else 0.0,
+        MAX_PRUNED_FRACTION,
+        min_probability=VISITS / runs if max_states is None else 0.0,
     )
-    return sample_rest(head, Chain(scenario, before, seed), runs)
+    return sample_residual(expansion, Chain(scenario, velocities, seed), runs)
 
 
-def _head(
+def _expansion(
     scenario: Scenario,
     policy: Any,
     tolerance: float,
@@ -153,10 +154,10 @@ def _head(
     guide: Guide | None,
     solver: str | Solver,
     progress: Progress | None,
-    most_light: float = math.inf,
-    least: float = 0.0,
+    max_pruned_fraction: float = math.inf,
+    min_probability: float = 0.0,
 ) -> tuple[StateSpaceExpansion, FloatArray]:
-    """The head of a law, and V(-1)."""
+    """The expansion of the chain, and V(-1)."""
     if not 0 <= tolerance < 1:
         raise ValueError(f"tolerance = {tolerance}; allowed: from 0 to below 1")
     if max_states is None:
@@ -176,8 +177,8 @@ def _head(
         if isinstance(policy, str)
         else as_policy(policy)
     )
-    before = initial_velocities(scenario, guide)
-    head = propagate(
-        scenario, made, before, tolerance, max_states, aggregation_tol, progress, most_light, least
+    velocities = initial_velocities(scenario, guide)
+    options = ExpansionOptions(
+        tolerance, max_states, aggregation_tol, max_pruned_fraction, min_probability
     )
-    return head, before
+    return expand(scenario, made, velocities, options, progress), velocities

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..chain.confidence import runs_for
+from ..chain.confidence import required_runs
 from ..optimization.solvers import Solver
 from ..planning.guide import Guide
 from .simulation import PAPER_POLICIES, simulate
@@ -52,4 +52,4 @@ def runs_needed(
     tried = simulate(
         scenario, policies, pilot, seed + _PILOT_SEED, guide=guide, solver=solver, traces=0
     )
-    return max(runs_for(half_width, int(won), pilot) for won in tried.summary["successes"])
+    return max(required_runs(half_width, int(won), pilot) for won in tried.summary["successes"])

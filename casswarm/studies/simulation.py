@@ -24,7 +24,8 @@ from ..planning.guide import Guide
 from ..planning.plan import initial_velocities, plan
 from ..policies import as_policy, make_policy
 from ..policies.base import Policy
-from .batches import Parts, Progress, jobs_left, kept_parts, sample_jobs
+from ..typing import Progress
+from .batches import Parts, jobs_left, kept_parts, sample_jobs
 from .checkpoint import Checkpoint
 from .tables import paired_table, run_table, summarise
 
@@ -223,7 +224,7 @@ def _study(scenario: Scenario, guide: Guide, seed: int, parts: Parts) -> Study:
     for name, done in parts.items():
         done.sort(key=lambda item: item[0].first)
         tables.append(pd.concat([run_table(name, part) for part, _ in done], ignore_index=True))
-        traces[name] = tuple(trace for part, _ in done for trace in part.traces)
+        traces[name] = tuple(trace for part, _ in done for trace in part.trajectories)
         effort.append(
             {
                 "policy": name,

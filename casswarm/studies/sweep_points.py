@@ -111,7 +111,7 @@ class SweepPoint:
             "shortfalls_mean": law.infeasible,
             "solver_failures_mean": law.failures,
             "states": law.states,
-            "reason": law.help,  # empty where the bracket is as narrow as was asked for
+            "reason": law.advice,  # empty where the bracket is as narrow as was asked for
         }
 
     def _sampled(self, scenario: Scenario, guide: Guide) -> dict[str, Any]:

@@ -146,7 +146,7 @@ def law_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:
             "success_high": law.success[1],
             "survivors_mean_low": law.survivors_mean[0],
             "survivors_mean_high": law.survivors_mean[1],
-            "unresolved": law.unresolved,
+            "residual_mass": law.residual_mass,
             "complete": law.complete,
             "aggregation_tol": law.aggregation_tol,
             "states": law.states,
@@ -168,14 +168,14 @@ def estimate_table(estimates: Sequence[Estimate]) -> pd.DataFrame:
             "success_low": found.success[0],
             "success_high": found.success[1],
             "level": found.level,
-            "head_low": found.head.success[0],
-            "head_high": found.head.success[1],
-            "aggregation_tol": found.head.aggregation_tol,
-            "sampled_mass": found.sampled,
-            "light_mass": found.light,
+            "enumerated_low": found.enumerated.success[0],
+            "enumerated_high": found.enumerated.success[1],
+            "aggregation_tol": found.enumerated.aggregation_tol,
+            "sampled_mass": found.sampled_mass,
+            "pruned_mass": found.pruned_mass,
             "runs": found.runs,
             "successes": found.successes,
-            "effective_runs": found.effective,
+            "effective_runs": found.effective_runs,
             "states": found.states,
         }
         for found in estimates
@@ -185,7 +185,7 @@ def estimate_table(estimates: Sequence[Estimate]) -> pd.DataFrame:
 def arrival_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:
     """A row a step: the probability of the first arrival at it, a column a policy, low ends.
 
-    The high end is the low end plus the column NAME_unknown.
+    The high end is the low end plus the column NAME_residual_mass.
     """
     steps = np.arange(len(laws[0].arrival))
     columns = {law.policy: law.arrival for law in laws}
@@ -207,7 +207,7 @@ def population_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:
 
 
 def _unknown(laws: Sequence[OutcomeDistribution]) -> dict[str, FloatArray]:
-    return {f"{law.policy}_unknown": law.unknown for law in laws}
+    return {f"{law.policy}_residual_mass": law.residual_mass_before for law in laws}
 
 
 def survivor_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:
@@ -221,7 +221,7 @@ def member_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:
     columns = {}
     for law in laws:
         columns[f"{law.policy}_low"] = law.members
-        columns[f"{law.policy}_high"] = np.minimum(1.0, law.members + law.unresolved)
+        columns[f"{law.policy}_high"] = np.minimum(1.0, law.members + law.residual_mass)
     return pd.DataFrame({"member": np.arange(len(laws[0].members))} | columns)
 
 
@@ -295,8 +295,8 @@ def paired_table(runs: pd.DataFrame) -> pd.DataFrame:
                 "difference": pair.difference,
                 "difference_low": low,
                 "difference_high": high,
-                "first_only": pair.first,
-                "second_only": pair.second,
+                "first_only": pair.first_only,
+                "second_only": pair.second_only,
                 "p_value": pair.p_value,
                 "variance_ratio": pair.variance_ratio,
             }

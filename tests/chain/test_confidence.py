@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, binomtest
 
-from casswarm.chain.confidence import Paired, effective_runs, exact_interval, runs_for, wilson
+from casswarm.chain.confidence import Paired, effective_runs, clopper_pearson, required_runs, wilson
 
 
 def test_newcombes_interval_is_that_of_the_literature() -> None:
@@ -67,7 +67,7 @@ def test_paired_interval_covers_as_it_says() -> None:
 def test_runs_from_a_pilot_make_the_interval_narrow_enough(
     successes: int, half_width: float
 ) -> None:
-    runs = runs_for(half_width, successes, 1000)
+    runs = required_runs(half_width, successes, 1000)
     low, high = wilson(round(successes / 1000 * runs), runs)
     assert high - low <= 2 * half_width * (1 + 1e-3)
     if successes == 500:  # the worst case: z^2 / (4 h^2)
@@ -76,10 +76,10 @@ def test_runs_from_a_pilot_make_the_interval_narrow_enough(
         assert runs < 1.96**2 / 4 / half_width**2
 
 
-def test_exact_interval_has_known_values() -> None:
+def test_clopper_pearson_has_known_values() -> None:
     """0 of 10 ends at 1 - 0.025^(1/10); 13 of 16 as in Fagerland et al. (2017, chapter 2)."""
-    assert exact_interval(0, 10) == pytest.approx((0.0, 1 - 0.025**0.1))
-    assert exact_interval(13, 16) == pytest.approx((0.5435, 0.9595), abs=5e-5)
+    assert clopper_pearson(0, 10) == pytest.approx((0.0, 1 - 0.025**0.1))
+    assert clopper_pearson(13, 16) == pytest.approx((0.5435, 0.9595), abs=5e-5)
 
 
 # --- strata

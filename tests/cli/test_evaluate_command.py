@@ -43,8 +43,8 @@ def test_evaluate_samples_what_the_states_leave(tmp_path):
     )
     assert "with 95% confidence; proven:" in done.stdout
     found = pd.read_csv(tmp_path / "results" / "evaluate-paper-1" / "estimates.csv").iloc[0]
-    assert found["head_low"] <= found["success_low"] < found["success_high"]
-    assert found["success_high"] <= found["head_high"]
+    assert found["enumerated_low"] <= found["success_low"] < found["success_high"]
+    assert found["success_high"] <= found["enumerated_high"]
 
 
 def test_evaluate_refuses_to_enumerate_a_large_swarm(tmp_path):

@@ -239,13 +239,13 @@ def test_curves_of_a_law_are_its_numbers() -> None:
             if line.get_label().startswith("leader")
         )
         law = LAWS[1]
-        expected = np.cumsum(law.arrival) if index == 0 else 1 - law.population[:, 0] - law.unknown
+        expected = np.cumsum(law.arrival) if index == 0 else 1 - law.population[:, 0] - law.residual_mass_before
         np.testing.assert_allclose(line.get_ydata(), expected)
 
 
 def test_a_survival_bracket_holds_all_that_is_unknown() -> None:
-    low, high = LAWS[1].anybody
-    np.testing.assert_allclose(high - low, LAWS[1].unknown)
+    low, high = LAWS[1].any_alive
+    np.testing.assert_allclose(high - low, LAWS[1].residual_mass_before)
     assert (np.diff(high) <= 0).all()
 
 

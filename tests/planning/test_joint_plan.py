@@ -101,7 +101,7 @@ def test_success_is_what_evaluate_finds_for_the_policy(planned: tuple[Scenario, 
     scenario, best = planned
     assert best.success is not None
     law = evaluate(scenario, JointPolicy.of(best), tolerance=0)
-    assert law.unresolved == 0
+    assert law.residual_mass == 0
     low, high = best.success
     assert low <= law.success[0] <= high
     assert high - low < 1e-10

@@ -51,7 +51,7 @@ def test_feedback_is_worth_more_than_the_plan(planned: tuple[Scenario, SwarmPlan
     law = evaluate(scenario, policy, tolerance=0)
     assert first.success is not None
     assert first.bound is not None
-    assert law.unresolved == 0
+    assert law.residual_mass == 0
     assert first.success[1] + 1e-4 < law.success[0] < first.bound.value
     assert policy.tree.solves > 10
     assert law.infeasible == 0

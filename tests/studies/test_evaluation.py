@@ -8,9 +8,9 @@ import pytest
 from scipy.stats import binom, binomtest
 
 import casswarm as csw
-from casswarm.chain.exact import propagate
+from casswarm.chain.exact import ExpansionOptions, expand
 from casswarm.chain.monte_carlo import Chain
-from casswarm.chain.stratified import sample_rest
+from casswarm.chain.stratified import sample_residual
 from casswarm.errors import PolicyError
 from casswarm.policies import POLICIES, as_policy
 from casswarm.problems.formation import motion_of
@@ -82,7 +82,7 @@ def test_two_members_have_the_law_of_enumeration_by_hand():
     law = evaluate(given, homing(given), tolerance=0.0)
     success, survivors = enumerated(given, np.tile([1.0, 0.0], (2, 1)))
     assert 0.05 < success < 0.95
-    assert law.unresolved == 0.0
+    assert law.residual_mass == 0.0
     assert law.success == pytest.approx((success, success), rel=1e-12)
     np.testing.assert_allclose(law.survivors, survivors, rtol=1e-12, atol=1e-15)
 
@@ -158,7 +158,7 @@ def test_brackets_are_nested_as_the_tolerance_shrinks(guide):
 
 def test_all_mass_is_accounted_for(guide):
     law = evaluate(PAPER, "leader", 1e-3, guide=guide)
-    assert law.survivors.sum() + law.unresolved == pytest.approx(1.0, abs=1e-12)
+    assert law.survivors.sum() + law.residual_mass == pytest.approx(1.0, abs=1e-12)
     assert law.members.sum() == pytest.approx(law.survivors @ np.arange(6), rel=1e-12)
     assert law.arrival.sum() <= law.survivors[1:].sum() + 1e-12
 
@@ -166,10 +166,10 @@ def test_all_mass_is_accounted_for(guide):
 def test_too_few_states_widen_the_bracket_around_the_truth(guide):
     narrow = evaluate(PAPER, "leader", 1e-3, guide=guide)
     wide = evaluate(PAPER, "leader", 1e-3, max_states=20, guide=guide)
-    assert wide.unresolved > 1e-3
+    assert wide.residual_mass > 1e-3
     assert wide.states <= 20
-    assert "allow more of them" in wide.help
-    assert not narrow.help
+    assert "allow more states" in wide.advice
+    assert not narrow.advice
     assert wide.success[0] <= narrow.success[0]
     assert narrow.success[1] <= wide.success[1]
     (low, high), (inner_low, inner_high) = wide.population_mean, narrow.population_mean
@@ -177,24 +177,24 @@ def test_too_few_states_widen_the_bracket_around_the_truth(guide):
     assert (inner_high <= high + 1e-12).all()
     arrived, inner = wide.arrival.cumsum(), narrow.arrival.cumsum()
     assert (arrived <= inner + 1e-12).all()
-    assert (inner + narrow.unknown <= arrived + wide.unknown + 1e-12).all()
+    assert (inner + narrow.residual_mass_before <= arrived + wide.residual_mass_before + 1e-12).all()
 
 
-def test_progress_tells_states_and_the_mass_that_is_left(guide):
-    told = []
-    law = evaluate(PAPER, "leader", 1e-3, guide=guide, progress=lambda *news: told.append(news))
-    states, left = zip(*told, strict=True)
-    assert told[0] == (1, pytest.approx(1.0))
-    assert list(states) == sorted(states)
-    assert states[-1] == law.states
-    assert all(after <= before + 1e-12 for before, after in pairwise(left))
-    assert left[-1] == pytest.approx(law.unresolved, rel=1e-9)
+def test_evaluate_progress_reports_enumerated_mass(guide):
+    reports = []
+    law = evaluate(PAPER, "leader", 1e-3, guide=guide, progress=lambda *args: reports.append(args))
+    tasks, done, totals = zip(*reports, strict=True)
+    assert set(tasks) == {"leader"}
+    assert set(totals) == {1.0}
+    assert done[0] == pytest.approx(0.0)
+    assert all(after >= before - 1e-12 for before, after in pairwise(done))
+    assert 1.0 - done[-1] == pytest.approx(law.residual_mass, rel=1e-9)
 
 
 def test_the_number_alive_at_every_step_is_that_of_the_runs(guide):
     law = evaluate(PAPER, "leader", 1e-4, guide=guide)
-    np.testing.assert_allclose(law.population.sum(axis=1) + law.unknown, 1.0, atol=1e-12)
-    np.testing.assert_allclose(law.population[-1], law.survivors, atol=law.unresolved)
+    np.testing.assert_allclose(law.population.sum(axis=1) + law.residual_mass_before, 1.0, atol=1e-12)
+    np.testing.assert_allclose(law.population[-1], law.survivors, atol=law.residual_mass)
     runs = 2000
     traces = csw.simulate(PAPER, ["leader"], runs, guide=guide, traces=runs).traces["leader"]
     for step in (5, 12, 18):
@@ -202,7 +202,7 @@ def test_the_number_alive_at_every_step_is_that_of_the_runs(guide):
         for k, count in enumerate(np.bincount(alive, minlength=6)):
             interval = binomtest(int(count), runs).proportion_ci(0.9999, method="exact")
             low = law.population[step, k]
-            assert interval.low <= low + law.unknown[step]
+            assert interval.low <= low + law.residual_mass_before[step]
             assert low <= interval.high
 
 
@@ -223,8 +223,8 @@ def test_what_is_too_light_in_a_step_is_counted():
     ring = 0.3 * np.stack([np.cos(np.arange(13)), np.sin(np.arange(13))], axis=1)
     given = SMALL.with_values({"swarm.positions": ring.tolist(), "hazard.alpha_1": 1.0})
     law = evaluate(given, homing(given), 1e-2)
-    assert 0.0 < law.unresolved <= 1e-2
-    assert law.survivors.sum() + law.unresolved == pytest.approx(1.0, abs=1e-9)
+    assert 0.0 < law.residual_mass <= 1e-2
+    assert law.survivors.sum() + law.residual_mass == pytest.approx(1.0, abs=1e-9)
     row = csw.simulate(given, [homing(given)], 2000).summary.iloc[0]
     interval = binomtest(int(row["successes"]), 2000).proportion_ci(0.999, method="wilson")
     assert interval.low <= law.success[1]
@@ -238,9 +238,9 @@ def test_estimate_holds_the_truth_and_says_what_is_proven(guide):
     truth = evaluate(PAPER, "leader", 1e-4, guide=guide).success
     found = csw.estimate(PAPER, "leader", 2000, max_states=300, guide=guide)
     low, high = found.success
-    first, last = found.head.success
+    first, last = found.enumerated.success
     assert first <= low <= truth[0] <= truth[1] <= high <= last
-    assert f"{found.sampled:.4g} sampled" in str(found)
+    assert f"{found.sampled_mass:.4g} sampled" in str(found)
     assert "95% confidence; proven" in str(found)
     assert csw.estimate(PAPER, "leader", 2000, max_states=300, guide=guide).success == (low, high)
 
@@ -250,9 +250,10 @@ def test_estimates_cover_the_truth_as_often_as_they_say(runs):
     given = SMALL.with_values({"swarm.velocity": [1.0, 0.0]})
     policy, before = as_policy(homing(given)), np.tile([1.0, 0.0], (2, 1))
     truth = evaluate(given, policy, 0.0).success[0]
-    head = propagate(given, policy, before, 1e-4, max_states=4)
-    assert head.waiting_mass > 0.2
-    found = [sample_rest(head, Chain(given, before, seed), runs).success for seed in range(1000)]
+    expansion = expand(given, policy, before, ExpansionOptions(1e-4, max_states=4))
+    assert expansion.frontier.mass > 0.2
+    chains = [Chain(given, before, seed) for seed in range(1000)]
+    found = [sample_residual(expansion, chain, runs).success for chain in chains]
     covered = sum(low <= truth <= high for low, high in found)
     assert covered >= binom(1000, 0.95).ppf(0.001)
 
@@ -276,7 +277,7 @@ def test_estimate_is_plain_sampling_where_no_head_can_be_followed():
     scenario = csw.load_scenario("large-swarm")
     found = csw.estimate(scenario, homing(scenario), 50)
     row = csw.simulate(scenario, [homing(scenario)], 50).summary.iloc[0]
-    assert found.sampled == 1.0
+    assert found.sampled_mass == 1.0
     assert found.success == pytest.approx((row.success_low, row.success_high))
 
 
@@ -292,7 +293,7 @@ def test_nothing_is_sampled_where_the_law_is_closed():
     given = SMALL.with_values({"swarm.velocity": [1.0, 0.0]})
     found = csw.estimate(given, homing(given), 10, tolerance=0.0, max_states=1000)
     assert found.runs == 0
-    assert found.success == found.head.success
+    assert found.success == found.enumerated.success
 
 
 @pytest.mark.parametrize(
