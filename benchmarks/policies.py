@@ -64,7 +64,7 @@ def makers() -> dict[str, Maker]:
         f"leader, {rule}": partial(named, "leader", leader_selection=rule)
         for rule in ("first", "safest")
     }
-    names = [name for name in csw.policies.POLICIES if "ahead" not in name]
+    names = [name for name in csw.policies.POLICIES if "mpc" not in name]
     names += ["constrained-mpc-3", "leader-mpc-3", "leader-mpc-8"]
     return {name: partial(named, name) for name in names} | rules
 

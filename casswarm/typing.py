@@ -52,5 +52,5 @@ class Progress(Protocol):
     known.
     """
 
-    def __call__(self, task: str, done: float, total: float | None) -> None:
+    def __call__(self, task: str, done: float, total: float | None, /) -> None:
         """Report that `done` of `total` is done."""

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from ..planning.bounds.success_bound import SuccessBound
-    from ..studies.batches import Progress
     from ..studies.simulation import Study
+    from ..typing import Progress
 
 
 @click.command()
@@ -145,10 +145,10 @@ def _bars(stack: ExitStack) -> Progress:
     """A progress bar a policy."""
     bars: dict[str, Any] = {}
 
-    def tell(policy: str, ended: int, total: int) -> None:
+    def tell(policy: str, ended: float, total: float | None) -> None:
         if policy not in bars:
-            bars[policy] = progress_bar(stack, policy, "run", total)
-        bars[policy](ended, total)
+            bars[policy] = progress_bar(stack, policy, "run", int(total or 0))
+        bars[policy](int(ended), total)
 
     return tell
 

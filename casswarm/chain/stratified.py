@@ -1,11 +1,11 @@
 """Estimates that enumerate the most probable states exactly and sample the residual mass.
 
-`expand` leaves states of total mass M in its frontier. They are divided into R strata of equal mass,
-and one run is sampled from every stratum, independently. States are ordered by their living members
-and by step, so that neighbouring strata are alike; pairs of neighbours show how much variance that
-saves (`effective_runs`), and Wilson's interval with the effective number of runs covers the mean of
-the strata about as often as that of plain runs covers theirs. M times this interval is the
-contribution of the residual mass to the success probability.
+`expand` leaves states of total mass M in its frontier. They are divided into R strata of equal
+mass, and one run is sampled from every stratum, independently. States are ordered by their living
+members and by step, so that neighbouring strata are alike; pairs of neighbours show how much
+variance that saves (`effective_runs`), and Wilson's interval with the effective number of runs
+covers the mean of the strata about as often as that of plain runs covers theirs. M times this
+interval is the contribution of the residual mass to the success probability.
 
 Why the interval is narrower than that of plain sampling with as many solves: a state of probability
 w is visited by R plain runs with probability 1 - (1 - w)^R, 0.86 at w = `VISITS` / R, so plain runs

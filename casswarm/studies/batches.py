@@ -86,9 +86,7 @@ def sample_jobs(
         if ended:
             tell(name)
     calls: list[Callable[[], tuple[Runs, float]]] = (
-        [partial(job, tell) for job in jobs]
-        if workers == 1
-        else list(jobs)
+        [partial(job, tell) for job in jobs] if workers == 1 else list(jobs)
     )
     for place, (part, seconds) in done_jobs(calls, workers):
         job = jobs[place]

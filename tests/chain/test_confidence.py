@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, binomtest
 
-from casswarm.chain.confidence import Paired, effective_runs, clopper_pearson, required_runs, wilson
+from casswarm.chain.confidence import Paired, clopper_pearson, effective_runs, required_runs, wilson
 
 
 def test_newcombes_interval_is_that_of_the_literature() -> None:

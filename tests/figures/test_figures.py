@@ -239,7 +239,11 @@ def test_curves_of_a_law_are_its_numbers() -> None:
             if line.get_label().startswith("leader")
         )
         law = LAWS[1]
-        expected = np.cumsum(law.arrival) if index == 0 else 1 - law.population[:, 0] - law.residual_mass_before
+        expected = (
+            np.cumsum(law.arrival)
+            if index == 0
+            else 1 - law.population[:, 0] - law.residual_mass_before
+        )
         np.testing.assert_allclose(line.get_ydata(), expected)
 
 
