@@ -111,7 +111,7 @@ def estimate(
 
     Parameters
     ----------
-    scenario, policy, max_states, tolerance, merging, guide, solver, progress
+    scenario, policy, max_states, tolerance, aggregation_tol, guide, solver, progress
         As in `evaluate`; the head.
     runs : int
         Runs that share the mass that the head leaves, at least 1.
@@ -165,7 +165,7 @@ def _expansion(
     if max_states < 1:
         raise ValueError(f"max_states = {max_states}; allowed: whole numbers from 1")
     if not 0 <= aggregation_tol < float("inf"):
-        raise ValueError(f"merging = {aggregation_tol}; allowed: finite numbers from 0")
+        raise ValueError(f"aggregation_tol = {aggregation_tol}; allowed: finite numbers from 0")
     if scenario.n > MAX_MEMBERS and tolerance == 0:
         raise PolicyError(
             f"{scenario.name} has {scenario.n} members; without tolerance the law is for at most "
