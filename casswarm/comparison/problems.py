@@ -71,7 +71,7 @@ class Problem:
         digest = hashlib.sha256(f"{self.name} {self.family} {self.nlp.name}".encode())
         for start, instances in self.starts.items():
             digest.update(start.encode())
-            for part in ("start", "parameters", "lower", "upper", "lower_g", "upper_g"):
+            for part in ("x0", "p", "lbx", "ubx", "lbg", "ubg"):
                 digest.update(np.ascontiguousarray(getattr(instances, part)).tobytes())
             values = self.nlp.evaluate(instances.x0[0], instances.p[0])
             digest.update(b"".join(np.asarray(value).tobytes() for value in values))
