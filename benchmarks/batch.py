@@ -198,7 +198,7 @@ def jax(scenario: csw.Scenario, nlp: Nlp, instances: Instances) -> Callable[[], 
         "metric": units[:, 0] ** 2 / units[:, 1],
     }
     lanes = {key: np.moveaxis(array, 0, -1).copy() for key, array in data.items()}
-    starts = _starts(instances, nlp.starts).reshape(-1, batch, n, 2)
+    starts = _starts(instances, nlp.n_starts).reshape(-1, batch, n, 2)
     first = np.stack([np.moveaxis(ordered(start), 0, -1) for start in starts])
 
     def run() -> np.ndarray:
@@ -238,7 +238,7 @@ def row(name: str, states: int, repeats: int) -> list[str]:
         cells.append(f"{1e6 * took / number:.2f} us ({ratio:.2f} x)")
     goal_text = f" (goal {goal} x)" if goal else ""
     answers = (
-        f"{worse.sum()} worse, {better.sum()} better than Ipopt, {found.fallbacks.sum()} "
+        f"{worse.sum()} worse, {better.sum()} better than Ipopt, {found.used_fallback.sum()} "
         f"fallbacks, {(~found.success).sum()} unsolved of {states}; "
         f"stationarity <= {found.stationarity.max():.0e}"
     )

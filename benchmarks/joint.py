@@ -159,7 +159,7 @@ def by_mean_field(scenario: Scenario, exact: SwarmPlan) -> tuple[float, float]:
     problem = JointProblem(scenario, task, form)
     instance = joint_instance(problem.nlp, form, task, exact.arrivals, exact.velocities)
     odds = float(problem.nlp.evaluate(instance.x0[0], instance.p[0])[0])
-    solver = Ipopt(1e-5, 500, hessian="limited-memory", memory=20, feasibility=1e-8)
+    solver = Ipopt(1e-5, 500, hessian="limited-memory", memory=20, constraint_tolerance=1e-8)
     start = SwarmStart("", exact.arrivals, exact.velocities)
     found = problem.solved(start, solver)
     law = PlanDistribution.of(scenario, problem.positions(found.velocities))

@@ -84,7 +84,7 @@ def one_speed(name: str, problem: str, steps: int, runs: int, few: int) -> str:
     same = [auto.solve_batch(nlp, instances) for nlp, instances in chosen]
     f = np.array([s.objective[0] for s in same])
     g = np.array([s.objective[0] if s.success[0] else np.inf for s in exact])
-    fallbacks = sum(int(s.fallbacks.sum()) for s in found)
+    fallbacks = sum(int(s.used_fallback.sum()) for s in found)
     failed = sum(int((~s.success).sum()) for s in found)
     return (
         f"| {name} | {problem} | {steps} | {states} | {1e6 * ours:.0f} µs | {1e3 * theirs:.1f} ms "

@@ -116,8 +116,8 @@ def flight(hazard: csw.Hazard, policy: str, n: int) -> list[Measured]:
         problem = formation(step, policy, here)
         build = time.perf_counter() - started
         many = problem.instances[np.zeros(copies, int)]
-        solver.batch.run(problem.nlp, many)  # compiled, or read from disk
-        runs = [solver.batch.run(problem.nlp, many) for _ in range(5 if n < 1000 else 1)]
+        solver.batch.run_batch(problem.nlp, many)  # compiled, or read from disk
+        runs = [solver.batch.run_batch(problem.nlp, many) for _ in range(5 if n < 1000 else 1)]
         found = solver.solve_batch(problem.nlp, problem.instances)
         rows.append(
             Measured(
@@ -126,7 +126,7 @@ def flight(hazard: csw.Hazard, policy: str, n: int) -> list[Measured]:
                 int(runs[0].counts[0, 1]) + 1,  # and one to judge
                 gradient_seconds(found.x[0], problem),
                 bool(found.success[0]),
-                bool(found.fallbacks[0]),
+                bool(found.used_fallback[0]),
             )
         )
         velocities = found.x.reshape(1, n, 2)

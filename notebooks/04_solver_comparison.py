@@ -43,7 +43,7 @@ solvers = {
     "ipopt": "ipopt",
     "ipopt-bfgs": Ipopt(hessian="limited-memory"),
     "spectral": "spectral",
-    "projected-gradient": ProjectedGradient(iterations=500),
+    "projected-gradient": ProjectedGradient(max_iter=500),
 }
 comparison = csw.compare(["quick"], solvers, problems=2, seconds=10)
 comparison.summary

@@ -69,7 +69,7 @@ def formation_nlp(hazard: Hazard, n: int, corridor: bool) -> Nlp:
         constraints=constraints,
         unroll=n <= _UNROLL,
         compiled=formation_objective(hazard),
-        starts=_starts(hazard, corridor),
+        n_starts=_starts(hazard, corridor),
     )
 
 

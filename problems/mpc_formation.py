@@ -95,7 +95,7 @@ def lookahead_nlp(hazard: Hazard, n: int, steps: int, corridor: bool) -> Nlp:
         constraints=constraints,
         unroll=n * steps <= _UNROLL,
         compiled=formation_objective(hazard),
-        starts=_STARTS if not isinstance(hazard, KernelHazard) or hazard.collides else 1,
+        n_starts=_STARTS if not isinstance(hazard, KernelHazard) or hazard.collides else 1,
     )
 
 

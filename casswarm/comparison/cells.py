@@ -41,10 +41,10 @@ def run_cell(problem: Problem, start: str, label: str, solver: Isolated) -> dict
         "solver": label,
     }
     try:
-        build, (answer,) = solver.answers(nlp, instance)
+        build, (answer,) = solver.timed_answers(nlp, instance)
     except SolverError as error:
         return row | _nothing(str(error), value)
-    solution = solver._judged(nlp, instance, answer, build)
+    solution = solver.verified(nlp, instance, answer, build)
     times = _times(solver, nlp, instance, answer)
     residuals = solution.residuals
     return row | {
@@ -53,7 +53,7 @@ def run_cell(problem: Problem, start: str, label: str, solver: Isolated) -> dict
         "words": solution.message,
         "objective": solution.objective,
         "violation": residuals.violation,
-        "worst": residuals.worst,
+        "worst": residuals.violated_row,
         "stationarity": residuals.stationarity * length / value,
         "complementarity": residuals.complementarity / value,
         "iterations": int(solution.iterations),
@@ -91,7 +91,7 @@ def _times(solver: Isolated, nlp: Nlp, instance: Instances, answer: Answer) -> l
     if not answer.status.success or times[0] > 10 * BUDGET:
         return times
     while len(times) < REPEATS and sum(times[1:]) < BUDGET:
-        _, (again,) = solver.answers(nlp, instance)
+        _, (again,) = solver.timed_answers(nlp, instance)
         if again.status is not answer.status:
             break
         times.append(float(again.seconds))

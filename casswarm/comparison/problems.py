@@ -251,11 +251,11 @@ class _Listener(Solver):
     name: ClassVar[str] = "listener"
     summary: ClassVar[str] = "keeps what another solver is asked"
 
-    def _build(self, nlp: Nlp) -> None:
-        self.inner._build(nlp)
+    def prepare(self, nlp: Nlp) -> None:
+        self.inner.prepare(nlp)
 
-    def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        answers = self.inner._answers(nlp, instances)
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        answers = self.inner.timed_answers(nlp, instances)[1]
         self.heard.append((nlp, instances, np.stack([answer.x for answer in answers])))
         return answers
 

@@ -228,10 +228,10 @@ def _solvers(
 
 def _limited(solver: Solver, seconds: float) -> Solver:
     """The same solver, but for its own limit of time where that is longer."""
-    own, most = getattr(solver, "max_seconds", 0.0), _OWN_SHARE * seconds
+    own, most = getattr(solver, "time_limit", 0.0), _OWN_SHARE * seconds
     if not solver.capabilities.time_limit or own <= most:
         return solver
-    return replace(solver, max_seconds=most)  # type: ignore[type-var]
+    return replace(solver, time_limit=most)  # type: ignore[type-var]
 
 
 def _problems(

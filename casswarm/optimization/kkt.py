@@ -1,4 +1,4 @@
-"""The judge: residuals recomputed from the problem, for every backend alike."""
+"""KKT residuals, recomputed from the problem in the same manner for every solver."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ACTIVE = 1e-6
 _DENSE = 1 << 20  # entries up to which the estimate is solved with a dense matrix
 
 
-def judge(
+def kkt_residuals(
     nlp: Nlp,
     instance: Instances,
     x: FloatArray,
@@ -45,10 +45,10 @@ def judge(
     lower = np.concatenate([instance.lbx[0], instance.lbg[0]])
     upper = np.concatenate([instance.ubx[0], instance.ubg[0]])
     gaps = np.maximum(np.maximum(lower - values, values - upper), 0.0)
-    violation, worst = float(gaps.max(initial=0.0)), ""
+    violation, violated_row = float(gaps.max(initial=0.0)), ""
     if violation > 0:
         row = int(gaps.argmax())
-        worst = f"bound[{row}]" if row < len(x) else nlp.row_names[row - len(x)]
+        violated_row = f"bound[{row}]" if row < len(x) else nlp.row_names[row - len(x)]
 
     gradient = np.asarray(nlp.gradient(x, p)[1]).ravel()
     jacobian = nlp.jacobian(x, p).sparse()
@@ -62,7 +62,7 @@ def judge(
     slack = np.where(lam > 0, upper - values, values - lower)
     products = np.abs(lam) * np.where(np.isfinite(slack), slack, 1.0)  # no bound, no multiplier
     complementarity = float(np.abs(products).max(initial=0.0))
-    return Residuals(violation, stationarity, complementarity, worst)
+    return Residuals(violation, stationarity, complementarity, violated_row)
 
 
 def _estimate(

@@ -58,9 +58,9 @@ class Nlp:
         evaluate several times faster; ruinous for large ones.
     compiled : CompiledObjective, optional
         The objective once more, for compiled solvers.
-    starts : int
-        How many starts are worth their time, where they cost little: more than one where local
-        minima are common.
+    n_starts : int
+        Number of initial guesses that batch solvers, for which they cost little, try by default:
+        more than one where local minima are common.
     hessian : casadi.Function, optional
         (x, p, lam_f, lam_g) to the upper triangle of the Lagrangian's Hessian, where that is known
         in a quicker way than by automatic differentiation.
@@ -73,7 +73,7 @@ class Nlp:
     constraints: Mapping[str, Expr]
     unroll: bool = False
     compiled: CompiledObjective | None = None
-    starts: int = 1
+    n_starts: int = 1
     hessian: Expr | None = None
 
     @cached_property
@@ -119,7 +119,7 @@ class Nlp:
             {name: block.shape for name, block in self.variables.items()},
             {name: block.shape for name, block in self.parameters.items()},
             tuple(self.constraints),
-            (self.name, self.unroll, self.compiled, self.starts),
+            (self.name, self.unroll, self.compiled, self.n_starts),
             None if self.hessian is None else self.hessian.serialize(),
         )
 

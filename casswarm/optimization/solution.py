@@ -42,14 +42,14 @@ class Residuals:
         Largest component of the Lagrangian's gradient.
     complementarity : float
         Largest product of a multiplier and the slack of its bound.
-    worst : str
-        Name of the row that is violated most, empty where none is.
+    violated_row : str
+        Name of the row that is violated most; empty if none is.
     """
 
     violation: float
     stationarity: float
     complementarity: float
-    worst: str = ""
+    violated_row: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,12 +116,12 @@ class BatchSolution:
         Whether an answer is a solution to the stated tolerance.
     violation, stationarity : (B,)
         Residuals, recomputed from the problem; stationarity in `Instances.scale`.
-    fallbacks : (B,) bool
+    used_fallback : (B,) bool
         Whether a first answer was not good enough and another solver was called.
     seconds : float
         For the batch.
-    words : (B,) str, optional
-        How every solve ended: its status, and the backend's own words.
+    messages : (B,) str, optional
+        How every solve ended: its status, and the backend's own messages.
     """
 
     x: FloatArray
@@ -129,12 +129,14 @@ class BatchSolution:
     success: BoolArray
     violation: FloatArray
     stationarity: FloatArray
-    fallbacks: BoolArray
+    used_fallback: BoolArray
     seconds: float
-    words: NDArray[np.object_] | None = None
+    messages: NDArray[np.object_] | None = None
 
     @classmethod
-    def of(cls, solutions: Sequence[Solution], units: FloatArray | None = None) -> BatchSolution:
+    def from_solutions(
+        cls, solutions: Sequence[Solution], units: FloatArray | None = None
+    ) -> BatchSolution:
         """The same answers, one by one, as arrays; `units` (B, 2) are those of x and f."""
         scale = 1.0 if units is None else units[:, 0] / units[:, 1]
         return cls(
@@ -143,25 +145,29 @@ class BatchSolution:
             success=np.array([s.status.success for s in solutions], dtype=bool),
             violation=np.array([s.residuals.violation for s in solutions]),
             stationarity=scale * np.array([s.residuals.stationarity for s in solutions]),
-            fallbacks=np.zeros(len(solutions), bool),
+            used_fallback=np.zeros(len(solutions), bool),
             seconds=sum(s.solve_seconds for s in solutions),
-            words=np.array([f"{s.status}: {s.message}" for s in solutions], dtype=object),
+            messages=np.array([f"{s.status}: {s.message}" for s in solutions], dtype=object),
         )
 
     def with_rows(self, rows: IntArray, other: BatchSolution) -> BatchSolution:
         """These answers, with those of `other` in the given rows."""
         merged: dict[str, Any] = {"seconds": self.seconds + other.seconds}
         for part in fields(self):
-            if part.name == "words":
-                merged["words"] = self._words_with(rows, other)
+            if part.name == "messages":
+                merged["messages"] = self._messages_with(rows, other)
             elif part.name != "seconds":
                 merged[part.name] = getattr(self, part.name).copy()
                 merged[part.name][rows] = getattr(other, part.name)
         return BatchSolution(**merged)
 
-    def _words_with(self, rows: IntArray, other: BatchSolution) -> NDArray[np.object_] | None:
-        if self.words is None and other.words is None:
+    def _messages_with(self, rows: IntArray, other: BatchSolution) -> NDArray[np.object_] | None:
+        if self.messages is None and other.messages is None:
             return None
-        words = np.full(len(self.x), "", dtype=object) if self.words is None else self.words.copy()
-        words[rows] = "" if other.words is None else other.words
-        return words
+        messages = (
+            np.full(len(self.x), "", dtype=object)
+            if self.messages is None
+            else self.messages.copy()
+        )
+        messages[rows] = "" if other.messages is None else other.messages
+        return messages

@@ -216,7 +216,7 @@ def _paper_options(scenario: Scenario, solver: str | Solver) -> dict[str, object
     if solver != ProjectedGradient.name:
         return {}
     options = scenario.guide
-    return {"step": options.learning_rate, "iterations": options.iterations, "keep": "best"}
+    return {"step": options.learning_rate, "max_iter": options.iterations, "keep": "best"}
 
 
 def _checked_search(search: str | None, scenario: Scenario, solver: Solver) -> str:

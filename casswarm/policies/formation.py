@@ -123,7 +123,7 @@ def solved(formation: Formation, solver: Solver) -> Decision:
             usable[..., None], sets.project(points), formation.fallback[open_]
         )
         good = np.asarray(found.success & (found.stationarity <= HONEST))
-        failures[open_], fallbacks[open_] = ~good, found.fallbacks
+        failures[open_], fallbacks[open_] = ~good, found.used_fallback
         log_failures(solver.name, formation.nlp.name, found, good)
     return Decision(velocities, formation.infeasible.sum(axis=1), failures, fallbacks)
 
@@ -131,7 +131,7 @@ def solved(formation: Formation, solver: Solver) -> Decision:
 def log_failures(solver: str, problem: str, found: BatchSolution, good: BoolArray) -> None:
     """Log why answers are not good, once for every solver, problem and reason."""
     for row in np.flatnonzero(~good):
-        words = "not solved" if found.words is None else str(found.words[row])
+        words = "not solved" if found.messages is None else str(found.messages[row])
         _log_once(solver, problem, words + (", but not stationary" if found.success[row] else ""))
 
 

@@ -90,7 +90,7 @@ def flown(window: Window, problem: MpcFormation, solver: Solver) -> Decision:
         velocities[open_] = np.where(usable, advances, velocities[open_])
         good = np.asarray(found.success & (found.stationarity <= HONEST))
         failures[open_] |= ~good
-        fallbacks[open_] = found.fallbacks
+        fallbacks[open_] = found.used_fallback
         log_failures(solver.name, problem.nlp.name, found, good)
     velocities = problem.first.project(velocities)
     infeasible = problem.infeasible(window, velocities)

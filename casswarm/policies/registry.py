@@ -91,7 +91,7 @@ def make_policy(
     kind, horizon = _ahead(name, horizon)
     _require_known("leader_selection", leader_selection, LEADER_SELECTION)
     options = scenario.formation
-    paper = {"step": options.learning_rate, "iterations": options.iterations, "start": "zero"}
+    paper = {"step": options.learning_rate, "max_iter": options.iterations, "start": "zero"}
     backend = make_solver(solver, **(paper if solver == ProjectedGradient.name else {}))
     if guide is not None:
         _require_fitting(scenario, guide)

@@ -35,12 +35,12 @@ def iterates(
     nlp: Nlp, instances: Instances, step: float, points: Sequence[int], start: str = "given"
 ) -> Iterator[tuple[int, list[Solution]]]:
     """Iterates of the projected gradient after so many iterations, for every instance."""
-    first = ProjectedGradient(step=step, iterations=points[0], start=start)  # type: ignore[arg-type]
+    first = ProjectedGradient(step=step, max_iter=points[0], start=start)  # type: ignore[arg-type]
     found = first.solve(nlp, instances)
     yield points[0], found
     for before, after in pairwise(points):
         x = np.stack([solution.x for solution in found])
-        solver = ProjectedGradient(step=step, iterations=after - before)
+        solver = ProjectedGradient(step=step, max_iter=after - before)
         found = solver.solve(nlp, instances.with_x0(x))
         yield after, found
 

@@ -65,7 +65,7 @@ def solution_of(row: Mapping[str, Any] | None) -> Solution:
         told.get("violation", nan),
         told.get("stationarity", nan),
         told.get("complementarity", nan),
-        told.get("worst", ""),
+        told.get("violated_row", ""),
     )
     return Solution(
         x=np.empty(0),

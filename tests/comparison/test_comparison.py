@@ -52,7 +52,7 @@ def test_starts_are_of_one_problem_and_differ(quick):
     for problem in quick:
         cold, warm = problem.starts["cold"], problem.starts["warm"]
         assert not np.array_equal(cold.x0, warm.x0)
-        for part in ("parameters", "lower", "upper", "lower_g", "upper_g"):
+        for part in ("p", "lbx", "ubx", "lbg", "ubg"):
             np.testing.assert_array_equal(getattr(cold, part), getattr(warm, part))
     assert {p.family for p in quick} == {"guides", "formations"}
 

@@ -44,15 +44,15 @@ class Faulty(Solver):
     name: ClassVar[str] = "faulty"
     summary: ClassVar[str] = "goes wrong"
 
-    def _build(self, nlp: Nlp) -> None:  # noqa: ARG002
+    def prepare(self, nlp: Nlp) -> None:  # noqa: ARG002
         if self.fault == "build":
             raise RuntimeError("cannot be built")
 
-    def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         wrong = instances.p[:, 0] >= self.above
         if wrong.any():
             self._misbehave()
-        answers = Ipopt()._answers(nlp, instances)
+        answers = Ipopt().timed_answers(nlp, instances)[1]
         return [
             self._changed(answer, instances[i : i + 1]) if wrong[i] else answer
             for i, answer in enumerate(answers)

@@ -106,7 +106,7 @@ def test_answers_are_feasible_stationary_and_no_worse_than_ipopts(problem, hazar
 def test_several_starts_find_better_minima_where_members_collide():
     formation = corridor(HAZARDS[2], states=200)
     one, many = (
-        SpectralProjectedGradient(starts=starts).solve_batch(formation.nlp, formation.instances)
+        SpectralProjectedGradient(n_starts=starts).solve_batch(formation.nlp, formation.instances)
         for starts in (1, 8)
     )
     both = one.success & many.success
@@ -119,7 +119,7 @@ def test_several_starts_find_better_minima_where_members_collide():
 
 def test_residuals_are_those_of_casadis_gradient():
     formation = corridor(HAZARDS[2], states=20)
-    found = SpectralProjectedGradient(iterations=3).solve_batch(formation.nlp, formation.instances)
+    found = SpectralProjectedGradient(max_iter=3).solve_batch(formation.nlp, formation.instances)
     sets = formation.instances.feasible_set
     for i, x in enumerate(found.x):
         gradient = np.asarray(formation.nlp.gradient(x, formation.instances.p[i])[1])
@@ -154,7 +154,7 @@ def test_one_by_one_and_batched_answers_agree():
 
 def test_an_iteration_limit_is_no_success():
     formation = corridor(HAZARDS[2])
-    solver = SpectralProjectedGradient(iterations=1, starts=1)
+    solver = SpectralProjectedGradient(max_iter=1, n_starts=1)
     found = solver.solve_batch(formation.nlp, formation.instances)
     assert not found.success.all()
     statuses = {str(s.status) for s in solver.solve(formation.nlp, formation.instances)}
@@ -163,13 +163,13 @@ def test_an_iteration_limit_is_no_success():
 
 def test_auto_solves_again_what_the_batch_solver_leaves_and_counts_it():
     formation = corridor(HAZARDS[2])
-    hasty = Auto(batch=SpectralProjectedGradient(iterations=1, starts=1))
+    hasty = Auto(batch=SpectralProjectedGradient(max_iter=1, n_starts=1))
     found = hasty.solve_batch(formation.nlp, formation.instances)
-    assert found.fallbacks.sum() > 10
+    assert found.used_fallback.sum() > 10
     assert found.success.all()
     assert found.stationarity.max() < 1e-5
     patient = Auto().solve_batch(formation.nlp, formation.instances)
-    assert patient.fallbacks.sum() < found.fallbacks.sum()
+    assert patient.used_fallback.sum() < found.used_fallback.sum()
     assert patient.success.all()
 
 
@@ -179,7 +179,7 @@ def test_auto_never_accepts_what_is_not_finite():
     parameters[1, 0] = np.nan  # a position
     found = Auto().solve_batch(formation.nlp, replace(formation.instances, p=parameters))
     assert found.success.tolist() == [True, False, True, True]
-    assert found.fallbacks.tolist() == [False, True, False, False]
+    assert found.used_fallback.tolist() == [False, True, False, False]
 
 
 def rate(positions, alive):
@@ -193,7 +193,7 @@ def test_rates_that_are_no_kernels_are_solved_by_casadis_maps(problem):
     found = Auto().solve_batch(formation.nlp, formation.instances)
     judged = Ipopt().solve_batch(formation.nlp, formation.instances)
     assert found.success.all()
-    assert not found.fallbacks.any()
+    assert not found.used_fallback.any()
     assert found.stationarity.max() <= 1e-6
     assert found.violation.max() < 1e-9
     assert (found.objective <= judged.objective * (1 + 1e-6)).all()
@@ -203,7 +203,7 @@ def test_rates_that_are_no_kernels_are_solved_by_casadis_maps(problem):
 @pytest.mark.parametrize("hazard", HAZARDS, ids=["plain", "strengths", "collision", "gaussian"])
 def test_mapped_and_compiled_loops_find_the_same(problem, hazard):
     formation = problem(hazard, states=40)
-    solver = SpectralProjectedGradient(starts=1)
+    solver = SpectralProjectedGradient(n_starts=1)
     compiled = solver.solve_batch(formation.nlp, formation.instances)
     mapped = solver.solve_batch(replace(formation.nlp, compiled=None), formation.instances)
     convex = hazard in HAZARDS[:2]  # nearly: the others have local minima, and long valleys
@@ -230,7 +230,7 @@ def test_problems_with_other_constraints_are_refused_by_spectral():
         )
 
 
-@pytest.mark.parametrize("options", [{"tolerance": 0.0}, {"iterations": 0}, {"starts": 0}])
+@pytest.mark.parametrize("options", [{"tolerance": 0.0}, {"max_iter": 0}, {"n_starts": 0}])
 def test_options_out_of_range_are_refused(options):
     with pytest.raises(SolverError, match=next(iter(options))):
         SpectralProjectedGradient(**options)
@@ -244,7 +244,7 @@ def test_a_thousand_members_are_solved(collision):
     alive = np.ones((1, 1000), bool)
     data = Step(hazard, MOTION, positions, np.ones((1, 1000, 2)), alive, GOAL)
     formation = leader_formation(data, np.zeros(1, np.intp))
-    found = SpectralProjectedGradient(starts=1).solve_batch(formation.nlp, formation.instances)
+    found = SpectralProjectedGradient(n_starts=1).solve_batch(formation.nlp, formation.instances)
     assert found.success.all()
 
 

@@ -27,7 +27,7 @@ DEADLY = ("hang", "exit", "abort", "kill")
 WORDS = {
     "hang": "no answer within",
     "exit": "exit code 3",
-    "abort": "(SIGABRT); the last that it printed: something terrible",
+    "abort": "(SIGABRT); the last line that it printed: something terrible",
     "kill": "exit code -9 (SIGKILL)",
     "raise": "raised ZeroDivisionError: not today",
     "build": "building raised RuntimeError: cannot be built",
@@ -73,7 +73,7 @@ def test_ctrl_c_inside_casadi_is_no_failure():
 
 @pytest.mark.parametrize("fault", DEADLY)
 def test_a_process_that_ends_or_hangs_is_a_failed_answer_and_is_replaced(fault):
-    solver = Isolated(Faulty(fault, above=2.0), seconds=2.0)
+    solver = Isolated(Faulty(fault, above=2.0), time_limit=2.0)
     fine, bad, other = solver.solve(*goals((0.5, 3.0), (2.5, 0.0), (-2.0, 0.1)))
     assert bad.status is (Status.TIME_LIMIT if fault == "hang" else Status.FAILED)
     assert WORDS[fault] in bad.message
@@ -84,7 +84,7 @@ def test_a_process_that_ends_or_hangs_is_a_failed_answer_and_is_replaced(fault):
 
 def test_isolated_answers_are_those_of_the_solver():
     problem = goals((0.5, 3.0), (-2.0, 0.1), (0.3, 0.2))
-    isolated = Isolated(Ipopt(), seconds=30.0)
+    isolated = Isolated(Ipopt(), time_limit=30.0)
     for a, b in zip(isolated.solve(*problem), Ipopt().solve(*problem), strict=True):
         np.testing.assert_array_equal(a.x, b.x)
         assert (a.solver, a.status, a.residuals, a.iterations) == (
@@ -92,14 +92,14 @@ def test_isolated_answers_are_those_of_the_solver():
         )
     batch = isolated.solve_batch(*problem)
     assert batch.success.all()
-    assert batch.words is not None
+    assert batch.messages is not None
     assert isolated.solve(*goals((0.0, 0.0)))[0].build_seconds > 0
     isolated.close()
     assert pickle.loads(pickle.dumps(isolated)) == isolated
 
 
 def test_a_solver_that_always_dies_is_given_up_after_a_few_tries():
-    solver = Isolated(Faulty("exit"), seconds=20.0)
+    solver = Isolated(Faulty("exit"), time_limit=20.0)
     solutions = solver.solve(*goals(*np.zeros((6, 2))))
     assert [s.status for s in solutions] == [Status.FAILED] * 6
     assert [s.message.startswith("not tried") for s in solutions] == [False] * 3 + [True] * 3
@@ -113,7 +113,7 @@ def test_what_cannot_be_sent_to_a_process_is_a_solver_error():
         Isolated(Local()).solve(*goals((0.0, 0.0)))
     with pytest.raises(SolverError, match="allowed: a Solver"):
         Isolated("ipopt")
-    with pytest.raises(SolverError, match="seconds = 0; allowed: above zero"):
+    with pytest.raises(SolverError, match="time_limit = 0; allowed: above zero"):
         Isolated(Ipopt(), 0)
 
 
@@ -247,7 +247,7 @@ def test_a_solver_that_hangs_or_kills_its_process_costs_a_simulation_nothing_but
     formation._log_once.cache_clear()
     scenario = small([(0.0, 0.0), (0.3, 0.0)], (1.5, 0.0), [(0.7, 1.5)], 3, hazard__alpha_1=0.1)
     # once member 0 is on its way
-    deadly = Isolated(Faulty(fault, above=0.5), seconds=4.0 if fault == "hang" else 20.0)
+    deadly = Isolated(Faulty(fault, above=0.5), time_limit=4.0 if fault == "hang" else 20.0)
     with caplog.at_level(logging.WARNING, "casswarm"):
         study = csw.simulate(scenario, ["leader"], runs, solver=deadly)
     deadly.close()

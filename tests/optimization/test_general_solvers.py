@@ -18,7 +18,7 @@ from casswarm.optimization.feasible_sets.planar import PlanarSets
 from casswarm.optimization.problem import Instances
 from casswarm.optimization.solution import Solution, Status
 from casswarm.optimization.solvers import SOLVERS, make_solver
-from casswarm.optimization.solvers.casadi_nlpsol import WORDLESS, _compiled
+from casswarm.optimization.solvers.casadi_nlpsol import NO_STATUS, _compiled
 
 GENERAL = [name for name, kind in SOLVERS.items() if kind.capabilities.problems == "any"]
 general = pytest.mark.parametrize("solver", GENERAL)
@@ -142,8 +142,8 @@ MULTIPLIERS = [n for n in GENERAL if SOLVERS[n].capabilities.multipliers]
 def test_multipliers_are_the_published_ones_with_their_signs(solver: str, problem: object) -> None:
     case = problem()  # type: ignore[operator]
     backend = make_solver(solver)
-    backend._build(case.nlp)
-    answer = backend._run(case.nlp, case.instance)[0]
+    backend.prepare(case.nlp)
+    answer = backend.run(case.nlp, case.instance)[0]
     assert answer.multipliers is not None
     bounds, rows = answer.multipliers
     np.testing.assert_allclose(bounds, case.bound_multipliers, atol=2e-4)
@@ -236,7 +236,7 @@ def test_an_end_without_a_word_is_a_failure_that_says_so() -> None:
 
     answer = make_solver("sqp")._solve(Mute(), case.instance, 0)  # type: ignore[attr-defined]
     assert answer.status is Status.FAILED
-    assert answer.message == WORDLESS
+    assert answer.message == NO_STATUS
     np.testing.assert_array_equal(answer.x, case.instance.x0[0])
 
 
@@ -246,7 +246,7 @@ def test_an_end_without_a_word_is_a_failure_that_says_so() -> None:
 @pytest.mark.parametrize(("number", "step"), [(3, 4e4), (4, 0.2), (5, 0.2)])
 def test_projected_gradient_finds_published_optima_of_boxes(number: int, step: float) -> None:
     case = published(number)
-    backend = make_solver("projected-gradient", step=step, iterations=2000, tolerance=1e-7)
+    backend = make_solver("projected-gradient", step=step, max_iter=2000, tolerance=1e-7)
     solution = backend.solve(case.nlp, case.instance)[0]
     assert solution.status.success
     assert solution.objective == pytest.approx(case.objective, abs=1e-6)

@@ -12,7 +12,7 @@ from small_scenarios import Array, rate_by_hand
 from window_cases import COLLIDING, DT, GOAL, HAZARD, MOTION, RADARS, RHO, both, leaders_of, window
 
 from casswarm import make_solver
-from casswarm.optimization.kkt import judge
+from casswarm.optimization.kkt import kkt_residuals
 from casswarm.optimization.solvers.batch.interior_point import InteriorPoint
 from casswarm.policies.mpc import flown
 from casswarm.policies.mpc_instances import leader_mpc
@@ -187,15 +187,15 @@ def test_residuals_and_multipliers_are_those_of_the_independent_judge() -> None:
     for problem in both(data):
         rows = np.flatnonzero(problem.free.any(axis=1))
         instances = problem.instances[rows]
-        run = InteriorPoint().run(problem.nlp, instances)
+        run = InteriorPoint().run_batch(problem.nlp, instances)
         for i, answer in enumerate(run.answers()):
-            found = judge(problem.nlp, instances[i : i + 1], answer.x, answer.multipliers)
+            found = kkt_residuals(problem.nlp, instances[i : i + 1], answer.x, answer.multipliers)
             assert found.violation <= 1e-12
             unit = instances.scale[i, 1] / instances.scale[i, 0]  # type: ignore[index]
             assert found.stationarity <= unit * run.judged[i, 2] + 1e-9
             assert found.complementarity <= 1e-6
             low, high = answer.multipliers  # type: ignore[misc]
-            estimated = judge(problem.nlp, instances[i : i + 1], answer.x)
+            estimated = kkt_residuals(problem.nlp, instances[i : i + 1], answer.x)
             assert estimated.stationarity <= 1e-3
             assert (high[: 3 * 4] >= 0).all()
             assert np.isfinite(low).all()

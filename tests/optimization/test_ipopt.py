@@ -178,14 +178,14 @@ def test_the_table_knows_no_word_that_ipopt_does_not_say() -> None:
 
 
 def test_a_limit_of_time_is_no_success() -> None:
-    solution = solve(hs_71(), Ipopt(max_seconds=1e-9))
+    solution = solve(hs_71(), Ipopt(time_limit=1e-9))
     assert solution.status is Status.TIME_LIMIT
     assert solution.message == "Maximum_WallTime_Exceeded"
 
 
 @pytest.mark.parametrize("iterations", [0, 1, 5])
 def test_a_limit_of_iterations_is_kept(iterations: int) -> None:
-    solution = solve(hs_1(), Ipopt(max_iterations=iterations))
+    solution = solve(hs_1(), Ipopt(max_iter=iterations))
     assert solution.status is Status.ITERATION_LIMIT
     assert solution.iterations == iterations
 
@@ -196,7 +196,7 @@ def test_an_infeasible_problem_is_told_as_such() -> None:
     assert solution.status is Status.INFEASIBLE
     assert solution.message == "Infeasible_Problem_Detected"
     assert solution.residuals.violation == pytest.approx(5, abs=1e-4)
-    assert solution.residuals.worst == "budget[0]"
+    assert solution.residuals.violated_row == "budget[0]"
 
 
 def test_an_unbounded_problem_diverges() -> None:
@@ -217,8 +217,8 @@ def test_bounds_or_starts_that_are_nan_fail_without_raising(changes: dict[str, f
 
 def test_ipopt_says_nothing_by_itself(capfd: pytest.CaptureFixture[str]) -> None:
     solve(hs_71())
-    solve(hs_71(), Ipopt(max_iterations=2))
-    solve(hs_71(), Ipopt(max_seconds=1e-9))
+    solve(hs_71(), Ipopt(max_iter=2))
+    solve(hs_71(), Ipopt(time_limit=1e-9))
     solve(hs_35(), lbx=np.full((1, 3), 2.0))
     solve(known("root", lambda x: ca.sqrt(x[0] - 9), ([9], 0), [0]))
     Ipopt().solve(*nearest_in_box(np.full((1, 2), np.nan)))

@@ -22,7 +22,7 @@ from known_problems import (
     planar,
 )
 
-from casswarm.optimization.kkt import ACTIVE, judge
+from casswarm.optimization.kkt import ACTIVE, kkt_residuals
 from casswarm.optimization.problem import Instances, Nlp
 from casswarm.optimization.solution import Residuals
 from casswarm.optimization.solvers import Ipopt
@@ -35,7 +35,7 @@ ROUNDED = 3e-7  # the published digits of HS 71, times the curvature of its cons
 def judged(case: Known, x: object = None, *multipliers: object) -> Residuals:
     given = tuple(np.array(part, float) for part in multipliers)
     at = case.x if x is None else np.array(x, float)
-    return judge(case.nlp, case.instance, at, given or None)  # type: ignore[arg-type]
+    return kkt_residuals(case.nlp, case.instance, at, given or None)  # type: ignore[arg-type]
 
 
 # --- at solutions
@@ -92,7 +92,7 @@ def test_estimated_multipliers_serve_as_well_as_those_of_ipopt(
 ) -> None:
     case = problem()
     solution = Ipopt().solve(case.nlp, case.instance)[0]
-    estimated = judge(case.nlp, case.instance, solution.x)
+    estimated = kkt_residuals(case.nlp, case.instance, solution.x)
     assert solution.residuals.stationarity < 1e-6
     assert estimated.stationarity < 1e-6
     assert estimated.complementarity < 1e-6
@@ -177,15 +177,15 @@ def test_the_row_that_is_violated_most_is_named(
         },
     )
     residuals = judged(case, x)
-    assert (residuals.violation, residuals.worst) == (violation, worst)
+    assert (residuals.violation, residuals.violated_row) == (violation, worst)
 
 
 def test_a_row_is_named_by_its_place_in_its_block() -> None:
     discs = np.array([[0.0, 0, 1], [3, 0, 1], [6, 0, 1]])
     wide = np.full((3, 2), 9.0)
     nlp, instance = planar(ca.sumsqr, np.zeros((3, 2)), -wide, wide, discs)
-    residuals = judge(nlp, instance, np.array([0.5, 0, 3, 3, 6, 2.0]))
-    assert (residuals.violation, residuals.worst) == (8, "discs[1]")
+    residuals = kkt_residuals(nlp, instance, np.array([0.5, 0, 3, 3, 6, 2.0]))
+    assert (residuals.violation, residuals.violated_row) == (8, "discs[1]")
 
 
 # --- not finite
@@ -213,5 +213,5 @@ def test_the_parameters_of_the_instance_are_those_that_count() -> None:
     for goal in (1.0, 3.0):
         one = np.array([[goal]])
         instance = Instances(one, one, one - 9, one + 9, 0 * one, np.full((1, 1), INF))
-        assert judge(nlp, instance, np.array([goal])) == Residuals(0, 0, 0)
-        assert judge(nlp, instance, np.array([goal - 0.5])).violation == 0.5
+        assert kkt_residuals(nlp, instance, np.array([goal])) == Residuals(0, 0, 0)
+        assert kkt_residuals(nlp, instance, np.array([goal - 0.5])).violation == 0.5

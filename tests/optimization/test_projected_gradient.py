@@ -75,7 +75,7 @@ def by_hand(x: np.ndarray, goal: np.ndarray, step: float, iterations: int) -> np
 def test_iterates_are_those_of_the_paper(iterations: int) -> None:
     goals = np.array([[0.5, -0.2], [3.0, 0.1]])
     nlp, instances = nearest_in_box(goals)
-    solver = ProjectedGradient(step=0.1, iterations=iterations, tolerance=0)
+    solver = ProjectedGradient(step=0.1, max_iter=iterations, tolerance=0)
     solutions = solver.solve(nlp, instances)
     expected = by_hand(np.zeros((2, 2)), goals, 0.1, iterations)
     np.testing.assert_allclose([s.x for s in solutions], expected, rtol=1e-14)
@@ -88,7 +88,7 @@ def test_iterates_are_those_of_the_paper(iterations: int) -> None:
 def test_a_start_outside_is_projected_first() -> None:
     nlp, instances = nearest_in_box(np.zeros((1, 2)))
     outside = instances.with_x0(np.array([[9.0, -9.0]]))
-    solution = ProjectedGradient(step=0.1, iterations=1).solve(nlp, outside)[0]
+    solution = ProjectedGradient(step=0.1, max_iter=1).solve(nlp, outside)[0]
     np.testing.assert_allclose(solution.x, [0.8, -0.8])
 
 
@@ -96,7 +96,7 @@ def test_the_papers_start_is_the_projection_of_zero() -> None:
     nlp, instances = nearest_in_box(np.ones((1, 2)))
     shifted = replace(instances.with_x0(np.ones((1, 2))), lbx=np.array([[0.25, -1.0]]))
     for start, expected in (("given", [1, 1]), ("zero", [0.25, 0])):
-        solver = ProjectedGradient(iterations=0, start=start)  # type: ignore[arg-type]
+        solver = ProjectedGradient(max_iter=0, start=start)  # type: ignore[arg-type]
         assert solver.solve(nlp, shifted)[0].x.tolist() == expected
 
 
@@ -127,7 +127,7 @@ def zigzag(keep: Any) -> Any:
     """A kink at 0.3 that a fixed step of 0.5 jumps over, from either side."""
     nlp, instances = nearest_in_box(np.zeros((1, 2)))
     kink = replace(nlp, objective=ca.fabs(nlp.x[0] - 0.3) + nlp.x[0] ** 2 / 4)
-    return ProjectedGradient(step=0.5, iterations=8, keep=keep).solve(kink, instances)[0]
+    return ProjectedGradient(step=0.5, max_iter=8, keep=keep).solve(kink, instances)[0]
 
 
 def test_the_best_iterate_is_kept_on_request() -> None:
@@ -179,7 +179,7 @@ def test_a_problem_without_constraints_but_a_box_is_taken() -> None:
 @pytest.mark.parametrize("which", [0, 1], ids=["leader", "corridor"])
 def test_converged_formations_of_paper_1_are_those_of_ipopt(which: int) -> None:
     formation = formations("paper-1", 8)[which]
-    patient = ProjectedGradient(step=1.0, iterations=20000)  # the paper's 0.05 takes 20000 too
+    patient = ProjectedGradient(step=1.0, max_iter=20000)  # the paper's 0.05 takes 20000 too
     mine = patient.solve(formation.nlp, formation.instances)
     theirs = Ipopt().solve(formation.nlp, formation.instances)
     for one, other in zip(mine, theirs, strict=True):
@@ -194,7 +194,7 @@ def test_converged_formations_of_paper_1_are_those_of_ipopt(which: int) -> None:
 def test_the_papers_step_keeps_formations_feasible_and_never_ends_worse(name: str) -> None:
     for formation in formations(name, 4):
         nlp, instances = formation.nlp, formation.instances
-        solver = ProjectedGradient(step=0.05, iterations=100, keep="best")
+        solver = ProjectedGradient(step=0.05, max_iter=100, keep="best")
         for i, solution in enumerate(solver.solve(nlp, instances)):
             start = float(nlp.evaluate(instances.x0[i], instances.p[i])[0])
             assert solution.objective <= start

@@ -107,7 +107,7 @@ def test_an_objective_that_is_nan_fails_that_instance_only(solver: Solver) -> No
 
 
 @pytest.mark.parametrize(
-    "solver", [Ipopt(max_iterations=1), ProjectedGradient(iterations=1)], ids=lambda s: s.name
+    "solver", [Ipopt(max_iter=1), ProjectedGradient(max_iter=1)], ids=lambda s: s.name
 )
 def test_a_limit_of_iterations_is_no_success(solver: Solver) -> None:
     case = active_box()
@@ -144,10 +144,10 @@ class Liar(Solver):
     name: ClassVar[str] = "liar"
     summary: ClassVar[str] = "says what it was told"
 
-    def _build(self, nlp: Nlp) -> None:
+    def prepare(self, nlp: Nlp) -> None:
         pass
 
-    def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:  # noqa: ARG002
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:  # noqa: ARG002
         count = len(instances) if self.answers is None else self.answers
         return [Answer(np.array(self.x), self.status, "trust me", 3, 4, 0.5)] * count
 
@@ -183,7 +183,7 @@ def test_success_that_violates_or_is_not_finite_is_failure_in_its_own_words(
     solution = lie(*x, status=status)
     assert solution.status is Status.FAILED
     assert solution.message == "trust me"
-    assert solution.residuals.worst == worst
+    assert solution.residuals.violated_row == worst
     assert solution.residuals.violation > VIOLATION
 
 
@@ -216,7 +216,7 @@ def test_a_solution_as_a_row_holds_plain_values() -> None:
     assert "x" not in row
     assert row["status"] == "failed"
     assert type(row["status"]) is str
-    assert (row["violation"], row["worst"], row["message"]) == (1, "budget[0]", "trust me")
+    assert (row["violation"], row["violated_row"], row["message"]) == (1, "budget[0]", "trust me")
     assert {type(value) for value in row.values()} <= {str, int, float}
 
 
@@ -232,7 +232,7 @@ def test_solvers_are_listed_by_their_names() -> None:
 
 
 def test_make_solver_takes_names_with_options_and_solvers() -> None:
-    assert make_solver("ipopt", max_iterations=7) == Ipopt(max_iterations=7)
+    assert make_solver("ipopt", max_iter=7) == Ipopt(max_iter=7)
     own = Liar((0.0,))
     assert make_solver(own) is own
 
@@ -246,26 +246,26 @@ def test_make_solver_takes_names_with_options_and_solvers() -> None:
             "ipopt",
             {"tolerence": 1e-9},
             "solver 'ipopt' has no option 'tolerence'; did you mean 'tolerance'? "
-            "(known: tolerance, max_iterations, max_seconds, hessian, memory, "
-            "barrier, feasibility, push, first_barrier)",
+            "(known: tolerance, max_iter, time_limit, hessian, memory, "
+            "mu_strategy, constraint_tolerance, bound_push, mu_init)",
         ),
         (
             "projected-gradient",
             {"zeal": 1},
             "solver 'projected-gradient' has no option 'zeal' "
-            "(known: step, iterations, tolerance, keep, start)",
+            "(known: step, max_iter, tolerance, keep, start)",
         ),
         ("ipopt", {"tolerance": 0.0}, "ipopt: tolerance = 0.0; allowed: above zero"),
         ("ipopt", {"tolerance": np.nan}, "ipopt: tolerance = nan; allowed: above zero"),
-        ("ipopt", {"max_iterations": -1}, "ipopt: max_iterations = -1; allowed: zero or above"),
-        ("ipopt", {"max_seconds": 0}, "ipopt: max_seconds = 0; allowed: above zero"),
+        ("ipopt", {"max_iter": -1}, "ipopt: max_iter = -1; allowed: zero or above"),
+        ("ipopt", {"time_limit": 0}, "ipopt: time_limit = 0; allowed: above zero"),
         (
             "ipopt",
             {"hessian": "bfgs"},
             "ipopt: hessian = 'bfgs'; allowed: 'exact' or 'limited-memory'",
         ),
         ("projected-gradient", {"step": 0}, "step = 0; allowed: above zero, finite"),
-        ("projected-gradient", {"iterations": -1}, "iterations = -1; allowed: zero or above"),
+        ("projected-gradient", {"max_iter": -1}, "max_iter = -1; allowed: zero or above"),
         ("projected-gradient", {"tolerance": -1}, "tolerance = -1; allowed: zero or above"),
         ("projected-gradient", {"keep": "first"}, "keep = 'first'; allowed: 'last' or 'best'"),
         ("projected-gradient", {"start": "one"}, "start = 'one'; allowed: 'given' or 'zero'"),

@@ -238,11 +238,11 @@ class Fickle(Solver):
 
     name = "fickle"
 
-    def _build(self, nlp: Nlp) -> None:
-        Ipopt()._build(nlp)
+    def prepare(self, nlp: Nlp) -> None:
+        Ipopt().prepare(nlp)
 
-    def _run(self, nlp: Nlp, instances: Instances) -> list[Answer]:
-        answer = Ipopt()._run(nlp, instances)[0]
+    def run(self, nlp: Nlp, instances: Instances) -> list[Answer]:
+        answer = Ipopt().run(nlp, instances)[0]
         moving = (nlp.variable("velocities", instances.ubx[0])[:, 0] > 0).sum()
         if moving % 2 == 0:
             return [answer]

@@ -112,7 +112,7 @@ def test_runs_do_not_depend_on_batches(planned: tuple[Scenario, SwarmPlan]) -> N
 
 def test_failed_solves_are_counted_and_do_no_harm(planned: tuple[Scenario, SwarmPlan]) -> None:
     scenario, first = planned
-    hopeless = Ipopt(max_iterations=1, hessian="limited-memory")
+    hopeless = Ipopt(max_iter=1, hessian="limited-memory")
     policy = feedback(planned, 1e-2, hopeless)
     law = evaluate(scenario, policy, tolerance=0)
     assert policy.tree.failures == policy.tree.solves > 0

@@ -35,7 +35,7 @@ def paths_of(problem: MpcFormation, data: Window) -> Array:
     batch, n = data.alive.shape
     rows = np.flatnonzero(problem.free.any(axis=1))
     found = problem.instances.x0.copy()
-    run = InteriorPoint().run(problem.nlp, problem.instances[rows])
+    run = InteriorPoint().run_batch(problem.nlp, problem.instances[rows])
     assert run.judged[:, 2].max(initial=0.0) <= 1e-6
     found[rows] = run.x
     return found.reshape(batch, data.steps, n, 2)

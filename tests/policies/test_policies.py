@@ -236,16 +236,16 @@ class Broken(Solver):
     def __init__(self, x: float, status: Status) -> None:
         self.x, self.status = x, status
 
-    def _build(self, nlp: Nlp) -> None:
+    def prepare(self, nlp: Nlp) -> None:
         pass
 
-    def _run(self, nlp: Nlp, instances: Instances) -> list[Answer]:
+    def run(self, nlp: Nlp, instances: Instances) -> list[Answer]:
         start = instances.x0
         return [
             Answer(np.full_like(start[i], self.x), self.status, "broken", 0, 0, 0.0)
             if i % 2
             else answer
-            for i, answer in enumerate(Ipopt()._answers(nlp, instances))
+            for i, answer in enumerate(Ipopt().timed_answers(nlp, instances)[1])
         ]
 
 

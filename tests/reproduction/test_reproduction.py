@@ -158,7 +158,7 @@ def test_iterates_are_those_of_one_solve():
     assert isinstance(instances, Instances)
     found = dict(iterates(nlp, instances, 0.05, (0, 3, 10, 40), "zero"))
     for count, solutions in found.items():
-        whole = ProjectedGradient(step=0.05, iterations=count, start="zero").solve(nlp, instances)
+        whole = ProjectedGradient(step=0.05, max_iter=count, start="zero").solve(nlp, instances)
         for part, all_ in zip(solutions, whole, strict=True):
             np.testing.assert_array_equal(part.x, all_.x)
 

@@ -30,10 +30,10 @@ class NotANumber(Solver):
     name: ClassVar[str] = "nan"
     summary: ClassVar[str] = "answers NaN"
 
-    def _build(self, nlp):
+    def prepare(self, nlp):
         """Nothing."""
 
-    def _run(self, nlp, instances):
+    def run(self, nlp, instances):
         nothing = np.full(nlp.sizes[0], np.nan)
         return [Answer(nothing, Status.SOLVED, "fine", 0, 0, 0.0) for _ in range(len(instances))]
 
@@ -59,7 +59,7 @@ class Hasty(SpectralProjectedGradient):
     """A batch solver that stops after an iteration, and calls what it has solved."""
 
     def run(self, nlp, instances):
-        run = SpectralProjectedGradient(iterations=1).run(nlp, instances)
+        run = SpectralProjectedGradient(max_iter=1).run_batch(nlp, instances)
         run.outcome[:] = CONVERGED
         return run
 

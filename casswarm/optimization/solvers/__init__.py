@@ -15,8 +15,8 @@ from .batch.spg import SpectralProjectedGradient
 from .ipopt import Ipopt
 from .isolated import Isolated
 from .projected_gradient import ProjectedGradient
+from .scipy import Slsqp
 from .sleqp import Sleqp
-from .slsqp import Slsqp
 from .sqp import Sqp
 from .uno import Uno
 from .unsupported import UNSUPPORTED

@@ -7,37 +7,38 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ..solution import Status
-from .base import Capabilities, require
+from .base import Capabilities
 from .casadi_nlpsol import NlpsolSolver
+from .options import Positive, PositiveInt
 
 LIMITED = "SOLVER_RET_LIMITED"
 STATUS = {"SOLVER_RET_SUCCESS": Status.SOLVED, LIMITED: Status.ITERATION_LIMIT}
-"""The plugin has no words of its own and sets only CasADi's unified_return_status."""
+"""Status by CasADi's unified_return_status; the plugin sets no return_status."""
 
 
 @dataclass(frozen=True)
 class Alpaqa(NlpsolSolver):
     """ALM and PANOC with L-BFGS (Pas, Schuurmans, Patrinos, ECC 2022); first derivatives only.
 
-    The plugin does not tell its iterations, which are counted as zero; its evaluations are those of
-    the augmented Lagrangian.
+    The plugin does not report its iterations, which are counted as zero; its evaluations are those
+    of the augmented Lagrangian.
 
     Parameters
     ----------
     tolerance : float
-        Of stationarity and of the constraints.
-    max_outer : int
+        On stationarity and on the constraints.
+    max_iter : int
         Updates of the multipliers.
-    max_inner : int
-        PANOC iterations between them.
-    max_seconds : float
-        Wall time of one solve.
+    max_inner_iter : int
+        PANOC iterations between two updates.
+    time_limit : float
+        Wall time of one solve, in seconds.
     """
 
-    tolerance: float = 1e-8
-    max_outer: int = 100
-    max_inner: int = 1000
-    max_seconds: float = 60.0
+    tolerance: Positive = 1e-8
+    max_iter: PositiveInt = 100
+    max_inner_iter: PositiveInt = 1000
+    time_limit: Positive = 60.0
 
     name: ClassVar[str] = "alpaqa"
     summary: ClassVar[str] = "augmented Lagrangian with PANOC, first derivatives; any problem"
@@ -45,30 +46,24 @@ class Alpaqa(NlpsolSolver):
     plugin: ClassVar[str] = "alpaqa"
     statuses: ClassVar[dict[str, Status]] = STATUS
 
-    def __post_init__(self) -> None:
-        require(self, "tolerance", self.tolerance > 0, "above zero")
-        require(self, "max_outer", self.max_outer >= 1, "whole numbers from 1")
-        require(self, "max_inner", self.max_inner >= 1, "whole numbers from 1")
-        require(self, "max_seconds", self.max_seconds > 0, "above zero")
-
     def _options(self) -> dict[str, Any]:
         return {
             "alpaqa": {
                 "alm.tolerance": self.tolerance,
                 "alm.dual_tolerance": self.tolerance,
-                "alm.max_iter": self.max_outer,
-                "panoc.max_iter": self.max_inner,
-                "alm.max_time": self.max_seconds,
+                "alm.max_iter": self.max_iter,
+                "panoc.max_iter": self.max_inner_iter,
+                "alm.max_time": self.time_limit,
             }
         }
 
-    def _status(self, words: str, stats: Mapping[str, Any]) -> Status:
-        if words == LIMITED and stats["t_wall_total"] >= self.max_seconds:  # it does not tell
+    def _status(self, message: str, stats: Mapping[str, Any]) -> Status:
+        if message == LIMITED and stats["t_wall_total"] >= self.time_limit:
             return Status.TIME_LIMIT
-        return super()._status(words, stats)
+        return super()._status(message, stats)
 
     @staticmethod
-    def _words(stats: Mapping[str, Any]) -> str:
+    def _message(stats: Mapping[str, Any]) -> str:
         return str(stats["unified_return_status"])
 
     @staticmethod

@@ -32,45 +32,45 @@ class Auto(Solver):
     batch : SpectralProjectedGradient
     paths : Barrier
         The batch solver of problems over paths.
-    judge : Ipopt
+    fallback : Ipopt
     """
 
     stationarity: float = 1e-6
     batch: SpectralProjectedGradient = field(default_factory=SpectralProjectedGradient)
     paths: InteriorPoint = field(default_factory=InteriorPoint)
-    judge: Ipopt = field(default_factory=Ipopt)
+    fallback: Ipopt = field(default_factory=Ipopt)
 
     name: ClassVar[str] = "auto"
     summary: ClassVar[str] = "spectral, every answer judged, the rest solved again by ipopt"
     capabilities: ClassVar[Capabilities] = Capabilities(batch=True)
 
-    def _build(self, nlp: Nlp) -> None:
+    def prepare(self, nlp: Nlp) -> None:
         """Nothing: each of the two builds what it needs when it is needed."""
 
-    def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        """See `Solver.run`."""
         batch = self._batch(nlp, instances)
         if batch is None:
-            return self.judge._answers(nlp, instances)
-        run = batch.run(nlp, instances)
+            return self.fallback.timed_answers(nlp, instances)[1]
+        run = batch.run_batch(nlp, instances)
         found = self._accepted(run)
-        return [
-            answer
-            if found.success[i]
-            else self.judge._answers(nlp, _restarted(instances[i : i + 1], answer.x[None]))[0]
-            for i, answer in enumerate(run.answers())
-        ]
+        answers = run.answers()
+        for i in np.flatnonzero(~found.success):
+            again = _restarted(instances[i : i + 1], answers[i].x[None])
+            (answers[i],) = self.fallback.timed_answers(nlp, again)[1]
+        return answers
 
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
-        """Solve every instance; `BatchSolution.fallbacks` tells which needed Ipopt."""
+        """Solve every instance; `BatchSolution.used_fallback` tells which needed Ipopt."""
         batch = self._batch(nlp, instances)
         if batch is None:
-            return self.judge.solve_batch(nlp, instances)
-        found = self._accepted(batch.run(nlp, instances))
+            return self.fallback.solve_batch(nlp, instances)
+        found = self._accepted(batch.run_batch(nlp, instances))
         left = np.flatnonzero(~found.success)
         if not left.size:
             return found
-        again = self.judge.solve_batch(nlp, _restarted(instances[left], found.x[left]))
-        return found.with_rows(left, replace(again, fallbacks=np.ones(left.size, bool)))
+        again = self.fallback.solve_batch(nlp, _restarted(instances[left], found.x[left]))
+        return found.with_rows(left, replace(again, used_fallback=np.ones(left.size, bool)))
 
     def _batch(
         self, nlp: Nlp, instances: Instances

@@ -1,11 +1,10 @@
-"""What every solver offers, and the one place where answers are judged."""
+"""Interface of all solvers, and the verification of their answers."""
 
 from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -13,19 +12,31 @@ import numpy as np
 
 from ...errors import CasswarmError, SolverError
 from ...typing import FloatArray
-from ..kkt import judge
+from ..kkt import kkt_residuals
 from ..problem import Instances, Nlp
 from ..solution import BatchSolution, Residuals, Solution, Status
+from .options import check_options
 
 VIOLATION = 1e-6
-"""An answer that violates its constraints by more is never a success, whatever its solver says."""
+"""Constraint violation above which an answer is never a success, whatever its solver reports."""
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a backend says of one instance, before it is judged.
+    """What a backend reports on one instance, before verification.
 
-    `multipliers` are those of the bounds and of g; None where the backend has none.
+    Parameters
+    ----------
+    x : (nx,)
+    status : Status
+        As the backend reports it.
+    message : str
+    iterations, evaluations : int
+        As the backend counts them; evaluations are those of the objective.
+    seconds : float
+        Time of the solve.
+    multipliers : (nx,), (ng,), optional
+        Of the bounds and of g; None if the backend has none.
     """
 
     x: FloatArray
@@ -39,7 +50,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What a solver can do, for tables and for those who choose.
+    """What a solver supports.
 
     Parameters
     ----------
@@ -49,9 +60,9 @@ class Capabilities:
     batch : bool
         Whether thousands of instances advance together.
     multipliers : bool
-        Whether its answers have multipliers; the judge estimates them otherwise.
+        Whether answers have multipliers; otherwise they are estimated for verification.
     time_limit : bool
-        Whether a solve can be given a limit of time.
+        Whether the solver can limit the time of a solve.
     """
 
     problems: Literal["any", "product sets", "paths"] = "any"
@@ -61,131 +72,142 @@ class Capabilities:
 
 
 class Solver(ABC):
-    """A solver holds its own options and nothing else; it can be shared, hashed and pickled."""
+    """Base of all solvers: a frozen dataclass of options that can be shared, hashed and pickled.
+
+    A subclass overrides `prepare` and `run`. Options whose annotations state what is allowed (see
+    `casswarm.optimization.solvers.options`) are checked when the solver is made.
+    """
 
     name: ClassVar[str]
     summary: ClassVar[str]
     capabilities: ClassVar[Capabilities] = Capabilities()
 
+    def __post_init__(self) -> None:
+        check_options(self)
+
     @classmethod
     def unavailable(cls) -> str:
-        """Why this solver cannot run in this installation; empty where it can."""
+        """Why this solver cannot run in this installation; empty if it can."""
         return ""
 
     @abstractmethod
-    def _build(self, nlp: Nlp) -> None:
-        """Compile the problem for this backend, once; raise SolverError where it cannot."""
+    def prepare(self, nlp: Nlp) -> None:
+        """Compile the problem for this backend, once; raise SolverError if that is impossible."""
 
     @abstractmethod
-    def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         """Solve every instance; failures are answers, not exceptions.
 
-        An exception is a bug of a backend, and costs the instance that raises it alone.
+        An exception is a bug of a backend, and costs only the instance that raises it.
         """
 
     def solve(self, nlp: Nlp, instances: Instances) -> list[Solution]:
-        """Solve every instance, and judge every answer by the problem itself.
+        """Solve every instance, and verify every answer against the problem.
 
         Parameters
         ----------
         nlp : Nlp
         instances : Instances
-            B of them.
+            B instances.
 
         Returns
         -------
         list of B Solution
             In order. Failure is returned, never raised and never dropped: an answer that is not
             finite, or violates a constraint by more than `VIOLATION`, has the status failed
-            whatever the backend says, whose own words stay in `message`. So has an instance on
-            which the backend raises an exception, with the exception as the message.
+            whatever the backend reports, and keeps the backend's `message`. The same holds for an
+            instance on which the backend raises an exception, which becomes the message.
 
         Raises
         ------
         SolverError
-            The backend cannot take this kind of problem at all, or does not answer every instance.
+            The backend cannot solve this kind of problem, or does not answer every instance.
         """
-        started = time.perf_counter()
-        with suppress(Exception):  # raised again below, where it is dealt with
-            self._build(nlp)
-        build = time.perf_counter() - started
+        seconds, answers = self.timed_answers(nlp, instances)
         return [
-            self._judged(nlp, instances[i : i + 1], answer, build)
-            for i, answer in enumerate(self._answers(nlp, instances))
+            self.verified(nlp, instances[i : i + 1], answer, seconds)
+            for i, answer in enumerate(answers)
         ]
 
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
         """Like `solve`, for thousands of instances: arrays instead of objects."""
-        return BatchSolution.of(self.solve(nlp, instances), instances.scale)
+        return BatchSolution.from_solutions(self.solve(nlp, instances), instances.scale)
 
-    def _answers(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+    def timed_answers(self, nlp: Nlp, instances: Instances) -> tuple[float, Sequence[Answer]]:
+        """Seconds of preparing, and an answer to every instance, not verified.
+
+        An exception of the backend becomes a failed answer.
+        """
+        started = time.perf_counter()
         try:
-            self._build(nlp)
+            self.prepare(nlp)
         except CasswarmError:
             raise
         except Exception as error:
-            return failed(instances, f"building raised {told(error)}")
-        return self._tried(nlp, instances)
+            _raise_interrupt(error)
+            seconds = time.perf_counter() - started
+            return seconds, failed(instances, f"building raised {error_text(error)}")
+        return time.perf_counter() - started, self._run_each(nlp, instances)
 
-    def _tried(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        """What `_run` gives; after an exception every instance alone, and then as failed."""
-        try:
-            answers = [_checked(answer) for answer in self._run(nlp, instances)]
-        except CasswarmError:
-            raise
-        except Exception as error:
-            if "KeyboardInterrupt" in str(error):  # which CasADi makes a RuntimeError of
-                raise KeyboardInterrupt from error
-            if len(instances) <= 1:
-                return failed(instances, f"raised {told(error)}")
-            each = (self._tried(nlp, instances[i : i + 1]) for i in range(len(instances)))
-            return [answer for answers in each for answer in answers]
-        if len(answers) != len(instances):
-            raise SolverError(f"{self.name} gave {len(answers)} answers for {len(instances)} tasks")
-        return answers
-
-    def _judged(self, nlp: Nlp, instance: Instances, answer: Answer, build: float) -> Solution:
+    def verified(
+        self, nlp: Nlp, instance: Instances, answer: Answer, build_seconds: float = 0.0
+    ) -> Solution:
+        """Solution of a single instance, with residuals recomputed from the problem."""
         shape = np.shape(answer.x)
         if shape != instance.x0.shape[1:]:
             answer = failed(instance, f"gave x of shape {shape}: {answer.message}")[0]
-        residuals = judge(nlp, instance, answer.x, answer.multipliers)
+        residuals = kkt_residuals(nlp, instance, answer.x, answer.multipliers)
         return Solution(
             x=answer.x,
             objective=float(nlp.evaluate(answer.x, instance.p[0])[0]),
-            status=_trusted(answer.status, residuals),
+            status=_verified_status(answer.status, residuals),
             message=answer.message,
             solver=self.name,
             residuals=residuals,
             iterations=answer.iterations,
             evaluations=answer.evaluations,
-            build_seconds=build,
+            build_seconds=build_seconds,
             solve_seconds=answer.seconds,
         )
 
+    def _run_each(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        """Answers of `run`; after an exception it runs every instance by itself."""
+        try:
+            answers = [_require_answer(answer) for answer in self.run(nlp, instances)]
+        except CasswarmError:
+            raise
+        except Exception as error:
+            _raise_interrupt(error)
+            if len(instances) <= 1:
+                return failed(instances, f"raised {error_text(error)}")
+            return [self._run_each(nlp, instances[i : i + 1])[0] for i in range(len(instances))]
+        if len(answers) != len(instances):
+            raise SolverError(f"{self.name} gave {len(answers)} answers for {len(instances)} tasks")
+        return answers
 
-def _checked(answer: object) -> Answer:
+
+def failed(instances: Instances, message: str, status: Status = Status.FAILED) -> list[Answer]:
+    """Answers without a solution (x is NaN) to all of the instances."""
+    x = np.full(instances.x0.shape[1], np.nan)
+    return [Answer(x, status, message, 0, 0, 0.0) for _ in range(len(instances))]
+
+
+def error_text(error: BaseException) -> str:
+    """Type and message of an exception."""
+    return f"{type(error).__name__}: {error}".removesuffix(": ")
+
+
+def _require_answer(answer: object) -> Answer:
     if not isinstance(answer, Answer):
         raise TypeError(f"the backend gave a {type(answer).__name__} instead of an Answer")
     return answer
 
 
-def failed(instances: Instances, message: str, seconds: float = 0.0) -> list[Answer]:
-    """Failed answers to all of the instances, with no x: not a number."""
-    nothing = np.full(instances.x0.shape[1], np.nan)
-    return [Answer(nothing, Status.FAILED, message, 0, 0, seconds) for _ in range(len(instances))]
+def _raise_interrupt(error: Exception) -> None:
+    """Raise KeyboardInterrupt where CasADi turned it into a RuntimeError."""
+    if "KeyboardInterrupt" in str(error):
+        raise KeyboardInterrupt from error
 
 
-def told(error: BaseException) -> str:
-    """An exception as words."""
-    return f"{type(error).__name__}: {error}".removesuffix(": ")
-
-
-def require(solver: Solver, option: str, fulfilled: bool, allowed: str) -> None:
-    """Raise SolverError with what is allowed, unless an option's condition is fulfilled."""
-    if not fulfilled:
-        value = getattr(solver, option)
-        raise SolverError(f"{solver.name}: {option} = {value!r}; allowed: {allowed}")
-
-
-def _trusted(status: Status, residuals: Residuals) -> Status:
+def _verified_status(status: Status, residuals: Residuals) -> Status:
     return Status.FAILED if status.success and not residuals.violation <= VIOLATION else status

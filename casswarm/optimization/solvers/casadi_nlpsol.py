@@ -1,4 +1,4 @@
-"""What all of CasADi's nlpsol plugins share: build once, call, map the words."""
+"""Base of the solvers that CasADi's nlpsol plugins provide."""
 
 from __future__ import annotations
 
@@ -21,33 +21,33 @@ from ..solution import Status
 from .base import Answer, Solver
 
 INTERRUPTED = "User_Requested_Stop"
-"""What CasADi's own loops say when they caught the user's Ctrl-C; nobody else stops them."""
+"""The return_status of CasADi's own loops after Ctrl-C, which alone stops them."""
 
-WORDLESS = "ended without a word of why"
-"""Casswarm's own, where a plugin leaves its status empty."""
+NO_STATUS = "ended without a status"
+"""Message of a solve for which the plugin leaves its status empty."""
 
 COMMON: dict[str, Any] = {
     "print_time": False,
     "error_on_fail": False,
     "show_eval_warnings": False,
     "record_time": True,
-    "calc_lam_p": False,  # nobody asks for it, and it warns where a solve fails
+    "calc_lam_p": False,  # unused, and warns when a solve fails
 }
-"""Options of every plugin: silence, and failures as statuses."""
+"""Options of every plugin: no output, and failures as statuses instead of exceptions."""
 
 
 class NlpsolSolver(Solver):
-    """A solver that CasADi calls: a plugin's name, its options, and a table of its words.
+    """A solver that CasADi calls: a plugin's name, its options, and its statuses.
 
-    Multipliers are CasADi's: positive at an upper bound, like those of `residuals.judge`.
+    Multipliers are CasADi's: positive at an upper bound, like those of `kkt.kkt_residuals`.
     """
 
     plugin: ClassVar[str]
     statuses: ClassVar[Mapping[str, Status]]
-    talks: ClassVar[bool] = False
-    """Whether the backend prints by itself, past every option, and must be silenced."""
-    wants_a_row: ClassVar[bool] = False
-    """Whether the backend goes astray without any row in g, and is given one that is free."""
+    prints_to_stdout: ClassVar[bool] = False
+    """Whether the backend prints regardless of its options, and must be silenced."""
+    needs_constraint_row: ClassVar[bool] = False
+    """Whether the backend needs a row in g; where there is none, an unbounded one is added."""
 
     @property
     def second_derivatives(self) -> bool:
@@ -56,30 +56,32 @@ class NlpsolSolver(Solver):
 
     @abstractmethod
     def _options(self) -> dict[str, Any]:
-        """What the plugin is given beside `COMMON`."""
+        """Options of the plugin in addition to `COMMON`."""
 
     @classmethod
     def unavailable(cls) -> str:
-        """Why the plugin cannot run in this installation of CasADi, empty where it can."""
+        """Why the plugin cannot run in this installation of CasADi; empty if it can."""
         if has_plugin(cls.plugin):
             return ""
         return f"the nlpsol plugin {cls.plugin!r} is not in this casadi ({version('casadi')})"
 
-    def _build(self, nlp: Nlp) -> None:
+    def prepare(self, nlp: Nlp) -> None:
+        """See `Solver.prepare`."""
         reason = self.unavailable()
         if reason:
             raise SolverError(f"{self.name} cannot run here: {reason}")
         _compiled(self, nlp)
 
-    def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        """See `Solver.run`."""
         function = _compiled(self, nlp)
         return [self._solve(function, instances, i) for i in range(len(instances))]
 
     def _solve(self, function: Any, instances: Instances, i: int) -> Answer:
         started = time.perf_counter()
-        free = self.wants_a_row and not instances.lbg.shape[1]
+        free = self.needs_constraint_row and not instances.lbg.shape[1]
         try:
-            with interruptible(), silence() if self.talks else nullcontext():
+            with interruptible(), silence() if self.prints_to_stdout else nullcontext():
                 out = function(
                     x0=instances.x0[i],
                     p=instances.p[i],
@@ -93,31 +95,31 @@ class NlpsolSolver(Solver):
             return Answer(instances.x0[i], Status.FAILED, _reason(error), 0, 0, seconds)
         seconds = time.perf_counter() - started
         stats = _stats(function)
-        words = self._words(stats)
-        if words == INTERRUPTED:
+        message = self._message(stats)
+        if message == INTERRUPTED:
             raise KeyboardInterrupt
         rows = instances.lbg.shape[1]
         return Answer(
             x=np.asarray(out["x"]).ravel(),
-            status=self._status(words, stats),
-            message=words,
+            status=self._status(message, stats),
+            message=message,
             iterations=int(stats.get("iter_count", 0)),
             evaluations=self._evaluations(stats),
             seconds=seconds,
             multipliers=(np.asarray(out["lam_x"]).ravel(), np.asarray(out["lam_g"]).ravel()[:rows]),
         )
 
-    def _status(self, words: str, stats: Mapping[str, Any]) -> Status:  # noqa: ARG002
-        """By the table; an unknown word is a failure."""
-        return self.statuses.get(words, Status.FAILED)
+    def _status(self, message: str, stats: Mapping[str, Any]) -> Status:  # noqa: ARG002
+        """Status by the table; an unknown message is a failure."""
+        return self.statuses.get(message, Status.FAILED)
 
     @staticmethod
-    def _words(stats: Mapping[str, Any]) -> str:
+    def _message(stats: Mapping[str, Any]) -> str:
         return str(stats["return_status"])
 
     @staticmethod
     def _evaluations(stats: Mapping[str, Any]) -> int:
-        """Calls of the objective, under the names that plugins count them by."""
+        """Number of calls of the objective, under the names that plugins use."""
         return sum(int(stats.get(f"n_call_{name}", 0)) for name in ("nlp_f", "nlp_fg"))
 
 
@@ -128,17 +130,17 @@ def has_plugin(plugin: str) -> bool:
 
 
 def _stats(function: Any) -> dict[str, Any]:
-    """What a solver tells of its last call; some ends have no word, and CasADi raises then."""
+    """Statistics of the last call; CasADi raises where a plugin has left its status empty."""
     try:
         return dict(function.stats())
     except RuntimeError:
-        return {"return_status": WORDLESS, "unified_return_status": WORDLESS}
+        return {"return_status": NO_STATUS, "unified_return_status": NO_STATUS}
 
 
 def _reason(error: RuntimeError) -> str:
-    """The last line of CasADi's error, which says what happened; the others say where."""
+    """The last line of CasADi's error, which says what happened; the others are a traceback."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[-1] if lines else "error without words"
+    return lines[-1] if lines else "error without a message"
 
 
 @lru_cache(maxsize=64)
@@ -146,11 +148,11 @@ def _compiled(solver: NlpsolSolver, nlp: Nlp) -> Any:
     options = {"expand": nlp.unroll, **COMMON, **solver._options()}
     if nlp.hessian is not None and solver.second_derivatives:
         options["hess_lag"] = nlp.hessian
-    free = solver.wants_a_row and not nlp.sizes[2]
+    free = solver.needs_constraint_row and not nlp.sizes[2]
     g = ca.MX(0) if free else nlp.g
     problem = {"x": nlp.x, "p": nlp.p, "f": nlp.objective, "g": g}
     try:
-        with silence() if solver.talks else nullcontext():
+        with silence() if solver.prints_to_stdout else nullcontext():
             return ca.nlpsol("solver", solver.plugin, problem, options)
     except RuntimeError as error:
         raise SolverError(f"{solver.name} cannot take {nlp.name}: {_reason(error)}") from error

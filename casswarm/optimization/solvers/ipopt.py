@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from ..solution import Status
-from .base import Capabilities, require
+from .base import Capabilities
 from .casadi_nlpsol import NlpsolSolver
+from .options import NonNegativeInt, Positive, PositiveInt
 
 STATUS = {
     "Solve_Succeeded": Status.SOLVED,
@@ -18,10 +19,7 @@ STATUS = {
     "Maximum_WallTime_Exceeded": Status.TIME_LIMIT,
     "Diverging_Iterates": Status.DIVERGED,
 }
-"""Ipopt's return_status; every other word is a failure."""
-
-HESSIANS = ("exact", "limited-memory")
-BARRIERS = ("monotone", "adaptive")
+"""Status by Ipopt's return_status; any other is a failure."""
 
 
 @dataclass(frozen=True)
@@ -32,49 +30,37 @@ class Ipopt(NlpsolSolver):
     ----------
     tolerance : float
         Ipopt's ``tol`` and ``constr_viol_tol``.
-    max_iterations : int
-    max_seconds : float
-        Wall time of one solve.
+    max_iter : int
+    time_limit : float
+        Wall time of one solve, in seconds.
     hessian : {"exact", "limited-memory"}
     memory : int
-        Steps that the limited-memory approximation remembers.
-    barrier : {"monotone", "adaptive"}
-        Ipopt's ``mu_strategy``.
-    feasibility : float, optional
-        Ipopt's ``constr_viol_tol``, where it is not to be that of ``tol``.
-    push : float, optional
-        How far, relatively, the start is moved away from its bounds: Ipopt's ``bound_push`` and
-        its three relatives, 0.01 by default.
-    first_barrier : float, optional
-        Ipopt's ``mu_init``, 0.1 by default: less stays nearer to a good start.
+        Number of steps in the limited-memory approximation.
+    mu_strategy : {"monotone", "adaptive"}
+    constraint_tolerance : float, optional
+        Ipopt's ``constr_viol_tol``; by default that of ``tol``.
+    bound_push : float, optional
+        Relative distance by which the initial guess is moved away from its bounds: Ipopt's
+        ``bound_push``, ``bound_frac`` and their like for slacks, 0.01 by default.
+    mu_init : float, optional
+        Initial barrier parameter, 0.1 by default: a smaller one stays nearer to a good guess.
     """
 
-    tolerance: float = 1e-8
-    max_iterations: int = 500
-    max_seconds: float = 60.0
+    tolerance: Positive = 1e-8
+    max_iter: NonNegativeInt = 500
+    time_limit: Positive = 60.0
     hessian: Literal["exact", "limited-memory"] = "exact"
-    memory: int = 6
-    barrier: Literal["monotone", "adaptive"] = "monotone"
-    feasibility: float | None = None
-    push: float | None = None
-    first_barrier: float | None = None
+    memory: PositiveInt = 6
+    mu_strategy: Literal["monotone", "adaptive"] = "monotone"
+    constraint_tolerance: Positive | None = None
+    bound_push: Positive | None = None
+    mu_init: Positive | None = None
 
     name: ClassVar[str] = "ipopt"
     summary: ClassVar[str] = "interior point, exact derivatives; any problem"
     capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
     plugin: ClassVar[str] = "ipopt"
     statuses: ClassVar[dict[str, Status]] = STATUS
-
-    def __post_init__(self) -> None:
-        require(self, "tolerance", self.tolerance > 0, "above zero")
-        require(self, "max_iterations", self.max_iterations >= 0, "zero or above")
-        require(self, "max_seconds", self.max_seconds > 0, "above zero")
-        require(self, "hessian", self.hessian in HESSIANS, " or ".join(map(repr, HESSIANS)))
-        require(self, "barrier", self.barrier in BARRIERS, " or ".join(map(repr, BARRIERS)))
-        require(self, "memory", self.memory >= 1, "one or above")
-        for name in ("feasibility", "push", "first_barrier"):
-            given = getattr(self, name)
-            require(self, name, given is None or given > 0, "above zero, or None")
 
     @property
     def second_derivatives(self) -> bool:
@@ -83,19 +69,19 @@ class Ipopt(NlpsolSolver):
 
     def _options(self) -> dict[str, Any]:
         pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
-        moved = {} if self.push is None else dict.fromkeys(pushes, self.push)
-        first = {} if self.first_barrier is None else {"mu_init": self.first_barrier}
+        pushed = {} if self.bound_push is None else dict.fromkeys(pushes, self.bound_push)
+        barrier = {} if self.mu_init is None else {"mu_init": self.mu_init}
         return {
             "ipopt": {
-                **moved,
-                **first,
+                **pushed,
+                **barrier,
                 "tol": self.tolerance,
-                "constr_viol_tol": self.feasibility or self.tolerance,
-                "max_iter": self.max_iterations,
-                "max_wall_time": self.max_seconds,
+                "constr_viol_tol": self.constraint_tolerance or self.tolerance,
+                "max_iter": self.max_iter,
+                "max_wall_time": self.time_limit,
                 "hessian_approximation": self.hessian,
                 "limited_memory_max_history": self.memory,
-                "mu_strategy": self.barrier,
+                "mu_strategy": self.mu_strategy,
                 "honor_original_bounds": "yes",
                 "print_level": 0,
                 "sb": "yes",

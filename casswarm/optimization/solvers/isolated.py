@@ -2,47 +2,65 @@
 
 from __future__ import annotations
 
+import atexit
+import os
+import pickle
+import signal
+import tempfile
+import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import ClassVar
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any, ClassVar
 
-import numpy as np
-
-from ...errors import SolverError
+from ..._util.interrupts import begin_child, deferred
+from ...errors import CasswarmError, SolverError
 from ..problem import Instances, Nlp
-from ..solution import Solution
-from ._worker_process import EndedError, Process
-from .base import Answer, Solver, failed, require
+from ..solution import Solution, Status
+from .base import Answer, Solver, error_text, failed
+from .options import PositiveFinite
 
 CHUNK = 64
-"""Instances that are sent together at the most."""
+"""Largest number of instances that are sent together."""
 
-PATIENCE = 3
+MAX_FAILURES = 3
 """Crashes and time limits in a row after which the rest of a chunk counts as failed, untried."""
+
+_START_SECONDS = 60.0
+_MAX_OUTPUT = 500  # characters in which the last line that a process printed is looked for
+_MAX_PROGRAMS = 64  # sent to a process before it is replaced: it stores them all
+_GUARD = (
+    "in a script, call this only under `if __name__ == '__main__':`, since the process imports "
+    "the script again; and never from standard input"
+)
 
 
 @dataclass(frozen=True)
 class Isolated(Solver):
-    """A solver that runs in a process of its own, with a time limit; answers are judged here.
+    """A solver that runs in a process of its own, with a time limit; answers are verified here.
 
     The process starts at the first solve (about a second), stays for the next ones, and is
-    replaced after a crash or a hang. What happened to it is the answer's message, such as ``its
-    process ended with exit code -11 (SIGSEGV)``. Where a batch ends so, each of its instances is
-    tried alone, until `PATIENCE` of them in a row end so too.
+    replaced after a crash or a hang, which the answer's message describes, such as ``its process
+    ended with exit code -11 (SIGSEGV)``. If a batch ends so, each of its instances is solved by
+    itself, until `MAX_FAILURES` of them in a row end so too.
 
     Parameters
     ----------
     solver : Solver
         It must pickle, and its class must be importable: defined in a module or a script, not in a
         notebook's cell.
-    seconds : float
-        For building and solving a chunk of up to `CHUNK` instances, or one of them alone. Beyond,
-        the answers have the status time limit.
+    time_limit : float
+        Seconds for building and solving a chunk of up to `CHUNK` instances, or a single one.
+        Answers that take longer have the status time limit.
     """
 
     solver: Solver
-    seconds: float = 60.0
+    time_limit: PositiveFinite = 60.0
 
     name: ClassVar[str] = "isolated"
     summary: ClassVar[str] = "another solver in a process of its own, with a time limit"
@@ -50,36 +68,35 @@ class Isolated(Solver):
     def __post_init__(self) -> None:
         if not isinstance(self.solver, Solver):
             raise SolverError(f"isolated: solver = {self.solver!r}; allowed: a Solver")
-        require(self, "seconds", 0 < self.seconds < np.inf, "above zero, finite")
+        super().__post_init__()
 
-    def _build(self, nlp: Nlp) -> None:
-        """Nothing: the process builds what it is sent."""
+    def prepare(self, nlp: Nlp) -> None:
+        """Nothing: the process builds the programs that it receives."""
 
-    def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        return self.answers(nlp, instances)[1]
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        """See `Solver.run`."""
+        return self.timed_answers(nlp, instances)[1]
 
-    def answers(self, nlp: Nlp, instances: Instances) -> tuple[float, list[Answer]]:
-        """Seconds that the process spent on building, and its answers, before they are judged.
+    def timed_answers(self, nlp: Nlp, instances: Instances) -> tuple[float, list[Answer]]:
+        """Seconds that the process spent on preparing, and its answers, not verified.
 
         Raises
         ------
         SolverError
-            The solver cannot take the problem, or one of them cannot be sent to a process.
+            The solver cannot solve this kind of problem, or cannot be sent to a process.
         """
-        build, answers = 0.0, list[Answer]()
+        seconds, answers = 0.0, list[Answer]()
         for first in range(0, len(instances), CHUNK):
-            seconds, some = self._chunk(nlp, instances[slice(first, first + CHUNK)])
-            build, answers = build + seconds, answers + some
-        return build, answers
+            build, chunk = self._chunk(nlp, instances[slice(first, first + CHUNK)])
+            seconds, answers = seconds + build, answers + chunk
+        return seconds, answers
 
-    def solve(self, nlp: Nlp, instances: Instances) -> list[Solution]:
-        """See `Solver.solve`; the solver's name is that of the solver inside."""
-        build, answers = self.answers(nlp, instances)
-        judged = (
-            self._judged(nlp, instances[i : i + 1], answer, build)
-            for i, answer in enumerate(answers)
-        )
-        return [replace(solution, solver=self.solver.name) for solution in judged]
+    def verified(
+        self, nlp: Nlp, instance: Instances, answer: Answer, build_seconds: float = 0.0
+    ) -> Solution:
+        """See `Solver.verified`; the solver's name is that of the solver inside."""
+        solution = super().verified(nlp, instance, answer, build_seconds)
+        return replace(solution, solver=self.solver.name)
 
     def start(self) -> None:
         """Start the process now, if there is none; otherwise the first solve does.
@@ -87,41 +104,203 @@ class Isolated(Solver):
         Raises
         ------
         SolverError
-            None can be started, or the solver cannot be sent to it.
+            No process can be started, or the solver cannot be sent to it.
         """
-        _process(self).start()
+        _worker(self).start()
 
     def close(self) -> None:
         """End the process, if there is one; the next solve starts another."""
-        _process(self).end()
+        _worker(self).end()
 
     def _chunk(self, nlp: Nlp, instances: Instances) -> tuple[float, list[Answer]]:
-        process = _process(self)
         try:
-            return process.ask(nlp, instances, self.seconds)
-        except EndedError as end:
+            return _worker(self).solve(nlp, instances, self.time_limit)
+        except WorkerEndedError as end:
             if len(instances) == 1:
-                return 0.0, _ended(instances, end)
-        build, answers, row, ends = 0.0, list[Answer](), 0, 0
-        while row < len(instances):
+                return 0.0, failed(instances, str(end), end.status)
+        seconds, answers, failures = 0.0, list[Answer](), 0
+        while len(answers) < len(instances):
+            row = slice(len(answers), len(answers) + 1)
             try:
-                seconds, some = process.ask(nlp, instances[row : row + 1], self.seconds)
-                build, ends = build + seconds, 0
-            except EndedError as end:
-                some, ends = _ended(instances[row : row + 1], end), ends + 1
-                if ends == PATIENCE:
-                    untried = EndedError(end.status, f"not tried after {ends} in a row: {end}")
-                    some = some + _ended(instances[row + 1 :], untried)
-            answers += some
-            row += len(some)
+                build, answer = _worker(self).solve(nlp, instances[row], self.time_limit)
+                seconds, failures = seconds + build, 0
+            except WorkerEndedError as end:
+                answer, failures = failed(instances[row], str(end), end.status), failures + 1
+                if failures == MAX_FAILURES:
+                    message = f"not tried after {failures} in a row: {end}"
+                    answer += failed(instances[slice(row.stop, None)], message, end.status)
+            answers += answer
+        return seconds, answers
+
+
+class WorkerEndedError(Exception):
+    """The process ended, or was ended, before it answered."""
+
+    def __init__(self, status: Status, message: str) -> None:
+        super().__init__(message)
+        self.status = status
+
+
+class _Worker:
+    """A child process that solves what it receives; started when needed, replaced when it ended.
+
+    Not an executor: those of `concurrent.futures` have no time limit and do not report exit codes.
+    """
+
+    def __init__(self, solver: Solver) -> None:
+        self.solver = solver
+        self._child: BaseProcess | None = None
+        self._connection: Connection[Any, Any] | None = None
+        self._programs: dict[Nlp, int] = {}
+        self._lock = threading.Lock()  # one request at a time
+        handle, name = tempfile.mkstemp(prefix="casswarm-", suffix=".log")
+        os.close(handle)
+        self._output = Path(name)  # what the child prints
+        atexit.register(self._exit)
+
+    def solve(
+        self, nlp: Nlp, instances: Instances, time_limit: float
+    ) -> tuple[float, list[Answer]]:
+        """Seconds of preparing, and answers.
+
+        Raises
+        ------
+        WorkerEndedError
+            The child crashed, or took longer than `time_limit` and was ended.
+        SolverError
+            The solver cannot solve the problem, or no child could be started.
+        """
+        with self._lock:
+            try:
+                if len(self._programs) >= _MAX_PROGRAMS:
+                    self.end()
+                self.start()
+                program = None if nlp in self._programs else _pickled(nlp.name, nlp)
+                key = self._programs.setdefault(nlp, len(self._programs))
+                reply = self._request((key, program, instances), time_limit)
+            except BaseException:  # on Ctrl-C too, or the answer would be that to the next request
+                self.end()
+                raise
+        if isinstance(reply, SolverError):
+            raise reply
+        build, answers = reply
         return build, answers
 
+    def start(self) -> None:
+        """Start the child, unless there is one alive."""
+        if self._child is not None and self._child.is_alive():
+            return
+        self.end()
+        context = get_context("spawn")  # CasADi's solvers do not survive a fork of their threads
+        solver = _pickled(f"solver {self.solver.name}", self.solver)
+        self._connection, theirs = context.Pipe()
+        self._child = context.Process(
+            target=_serve, args=(theirs, solver, str(self._output)), daemon=True
+        )
+        try:
+            with deferred():
+                self._child.start()
+            theirs.close()
+            refusal = self._request(None, _START_SECONDS)
+        except (OSError, AssertionError, WorkerEndedError) as error:
+            raise SolverError(
+                f"no process could be started for {self.solver.name} ({error}): {_GUARD}"
+            ) from error
+        if refusal is not None:
+            raise refusal
 
-def _ended(instances: Instances, end: EndedError) -> list[Answer]:
-    return [replace(answer, status=end.status) for answer in failed(instances, str(end))]
+    def end(self) -> None:
+        """End the child, whatever it is doing."""
+        if self._child is not None:
+            if self._child.pid is not None:  # else it was never started
+                self._child.kill()
+                self._child.join()
+            self._child.close()
+        if self._connection is not None:
+            self._connection.close()
+        self._child = self._connection = None
+        self._programs.clear()
+
+    def _exit(self) -> None:
+        self.end()
+        self._output.unlink(missing_ok=True)
+
+    def _request(self, request: Any, seconds: float) -> Any:
+        """Send a request, if there is one, and wait for the reply."""
+        assert self._child is not None
+        assert self._connection is not None
+        try:
+            if request is not None:
+                self._connection.send(request)
+            if self._connection.poll(seconds):
+                return self._connection.recv()
+        except (EOFError, OSError):
+            self._child.join(_START_SECONDS)
+            raise WorkerEndedError(
+                Status.FAILED, _exit_description(self._child.exitcode, self._output)
+            ) from None
+        message = f"no answer within {seconds:g} s, so its process was ended"
+        raise WorkerEndedError(Status.TIME_LIMIT, message)
 
 
 @lru_cache(maxsize=64)
-def _process(solver: Isolated) -> Process:
-    """Equal solvers share a process."""
-    return Process(solver.solver)
+def _worker(solver: Isolated) -> _Worker:
+    """The process of a solver; equal solvers share one."""
+    return _Worker(solver.solver)
+
+
+def _exit_description(code: int | None, output: Path) -> str:
+    """Exit code of a child process, and the last line that it printed."""
+    text = f"its process ended with exit code {code}"
+    if code is not None and code < 0:
+        with suppress(ValueError):
+            text += f" ({signal.Signals(-code).name})"
+    printed = output.read_text(encoding="utf-8", errors="replace")[-_MAX_OUTPUT:].split("\n")
+    last = next((line.strip() for line in reversed(printed) if line.strip()), "")
+    return f"{text}; the last line that it printed: {last}" if last else text
+
+
+def _pickled(what: str, value: object) -> bytes:
+    try:
+        return pickle.dumps(value)
+    except Exception as error:  # any that a user's class raises
+        raise SolverError(
+            f"{what} cannot be sent to another process ({error_text(error)}): classes and "
+            "functions must be defined in a module"
+        ) from error
+
+
+# --- the child process
+
+
+def _serve(connection: Connection[Any, Any], pickled_solver: bytes, output: str) -> None:
+    """Answer requests until the parent ends."""
+    begin_child()
+    file = os.open(output, os.O_WRONLY | os.O_TRUNC)
+    os.dup2(file, 1)
+    os.dup2(file, 2)
+    try:
+        solver: Solver = pickle.loads(pickled_solver)
+    except Exception as error:  # any that a user's class raises
+        message = f"the solver cannot be restored in another process ({error_text(error)}): "
+        connection.send(SolverError(message + "its class must be defined in a module"))
+        return
+    connection.send(None)  # ready
+    programs: dict[int, Nlp] = {}
+    while True:
+        try:
+            key, program, instances = connection.recv()
+        except EOFError:
+            return
+        if program is not None:
+            programs[key] = pickle.loads(program)
+        try:
+            build, answers = solver.timed_answers(programs[key], instances)
+            reply: Any = build, list(answers)
+        except CasswarmError as error:
+            reply = SolverError(str(error))
+        try:
+            connection.send(reply)
+        except Exception as error:  # an answer of a user's solver that does not pickle
+            message = f"its answer cannot be sent: {error_text(error)}"
+            connection.send((0.0, failed(instances, message)))

@@ -14,8 +14,9 @@ from ...typing import BoolArray, FloatArray
 from ..feasible_sets.planar import PlanarSets
 from ..problem import Instances, Nlp
 from ..solution import Status
-from .base import Answer, Capabilities, Solver, require
+from .base import Answer, Capabilities, Solver
 from .casadi_map import CHUNK, gradients
+from .options import NonNegative, NonNegativeInt, PositiveFinite
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class ProjectedGradient(Solver):
     ----------
     step : float
         The paper's learning rate.
-    iterations : int
+    max_iter : int
     tolerance : float
         An instance has converged when no component of x moves by more than `tolerance` times the
         step in one iteration. Running out of iterations is a limit, not a success.
@@ -42,9 +43,9 @@ class ProjectedGradient(Solver):
         paper does for the formation.
     """
 
-    step: float = 0.05
-    iterations: int = 2000
-    tolerance: float = 1e-6
+    step: PositiveFinite = 0.05
+    max_iter: NonNegativeInt = 2000
+    tolerance: NonNegative = 1e-6
     keep: Literal["last", "best"] = "last"
     start: Literal["given", "zero"] = "given"
 
@@ -52,17 +53,12 @@ class ProjectedGradient(Solver):
     summary: ClassVar[str] = "the paper's fixed-step method; boxes and discs only"
     capabilities: ClassVar[Capabilities] = Capabilities("product sets", batch=True)
 
-    def __post_init__(self) -> None:
-        require(self, "step", 0 < self.step < np.inf, "above zero, finite")
-        require(self, "iterations", self.iterations >= 0, "zero or above")
-        require(self, "tolerance", self.tolerance >= 0, "zero or above")
-        require(self, "keep", self.keep in ("last", "best"), "'last' or 'best'")
-        require(self, "start", self.start in ("given", "zero"), "'given' or 'zero'")
-
-    def _build(self, nlp: Nlp) -> None:
+    def prepare(self, nlp: Nlp) -> None:
+        """See `Solver.prepare`."""
         _ = nlp.gradient
 
-    def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        """See `Solver.run`."""
         if nlp.constraints and not isinstance(instances.feasible_set, PlanarSets):
             raise SolverError(
                 f"projected-gradient cannot take {nlp.name}: its constraints "
@@ -78,10 +74,10 @@ class ProjectedGradient(Solver):
         origin = np.zeros_like(instances.x0) if self.start == "zero" else instances.x0
         x = _project(instances, origin)
         answer, least = x.copy(), np.full(len(x), np.inf)
-        spent = np.full(len(x), self.iterations)
+        spent = np.full(len(x), self.max_iter)
         converged = np.zeros(len(x), bool)
         moving, part = np.arange(len(x)), instances
-        for iteration in range(self.iterations):
+        for iteration in range(self.max_iter):
             objective, gradient = gradients(nlp, x[moving], part.p)
             if self.keep == "best":
                 better = objective < least[moving]

@@ -1,11 +1,11 @@
-"""What the solvers from SciPy share: exact derivatives from the problem, limits, words."""
+"""SciPy's SLSQP, with exact derivatives and a time limit."""
 
 from __future__ import annotations
 
 import time
 import warnings
-from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,39 +14,115 @@ from scipy import sparse
 from ...typing import FloatArray
 from ..problem import Instances, Nlp
 from ..solution import Status
-from .base import Answer, Solver
+from .base import Answer, Capabilities, Solver
+from .options import Positive, PositiveInt
+
+STATUS = {
+    "Optimization terminated successfully": Status.SOLVED,
+    "Iteration limit reached": Status.ITERATION_LIMIT,
+}
+"""Status by OptimizeResult.message; an incompatible quadratic subproblem proves nothing."""
 
 
-class OutOfTimeError(Exception):
-    """Raised in an evaluation and caught around the minimiser, which looks at no clock."""
+@dataclass(frozen=True)
+class Slsqp(Solver):
+    """SLSQP (Kraft, DFVLR-FB 88-28, 1988): BFGS and least-squares subproblems, dense.
+
+    Parameters
+    ----------
+    tolerance : float
+        SciPy's ``ftol``: of the objective's change and of the constraints.
+    max_iter : int
+    time_limit : float
+        Wall time of one solve, in seconds.
+    """
+
+    tolerance: Positive = 1e-8
+    max_iter: PositiveInt = 1000
+    time_limit: Positive = 60.0
+
+    name: ClassVar[str] = "slsqp"
+    summary: ClassVar[str] = "SciPy's dense SQP with BFGS, exact gradients; any problem"
+    capabilities: ClassVar[Capabilities] = Capabilities(time_limit=True)
+
+    def prepare(self, nlp: Nlp) -> None:
+        """See `Solver.prepare`."""
+        _ = nlp.evaluate, nlp.gradient, nlp.jacobian
+
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        """See `Solver.run`."""
+        return [self._solve(nlp, instances[i : i + 1]) for i in range(len(instances))]
+
+    def _solve(self, nlp: Nlp, instance: Instances) -> Answer:
+        started = time.perf_counter()
+        functions = _Functions(nlp, instance, started + self.time_limit)
+
+        def failure(status: Status, message: str) -> Answer:
+            seconds = time.perf_counter() - started
+            return Answer(functions.last, status, message, 0, functions.evaluations, seconds)
+
+        if not (instance.lbx <= instance.ubx).all() or not np.isfinite(functions.x0).all():
+            return failure(Status.FAILED, "bounds cross, or bounds or start are not finite")
+        try:
+            with warnings.catch_warnings(), np.errstate(all="ignore"):
+                warnings.simplefilter("ignore")  # the answer's status reports what they warn of
+                result = self._minimize(functions)
+        except _OutOfTimeError:
+            return failure(Status.TIME_LIMIT, f"no answer in {self.time_limit:g} s")
+        except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
+            return failure(Status.FAILED, f"{type(error).__name__}: {error}")
+        message = str(result.message)
+        return Answer(
+            x=np.asarray(result.x, dtype=float),
+            status=STATUS.get(message, Status.FAILED),
+            message=message,
+            iterations=int(result.nit),
+            evaluations=functions.evaluations,
+            seconds=time.perf_counter() - started,
+        )
+
+    def _minimize(self, functions: _Functions) -> Any:
+        from scipy.optimize import Bounds, minimize  # slow to import, and seldom needed
+
+        return minimize(
+            functions.objective,
+            functions.x0,
+            method="SLSQP",
+            jac=functions.gradient,
+            bounds=Bounds(functions.instance.lbx[0], functions.instance.ubx[0]),
+            constraints=_constraints(functions),
+            options={"ftol": self.tolerance, "maxiter": self.max_iter},
+        )
 
 
-class Functions:
-    """The functions of one instance; each is evaluated once at a point, however often it is asked.
+class _OutOfTimeError(Exception):
+    """Raised in an evaluation and caught around the minimiser, which has no time limit."""
+
+
+class _Functions:
+    """The functions of one instance, each evaluated once at a point.
 
     Parameters
     ----------
     nlp : Nlp
     instance : Instances
-        One row.
-    seconds : float
-        Time after which an evaluation of the objective raises `OutOfTimeError`.
+        A single instance.
+    deadline : float
+        Time after which an evaluation of the objective raises `_OutOfTimeError`.
     """
 
-    def __init__(self, nlp: Nlp, instance: Instances, seconds: float) -> None:
-        self.nlp, self.p = nlp, instance.p[0]
-        self.lower, self.upper = instance.lbx[0], instance.ubx[0]
-        self.lower_g, self.upper_g = instance.lbg[0], instance.ubg[0]
-        self.start = np.clip(instance.x0[0], self.lower, self.upper)
-        self.last = self.start
+    def __init__(self, nlp: Nlp, instance: Instances, deadline: float) -> None:
+        self.nlp, self.instance = nlp, instance
+        self.x0 = np.clip(instance.x0[0], instance.lbx[0], instance.ubx[0])
+        self.last = self.x0
         self.evaluations = 0
-        self._deadline = time.perf_counter() + seconds
-        self._known: dict[str, tuple[bytes, Any]] = {}
+        self._deadline = deadline
+        self._cache: dict[str, tuple[bytes, Any]] = {}
 
     def objective(self, x: FloatArray) -> float:
         """Value of f at x."""
         if time.perf_counter() > self._deadline:
-            raise OutOfTimeError
+            raise _OutOfTimeError
         return float(self._at("evaluate", x)[0])
 
     def gradient(self, x: FloatArray) -> FloatArray:
@@ -63,57 +139,29 @@ class Functions:
 
     def _at(self, name: str, x: FloatArray) -> Any:
         key = x.tobytes()
-        if name not in self._known or self._known[name][0] != key:
+        if name not in self._cache or self._cache[name][0] != key:
             if name == "evaluate":
                 self.evaluations += 1
                 self.last = np.array(x)
-            self._known[name] = key, getattr(self.nlp, name)(x, self.p)
-        return self._known[name][1]
+            self._cache[name] = key, getattr(self.nlp, name)(x, self.instance.p[0])
+        return self._cache[name][1]
 
 
-class ScipySolver(Solver):
-    """A method of `scipy.optimize.minimize`, and a table of its words.
-
-    `max_seconds` is a field of every subclass.
-    """
-
-    statuses: ClassVar[Mapping[str, Status]]
-    max_seconds: float
-
-    @abstractmethod
-    def _minimise(self, functions: Functions) -> Any:
-        """SciPy's OptimizeResult."""
-
-    def _build(self, nlp: Nlp) -> None:
-        _ = nlp.evaluate, nlp.gradient, nlp.jacobian
-
-    def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        return [self._solve(nlp, instances[i : i + 1]) for i in range(len(instances))]
-
-    def _solve(self, nlp: Nlp, instance: Instances) -> Answer:
-        started = time.perf_counter()
-        functions = Functions(nlp, instance, self.max_seconds)
-
-        def failure(status: Status, message: str) -> Answer:
-            seconds = time.perf_counter() - started
-            return Answer(functions.last, status, message, 0, functions.evaluations, seconds)
-
-        if not (instance.lbx <= instance.ubx).all() or not np.isfinite(functions.start).all():
-            return failure(Status.FAILED, "bounds cross, or bounds or start are not finite")
-        try:
-            with warnings.catch_warnings(), np.errstate(all="ignore"):
-                warnings.simplefilter("ignore")  # what they warn of, the answer's status tells
-                result = self._minimise(functions)
-        except OutOfTimeError:
-            return failure(Status.TIME_LIMIT, f"no answer in {self.max_seconds:g} s")
-        except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
-            return failure(Status.FAILED, f"{type(error).__name__}: {error}")
-        words = str(result.message)
-        return Answer(
-            x=np.asarray(result.x, dtype=float),
-            status=self.statuses.get(words, Status.FAILED),
-            message=words,
-            iterations=int(result.nit),
-            evaluations=functions.evaluations,
-            seconds=time.perf_counter() - started,
-        )
+def _constraints(functions: _Functions) -> list[dict[str, Any]]:
+    """Equations as c(x) = 0, and every finite side of the other rows as c(x) >= 0."""
+    lower, upper = functions.instance.lbg[0], functions.instance.ubg[0]
+    equal = lower == upper
+    sides = (
+        ("eq", 1.0, lower, equal),
+        ("ineq", 1.0, lower, ~equal & np.isfinite(lower)),
+        ("ineq", -1.0, upper, ~equal & np.isfinite(upper)),
+    )
+    return [
+        {
+            "type": kind,
+            "fun": lambda x, s=sign, b=bound, r=rows: s * (functions.rows(x) - b)[r],
+            "jac": lambda x, s=sign, r=rows: s * functions.jacobian(x).toarray()[r],
+        }
+        for kind, sign, bound, rows in sides
+        if rows.any()
+    ]

@@ -7,18 +7,19 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ..solution import Status
-from .base import Capabilities, require
+from .base import Capabilities
 from .casadi_nlpsol import NlpsolSolver
+from .options import Positive, PositiveInt
 
 STATUS = {
     "Converged with feasible KKT point": Status.SOLVED,
     "Converged with infeasible stationary point": Status.INFEASIBLE,
     "Terminated with unbounded problem": Status.DIVERGED,
 }
-"""The plugin's return_status; small steps and Fritz John points are failures."""
+"""Status by the plugin's return_status; small steps and Fritz John points are failures."""
 
 NOT_OPTIMAL = "Terminated with not optimal point"
-"""Said of every limit alike, and of errors."""
+"""The return_status at any limit, and of errors."""
 
 
 @dataclass(frozen=True)
@@ -29,26 +30,21 @@ class Uno(NlpsolSolver):
     ----------
     tolerance : float
         Uno's ``primal_tolerance`` and ``dual_tolerance``; the latter is scaled by multipliers.
-    max_iterations : int
-    max_seconds : float
-        CPU time of one solve.
+    max_iter : int
+    time_limit : float
+        CPU time of one solve, in seconds.
     """
 
-    tolerance: float = 1e-7
-    max_iterations: int = 500
-    max_seconds: float = 60.0
+    tolerance: Positive = 1e-7
+    max_iter: PositiveInt = 500
+    time_limit: Positive = 60.0
 
     name: ClassVar[str] = "uno"
     summary: ClassVar[str] = "trust-region filter SQP, exact derivatives; any problem"
     capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
     plugin: ClassVar[str] = "uno"
-    talks: ClassVar[bool] = True  # of variables that are fixed and rows without bounds
+    prints_to_stdout: ClassVar[bool] = True  # warnings on fixed variables and rows without bounds
     statuses: ClassVar[dict[str, Status]] = STATUS
-
-    def __post_init__(self) -> None:
-        require(self, "tolerance", self.tolerance > 0, "above zero")
-        require(self, "max_iterations", self.max_iterations >= 1, "whole numbers from 1")
-        require(self, "max_seconds", self.max_seconds > 0, "above zero")
 
     def _options(self) -> dict[str, Any]:
         return {
@@ -57,13 +53,13 @@ class Uno(NlpsolSolver):
                 "logger": "SILENT",
                 "primal_tolerance": self.tolerance,
                 "dual_tolerance": self.tolerance,
-                "max_iterations": self.max_iterations,
-                "time_limit": self.max_seconds,
+                "max_iterations": self.max_iter,
+                "time_limit": self.time_limit,
             }
         }
 
-    def _status(self, words: str, stats: Mapping[str, Any]) -> Status:
-        if words == NOT_OPTIMAL and stats["unified_return_status"] == "SOLVER_RET_LIMITED":
-            exhausted = stats["iter_count"] >= self.max_iterations
+    def _status(self, message: str, stats: Mapping[str, Any]) -> Status:
+        if message == NOT_OPTIMAL and stats["unified_return_status"] == "SOLVER_RET_LIMITED":
+            exhausted = stats["iter_count"] >= self.max_iter
             return Status.ITERATION_LIMIT if exhausted else Status.TIME_LIMIT
-        return super()._status(words, stats)
+        return super()._status(message, stats)

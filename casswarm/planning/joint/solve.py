@@ -34,11 +34,11 @@ def newton(iterations: int) -> Ipopt:
     """
     return Ipopt(
         tolerance=1e-7,
-        max_iterations=iterations,
-        max_seconds=_SECONDS,
-        feasibility=1e-8,
-        push=1e-4,
-        first_barrier=1e-3,
+        max_iter=iterations,
+        time_limit=_SECONDS,
+        constraint_tolerance=1e-8,
+        bound_push=1e-4,
+        mu_init=1e-3,
     )
 
 
@@ -46,12 +46,12 @@ def quasi_newton(iterations: int) -> Ipopt:
     """Ipopt with a limited-memory Hessian: for larger swarms, and the mean field."""
     return Ipopt(
         tolerance=1e-5,
-        max_iterations=iterations,
-        max_seconds=_SECONDS,
+        max_iter=iterations,
+        time_limit=_SECONDS,
         hessian="limited-memory",
         memory=20,
-        barrier="adaptive",
-        feasibility=1e-8,
+        mu_strategy="adaptive",
+        constraint_tolerance=1e-8,
     )
 
 

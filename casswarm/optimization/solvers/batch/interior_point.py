@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import ModuleType
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from ....typing import BoolArray, FloatArray, IntArray
 from ...feasible_sets.trajectory import PathSets, interior_point_sources
 from ...problem import Instances, Nlp
 from ...solution import BatchSolution, Status
-from ..base import VIOLATION, Answer, Capabilities, Solver, require
+from ..base import VIOLATION, Answer, Capabilities, Solver
+from ..options import Allowed, PositiveFinite, PositiveInt
 from . import interior_point_kernels
 from .spg import in_threads
 
@@ -43,41 +44,37 @@ class InteriorPoint(Solver):
         Largest component of the Lagrangian's gradient at the end, in `Instances.scale`.
     finest : float
         Barrier parameter at the end, in units of the objective: every multiplier times its slack.
-    iterations : int
+    max_iter : int
         Limit for every start.
-    starts : int, optional
+    n_starts : int, optional
         Starts of every instance: the given one and others around it, in the same pattern for every
-        state. By default as many as the problem says are worth it (`Nlp.starts`).
+        state. By default as many as the problem says are worth it (`Nlp.n_starts`).
     """
 
-    tolerance: float = 1e-8
-    finest: float = 1e-12
-    iterations: int = 200
-    starts: int | None = None
+    tolerance: PositiveFinite = 1e-8
+    finest: Annotated[float, Allowed(lambda value: 0 < value < 1, "between 0 and 1")] = 1e-12
+    max_iter: PositiveInt = 200
+    n_starts: PositiveInt | None = None
 
     name: ClassVar[str] = "barrier"
     summary: ClassVar[str] = "compiled interior point over batches; look-ahead problems only"
     capabilities: ClassVar[Capabilities] = Capabilities("paths", batch=True, multipliers=True)
-
-    def __post_init__(self) -> None:
-        require(self, "tolerance", 0 < self.tolerance < np.inf, "a finite number above zero")
-        require(self, "finest", 0 < self.finest < 1, "a number between 0 and 1")
-        require(self, "iterations", self.iterations >= 1, "whole numbers from 1")
-        require(self, "starts", self.starts is None or self.starts >= 1, "whole numbers from 1")
 
     @staticmethod
     def can_take(nlp: Nlp, instances: Instances) -> bool:
         """Whether the constraints are limits of paths, and the objective is there as source."""
         return isinstance(instances.feasible_set, PathSets) and nlp.compiled is not None
 
-    def _build(self, nlp: Nlp) -> None:
+    def prepare(self, nlp: Nlp) -> None:
+        """See `Solver.prepare`."""
         if nlp.compiled is not None:
             _module(nlp)
 
-    def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        return self.run(nlp, instances).answers()
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        """See `Solver.run`."""
+        return self.run_batch(nlp, instances).answers()
 
-    def run(self, nlp: Nlp, instances: Instances) -> InteriorPointRun:
+    def run_batch(self, nlp: Nlp, instances: Instances) -> InteriorPointRun:
         """Solve and judge every instance; what it took stays in the `InteriorPointRun`."""
         if not self.can_take(nlp, instances):
             raise SolverError(
@@ -92,7 +89,7 @@ class InteriorPoint(Solver):
         Stationarity is the larger of the Lagrangian's gradient and of complementarity, in
         `Instances.scale`.
         """
-        run = self.run(nlp, instances)
+        run = self.run_batch(nlp, instances)
         return run.solution(run.outcome == interior_point_kernels.CONVERGED)
 
 
@@ -121,7 +118,7 @@ class InteriorPointRun:
         batch, steps, n = paths.shape
         units = np.ones((batch, 2)) if units is None else np.ascontiguousarray(units)
         given = (
-            _starts(instances, paths, solver.starts or nlp.starts),
+            _starts(instances, paths, solver.n_starts or nlp.n_starts),
             np.ascontiguousarray(paths.inside).reshape(batch, steps, 2 * n),
             np.ascontiguousarray(paths.free),
             np.ascontiguousarray(paths.before),
@@ -133,7 +130,7 @@ class InteriorPointRun:
             units,
             solver.finest,
             solver.tolerance,
-            solver.iterations,
+            solver.max_iter,
         )
         x, multipliers = np.empty((batch, steps, 2 * n)), np.zeros((batch, steps, n, 6))
         judged, outcome = np.empty((batch, 3)), np.empty(batch, np.int64)
@@ -163,7 +160,7 @@ class InteriorPointRun:
             success=success & (self.units[:, 0] * violation <= VIOLATION),
             violation=self.units[:, 0] * violation,
             stationarity=residual,
-            fallbacks=np.zeros(len(self.x), bool),
+            used_fallback=np.zeros(len(self.x), bool),
             seconds=self.seconds,
         )
 

@@ -21,7 +21,8 @@ from ...feasible_sets import planar_kernels
 from ...feasible_sets.planar import PlanarSets
 from ...problem import Instances, Nlp
 from ...solution import BatchSolution, Status
-from ..base import VIOLATION, Answer, Capabilities, Solver, require
+from ..base import VIOLATION, Answer, Capabilities, Solver
+from ..options import PositiveFinite, PositiveInt
 from . import face_newton_kernels, spg_kernels, spg_numpy
 
 _WORDS = {
@@ -48,18 +49,18 @@ class SpectralProjectedGradient(Solver):
     tolerance : float
         A point x has converged when no component of x - P(x - grad f(x)) is larger, all in
         `Instances.scale`: an answer does not depend on the scenario's units.
-    iterations : int, optional
+    max_iter : int, optional
         Limit for every start. By default 300 and one for every variable; of an objective that
         CasADi evaluates, 300 at the most.
-    starts : int, optional
+    n_starts : int, optional
         Starts of every instance: the given one and others around it, in the same pattern for every
         state. All are solved coarsely, and the least objective to tolerance. By default as many as
-        the problem says are worth it (`Nlp.starts`).
+        the problem says are worth it (`Nlp.n_starts`).
     """
 
-    tolerance: float = 1e-7
-    iterations: int | None = None
-    starts: int | None = None
+    tolerance: PositiveFinite = 1e-7
+    max_iter: PositiveInt | None = None
+    n_starts: PositiveInt | None = None
 
     name: ClassVar[str] = "spectral"
     summary: ClassVar[str] = (
@@ -67,28 +68,24 @@ class SpectralProjectedGradient(Solver):
     )
     capabilities: ClassVar[Capabilities] = Capabilities("product sets", batch=True)
 
-    def __post_init__(self) -> None:
-        require(self, "tolerance", 0 < self.tolerance < np.inf, "a finite number above zero")
-        most = 1 if self.iterations is None else self.iterations
-        require(self, "iterations", most >= 1, "whole numbers from 1")
-        require(self, "starts", self.starts is None or self.starts >= 1, "whole numbers from 1")
-
     @staticmethod
     def can_take(nlp: Nlp, instances: Instances) -> bool:
         """Whether the constraints are a product of boxes and discs, and given as such."""
         sets = instances.feasible_set
         return isinstance(sets, PlanarSets) and 2 * sets.shape[-1] == nlp.sizes[0]
 
-    def _build(self, nlp: Nlp) -> None:
+    def prepare(self, nlp: Nlp) -> None:
+        """See `Solver.prepare`."""
         if nlp.compiled is not None:
             _module(nlp)
         else:
             _ = nlp.gradient
 
-    def _run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        return self.run(nlp, instances).answers()
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        """See `Solver.run`."""
+        return self.run_batch(nlp, instances).answers()
 
-    def run(self, nlp: Nlp, instances: Instances) -> Run:
+    def run_batch(self, nlp: Nlp, instances: Instances) -> Run:
         """Solve and judge every instance; what it took stays in the `Run`."""
         run = Run.of(self, nlp, instances)
         run.solve()
@@ -100,7 +97,7 @@ class SpectralProjectedGradient(Solver):
         Stationarity is the largest component of x - P(x - grad f(x)), in `Instances.scale`; it
         needs no multipliers.
         """
-        run = self.run(nlp, instances)
+        run = self.run_batch(nlp, instances)
         return run.solution(run.outcome == spg_kernels.CONVERGED)
 
 
@@ -135,7 +132,7 @@ class Run:
             nlp=nlp,
             product=instances.feasible_set,
             units=_units(instances),
-            starts=_starts(instances, solver.starts or nlp.starts),
+            starts=_starts(instances, solver.n_starts or nlp.n_starts),
             parameters=np.ascontiguousarray(instances.p),
             x=np.empty(instances.x0.shape),
             judged=np.empty((batch, 3)),
@@ -147,7 +144,7 @@ class Run:
         """Fill x, judged, outcome and counts; each state alone, on any thread."""
         started = time.perf_counter()
         tolerance = self.solver.tolerance
-        iterations = self.solver.iterations or 300 + self.x.shape[1]
+        iterations = self.solver.max_iter or 300 + self.x.shape[1]
         if self.nlp.compiled is not None:
             minimise, shared = _module(self.nlp).minimise_batch, self.nlp.compiled.shared
             given = self.starts, self.parameters, shared, self.units, self.product.packed
@@ -173,7 +170,7 @@ class Run:
             success=success & (violation <= VIOLATION),
             violation=violation,
             stationarity=stationarity,
-            fallbacks=np.zeros(len(self.x), bool),
+            used_fallback=np.zeros(len(self.x), bool),
             seconds=self.seconds,
         )
 
