@@ -116,7 +116,7 @@ def equal(quick: bool) -> Rows:
         for policy in PAPER_POLICIES:
 
             def sample(policy: str = policy, s: Any = scenario, g: Any = guide) -> csw.Study:
-                return csw.simulate(s, [policy], number, guide=g, traces=0)
+                return csw.simulate(s, [policy], number, guide=g, save_trajectories=0)
 
             sample()
             once, wall, cpu = timed(sample, 3)
@@ -148,7 +148,7 @@ def versus(quick: bool) -> Rows:
         for policy in PAPER_POLICIES:
             _, _, plain = timed(
                 lambda p=policy, s=scenario, g=guide: csw.simulate(
-                    s, [p], number, guide=g, traces=0
+                    s, [p], number, guide=g, save_trajectories=0
                 )
             )
             for tolerance in tolerances:
@@ -187,11 +187,13 @@ def hybrid(quick: bool) -> Rows:
         states = float(np.median([one.states for one in found]))
         more, solved = runs, 0
         while solved < states and more < 60 * numbers[-1]:
-            plain = csw.simulate(scenario, [policy], more, guide=guide, traces=0)
+            plain = csw.simulate(scenario, [policy], more, guide=guide, save_trajectories=0)
             solved, done = int(plain.effort["states"][0]), more
             more = math.ceil(more * max(1.05, states / solved))
         others = [
-            csw.simulate(scenario, [policy], done, seed, guide=guide, traces=0).summary.iloc[0]
+            csw.simulate(
+                scenario, [policy], done, seed, guide=guide, save_trajectories=0
+            ).summary.iloc[0]
             for seed in seeds
         ]
         own = float(np.median([one.success[1] - one.success[0] for one in found]))
@@ -223,7 +225,7 @@ def measured(n: int, number: int) -> dict[str, Any]:
     guide = csw.plan(scenario, certify=False)
     csw.simulate(scenario, ["leader"], 2, guide=guide)
     study, wall, cpu = timed(
-        lambda: csw.simulate(scenario, ["leader"], number, guide=guide, traces=0)
+        lambda: csw.simulate(scenario, ["leader"], number, guide=guide, save_trajectories=0)
     )
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return {
@@ -298,7 +300,7 @@ def sweep(quick: bool) -> Rows:
         with tempfile.TemporaryDirectory() as folder:
             found[workers], wall, cpu = timed(
                 lambda w=workers, f=folder: csw.sweep(
-                    scenario, grid, ["constrained"], runs=number, workers=w, folder=Path(f)
+                    scenario, grid, ["constrained"], runs=number, workers=w, checkpoint=Path(f)
                 )
             )
         rows.append(

@@ -135,7 +135,7 @@ def measured(scenario: csw.Scenario, guide: csw.Guide, name: str, quick: bool) -
     (low, high), mark, states = law.success, "", law.states
     if high - low > WIDE:
         runs = (100 if quick else 500) if collides else (500 if quick else 2000)
-        study = csw.simulate(scenario, [policy], runs, guide=guide, traces=0)
+        study = csw.simulate(scenario, [policy], runs, guide=guide, save_trajectories=0)
         row = study.summary.iloc[0]
         low, high, mark = row["success_low"], row["success_high"], "~ "
         success, infeasible = row["success"], row["infeasible"] / runs

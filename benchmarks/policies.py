@@ -71,7 +71,7 @@ def makers() -> dict[str, Maker]:
 
 def decided(scenario: Scenario, policy: Any, guide: Guide) -> float:
     """Microseconds of processor time a step and distinct state, in a thousand runs."""
-    options: dict[str, Any] = {"guide": guide, "traces": 0}
+    options: dict[str, Any] = {"guide": guide, "save_trajectories": 0}
     csw.simulate(scenario, [policy], 10, **options)  # compiled before the clock starts
     started = time.process_time()
     study = csw.simulate(scenario, [policy], 1000, **options)

@@ -118,11 +118,10 @@ def simulate(
             stack.enter_context(executor(workers, dask)),
             guide=guide,
             solver=solver,
-            traces=keep,
+            save_trajectories=keep,
             progress=None if quiet else _bars(stack),
-            folder=folder.path,
-            resume=resume,
-            fresh=fresh,
+            checkpoint=folder.path,
+            if_exists="resume" if resume else "overwrite" if fresh else "error",
         )
     inputs = {
         "policies": list(study.summary["policy"]),
@@ -165,8 +164,8 @@ def _write(
         folder.table("paired", study.paired)
     folder.table("runs", study.runs)
     folder.table("guide", guide_table(guide))
-    folder.table("traces", trace_table(study.traces))
-    folder.draw(simulation_figures(scenario, guide, study.summary, study.paired, study.traces))
+    folder.table("traces", trace_table(study.trajectories))
+    folder.draw(simulation_figures(scenario, guide, study.summary, study.paired, study.trajectories))
     result = {
         "summary": study.summary.to_dict("records"),
         "paired": study.paired.to_dict("records"),

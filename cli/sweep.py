@@ -97,9 +97,8 @@ def sweep(
             aggregation_tol=aggregation_tol,
             solver=solver,
             workers=stack.enter_context(executor(workers, dask)),
-            folder=folder.path,
-            resume=resume,
-            fresh=fresh,
+            checkpoint=folder.path,
+            if_exists="resume" if resume else "overwrite" if fresh else "error",
             progress=None if quiet else progress_bar(stack, "cells", "cell"),
         )
     inputs = {

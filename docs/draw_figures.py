@@ -59,7 +59,7 @@ def run(folder: Path, *arguments: str) -> None:
 
 def telling_run(folder: Path, policy: str = "leader") -> int:
     """The first kept run in which leaders are lost and some members arrive; else the longest."""
-    kept = Saved.of(folder).traces[policy]
+    kept = Saved.of(folder).trajectories[policy]
     for number, trace in enumerate(kept):
         leaders = len(set(trace.leaders))
         alive = int(trace.alive[-1].sum())

@@ -82,7 +82,7 @@ study.paired.iloc[:, :5]
 # The first run under leader protection: the member on the guide leads, the others close up to it.
 
 # %%
-swarm_map(scenario, study.traces["leader"][0], guide)
+swarm_map(scenario, study.trajectories["leader"][0], guide)
 
 # %% [markdown]
 # ## Without sampling

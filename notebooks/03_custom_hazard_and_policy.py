@@ -103,7 +103,7 @@ study.summary[shown]
 # Protecting the leader is the worst that one can do. The picture of a run tells why.
 
 # %%
-swarm_map(scenario, study.traces["leader"][0], guide)
+swarm_map(scenario, study.trajectories["leader"][0], guide)
 
 # %% [markdown]
 # The others leave the guide to draw the fire: what protects the leader best in *this* step. They

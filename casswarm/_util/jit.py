@@ -18,6 +18,8 @@ from types import ModuleType
 
 from platformdirs import user_cache_path
 
+from .files import atomic_write
+
 LOG = logging.getLogger(__name__)
 
 _HEADER = """\
@@ -74,7 +76,5 @@ def _written(folder: Path, name: str, text: str) -> Path:
     if path.exists() and path.read_text(encoding="utf-8") == text:
         return path
     folder.mkdir(parents=True, exist_ok=True)
-    part = folder / f"{name}.{os.getpid()}.part"
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)
+    atomic_write(path, text)
     return path

@@ -157,7 +157,9 @@ def _formations(
             progress(f"states of {n} members, {policy}, {rate}")
             listener = _Listener(Auto())
             variant = scenario.with_values({f"hazard.{k}": v for k, v in _RATES[rate].items()})
-            simulate(variant, [policy], runs, seed, guide=guide, solver=listener, traces=0)
+            simulate(
+                variant, [policy], runs, seed, guide=guide, solver=listener, save_trajectories=0
+            )
             for number, (nlp, instances) in enumerate(listener.chosen(count, rng)):
                 zero = np.zeros_like(instances.x0)  # where the paper starts
                 yield _problem(

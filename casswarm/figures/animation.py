@@ -51,7 +51,7 @@ def animate(
     ----------
     scenario : Scenario
     trace : Trace
-        Such as ``study.traces["leader"][0]``.
+        Such as ``study.trajectories["leader"][0]``.
     guide : Guide, optional
         Drawn on the map; where the swarm follows it, its point is the middle of the close-up.
     title : str

@@ -95,11 +95,11 @@ def player(
     progress : callable, optional
         Called with a frame's number and their number.
     """
-    from .._util.templates import rendered
+    from .._util.documents import render
 
     images = frames_of(animation, dpi, progress)
     width, height = images[0].size
-    return rendered(
+    return render(
         "player.html",
         name=f"run-{uuid4().hex[:8]}",
         title=title,

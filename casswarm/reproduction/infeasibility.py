@@ -27,12 +27,12 @@ def shortfall_steps(
     A row a policy and step: policy, step, runs (still under way), alive (mean, of those), short
     (mean number of members whose set is empty), some (share of those runs with at least one).
     """
-    study = simulate(scenario, POLICIES, runs, seed, guide=guide, traces=runs)
+    study = simulate(scenario, POLICIES, runs, seed, guide=guide, save_trajectories=runs)
     rows = []
     for name in POLICIES:
         policy = make_policy(name, scenario, guide)
         for step in range(scenario.n_steps):
-            going = [trace for trace in study.traces[name] if len(trace.alive) > step + 1]
+            going = [trace for trace in study.trajectories[name] if len(trace.alive) > step + 1]
             if not going:
                 break
             state = _states(scenario, guide, going, step)

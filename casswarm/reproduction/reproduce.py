@@ -190,11 +190,11 @@ def run_like_the_papers(
 
     Where there is none among `runs`, the first that succeeds, or else the first. With its number.
     """
-    study = simulate(scenario, [policy], runs, seed, guide=guide, traces=runs)
+    study = simulate(scenario, [policy], runs, seed, guide=guide, save_trajectories=runs)
     success = study.runs["success"].to_numpy(bool)
     two_lost = study.runs["survivors"].to_numpy() == scenario.n - 2
     wanted = [*np.flatnonzero(success & two_lost), *np.flatnonzero(success), 0]
-    return int(wanted[0]), study.traces[policy][int(wanted[0])]
+    return int(wanted[0]), study.trajectories[policy][int(wanted[0])]
 
 
 def _charts(tables: Mapping[str, pd.DataFrame], guide: Guide, runs: int) -> FigureCatalogue:

@@ -35,8 +35,10 @@ def table_2(
     wider than `tolerance`; the paper's method once more (50 runs of plain Monte Carlo), and `runs`
     of them, each with its Wilson interval; whether the exact bracket lies in the paper's interval.
     """
-    few = simulate(scenario, PAPER_POLICIES, PAPER_RUNS, seed, guide=guide, traces=0).summary
-    many = simulate(scenario, PAPER_POLICIES, runs, seed, guide=guide, traces=0).summary
+    few = simulate(
+        scenario, PAPER_POLICIES, PAPER_RUNS, seed, guide=guide, save_trajectories=0
+    ).summary
+    many = simulate(scenario, PAPER_POLICIES, runs, seed, guide=guide, save_trajectories=0).summary
     rows = []
     for place, policy in enumerate(PAPER_POLICIES):
         paper = PAPER_SUCCESS[policy]

@@ -135,7 +135,7 @@ class Saved:
         )
 
     @cached_property
-    def traces(self) -> dict[str, tuple[RunTrajectory, ...]]:
+    def trajectories(self) -> dict[str, tuple[RunTrajectory, ...]]:
         """The ways of the first runs of every policy."""
         return trajectories_of(self.table("traces"))
 
@@ -190,11 +190,11 @@ class Saved:
         if self.command == "sweep":
             keys = list(self.record["inputs"]["settings"])
             return catalogue.sweep_figures(self.scenario.name, self.table("sweep"), keys)
-        for policy in self.traces:
+        for policy in self.trajectories:
             self.trace(policy, run)
         paired = self.table("paired") if self.has("paired.csv") else pd.DataFrame()
         return catalogue.simulation_figures(
-            self.scenario, self.guide, self.table("summary"), paired, self.traces, run
+            self.scenario, self.guide, self.table("summary"), paired, self.trajectories, run
         )
 
     def trace(self, policy: str | None = None, run: int = 0) -> tuple[str, RunTrajectory]:
@@ -212,12 +212,12 @@ class Saved:
                 f"{self.folder} was left by casswarm {self.command}, which keeps no runs: "
                 "give one that casswarm simulate left"
             )
-        name = policy or list(self.traces)[-1]
-        if name not in self.traces:
+        name = policy or list(self.trajectories)[-1]
+        if name not in self.trajectories:
             raise CheckpointError(
-                f"no runs of {name!r} are kept in {self.folder}{did_you_mean(name, self.traces)}"
+                f"no runs of {name!r} are kept in {self.folder}{did_you_mean(name, self.trajectories)}"
             )
-        kept = self.traces[name]
+        kept = self.trajectories[name]
         if not 0 <= run < len(kept):
             raise CheckpointError(
                 f"run {run} of {name} is not kept in {self.folder}; kept: 0 to {len(kept) - 1}. "

@@ -13,7 +13,7 @@ import pandas as pd
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from .._util.templates import rendered
+from .._util.documents import render
 from ..figures import theme
 from ..planning.bounds.success_bound import SuccessBound
 from . import catalogue
@@ -74,7 +74,7 @@ def simulation_page(
             pictures[name] = picture(name, draw())
     paired = saved.table("paired") if saved.has("paired.csv") else pd.DataFrame()
     best = summary.sort_values("success", ascending=False).to_dict("records")[0]
-    return rendered(
+    return render(
         "simulation.html",
         scenario=saved.scenario,
         best=best,

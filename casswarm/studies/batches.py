@@ -14,7 +14,7 @@ from .._util.parallel import Workers, done_jobs
 from ..chain.monte_carlo import Chain, Runs
 from ..policies.base import Policy
 from ..typing import Progress
-from .checkpoint import Checkpoint, cell_name
+from .checkpoint import Checkpoint, file_name
 
 BATCH = 20_000
 """Runs that advance together at the most: bounds memory, changes no result."""
@@ -45,7 +45,7 @@ class Job:
     @property
     def name(self) -> str:
         """Of the cell that keeps its outcome."""
-        return f"{self.first:012d}-{self.runs:06d}-{cell_name(self.policy.name)}"
+        return f"{self.first:012d}-{self.runs:06d}-{file_name(self.policy.name)}"
 
 
 def jobs_left(
@@ -102,7 +102,7 @@ def kept_parts(store: Checkpoint | None, made: Sequence[Policy], runs: int) -> P
     parts: Parts = {policy.name: [] for policy in made}
     if store is None:
         return parts
-    by_cell = {cell_name(policy.name): policy.name for policy in made}
+    by_cell = {file_name(policy.name): policy.name for policy in made}
     for name in store.names():  # by their first run
         cell = store.load(name)
         policy = by_cell.get(name.split("-", 2)[-1])

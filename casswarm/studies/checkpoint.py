@@ -1,83 +1,82 @@
-"""Results that are kept as they are made: a folder of cells that survives a kill.
+"""Crash-safe checkpoints of a study: records in a folder that survive a kill.
 
-A cell is written beside its place, synced to disk and moved into it, so it is there whole or not at
-all; a checksum tells one that the disk spoilt. A folder knows the inputs it was made with. One
-process at a time may use it: the operating system holds the lock and drops it when that process
-dies, however it dies.
+A record is written atomically, so it is there completely or not at all; a checksum reveals one that
+was damaged on disk. A folder knows the inputs of its study. One process at a time may use it: the
+operating system holds the lock and drops it when that process dies.
 """
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import io
 import json
 import os
 import socket
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
+from .._util.files import atomic_write, is_partial
 from ..errors import CheckpointError
 
-SweepPoint = Mapping[str, NDArray[Any]]
+IfExists = Literal["error", "resume", "overwrite"]
+"""What to do with a folder that holds a study: see `Checkpoint`."""
 
-_REMEDY = "give the same, or name another folder"
-_NAMES = ("inputs.json", "finished")  # of files beside the cells
+_FOLDER = "checkpoint"  # of the records, in that of the results
+_FILES = ("inputs.json", "finished")  # in that folder, beside the records
+_LOCK_FILES = ("lock", "lock-holder")
+_ADVICE = "use the same inputs, or choose another folder"
 _MAX_REPORTED = 5  # differences that a message lists
 
 
 class Checkpoint:
-    """Cells in a folder, of a study with certain inputs. A context manager that holds the lock.
+    """Records of a study in a folder. A context manager that holds the folder's lock.
 
     Parameters
     ----------
     folder : Path
-        Made where it does not exist.
+        Created if it does not exist.
     inputs : mapping
-        All that decides the results, as JSON knows it; nested mappings are compared key by key.
-    resume : bool
-        Take up what is there. Otherwise a folder that holds an unfinished study is refused, and one
-        that holds a finished study is begun anew.
-    fresh : bool
-        Begin anew whatever is there.
+        All that determines the results, as JSON values; nested mappings are compared key by key.
+    if_exists : {"error", "resume", "overwrite"}
+        With a folder that holds an unfinished study: refuse it, continue it, or start over. A
+        finished study is continued if "resume", else replaced.
 
     Raises
     ------
     CheckpointError
-        Another process works in the folder; it was made with other inputs (the difference is
-        named); or it holds an unfinished study, and neither `resume` nor `fresh` was given.
+        Another process uses the folder, it belongs to other inputs (the difference is named), or it
+        holds an unfinished study and `if_exists` is "error".
+    ValueError
+        Another value of `if_exists`.
     OSError
         The folder cannot be written.
     """
 
     def __init__(
-        self,
-        folder: Path,
-        inputs: Mapping[str, Any],
-        *,
-        resume: bool = False,
-        fresh: bool = False,
+        self, folder: Path, inputs: Mapping[str, Any], if_exists: IfExists = "error"
     ) -> None:
+        if if_exists not in ("error", "resume", "overwrite"):
+            raise ValueError(f"if_exists = {if_exists!r}; allowed: error, resume, overwrite")
         self.folder = Path(folder)
-        self._cells = self.folder / "cells"
-        self._inputs_file = self._cells / "inputs.json"
+        self._records = self.folder / _FOLDER
+        self._inputs_file = self._records / "inputs.json"
         self._inputs = json.loads(json.dumps(inputs))
-        self._resume, self._fresh = resume, fresh
-        self._lock: io.TextIOWrapper | None = None
+        self._if_exists = if_exists
+        self._lock = FileLock(self._records / "lock", timeout=0)
 
     def __enter__(self) -> Checkpoint:
-        self._cells.mkdir(parents=True, exist_ok=True)
-        self._lock = _locked(self.folder / ".lock")
+        self._records.mkdir(parents=True, exist_ok=True)
+        self._acquire()
         try:
             self._begin()
         except BaseException:
-            self._release()
+            self._lock.release()
             raise
         return self
 
@@ -87,45 +86,69 @@ class Checkpoint:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._release()
+        self._lock.release()
 
-    def _release(self) -> None:
-        if self._lock is not None:
-            self._lock.close()
-            self._lock = None
+    def _acquire(self) -> None:
+        holder = self._records / "lock-holder"
+        try:
+            self._lock.acquire()
+        except Timeout:
+            name = holder.read_text(encoding="utf-8") if holder.exists() else "another process"
+            raise CheckpointError(
+                f"{self.folder} is in use by {name}: wait for it, or choose another folder",
+                folder=self.folder,
+            ) from None
+        except PermissionError:
+            raise
+        except OSError as error:
+            raise CheckpointError(
+                f"{self.folder} cannot be locked against other processes ({error}): choose a folder "
+                "on another file system",
+                folder=self.folder,
+            ) from None
+        atomic_write(holder, f"process {os.getpid()} on {socket.gethostname()}")
 
     def _begin(self) -> None:
-        before = self._earlier_inputs()
-        if before is not None and self._resume:
-            self._require_equal(before)
+        earlier = self._earlier_inputs()
+        if earlier is not None and self._if_exists == "resume":
+            self._require_equal(earlier)
+            for path in filter(is_partial, list(self._records.iterdir())):
+                path.unlink()
             return
-        if before is not None and not (self._fresh or (self._cells / "finished").exists()):
+        unfinished = earlier is not None and not (self._records / "finished").exists()
+        if unfinished and self._if_exists == "error":
             raise CheckpointError(
-                f"{self.folder} holds an unfinished study: continue it (--resume, resume=True), "
-                "begin it anew (--fresh, fresh=True), or name another folder"
+                f"{self.folder} holds an unfinished study: continue it (if_exists='resume', on the "
+                "command line --resume), start over (if_exists='overwrite', --fresh), or "
+                "choose another folder",
+                folder=self.folder,
             )
-        self._clear(before is not None)
-        self._write(self._inputs_file, json.dumps(self._inputs, indent=1).encode())
+        self._clear(earlier is not None)
+        atomic_write(self._inputs_file, json.dumps(self._inputs, indent=1))
 
     def _clear(self, known: bool) -> None:
-        """Remove the cells of an earlier study; never what no study can have left."""
+        """Remove the records of an earlier study, but no file that cannot be of a study."""
+        paths = [path for path in self._records.iterdir() if path.name not in _LOCK_FILES]
+        records = [path for path in paths if path.suffix == ".npz"]
         foreign = [
             path
-            for path in self._cells.iterdir()
-            if path.is_dir() or not (path.suffix in (".npz", ".part") or path.name in _NAMES)
+            for path in paths
+            if path.is_dir()
+            or not (path.suffix == ".npz" or path.name in _FILES or is_partial(path))
         ]
-        cells = list(self._cells.glob("*.npz"))
-        if foreign or (cells and not known and not self._fresh):
-            what = (
-                f"files of other origin, such as {foreign[0].name}"
-                if foreign
-                else (f"{len(cells)} cells whose inputs are lost")
-            )
+        if foreign:
             raise CheckpointError(
-                f"{self._cells} holds {what}: name another folder"
-                + ("" if foreign else ", or begin anew (--fresh, fresh=True)")
+                f"{self._records} holds files of other origin, such as {foreign[0].name}: choose "
+                "another folder",
+                folder=self.folder,
             )
-        for path in list(self._cells.iterdir()):
+        if records and not known and self._if_exists != "overwrite":
+            raise CheckpointError(
+                f"{self._records} holds {len(records)} records whose inputs are lost: choose "
+                "another folder, or start over (if_exists='overwrite', --fresh)",
+                folder=self.folder,
+            )
+        for path in paths:
             path.unlink()
 
     def _earlier_inputs(self) -> Any:
@@ -134,30 +157,31 @@ class Checkpoint:
         except (OSError, ValueError):
             return None
 
-    def _require_equal(self, before: Any) -> None:
-        then, now = _flat(before), _flat(self._inputs)
+    def _require_equal(self, earlier: Any) -> None:
+        then, now = _flat(earlier), _flat(self._inputs)
         keys = sorted(key for key in then.keys() | now.keys() if then.get(key) != now.get(key))
         if keys:
             lines = [
-                f"  {key}: {_shown(then.get(key))} there, {_shown(now.get(key))} now"
+                f"  {key}: {_shortened(then.get(key))} there, {_shortened(now.get(key))} now"
                 for key in keys[:_MAX_REPORTED]
             ]
             more = [f"  and {len(keys) - _MAX_REPORTED} more"] if len(keys) > _MAX_REPORTED else []
+            title = f"{self.folder} belongs to other inputs:"
             raise CheckpointError(
-                "\n".join([f"{self.folder} was made with other inputs:", *lines, *more, _REMEDY])
+                "\n".join([title, *lines, *more, _ADVICE]), folder=self.folder, keys=keys
             )
 
-    def save(self, name: str, cell: SweepPoint) -> None:
-        """Keep a cell under a name that is fit for a file."""
+    def save(self, name: str, record: Mapping[str, NDArray[Any]]) -> None:
+        """Write a record of arrays under a name that can be that of a file."""
         content = io.BytesIO()
-        np.savez_compressed(content, allow_pickle=False, **cell)
+        np.savez_compressed(content, allow_pickle=False, **record)
         data = content.getvalue()
-        self._write(self._cells / f"{name}.npz", hashlib.sha256(data).digest() + data)
+        atomic_write(self._records / f"{name}.npz", hashlib.sha256(data).digest() + data)
 
     def load(self, name: str) -> dict[str, NDArray[Any]] | None:
-        """The cell of a name; None where there is none, or none that is whole."""
+        """Read a record; None if there is none, or if it is damaged."""
         try:
-            content = (self._cells / f"{name}.npz").read_bytes()
+            content = (self._records / f"{name}.npz").read_bytes()
         except OSError:
             return None
         digest, data = content[:32], content[32:]
@@ -166,63 +190,22 @@ class Checkpoint:
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             return dict(arrays)
 
+    def save_json(self, name: str, value: Any) -> None:
+        """Write a record of JSON values; NaN and infinity are kept."""
+        self.save(name, {"json": np.array(json.dumps(value))})
+
+    def load_json(self, name: str) -> Any:
+        """Read a record of JSON values; None if there is none, or if it is damaged."""
+        record = self.load(name)
+        return None if record is None or "json" not in record else json.loads(str(record["json"]))
+
     def names(self) -> list[str]:
-        """Names of the cells, sorted."""
-        return sorted(path.stem for path in self._cells.glob("*.npz"))
+        """Names of the records, sorted."""
+        return sorted(p.stem for p in self._records.glob("*.npz") if not is_partial(p))
 
     def finish(self) -> None:
-        """Mark the study as finished: the folder may be begun anew without being asked for it."""
-        self._write(self._cells / "finished", b"")
-
-    def _write(self, path: Path, content: bytes) -> None:
-        part = path.with_name(f".{path.name}.part")
-        try:
-            with part.open("wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            part.replace(path)
-        except OSError:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
-            raise
-
-
-def _locked(path: Path) -> io.TextIOWrapper:
-    """The open lock file, which names who holds it; closing it releases the lock."""
-    file = path.open("a+", encoding="utf-8")
-    try:
-        _lock(file)
-    except OSError as error:
-        if error.errno not in (errno.EAGAIN, errno.EACCES, errno.EDEADLK):
-            file.close()
-            raise CheckpointError(
-                f"{path.parent} cannot be locked against other processes ({error}): name a folder "
-                "of another file system"
-            ) from None
-        file.seek(0)
-        holder = file.read().strip() or "another process"
-        file.close()
-        raise CheckpointError(
-            f"{path.parent} is in use by {holder}: wait for it, or name another folder"
-        ) from None
-    file.seek(0)
-    file.truncate()
-    file.write(f"process {os.getpid()} on {socket.gethostname()}")
-    file.flush()
-    return file
-
-
-def _lock(file: io.TextIOWrapper) -> None:
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        import msvcrt
-
-        file.seek(1 << 20)  # a byte that nobody reads: a locked one cannot be read there
-        msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
-    else:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        """Mark the study as finished: it may then be replaced without being asked for it."""
+        atomic_write(self._records / "finished", b"")
 
 
 def _flat(value: Any, key: str = "") -> dict[str, Any]:
@@ -235,13 +218,13 @@ def _flat(value: Any, key: str = "") -> dict[str, Any]:
     }
 
 
-def _shown(value: Any) -> str:
+def _shortened(value: Any) -> str:
     text = "nothing" if value is None else json.dumps(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def cell_name(text: str) -> str:
-    """A name that is fit for a file, and differs for texts that differ."""
+def file_name(text: str) -> str:
+    """Text that can be the name of a file and differs for texts that differ."""
     plain = "".join(c if c.isascii() and (c.isalnum() or c in "._") else "_" for c in text)
     return (
         plain if plain == text else f"{plain[:60]}_{hashlib.sha256(text.encode()).hexdigest()[:8]}"

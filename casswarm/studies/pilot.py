@@ -50,6 +50,12 @@ def runs_needed(
     if not 0 < half_width < 0.5:
         raise ValueError(f"half_width = {half_width}; allowed: between 0 and 0.5")
     tried = simulate(
-        scenario, policies, pilot, seed + _PILOT_SEED, guide=guide, solver=solver, traces=0
+        scenario,
+        policies,
+        pilot,
+        seed + _PILOT_SEED,
+        guide=guide,
+        solver=solver,
+        save_trajectories=0,
     )
     return max(required_runs(half_width, int(won), pilot) for won in tried.summary["successes"])

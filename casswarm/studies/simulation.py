@@ -26,7 +26,7 @@ from ..policies import as_policy, make_policy
 from ..policies.base import Policy
 from ..typing import Progress
 from .batches import Parts, jobs_left, kept_parts, sample_jobs
-from .checkpoint import Checkpoint
+from .checkpoint import Checkpoint, IfExists
 from .tables import paired_table, run_table, summarise
 
 if TYPE_CHECKING:
@@ -57,8 +57,8 @@ class Study:
         arrived), steps, shortfalls, solver_failures, resolved, clipped.
     effort : DataFrame
         A row a policy: distinct states in which it was asked, seconds. Not reproducible.
-    traces : dict of policy name to tuple of Trace
-        The ways of the first runs.
+    trajectories : dict of policy name to tuple of RunTrajectory
+        Trajectories of the first runs.
     """
 
     scenario: Scenario = field(repr=False)
@@ -68,7 +68,7 @@ class Study:
     paired: pd.DataFrame = field(repr=False)
     runs: pd.DataFrame = field(repr=False)
     effort: pd.DataFrame = field(repr=False)
-    traces: dict[str, tuple[RunTrajectory, ...]] = field(repr=False)
+    trajectories: dict[str, tuple[RunTrajectory, ...]] = field(repr=False)
 
     def __str__(self) -> str:
         return f"{self.guide}\n{self.summary.to_string(index=False)}"
@@ -83,11 +83,10 @@ def simulate(
     *,
     guide: Guide | None = None,
     solver: str | Solver = "auto",
-    traces: int = 1,
+    save_trajectories: int = 1,
     progress: Progress | None = None,
-    folder: Path | None = None,
-    resume: bool = False,
-    fresh: bool = False,
+    checkpoint: Path | None = None,
+    if_exists: IfExists = "error",
 ) -> Study:
     """Estimate by Monte Carlo how often the swarm reaches the target under each policy.
 
@@ -114,17 +113,15 @@ def simulate(
         Planned from the scenario by default.
     solver : str or Solver
         Of the formation problems of the policies that are given by name.
-    traces : int
-        Runs of every policy whose way is kept.
+    save_trajectories : int
+        Number of runs per policy, the first ones, whose trajectories are saved.
     progress : callable, optional
         Called with a policy's name, the number of its runs that have ended, and their total.
-    folder : Path, optional
-        Where results are kept as they are made.
-    resume : bool
-        Take up what an interrupted study of the same inputs left in `folder`; the tables are those
-        of an uninterrupted one.
-    fresh : bool
-        Begin anew in a folder that holds an unfinished study.
+    checkpoint : Path, optional
+        Folder in which results are saved as they are computed.
+    if_exists : {"error", "resume", "overwrite"}
+        If that folder holds an unfinished study: refuse it, continue it (the inputs must be equal;
+        the tables are those of an uninterrupted study), or start over.
 
     Returns
     -------
@@ -161,11 +158,11 @@ def simulate(
     chain = Chain(scenario, initial_velocities(scenario, guide), seed)
     with ExitStack() as stack:
         store = None
-        if folder is not None:
-            inputs = _inputs(chain, guide, made, runs, traces, solver)
-            store = stack.enter_context(Checkpoint(folder, inputs, resume=resume, fresh=fresh))
+        if checkpoint is not None:
+            inputs = _inputs(chain, guide, made, runs, save_trajectories, solver)
+            store = stack.enter_context(Checkpoint(checkpoint, inputs, if_exists))
         parts = kept_parts(store, made, runs)
-        jobs = jobs_left(chain, made, parts, runs, traces, workers)
+        jobs = jobs_left(chain, made, parts, runs, save_trajectories, workers)
         if workers != 1:
             require_sendable({job.policy.name: job for job in jobs})
         sample_jobs(jobs, workers, parts, progress, runs, store)
@@ -179,7 +176,7 @@ def _inputs(
     guide: Guide,
     made: Sequence[Policy],
     runs: int,
-    traces: int,
+    save_trajectories: int,
     solver: str | Solver,
 ) -> dict[str, Any]:
     """All that decides a study, for its folder."""
@@ -189,7 +186,7 @@ def _inputs(
         "guide": hashlib.sha256(guide.positions.tobytes()).hexdigest(),
         "policies": [policy.name for policy in made],
         "runs": int(runs),
-        "traces": int(traces),
+        "save_trajectories": int(save_trajectories),
         "seed": int(chain.seed),
         "solver": str(solver),
         "casswarm": version("casswarm"),
@@ -220,11 +217,11 @@ def distinct_policies(policies: Sequence[Any], named: Callable[[str], Any]) -> l
 
 
 def _study(scenario: Scenario, guide: Guide, seed: int, parts: Parts) -> Study:
-    tables, effort, traces = [], [], {}
+    tables, effort, trajectories = [], [], {}
     for name, done in parts.items():
         done.sort(key=lambda item: item[0].first)
         tables.append(pd.concat([run_table(name, part) for part, _ in done], ignore_index=True))
-        traces[name] = tuple(trace for part, _ in done for trace in part.trajectories)
+        trajectories[name] = tuple(trace for part, _ in done for trace in part.trajectories)
         effort.append(
             {
                 "policy": name,
@@ -241,5 +238,5 @@ def _study(scenario: Scenario, guide: Guide, seed: int, parts: Parts) -> Study:
         paired_table(runs),
         runs,
         pd.DataFrame(effort),
-        traces,
+        trajectories,
     )

@@ -18,7 +18,7 @@ import pandas as pd
 from .._util.parallel import Workers, checked_workers, done_jobs, require_sendable
 from ..errors import ScenarioError
 from ..scenario.variations import SPECIAL
-from .checkpoint import Checkpoint
+from .checkpoint import Checkpoint, IfExists
 from .simulation import PAPER_POLICIES, distinct_policies
 from .sweep_points import Options, SweepPoint
 
@@ -74,9 +74,8 @@ def sweep(
     aggregation_tol: float = 0.0,
     solver: str = "auto",
     workers: Workers = 1,
-    folder: Path | None = None,
-    resume: bool = False,
-    fresh: bool = False,
+    checkpoint: Path | None = None,
+    if_exists: IfExists = "error",
     progress: Progress | None = None,
 ) -> Sweep:
     """Policies on every combination of parameter values.
@@ -103,8 +102,8 @@ def sweep(
         Of the formation problems.
     workers : int or executor
         As in `simulate`; they share the cells.
-    folder, resume, fresh
-        As in `simulate`: where cells are kept as they are made.
+    checkpoint, if_exists
+        As in `simulate`; every sweep point is saved when it is finished.
     progress : callable, optional
         Called with the number of cells that are done, and of all.
 
@@ -129,9 +128,9 @@ def sweep(
     found: dict[int, dict[str, Any]] = {}
     with ExitStack() as stack:
         store = None
-        if folder is not None:
+        if checkpoint is not None:
             inputs = _inputs(scenario, settings, [cell.policy_name for cell in cells], options)
-            store = stack.enter_context(Checkpoint(folder, inputs, resume=resume, fresh=fresh))
+            store = stack.enter_context(Checkpoint(checkpoint, inputs, if_exists))
             found = dict(_kept(store, len(cells)))
         left = [place for place in range(len(cells)) if place not in found]
         if workers != 1 and left:
@@ -200,4 +199,4 @@ def _kept(store: Checkpoint, cells: int) -> Iterator[tuple[int, dict[str, Any]]]
 
 
 def _name(place: int) -> str:
-    return f"cell-{place:06d}"
+    return f"point-{place:06d}"

@@ -124,7 +124,7 @@ class SweepPoint:
             self.options.seed,
             guide=guide,
             solver=self.options.solver,
-            traces=0,
+            save_trajectories=0,
         )
         summary = study.summary.iloc[0]
         return {

@@ -45,9 +45,20 @@ def idle_guide() -> Guide:
 
 
 def study(
-    scenario: Scenario, *policies: object, runs: int = 500, traces: int = 0, seed: int = 7
+    scenario: Scenario,
+    *policies: object,
+    runs: int = 500,
+    save_trajectories: int = 0,
+    seed: int = 7,
 ) -> Study:
-    return simulate(scenario, policies, runs=runs, traces=traces, seed=seed, guide=idle_guide())
+    return simulate(
+        scenario,
+        policies,
+        runs=runs,
+        save_trajectories=save_trajectories,
+        seed=seed,
+        guide=idle_guide(),
+    )
 
 
 def law_by_hand(positions: Array, alive: tuple[bool, ...], step: int) -> dict[Outcome, float]:
@@ -108,7 +119,9 @@ def test_member_survives_a_step_if_its_number_is_below_exp_of_minus_dt_rate() ->
     """The rate at X(t+1), with those alive at t."""
     draws = np.stack([uniforms(7, t, 0, 200, 2) for t in range(STEPS)], axis=1)
     deaths = 0
-    for run, trace in enumerate(study(pair(), hurry_alone, traces=200).traces["hurry_alone"]):
+    for run, trace in enumerate(
+        study(pair(), hurry_alone, save_trajectories=200).trajectories["hurry_alone"]
+    ):
         for t in range(len(trace.alive) - 1):
             before, after = trace.alive[t], trace.alive[t + 1]
             for i in np.flatnonzero(before):
@@ -125,8 +138,8 @@ def test_survival_that_plan_prints_is_that_of_one_member_along_the_guide(
     """Also where its limits leave the member no room to correct what rounding does."""
     scenario = small([(0.0, 0.0)], (4.0, 0.5), [(2.0, 0.3)], steps, swarm__a_max=a_max)
     guide = plan(scenario)
-    found = simulate(scenario, ["leader"], runs=4000, seed=1, guide=guide, traces=100)
-    whole = next(t for t in found.traces["leader"] if t.alive.all())
+    found = simulate(scenario, ["leader"], runs=4000, seed=1, guide=guide, save_trajectories=100)
+    whole = next(t for t in found.trajectories["leader"] if t.alive.all())
     np.testing.assert_allclose(whole.positions[:, 0], guide.positions, rtol=0, atol=1e-12)
     rates = scenario.hazard.rates(whole.positions[1:])[:, 0]
     survival = math.prod(math.exp(-DT * rate) for rate in rates)
@@ -160,7 +173,7 @@ def traces() -> tuple[RunTrajectory, ...]:
     scenario = small(
         [(0.0, 0.0), (-0.5, 0.1), (-0.2, -0.4)], TARGET, RADARS, 6, swarm__velocity=[0.8, 0.0]
     )
-    return study(scenario, wander, traces=500).traces["wander"]
+    return study(scenario, wander, save_trajectories=500).trajectories["wander"]
 
 
 def wander(step: int, positions: Array, previous_velocities: Array, alive: Flags) -> Array:
@@ -186,7 +199,9 @@ def test_destroyed_never_influence_the_living() -> None:
     """The survivors of a pair have the rates of lone members from the next step on."""
     draws = np.stack([uniforms(7, t, 0, 500, 2) for t in range(STEPS)], axis=1)
     alone = 0
-    for run, trace in enumerate(study(pair(), hurry_alone, traces=500).traces["hurry_alone"]):
+    for run, trace in enumerate(
+        study(pair(), hurry_alone, save_trajectories=500).trajectories["hurry_alone"]
+    ):
         for t in np.flatnonzero(trace.alive[:-1].sum(axis=1) == 1):
             (i,) = np.flatnonzero(trace.alive[t])
             rate = float(pair().hazard.single_agent_rates(trace.positions[t + 1, i]))
@@ -199,9 +214,9 @@ def test_destroyed_never_influence_the_living() -> None:
 
 
 def test_run_ends_at_first_arrival_or_last_destruction_or_the_horizon() -> None:
-    found = study(pair(), hurry_alone, traces=500)
+    found = study(pair(), hurry_alone, save_trajectories=500)
     ends = defaultdict(int)
-    for row, trace in zip(found.runs.itertuples(), found.traces["hurry_alone"], strict=True):
+    for row, trace in zip(found.runs.itertuples(), found.trajectories["hurry_alone"], strict=True):
         assert len(trace.positions) == len(trace.alive) == row.steps + 1
         assert trace.alive[-1].sum() == row.survivors
         inside = np.linalg.norm(trace.positions - TARGET, axis=-1) <= RADIUS
@@ -231,9 +246,9 @@ def overdrive(step: int, positions: Array, previous_velocities: Array, alive: Fl
 
 
 def test_velocities_beyond_the_limits_are_clipped_and_counted() -> None:
-    found = study(pair(), overdrive, traces=300, runs=300)
+    found = study(pair(), overdrive, save_trajectories=300, runs=300)
     saturated = 0
-    for trace in found.traces["overdrive"]:
+    for trace in found.trajectories["overdrive"]:
         velocities = np.diff(trace.positions, axis=0) / DT
         before = np.concatenate([[[[1.5, 0.0]] * 2], velocities[:-1]])
         living = trace.alive[:-1]
@@ -244,14 +259,17 @@ def test_velocities_beyond_the_limits_are_clipped_and_counted() -> None:
         saturated += int(living.sum())
     assert found.runs["saturated"].sum() == saturated
     # the nearest to the far south-east: half of a_max to each side
-    first = found.traces["overdrive"][0].positions[1] - found.traces["overdrive"][0].positions[0]
+    first = (
+        found.trajectories["overdrive"][0].positions[1]
+        - found.trajectories["overdrive"][0].positions[0]
+    )
     np.testing.assert_allclose(first / DT, [[2.0, -0.5]] * 2, atol=5e-3)
 
 
 def test_velocities_within_the_limits_are_left_alone() -> None:
-    found = study(pair(), hurry_alone, traces=20)
+    found = study(pair(), hurry_alone, save_trajectories=20)
     assert found.runs["saturated"].sum() == 0
-    for trace in found.traces["hurry_alone"]:
+    for trace in found.trajectories["hurry_alone"]:
         step = trace.positions[1] - trace.positions[0]
         np.testing.assert_allclose(step, [[DT * 1.4, 0.0], [DT * 1.5, DT * 0.1]], atol=1e-15)
 

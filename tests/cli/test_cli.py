@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from commands import PNG, casswarm
 
-KEPT = {".lock", "cells"}  # from which simulate and sweep resume
+KEPT = {"checkpoint"}  # from which simulate and sweep resume
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +97,7 @@ def test_files_of_an_earlier_run_do_not_stay_beside_new_ones(tmp_path):
         "formation-leader.pdf",
         *KEPT,
     }
-    cells = {path.name for path in (tmp_path / "here" / "cells").glob("*.npz")}
+    cells = {path.name for path in (tmp_path / "here" / "checkpoint").glob("*.npz")}
     assert len(cells) == 1
     assert "leader" in cells.pop()
     assert b"/Type3" not in (tmp_path / "here" / "success.pdf").read_bytes()

@@ -149,11 +149,11 @@ def test_what_is_read_back_is_what_was_saved(tmp_path):
 
     scenario = load_scenario("paper-1")
     guide = plan(scenario, certify=False)
-    study = simulate(scenario, ["leader", "constrained"], runs=4, guide=guide, traces=3)
+    study = simulate(scenario, ["leader", "constrained"], runs=4, guide=guide, save_trajectories=3)
     law = evaluate(scenario, "leader", 0.1, guide=guide)
     tables = {
         "guide": guide_table(guide),
-        "traces": trace_table(study.traces),
+        "traces": trace_table(study.trajectories),
         "laws": law_table([law]),
         "arrival": arrival_table([law]),
         "survivors": survivor_table([law]),
@@ -173,13 +173,13 @@ def test_what_is_read_back_is_what_was_saved(tmp_path):
     for part in ("positions", "velocities", "rates"):
         np.testing.assert_array_equal(getattr(saved.guide, part), getattr(guide, part))
     assert saved.guide.solution.as_row() == guide.solution.as_row()
-    assert list(saved.traces) == ["leader", "constrained"]
-    for policy, kept in study.traces.items():
-        for one, other in zip(saved.traces[policy], kept, strict=True):
+    assert list(saved.trajectories) == ["leader", "constrained"]
+    for policy, kept in study.trajectories.items():
+        for one, other in zip(saved.trajectories[policy], kept, strict=True):
             for part in ("positions", "alive", "leaders"):
                 np.testing.assert_array_equal(getattr(one, part), getattr(other, part))
-    assert set(saved.traces["constrained"][0].leaders) == {-1}
-    assert min(saved.traces["leader"][0].leaders) >= 0
+    assert set(saved.trajectories["constrained"][0].leaders) == {-1}
+    assert min(saved.trajectories["leader"][0].leaders) >= 0
     assert saved.laws[0].success == law.success
     pd.testing.assert_frame_equal(law_table(saved.laws), law_table([law]))
     np.testing.assert_array_equal(saved.laws[0].population, law.population)

@@ -66,7 +66,7 @@ assert rates["leader"] < rates["constrained"] < rates["naive"], "protecting is t
 assert guide.risk_bound <= guide.risk
 first, second = guide.ways()[:2]
 assert first.sides != second.sides and second.risk < 1.05 * first.risk, "nearly as good"
-lost = study.traces["leader"][0].positions[-1][~study.traces["leader"][0].alive[-1]]
+lost = study.trajectories["leader"][0].positions[-1][~study.trajectories["leader"][0].alive[-1]]
 towers_at = np.array(scenario.hazard.radars)
 assert len(lost) and np.hypot(*(lost[:, None] - towers_at).T).min(axis=0).max() < 2.0
 """,

@@ -122,7 +122,7 @@ def test_policy_is_never_clipped_and_agrees_with_sampling(
     planned: tuple[Scenario, SwarmPlan],
 ) -> None:
     scenario, best = planned
-    study = simulate(scenario, [JointPolicy.of(best)], runs=4000, seed=3, traces=0)
+    study = simulate(scenario, [JointPolicy.of(best)], runs=4000, seed=3, save_trajectories=0)
     row = study.summary.iloc[0]
     assert row["saturated"] == 0
     assert best.success is not None

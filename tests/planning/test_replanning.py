@@ -103,7 +103,9 @@ def test_order_of_states_and_of_calls_changes_nothing(planned: tuple[Scenario, S
 def test_runs_do_not_depend_on_batches(planned: tuple[Scenario, SwarmPlan]) -> None:
     scenario, _ = planned
     studies = [
-        simulate(scenario, [feedback(planned)], runs=60, seed=5, workers=workers, traces=0)
+        simulate(
+            scenario, [feedback(planned)], runs=60, seed=5, workers=workers, save_trajectories=0
+        )
         for workers in (1, 2)
     ]
     assert studies[0].runs.equals(studies[1].runs)

@@ -164,15 +164,15 @@ def test_swarm_starts_with_the_guide_s_first_velocity_or_the_given_one() -> None
 
 
 def test_leader_stays_on_the_guide_while_alive() -> None:
-    study = simulate(scenario(), ["leader"], runs=60, seed=1, guide=guide(), traces=60)
+    study = simulate(scenario(), ["leader"], runs=60, seed=1, guide=guide(), save_trajectories=60)
     led = 0
-    for trace in study.traces["leader"]:
+    for trace in study.trajectories["leader"]:
         steps = np.flatnonzero(trace.alive[:, 0])[1:]  # member 0 starts on the guide
         expected = np.array([guide().reference(step) for step in steps]).reshape(-1, 2)
         np.testing.assert_allclose(trace.positions[steps, 0], expected, atol=1e-9)
         led += len(steps)
     assert led > 100
-    assert {trace.alive[-1, 0] for trace in study.traces["leader"]} == {True, False}
+    assert {trace.alive[-1, 0] for trace in study.trajectories["leader"]} == {True, False}
 
 
 def test_nearest_survivor_leads_after_the_leader_s_death() -> None:

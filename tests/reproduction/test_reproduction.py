@@ -175,7 +175,7 @@ def test_the_papers_method_improves_the_straight_line_but_hardly():
 def test_whole_swarm_is_the_run_in_which_nobody_is_lost(guide):
     data = whole_swarm(FIRST, "leader", guide)
     study = csw.simulate(FIRST.with_values({"hazard.alpha_1": 1e-9}), ["leader"], 1, guide=guide)
-    trace = study.traces["leader"][0]
+    trace = study.trajectories["leader"][0]
     assert trace.alive.all()
     np.testing.assert_allclose(data.positions, trace.positions[:-1], atol=0.05)
     np.testing.assert_allclose(data.positions[:, 0], guide.positions[:-1], atol=1e-6)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from casswarm.errors import CheckpointError
-from casswarm.studies.checkpoint import Checkpoint, cell_name
+from casswarm.studies.checkpoint import Checkpoint, file_name
 
 INPUTS = {"scenario": {"name": "a", "rho": 0.05}, "runs": 10}
 CELL = {"x": np.array([0.1, -0.0, np.nan]), "name": np.array("µ")}
@@ -19,7 +19,7 @@ CELL = {"x": np.array([0.1, -0.0, np.nan]), "name": np.array("µ")}
 def test_cells_come_back_bit_for_bit(tmp_path: Path) -> None:
     with Checkpoint(tmp_path, INPUTS) as store:
         store.save("one", CELL)
-    with Checkpoint(tmp_path, INPUTS, resume=True) as store:
+    with Checkpoint(tmp_path, INPUTS, if_exists="resume") as store:
         assert store.names() == ["one"]
         back = store.load("one")
         assert back is not None
@@ -32,7 +32,7 @@ def test_cells_come_back_bit_for_bit(tmp_path: Path) -> None:
 def test_a_cell_that_the_disk_spoilt_is_none(tmp_path: Path, spoil: str) -> None:
     with Checkpoint(tmp_path, INPUTS) as store:
         store.save("one", CELL)
-        path = tmp_path / "cells" / "one.npz"
+        path = tmp_path / "checkpoint" / "one.npz"
         data = bytearray(path.read_bytes())
         data[100] ^= 1
         path.write_bytes({"cut": data[:-7], "flip": data, "empty": b""}[spoil])
@@ -43,12 +43,12 @@ def test_other_inputs_are_refused_and_the_difference_named(tmp_path: Path) -> No
     with Checkpoint(tmp_path, INPUTS) as store:
         store.save("one", CELL)
     other = {"scenario": {"name": "a", "rho": 0.1}, "runs": 10, "seed": 1}
-    with pytest.raises(CheckpointError) as error, Checkpoint(tmp_path, other, resume=True):
+    with pytest.raises(CheckpointError) as error, Checkpoint(tmp_path, other, if_exists="resume"):
         pass
     assert "scenario.rho: 0.05 there, 0.1 now" in str(error.value)
     assert "seed: nothing there, 1 now" in str(error.value)
     assert "runs" not in str(error.value).split("inputs:")[1]
-    with Checkpoint(tmp_path, INPUTS, resume=True) as store:
+    with Checkpoint(tmp_path, INPUTS, if_exists="resume") as store:
         assert store.names() == ["one"]  # nothing was touched
 
 
@@ -60,7 +60,7 @@ def test_unfinished_work_is_not_thrown_away_unasked(tmp_path: Path) -> None:
         Checkpoint(tmp_path, INPUTS),
     ):
         pass
-    with Checkpoint(tmp_path, INPUTS, fresh=True) as store:
+    with Checkpoint(tmp_path, INPUTS, if_exists="overwrite") as store:
         assert store.names() == []
         store.save("one", CELL)
         store.finish()
@@ -70,8 +70,8 @@ def test_unfinished_work_is_not_thrown_away_unasked(tmp_path: Path) -> None:
 
 HOLD = """
 import sys, time
-from casswarm.studies.checkpoint import Store
-with Store(sys.argv[1], {}, fresh=True):
+from casswarm.studies.checkpoint import Checkpoint
+with Checkpoint(sys.argv[1], {}, if_exists="overwrite"):
     print("held", flush=True)
     time.sleep(60)
 """
@@ -86,25 +86,25 @@ def test_two_processes_never_write_one_folder_and_the_dead_hold_no_lock(tmp_path
         assert holder.stdout.readline() == "held\n"
         with (
             pytest.raises(CheckpointError, match=f"in use by process {holder.pid} on "),
-            Checkpoint(tmp_path, {}, resume=True),
+            Checkpoint(tmp_path, {}, if_exists="resume"),
         ):
             pass
     finally:
         holder.kill()
         holder.communicate()
-    with Checkpoint(tmp_path, {}, resume=True):
+    with Checkpoint(tmp_path, {}, if_exists="resume"):
         pass
 
 
 def test_the_lock_is_free_after_an_error(tmp_path: Path) -> None:
     with pytest.raises(KeyError), Checkpoint(tmp_path, INPUTS):
         raise KeyError
-    with Checkpoint(tmp_path, INPUTS, resume=True):
+    with Checkpoint(tmp_path, INPUTS, if_exists="resume"):
         pass
 
 
 def test_names_of_cells_differ_and_are_fit_for_files() -> None:
-    names = [cell_name(text) for text in ("leader", "a/b", "a:b", "a b", "ä", "x" * 300 + "/")]
+    names = [file_name(text) for text in ("leader", "a/b", "a:b", "a b", "ä", "x" * 300 + "/")]
     assert names[0] == "leader"
     assert len(set(names)) == len(names)
     assert all(name.isascii() and "/" not in name and len(name) < 100 for name in names)

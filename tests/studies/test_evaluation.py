@@ -200,7 +200,9 @@ def test_the_number_alive_at_every_step_is_that_of_the_runs(guide):
     )
     np.testing.assert_allclose(law.population[-1], law.survivors, atol=law.residual_mass)
     runs = 2000
-    traces = csw.simulate(PAPER, ["leader"], runs, guide=guide, traces=runs).traces["leader"]
+    traces = csw.simulate(
+        PAPER, ["leader"], runs, guide=guide, save_trajectories=runs
+    ).trajectories["leader"]
     for step in (5, 12, 18):
         alive = [int(trace.alive[min(step, len(trace.alive) - 1)].sum()) for trace in traces]
         for k, count in enumerate(np.bincount(alive, minlength=6)):
@@ -270,7 +272,7 @@ def test_estimate_is_narrower_than_plain_sampling_with_as_many_solves(name, poli
     found = csw.estimate(scenario, policy, 2000, guide=guide)
     runs, solved = 2000, 0
     while solved < found.states:  # distinct ones: plain runs meet equal states too
-        plain = csw.simulate(scenario, [policy], runs, guide=guide, traces=0)
+        plain = csw.simulate(scenario, [policy], runs, guide=guide, save_trajectories=0)
         solved = plain.effort["states"][0]
         runs = math.ceil(runs * max(1.05, found.states / solved))
     row = plain.summary.iloc[0]

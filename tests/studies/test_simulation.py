@@ -81,12 +81,12 @@ def test_same_seed_gives_the_same_tables_and_another_seed_others() -> None:
 
 
 def test_tables_do_not_depend_on_the_number_of_workers() -> None:
-    found = study(workers=2, traces=160)  # more than the first worker's share
+    found = study(workers=2, save_trajectories=160)  # more than the first worker's share
     assert_same_tables(found, reference())
-    alone = study(traces=160)
+    alone = study(save_trajectories=160)
     for policy in ("leader", "straight_on"):
-        assert len(found.traces[policy]) == 160
-        for one, other in zip(found.traces[policy], alone.traces[policy], strict=True):
+        assert len(found.trajectories[policy]) == 160
+        for one, other in zip(found.trajectories[policy], alone.trajectories[policy], strict=True):
             np.testing.assert_array_equal(one.positions, other.positions)
             np.testing.assert_array_equal(one.alive, other.alive)
 
@@ -185,12 +185,12 @@ def test_study_pickles() -> None:
 
 
 def test_traces_are_kept_of_the_first_runs() -> None:
-    assert {name: len(kept) for name, kept in study(traces=3).traces.items()} == {
+    assert {name: len(kept) for name, kept in study(save_trajectories=3).trajectories.items()} == {
         "leader": 3,
         "straight_on": 3,
     }
-    assert {len(kept) for kept in study(runs=2, traces=5).traces.values()} == {2}
-    assert {len(kept) for kept in study(traces=0).traces.values()} == {0}
+    assert {len(kept) for kept in study(runs=2, save_trajectories=5).trajectories.values()} == {2}
+    assert {len(kept) for kept in study(save_trajectories=0).trajectories.values()} == {0}
 
 
 # --- intervals

@@ -92,19 +92,19 @@ def test_a_sweep_that_was_stopped_is_resumed_to_the_same_table(tmp_path: Path) -
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        csw.sweep(SMALL, GRID, [toward], runs=20, folder=tmp_path, progress=stop)
+        csw.sweep(SMALL, GRID, [toward], runs=20, checkpoint=tmp_path, progress=stop)
     with pytest.raises(CheckpointError, match="unfinished"):
-        csw.sweep(SMALL, GRID, [toward], runs=20, folder=tmp_path)
+        csw.sweep(SMALL, GRID, [toward], runs=20, checkpoint=tmp_path)
     with pytest.raises(CheckpointError, match=r"options\.runs: 20 there, 30 now"):
-        csw.sweep(SMALL, GRID, [toward], runs=30, folder=tmp_path, resume=True)
+        csw.sweep(SMALL, GRID, [toward], runs=30, checkpoint=tmp_path, if_exists="resume")
     told: list[int] = []
     resumed = csw.sweep(
         SMALL,
         GRID,
         [toward],
         runs=20,
-        folder=tmp_path,
-        resume=True,
+        checkpoint=tmp_path,
+        if_exists="resume",
         progress=lambda done, total: told.append(done),  # noqa: ARG005
     )
     assert told == [3, 4, 5, 6]
@@ -123,24 +123,24 @@ scenario, folder, kills = csw.load_scenario(sys.argv[1]), Path(sys.argv[2]), int
 chance = random.Random(1)
 grid = {"hazard.alpha_1": [float(a) for a in range(1, 61)]}
 
-def work(resume):
-    return sweep(scenario, grid, [toward], runs=5, folder=folder, resume=resume)
+def work(if_exists):
+    return sweep(scenario, grid, [toward], runs=5, checkpoint=folder, if_exists=if_exists)
 
-def cells():
-    return len(list((folder / "cells").glob("*.npz")))
+def records():
+    return len(list((folder / "checkpoint").glob("point-*.npz")))
 
 for kill in range(kills):
-    before, child = cells(), os.fork()
+    before, child = records(), os.fork()
     if child == 0:
-        work(kill > 0)
+        work("resume" if kill else "error")
         os._exit(0)
-    while kill % 2 and cells() == before:  # half of them once something new is there
+    while kill % 2 and records() == before:  # half of them once something new is there
         time.sleep(0.001)
     time.sleep(chance.uniform(0.0, 0.15))
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
-    print(cells(), flush=True)
-work(True).table.to_csv(sys.argv[4], index=False)
+    print(records(), flush=True)
+work("resume").table.to_csv(sys.argv[4], index=False)
 """
 
 
@@ -182,9 +182,9 @@ def test_commands_that_were_stopped_are_resumed_to_the_same_bytes(
         base += ["--policy", "naive", "--runs", "4000", "--workers", "2"]
     options: dict[str, Any] = {"cwd": tmp_path, "text": True, "env": slow}
     begun = subprocess.Popen([*base, "--out", "cut"], stderr=subprocess.PIPE, **options)
-    cells = tmp_path / "cut" / "cells"
+    records = tmp_path / "cut" / "checkpoint"
     deadline = time.monotonic() + 60
-    while not list(cells.glob("*.npz")) and time.monotonic() < deadline:
+    while not list(records.glob("[0-9p]*.npz")) and time.monotonic() < deadline:
         time.sleep(0.01)
     begun.send_signal(how)
     _, told = begun.communicate(timeout=60)
@@ -192,13 +192,13 @@ def test_commands_that_were_stopped_are_resumed_to_the_same_bytes(
     assert "Traceback" not in told
     if how == signal.SIGINT:
         assert "go on with --resume" in told
-    kept = {path.name: path.stat().st_mtime_ns for path in cells.glob("*.npz")}
+    kept = {path.name: path.stat().st_mtime_ns for path in records.glob("[0-9p]*.npz")}
     assert kept
     for more in (["--out", "cut", "--resume"], ["--out", "whole"]):
         fast = options | {"env": slow | {"SLOW": "0"}}
         subprocess.run([*base, *more], check=True, capture_output=True, **fast)
     for name, then in kept.items():
-        assert (cells / name).stat().st_mtime_ns == then  # not done again
+        assert (records / name).stat().st_mtime_ns == then  # not done again
     for table in (tmp_path / "whole").glob("*.csv"):
         if table.name != "effort.csv":
             assert (tmp_path / "cut" / table.name).read_bytes() == table.read_bytes()
@@ -220,7 +220,7 @@ def test_a_disk_that_fills_up_costs_nothing_that_is_done(tmp_path: Path) -> None
     assert full.returncode == 1, full.stderr
     assert "Traceback" not in full.stderr
     assert "--resume" in full.stderr
-    assert not list((tmp_path / "here").rglob("*.part"))
+    assert not list((tmp_path / "here").rglob(".part-*"))
     subprocess.run([*base, "--resume"], cwd=tmp_path, check=True, capture_output=True)
     assert len(pd.read_csv(tmp_path / "here" / "runs.csv")) == 600
 

@@ -32,13 +32,13 @@ def swept(settings: dict[str, Any], **options: Any) -> pd.DataFrame:
 
 
 def test_parameters_in_another_order_are_another_sweep(tmp_path: Path) -> None:
-    swept({"n": [1, 2], "formation.rho": [0.02, 0.1]}, folder=tmp_path)
+    swept({"n": [1, 2], "formation.rho": [0.02, 0.1]}, checkpoint=tmp_path)
     with pytest.raises(CheckpointError, match="keys"):
-        swept({"formation.rho": [0.02, 0.1], "n": [1, 2]}, folder=tmp_path, resume=True)
+        swept({"formation.rho": [0.02, 0.1], "n": [1, 2]}, checkpoint=tmp_path, if_exists="resume")
 
 
 def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
-    table = swept({"n": np.arange(1, 3)}, runs=np.int64(5), folder=tmp_path)
+    table = swept({"n": np.arange(1, 3)}, runs=np.int64(5), checkpoint=tmp_path)
     assert table["status"].tolist() == ["ok", "ok"]
     assert table["n"].tolist() == [1, 2]
 
@@ -51,11 +51,11 @@ def test_policies_are_a_list_of_names_that_differ(policies: Any) -> None:
 
 def test_what_failed_is_tried_again(tmp_path: Path) -> None:
     settings = {"formation.rho": [0.05, -1.0]}
-    first = swept(settings, folder=tmp_path)
-    kept = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "cells").glob("*.npz")}
-    again = swept(settings, folder=tmp_path, resume=True)
+    first = swept(settings, checkpoint=tmp_path)
+    kept = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "checkpoint").glob("*.npz")}
+    again = swept(settings, checkpoint=tmp_path, if_exists="resume")
     assert first["status"].tolist() == again["status"].tolist() == ["ok", "failed"]
-    now = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "cells").glob("*.npz")}
+    now = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "checkpoint").glob("*.npz")}
     assert [now[name] == kept[name] for name in sorted(kept)] == [True, False]
 
 
@@ -89,29 +89,29 @@ def test_threads_of_one_process_take_turns() -> None:
     pd.testing.assert_frame_equal(threaded, swept(settings))
 
 
-@pytest.mark.parametrize("options", [{}, {"resume": True}, {"fresh": True}])
+@pytest.mark.parametrize("options", [{}, {"if_exists": "resume"}, {"if_exists": "overwrite"}])
 def test_files_of_other_origin_are_not_removed(tmp_path: Path, options: dict[str, bool]) -> None:
-    (tmp_path / "cells").mkdir()
-    (tmp_path / "cells" / "thesis.tex").write_text("years of work")
+    (tmp_path / "checkpoint").mkdir()
+    (tmp_path / "checkpoint" / "thesis.tex").write_text("years of work")
     with (
         pytest.raises(CheckpointError, match=r"thesis\.tex"),
-        Checkpoint(tmp_path, {"runs": 1}, **options),
+        Checkpoint(tmp_path, {"runs": 1}, choice),
     ):
         pass
-    assert (tmp_path / "cells" / "thesis.tex").read_text() == "years of work"
+    assert (tmp_path / "checkpoint" / "thesis.tex").read_text() == "years of work"
 
 
 def test_cells_whose_inputs_are_lost_are_not_removed_unasked(tmp_path: Path) -> None:
     with Checkpoint(tmp_path, {"runs": 1}) as store:
         store.save("one", {"x": np.zeros(1)})
-    (tmp_path / "cells" / "inputs.json").write_text("{")
-    for options in ({}, {"resume": True}):
+    (tmp_path / "checkpoint" / "inputs.json").write_text("{")
+    for choice in ("error", "resume"):
         with (
             pytest.raises(CheckpointError, match="--fresh"),
-            Checkpoint(tmp_path, {"runs": 1}, **options),
+            Checkpoint(tmp_path, {"runs": 1}, choice),
         ):
             pass
-    with Checkpoint(tmp_path, {"runs": 1}, fresh=True) as store:
+    with Checkpoint(tmp_path, {"runs": 1}, if_exists="overwrite") as store:
         assert store.names() == []
 
 
