@@ -165,7 +165,9 @@ def _write(
     folder.table("runs", study.runs)
     folder.table("guide", guide_table(guide))
     folder.table("traces", trace_table(study.trajectories))
-    folder.draw(simulation_figures(scenario, guide, study.summary, study.paired, study.trajectories))
+    folder.draw(
+        simulation_figures(scenario, guide, study.summary, study.paired, study.trajectories)
+    )
     result = {
         "summary": study.summary.to_dict("records"),
         "paired": study.paired.to_dict("records"),
