@@ -58,7 +58,7 @@ def test_backend_that_answers_nan_is_counted_at_every_step():
 class Hasty(SpectralProjectedGradient):
     """A batch solver that stops after an iteration, and calls what it has solved."""
 
-    def run(self, nlp, instances):
+    def run_batch(self, nlp, instances):
         run = SpectralProjectedGradient(max_iter=1).run_batch(nlp, instances)
         run.outcome[:] = CONVERGED
         return run
