@@ -13,8 +13,8 @@
 # %% [markdown]
 # # A first study
 #
-# A swarm of five agents has to reach a target behind two radars. We plan the path of a lone agent,
-# let the swarm follow it in formation, and ask how often some member arrives alive.
+# A swarm of five agents has to reach a target behind two radars. We plan the path of a single
+# agent, let the swarm follow it in formation, and compute how often at least one member arrives.
 
 # %%
 # %matplotlib inline
@@ -27,10 +27,10 @@ scenario
 # %% [markdown]
 # ## The guide
 #
-# The least risky path of a lone agent. `paper-1` searches from the straight line, as the paper
-# does, and finds the gate between the radars. A global search compares ways around both sides of
-# every radar and chooses the arrival step. Beside either stands what is proven: how likely any lone
-# agent can survive at the best.
+# The guide is the path of least risk for a single agent. `paper-1` searches from the straight
+# line, as the paper does, and finds the gate between the radars. A global search compares paths
+# on both sides of every radar and chooses the arrival step. In both cases casswarm proves an
+# upper bound on the survival of any single agent.
 
 # %%
 guide = csw.plan(scenario)
@@ -42,8 +42,8 @@ print("global:", around)
 guide_map(scenario, around, around.ways())
 
 # %% [markdown]
-# Every solve is judged by residuals that are computed anew from the problem, whatever the solver
-# says of itself:
+# Every solution is verified by residuals that are recomputed from the problem, whatever status the
+# solver reports:
 
 # %%
 print(around.solution)
@@ -51,13 +51,13 @@ print(around.solution)
 # %% [markdown]
 # ## Policies
 #
-# Three policies of the paper, and one of our own: a function from a batch of B states, positions of
-# shape (B, n, 2), to velocities of the same shape.
+# Three policies of the paper, and a custom one: a function that maps a batch of B states, with
+# positions of shape (B, n, 2), to velocities of the same shape.
 
 
 # %%
 def homing(step, positions, previous_velocities, alive):
-    """Everybody straight to the target, to be there on time."""
+    """Fly straight to the target, to arrive on time."""
     remaining = scenario.n_steps - step
     return (scenario.target.center - positions) / (scenario.time.dt * remaining)
 
@@ -70,10 +70,10 @@ study.summary[["policy", "success", "success_low", "success_high", "infeasible",
 success_chart(study.summary, scenario.name)
 
 # %% [markdown]
-# *Shortfalls* are member-steps in which a member could not be where the formation wants it,
-# *clipped* those in which a policy asked for more than the limits of speed and acceleration allow.
-# Policies share their random numbers, so that a difference is taken run by run, and is known better
-# than either success by itself:
+# *infeasible* counts member-steps in which a member could not meet the formation's constraint,
+# *saturated* those in which a policy requested more than the limits of speed and acceleration
+# allow. The policies share their random numbers, so they are compared run by run, and a
+# difference is known more precisely than either success probability:
 
 # %%
 study.paired.iloc[:, :5]
@@ -85,24 +85,24 @@ study.paired.iloc[:, :5]
 swarm_map(scenario, study.trajectories["leader"][0], guide)
 
 # %% [markdown]
-# ## Without sampling
+# ## Exact evaluation
 #
-# Between destructions nothing is random, so the law of the chain can be followed exactly. What is
-# not followed to its end is a mass, and every probability a bracket:
+# Between destructions nothing is random, so the states of the Markov chain can be enumerated.
+# Mass that is not enumerated widens the bounds; every probability is a lower and an upper bound:
 
 # %%
-laws = [csw.evaluate(scenario, policy, 1e-3, guide=guide) for policy in ("naive", "leader")]
-for law in laws:
-    low, high = law.success
-    row = study.summary.set_index("policy").loc[law.policy]
-    print(f"{law.policy}: success between {low:.4f} and {high:.4f}, by {law.states} solves")
+distributions = [csw.evaluate(scenario, name, 1e-3, guide=guide) for name in ("naive", "leader")]
+for distribution in distributions:
+    low, high = distribution.success
+    row = study.summary.set_index("policy").loc[distribution.policy]
+    print(f"{distribution.policy}: success {low:.4f} to {high:.4f}, {distribution.states} states")
     print(f"  {row['successes']:g} of {row['runs']:g} runs: {row['success']:.3f}")
 
 # %%
-arrival_chart(laws, scenario.name)
+arrival_chart(distributions, scenario.name)
 
 # %% [markdown]
-# ## With another guide
+# ## Another guide
 #
 # The same policy along the global guide, around the radars instead of through the gate:
 

@@ -11,18 +11,18 @@
 # ---
 
 # %% [markdown]
-# # The paper reproduced
+# # Reproducing the paper
 #
 # *Cooperative protection control for UCAV swarms in hostile environments* compares three policies
-# on two scenarios. We hold its numbers and figures against what casswarm computes.
-# `casswarm reproduce` makes all of it, in a few minutes, into `results/paper/`; this notebook takes
-# the quicker parts, by the same functions.
+# on two scenarios. We compare its numbers and figures with those that casswarm computes.
+# `casswarm reproduce` computes everything in a few minutes and writes it to `results/paper/`; this
+# notebook shows the quicker parts, with the same functions.
 
 # %%
 # %matplotlib inline
 import casswarm as csw
 from casswarm.figures import convergence_chart, table_2_chart
-from casswarm.reproduction import readings, report, reproduce
+from casswarm.reproduction import readings, reproduce
 from casswarm.reproduction.convergence import condensed, formation_convergence, guide_convergence
 from casswarm.reproduction.report import table_2_words
 
@@ -30,10 +30,10 @@ first, second = csw.load_scenario("paper-1"), csw.load_scenario("paper-2")
 found = reproduce(only=["table-1", "geometry", "table-2", "infeasible", "figures"])
 
 # %% [markdown]
-# ## Table I, and what is not in it
+# ## Table I and the geometry
 #
-# The parameters are the paper's. Where radars, target and members are it shows in a picture only,
-# so the geometry is a calibration (`notebooks/06_calibration.py`), not the paper's figure.
+# The parameters are the paper's. It shows the positions of radars, target and members only in a
+# picture, so the geometry is a calibration (`notebooks/06_calibration.py`), not the paper's figure.
 
 # %%
 found.tables["table-1"]
@@ -44,8 +44,8 @@ found.tables["geometry"]
 # %% [markdown]
 # ## Table II
 #
-# Fifty runs leave wide intervals. The exact law of the chain needs no runs at all: these brackets
-# are proven, and at most a thousandth wide.
+# Fifty runs give wide intervals. Exact evaluation of the Markov chain needs no runs: its bounds are
+# proven, and at most 0.001 apart.
 
 # %%
 table_2_words(found.tables["table-2"], found.runs)
@@ -56,7 +56,7 @@ table_2_chart(found.tables["table-2"], found.runs)
 # %% [markdown]
 # ## Figures 1 to 4
 #
-# Runs that succeed and lose two members, as the paper tells of its own: leader protection,
+# Runs that succeed and lose two members, as in the paper: leader protection,
 # constrained trajectory, leader protection with collisions, and the guides of the naive policy.
 
 # %%
@@ -74,9 +74,9 @@ found.figures["figure-4"]()
 # %% [markdown]
 # ## Does the paper's projected gradient converge?
 #
-# On the guide, hardly: its objective is exp(-risk), and where the risk is 9, its gradient is
-# about 1e-4. We look at the first thousand of its 6000 iterations, and at the formation problems
-# under leader protection.
+# On the guide problem, hardly: its objective is exp(-risk), and where the risk is 9, the gradient
+# is about 1e-4. We show the first thousand of its 6000 iterations, and the formation problems of
+# leader protection.
 
 # %%
 guide_path = guide_convergence(first, points=(0, 10, 100, 300, 1000))
@@ -91,19 +91,18 @@ convergence_chart(
 # %% [markdown]
 # ## Empty constraint sets
 #
-# The paper does not say what happens where nobody can fulfil the constraints of (7). In 500 runs
-# of the constrained trajectory that is so at the first step, while the swarm brakes and turns at
+# The paper does not say what happens where no member can meet the constraints of (7). In 500 runs
+# of the constrained trajectory this occurs at the first step, while the swarm brakes and turns at
 # steps 3 to 6, and once in the gate.
 
 # %%
 found.figures["infeasible"]()
 
 # %% [markdown]
-# ## Is the order of the policies the paper's merit, or the guide's?
+# ## Does the order of the policies depend on the guide?
 #
-# The local guide goes through the gate between the radars. Where the search is global it goes
-# around, and then all policies succeed almost always: what separates them is that they have to
-# pass the gate.
+# The local guide passes the gate between the radars. A global search finds a guide around it, along
+# which all policies almost always succeed: they differ only because they have to pass the gate.
 
 # %%
 around = first.with_values({"guide.search": "global", "guide.arrival": "any"})
@@ -113,15 +112,13 @@ for policy in ("naive", "constrained", "leader"):
     print(csw.evaluate(around, policy, 1e-3, guide=guide))
 
 # %% [markdown]
-# ## Slips and silences
+# ## Errors and ambiguities
 #
-# What the paper leaves open, and how casswarm reads it. `docs/paper.md` tells what follows.
+# What the paper leaves open, and how casswarm interprets it. `docs/paper.md` describes the
+# consequences.
 
 # %%
 readings()[["place", "kind", "paper", "reading"]]
 
 # %% [markdown]
-# All of it as a page, as `results/paper/README.md` has it: `page(reproduce())`.
-
-# %%
-report.__doc__.splitlines()[0]
+# `results/paper/README.md` shows all of it as one page.

@@ -11,11 +11,12 @@
 # ---
 
 # %% [markdown]
-# # A hazard and a policy of your own
+# # A custom hazard and a custom policy
 #
-# The paper's radars are saturated by a dense swarm. Here is another kind of danger: a tower fires
-# at a given total rate, and shares its fire among those whom it sees, the nearer the more. Company
-# protects, wherever it flies, as long as it is seen. Which formation is best against that?
+# The paper's radars are saturated by a dense swarm. Here is another kind of hazard: a tower fires
+# at a given total rate, divided among the members that it sees, with more for those that are
+# nearer. Members protect each other wherever they fly, as long as they are seen. Which formation
+# is best?
 
 # %%
 # %matplotlib inline
@@ -33,38 +34,38 @@ from casswarm.figures import guide_map, success_chart, swarm_map
 #
 # $$\lambda_i = f\, s_i \frac{s_i}{c + \sum_{j \text{ alive}} s_j},$$
 #
-# so at all together at no more than $f$, and at nobody if nobody is near; $c$ keeps the quotient
+# so the total rate is at most $f$, and vanishes if no member is near; $c$ keeps the quotient
 # regular. As a function of CasADi expressions, positions of shape (n, 2) and alive of shape (n, 1):
 
 
 # %%
-def towers(positions, alive, radars=(), fire=1.5, reach=2.0, calm=0.05):
+def towers(positions, alive, radars=(), fire=1.5, reach=2.0, offset=0.05):
     """Rates of n members."""
     rates = 0
     for east, north in radars:
         squared = (positions[:, 0] - east) ** 2 + (positions[:, 1] - north) ** 2
         seen = ca.exp(-squared / (2 * reach**2))
-        rates += fire * seen**2 / (calm + ca.sum1(alive * seen))
+        rates += fire * seen**2 / (offset + ca.sum1(alive * seen))
     return rates
 
 
 # %% [markdown]
-# For a proof of how good a guide can be, casswarm asks for lower bounds of a lone member's rate
-# over boxes. That rate falls with distance, so the farthest corner will do.
+# To prove how good a guide can be, casswarm needs a lower bound on the rate of a single agent
+# over a box. This rate decreases with distance, so the farthest corner gives one.
 
 
 # %%
-def least(lower, upper, radars=(), fire=1.5, reach=2.0, calm=0.05):
+def lower_bound(lower, upper, radars=(), fire=1.5, reach=2.0, offset=0.05):
     """Lower bounds over boxes with corners of shape (..., 2)."""
     rates = 0.0
     for radar in radars:
         farthest = np.maximum(np.abs(lower - radar), np.abs(upper - radar))
         seen = np.exp(-(farthest**2).sum(axis=-1) / (2 * reach**2))
-        rates = rates + fire * seen**2 / (calm + seen)
+        rates = rates + fire * seen**2 / (offset + seen)
     return rates
 
 
-towers.single_agent_lower_bound = least
+towers.single_agent_lower_bound = lower_bound
 
 scenario = csw.Scenario.from_data(
     {
@@ -87,12 +88,12 @@ print(guide)
 guide_map(scenario, guide, guide.ways())
 
 # %% [markdown]
-# A lone agent has little hope, on either side: both ways are nearly as good.
+# A single agent has little chance, on either side: both paths are almost equally good.
 #
 # ## The paper's policies
 #
-# All of casswarm works with the new rates. *Leader protection* minimises the leader's rate in every
-# step. *Naive* members do not look at each other at all.
+# Everything in casswarm works with the new rates. *Leader protection* minimises the leader's rate
+# at every step. *Naive* members ignore each other.
 
 # %%
 study = csw.simulate(scenario, ["naive", "constrained", "leader"], runs=300, guide=guide)
@@ -100,25 +101,25 @@ shown = ["policy", "success", "success_low", "success_high", "infeasible"]
 study.summary[shown]
 
 # %% [markdown]
-# Protecting the leader is the worst that one can do. The picture of a run tells why.
+# Leader protection is the worst of the three. The picture of a run shows why.
 
 # %%
 swarm_map(scenario, study.trajectories["leader"][0], guide)
 
 # %% [markdown]
-# The others leave the guide to draw the fire: what protects the leader best in *this* step. They
-# are lost one after the other, and then the leader is alone. The problem of a step knows nothing of
-# the worth of a protector in the next.
+# The others leave the guide to draw the fire: that protects the leader best in *this* step. They
+# are lost one after the other, and then the leader is alone. The one-step problem does not account
+# for the value of a protector in later steps.
 #
-# ## Two policies of our own
+# ## Two custom policies
 #
-# A policy is a function from a batch of states to velocities. `motion.toward` gives those that
-# come nearest to a goal within the limits of speed and acceleration. One policy sends everybody
-# along the guide, together; the other sends half of the swarm along the best way on the other side.
+# A policy is a function from a batch of states to velocities. `motion.toward` returns those that
+# come nearest to a goal within the limits of speed and acceleration. One policy sends all members
+# along the guide together; the other sends half of the swarm along the best path on the other side.
 
 # %%
 from casswarm.planning.guide import integrate
-from casswarm.policies import motion_of
+from casswarm.problems.formation import motion_of
 
 motion = motion_of(scenario)
 paths = [integrate(guide.positions[0], way.velocities, guide.dt) for way in guide.ways()[:2]]
@@ -130,41 +131,41 @@ def along(path, step, positions, previous_velocities):
 
 
 def together(step, positions, previous_velocities, alive):
-    """All along the guide."""
+    """Fly along the guide in one group."""
     return along(paths[0], step, positions, previous_velocities)
 
 
-def apart(step, positions, previous_velocities, alive):
-    """Half of the members along either way."""
+def split(step, positions, previous_velocities, alive):
+    """Fly half of the members along each of the two paths."""
     halves = [slice(0, 2), slice(2, 4)]
-    parts = [
+    velocities = [
         along(path, step, positions[:, half], previous_velocities[:, half])
         for path, half in zip(paths, halves, strict=True)
     ]
-    return np.concatenate(parts, axis=1)
+    return np.concatenate(velocities, axis=1)
 
 
-own = csw.simulate(scenario, ["leader", "naive", together, apart], runs=300, guide=guide)
-success_chart(own.summary, scenario.name)
+custom = csw.simulate(scenario, ["leader", "naive", together, split], runs=300, guide=guide)
+success_chart(custom.summary, scenario.name)
 
 # %% [markdown]
-# The runs share their random numbers, so that policies are compared run by run:
+# The runs share their random numbers, so the policies are compared run by run:
 
 # %%
-own.paired.iloc[:, :5]
+custom.paired.iloc[:, :5]
 
 # %% [markdown]
-# No sampling is needed to be sure. The exact laws are brackets, proven:
+# Exact evaluation confirms the order, with proven bounds:
 
 # %%
-laws = [csw.evaluate(scenario, policy, 1e-3, guide=guide) for policy in (together, apart)]
-print(*laws, sep="\n")
-assert laws[0].success[0] > laws[1].success[1]
+distributions = [csw.evaluate(scenario, policy, 1e-3, guide=guide) for policy in (together, split)]
+print(*distributions, sep="\n")
+assert distributions[0].success.low > distributions[1].success.high
 
 # %% [markdown]
-# Together is better than apart. Either way leads past a tower that fires at whoever is in sight, at
-# one member as much as at four; four share it. Members protect each other by being seen together,
-# which naive ones, on guides that nearly coincide, do without knowing.
+# One group is better than two. Both paths pass a tower whose total rate hardly depends on how many
+# members it sees; four members divide it among themselves. Members protect each other by being seen
+# together, as naive members do too, since their guides nearly coincide.
 #
-# In a scenario file the hazard would be `kind = "module:towers"`, and on the command line the
-# policy `--policy module:together`.
+# In a scenario file this hazard is `kind = "module:towers"`, and on the command line the policy is
+# `--policy module:together`.

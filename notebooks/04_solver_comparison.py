@@ -13,10 +13,10 @@
 # %% [markdown]
 # # Comparing solvers
 #
-# Which solver is the fastest, which is the most reliable, and does it do what it says? We let
-# solvers answer the questions that planning and simulation ask: the guide of a lone agent, and the
-# formation of a swarm at one step. Every solver runs in a process of its own, so that one that
-# crashes or hangs is a row of the table and not the end of the study.
+# Which solver is the fastest, which is the most reliable, and is its reported status correct? We
+# compare solvers on the problems that planning and simulation pose: the guide of a single agent,
+# and the formation of a swarm at one step. Every solver runs in a process of its own, so a crash
+# or a hang is a row of the table and does not end the study.
 
 # %%
 # %matplotlib inline
@@ -34,9 +34,9 @@ from casswarm.figures import pair_chart, profile_chart, win_chart
 from casswarm.optimization.solvers import Ipopt, ProjectedGradient
 
 # %% [markdown]
-# A small family, and four solvers. A mapping gives labels, so that one solver can take part with
-# different options. `casswarm compare` runs the large families, with `folder=` a study that is
-# stopped goes on where it was.
+# A small family and four solvers. A mapping gives labels, so that one solver can take part with
+# different options. `casswarm compare` runs the large families; with a results folder, an
+# interrupted study can be resumed.
 
 # %%
 solvers = {
@@ -49,25 +49,26 @@ comparison = csw.compare(["quick"], solvers, problems=2, seconds=10)
 comparison.summary
 
 # %% [markdown]
-# **Solved** means that the solver says so *and* that it is true: violation, stationarity and
-# complementarity are computed again from the problem, for all solvers alike, and held against
-# stated tolerances. **Found** means that the objective is also the best known, within a tolerance.
-# The two can differ, for some of these problems have several minima: here a guide.
+# **Solved** means that the solver reports success *and* that this is verified: violation,
+# stationarity and complementarity are recomputed from the problem, in the same way for all
+# solvers, and compared with the tolerances below. **Best known** means that the objective is also
+# the best known one, within a tolerance. The two can differ, because some of these problems have
+# several minima: here a guide.
 
 # %%
 comparison.tolerances
 
 # %% [markdown]
-# The four counts of the summary are a solver's word against the truth. *said_not_true* are its
-# false claims; *true_not_said* are problems that it solved without noticing. Here nobody claims
-# what is false. What was not solved has a reason; to the paper's projected gradient with a constant
-# step it happens most:
+# Four counts of the summary compare the reported with the verified status: false positives are
+# reported as solved and are not, missed ones are solved and not reported. Here there are no false
+# positives. Every failure has a reason; most are those of the paper's projected gradient method
+# with a constant step:
 
 # %%
 failures(comparison.cells)
 
 # %% [markdown]
-# A row a problem: who was the fastest, and how far apart the answers are.
+# One row per problem: the fastest solver, and how far the objectives differ.
 
 # %%
 by_problem(comparison.cells)
@@ -76,18 +77,18 @@ by_problem(comparison.cells)
 # ## Performance profiles
 #
 # Let $r_{p,s}$ be the time of solver $s$ on problem $p$ divided by that of the fastest solver on
-# $p$, infinite where it failed. The profile of $s$ is the share of problems with
-# $r_{p,s} \le \tau$ (Dolan and Moré, *Math. Program.* 91, 2002). At $\tau = 1$ it tells how often
-# $s$ is the fastest, and for large $\tau$ how often it solves a problem at all: speed on the left,
-# reliability on the right. Scaling all times changes nothing. Here the compiled solver is the
-# fastest on nearly every problem, and Ipopt as reliable, later: read both ends.
+# $p$, infinite where it failed. The profile of $s$ is the fraction of problems with $r_{p,s} \le
+# \tau$ (Dolan and Moré, *Math. Program.* 91, 2002). At $\tau = 1$ it shows how often $s$ is the
+# fastest, and for large $\tau$ how often it solves a problem at all: speed on the left,
+# reliability on the right. The profile does not depend on the unit of time. Here the compiled
+# solver is the fastest on nearly every problem, and Ipopt is equally reliable but slower.
 
 # %%
 times = costs(comparison.cells, "formations", "cold", "solve_seconds")
-found = costs(comparison.cells, "formations", "cold", "solve_seconds", "found")
+best = costs(comparison.cells, "formations", "cold", "solve_seconds", "found")
 profile = performance_profile(times)
 profile_chart(
-    {"solved": profile, "and the best known objective": performance_profile(found)},
+    {"solved": profile, "and the best known objective": performance_profile(best)},
     "factor of the fastest solver's time",
     "formations, cold start",
 )
@@ -98,9 +99,10 @@ share_at(profile, 100.0)  # within a factor of 100 of the fastest
 # %% [markdown]
 # ## Pairs
 #
-# In a profile of many solvers only the best curve can be read against the others: the order of the
-# rest can change when a solver is taken out (Gould and Scott, *ACM Trans. Math. Software* 43,
-# 2016), since it also changes who the fastest is. Two solvers are compared by their own profile.
+# In a profile of many solvers only the best curve can be compared with the others: the order of the
+# other curves can change when a solver is removed (Gould and Scott, *ACM Trans. Math. Software* 43,
+# 2016), because removing it also changes which solver is the fastest. Two solvers are compared by a
+# profile of their own.
 
 # %%
 pair_chart(pairwise_profiles(times), "formations, cold start")
@@ -111,10 +113,10 @@ win_chart(pairwise_wins(times), "formations, cold start")
 # %% [markdown]
 # ## Data profiles
 #
-# How many problems are solved within a budget, whoever else takes part (after Moré and Wild,
-# *SIAM J. Optim.* 20, 2009). Their unit is the cost of a simplex gradient; with derivatives we
-# count evaluations. Fewer evaluations need not mean less time: Ipopt does much linear algebra in
-# each iteration, and a projected gradient next to none.
+# The fraction of problems solved within a budget, independent of the other solvers (after Moré
+# and Wild, *SIAM J. Optim.* 20, 2009). Their unit is the cost of a simplex gradient; with
+# derivatives we count evaluations. Fewer evaluations need not take less time: Ipopt does much
+# linear algebra in each iteration, a projected gradient method hardly any.
 
 # %%
 evaluations = costs(comparison.cells, "formations", "cold", "evaluations")
@@ -123,8 +125,7 @@ profile_chart({"formations, cold start": data_profile(evaluations)}, "evaluation
 # %% [markdown]
 # ## A report
 #
-# All of this, for every family and kind of start, as Markdown or one HTML page for somebody who was
-# not there.
+# All of this, for every family and kind of start, as Markdown or as one self-contained HTML page.
 
 # %%
 report = make_report(comparison)

@@ -11,13 +11,13 @@
 # ---
 
 # %% [markdown]
-# # Which policy, where no detour is a way out
+# # Comparing policies when radars cannot be avoided
 #
-# On the paper's geometry the best thing to do is to go around the radars, and then every policy
-# succeeds. What formations are worth shows where every way leads past radars. We take two such
-# scenarios: an *alley* of ten radars in two rows, and a *barricade* that cannot be flown around in
-# time. `benchmarks/policies.py` does the same for six scenarios and all policies
-# (`results/policies`, and the page on policies).
+# On the paper's geometry it is best to fly around the radars, and then every policy succeeds.
+# Policies differ where every path passes radars. We compare them in two such scenarios: an
+# *alley* of ten radars in two rows, and a *barricade* that is too wide to fly around in time.
+# `benchmarks/policies.py` compares all policies in six scenarios (`results/policies`, and the
+# page on policies).
 
 # %%
 # %matplotlib inline
@@ -30,10 +30,10 @@ POLICIES = ["naive", "constrained", "leader", "leader-mpc-3", "joint"]
 scenarios = {name: csw.load_scenario(name) for name in ("alley", "barricade")}
 
 # %% [markdown]
-# The head of every law is followed exactly, and what it leaves, `sampled`, by 4000 runs: where that
-# is nothing, the interval is a proven bracket, and elsewhere it has 95 % confidence. Beside it
-# stands what no policy whatever can exceed, those included that see everything and plan again at
-# every step.
+# The most probable states are enumerated exactly, and the remaining mass, `sampled`, is estimated
+# from 4000 runs: where it is zero, the interval consists of proven bounds; elsewhere it is a 95 %
+# confidence interval. `bound` is an upper bound on the success of every policy, including those
+# that observe everything and replan at every step.
 
 # %%
 rows = []
@@ -41,14 +41,14 @@ for name, scenario in scenarios.items():
     guide = csw.plan(scenario, certify=False)
     bound = csw.success_bound(scenario)
     for policy in POLICIES:
-        found = csw.estimate(scenario, policy, 4000, guide=guide)
+        estimate = csw.estimate(scenario, policy, 4000, guide=guide)
         rows.append(
             {
                 "scenario": name,
                 "policy": policy,
-                "success_low": found.success[0],
-                "success_high": found.success[1],
-                "sampled": found.sampled_mass,
+                "success_low": estimate.success[0],
+                "success_high": estimate.success[1],
+                "sampled": estimate.sampled_mass,
                 "bound": float(bound),
             }
         )
@@ -59,12 +59,12 @@ table.round(4)
 policy_comparison_chart(table)
 
 # %% [markdown]
-# **What was learnt.** Leader protection beats flying for oneself, but leaves a lot: it follows a
-# guide that was planned for somebody who is alone. The constrained trajectory is short of its
-# corridor in most steps, since the guide turns faster than members can, and in the alley that is
-# worse than to fly for oneself. To look ahead hardly helps a leader. To plan all members at once
-# for the swarm's own success is what pays. And the bound is far from all of them: it lets everybody
-# have the protection of all the others all the time, whatever they have to fly through.
+# **Findings.** Leader protection is better than independent flight, but far from the best: it
+# follows a guide that was planned for a single agent. Under the constrained trajectory, members
+# miss the corridor in most steps, since the guide turns faster than they can; in the alley this
+# is worse than independent flight. A longer horizon hardly helps a leader. Planning all members
+# at once for the swarm's own success helps most. The upper bound is loose: it gives every member
+# the protection of all others at all times, wherever they fly.
 
 # %%
 best = table.loc[table.groupby("scenario")["success_low"].idxmax()].set_index("scenario")

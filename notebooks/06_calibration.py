@@ -13,15 +13,15 @@
 # %% [markdown]
 # # Calibration: a geometry for the paper's scenarios
 #
-# The paper shows where radars, target and members are in a picture only. This script looks for
-# round numbers with which the exact success probabilities of its three policies come close to the
-# paper's, and stay there when the geometry is moved a little. Parameters of Table I are never
-# touched. The result is a calibration, not the paper's figure.
+# The paper shows the positions of radars, target and members only in a picture. This script
+# searches for round numbers for which the exact success probabilities of its three policies are
+# close to the paper's, and remain so under small changes of the geometry. The parameters of Table
+# I are never changed. The result is a calibration, not the paper's figure.
 #
-# As it stands the script judges the geometry of `paper-1` and one other by a few small changes, in
-# half a minute. With `CASSWARM_CALIBRATION=500` in the environment, or the number as the argument
-# of the script, it first searches among so many random candidates (some seconds each) and then
-# judges the best by all changes. `docs/paper.md` shows what such a search gave.
+# By default the script assesses the geometry of `paper-1` and one other under a few small
+# changes, in half a minute. With `CASSWARM_CALIBRATION=500` in the environment, or the number as
+# the argument of the script, it first searches that many random candidates (some seconds each)
+# and then assesses the best under all changes. `docs/paper.md` shows the result of such a search.
 
 # %%
 import itertools
@@ -34,20 +34,21 @@ import pandas as pd
 import casswarm as csw
 from casswarm.chain.confidence import wilson
 
-SEARCHED = int(os.environ.get("CASSWARM_CALIBRATION", "0"))
+N_CANDIDATES = int(os.environ.get("CASSWARM_CALIBRATION", "0"))
 if __name__ == "__main__" and sys.argv[1:] and sys.argv[1].isdigit():
-    SEARCHED = int(sys.argv[1])
+    N_CANDIDATES = int(sys.argv[1])
 
 PAPER = {"naive": 0.32, "constrained": 0.64, "leader": 0.68}
 INTERVALS = {name: wilson(round(50 * value), 50) for name, value in PAPER.items()}
 INTERVALS
 
 # %% [markdown]
-# ## What is varied
+# ## Parameters
 #
-# Five members in a cross (or a square with one in its middle) around the origin; a target; two
-# radars on both sides of the straight line to it, at a fraction `along` of the way, each `aside`
-# from it, one `skew` further along than the other; and the guide's own a_max. All are round.
+# Five members in a cross (or a square with one at its centre) around the origin; a target; two
+# radars on both sides of the straight line to it, at a fraction `along` of its length, each at a
+# distance `aside` from it, one `skew` further along than the other; and the guide's a_max. All
+# values are round.
 
 # %%
 PATTERNS = {
@@ -68,12 +69,11 @@ GRID = {
 
 def radars_of(target, along, aside, skew):
     """Two radars (2, 2) beside the straight line, to one decimal."""
-    way = np.array(target, float)
-    ahead = way / np.hypot(*way)
+    line = np.array(target, float)
+    ahead = line / np.hypot(*line)
     left = np.array([-ahead[1], ahead[0]])
-    middle = along * way
-    gate = [middle + aside * left + skew / 2 * ahead, middle - aside * left - skew / 2 * ahead]
-    return np.round(gate, 1)
+    offset = aside * left + skew / 2 * ahead
+    return np.round([along * line + offset, along * line - offset], 1)
 
 
 def values_of(row):
@@ -91,24 +91,24 @@ def values_of(row):
 
 
 # %% [markdown]
-# ## How a candidate is judged
+# ## Assessment of a candidate
 #
-# By its *deviation*: the largest distance of an exact probability from the paper's, over its three
-# policies, in units of the 95 % interval of 50 runs (its half on that side). 1 is the interval's
-# end. Then by its *worst deviation* over small changes that should not matter: by how much the
-# guide enters the target (`guide.margin`), its a_max, and radars moved by 0.05.
+# Its *deviation* is the largest distance of an exact probability from the paper's, over its three
+# policies, in units of the half-width of the 95 % interval of 50 runs on that side: 1 is the end
+# of the interval. Its *worst deviation* is the largest over small changes that should not matter:
+# how far the guide enters the target (`guide.margin`), its a_max, and radars moved by 0.05.
 
 
 # %%
 def successes(scenario, tolerance=1e-2, max_states=20_000, policies=tuple(PAPER)):
-    """Exact success probabilities (middles of the brackets)."""
+    """Exact success probabilities (midpoints of the bounds)."""
     guide = csw.plan(scenario, certify=False)
     options = {"tolerance": tolerance, "max_states": max_states, "guide": guide}
     return {name: np.mean(csw.evaluate(scenario, name, **options).success) for name in policies}
 
 
 def deviation(success):
-    """Largest distance from the paper's numbers, in half intervals; 3 more in another order."""
+    """Largest distance from the paper's numbers, in half-widths; plus 3 if the order differs."""
     worst = 0.0
     for name, value in success.items():
         low, high = INTERVALS[name]
@@ -120,7 +120,7 @@ def deviation(success):
 
 def changes(values):
     """Small changes of a candidate's values, by name."""
-    for margin in (0.05, 0.15):  # below sqrt(rho) those in the corridor may miss the target
+    for margin in (0.05, 0.15):  # below sqrt(rho) members in the corridor may miss the target
         yield f"margin {margin}", {"guide.margin": margin}, ("naive",)
     for margin in (0.25, 0.3):
         yield f"margin {margin}", {"guide.margin": margin}, tuple(PAPER)
@@ -132,21 +132,21 @@ def changes(values):
         yield f"radars {signs}", {"hazard.radars": moved.tolist()}, tuple(PAPER)
 
 
-def judged(scenario, values, limit=np.inf):
-    """Row of a candidate; small changes are given up once one of them is worse than `limit`."""
-    known = successes(scenario.with_values(values))
-    row = {**known, "deviation": deviation(known)}
-    found, worst = [known], row["deviation"]
+def assess(scenario, values, limit=np.inf):
+    """Row of a candidate; small changes stop once the deviation exceeds `limit`."""
+    nominal = successes(scenario.with_values(values))
+    row = {**nominal, "deviation": deviation(nominal)}
+    results, worst = [nominal], row["deviation"]
     for _, change, policies in changes(values):
         if worst > limit:
             break
         changed = scenario.with_values({**values, **change})
-        found.append(successes(changed, policies=policies))
-        worst = max(worst, deviation(found[-1]))
+        results.append(successes(changed, policies=policies))
+        worst = max(worst, deviation(results[-1]))
     for name in PAPER:
-        row[f"{name} from"] = min(each[name] for each in found if name in each)
-        row[f"{name} to"] = max(each[name] for each in found if name in each)
-    return row | {"worst deviation": worst, "changes": len(found) - 1}
+        row[f"{name} from"] = min(result[name] for result in results if name in result)
+        row[f"{name} to"] = max(result[name] for result in results if name in result)
+    return row | {"worst deviation": worst, "changes": len(results) - 1}
 
 
 # %%
@@ -168,7 +168,7 @@ def search(count, seed=0, limit=1.5):
                 continue
             if deviation(successes(scenario)) > 0.9:
                 continue
-            row |= judged(first, values, limit)
+            row |= assess(first, values, limit)
         except csw.CasswarmError:
             continue  # no guide, or a member that starts at a radar
         rows.append(row)
@@ -179,15 +179,15 @@ def search(count, seed=0, limit=1.5):
 # %% [markdown]
 # ## Candidates
 #
-# That of `paper-1`, then the best of searches, and one from a search by hand among targets straight
-# ahead, where the box of velocities lets the guide fly 2 instead of 2.8.
+# The geometry of `paper-1`, the best ones of searches, and one chosen by hand among targets
+# straight ahead, where the box of velocities limits the guide to a speed of 2 instead of 2.8.
 
 # %%
 CROSS, SQUARE = (np.array(PATTERNS[name], float) for name in ("cross", "square"))
 
 
 def candidate(target, radars, pattern, arrival, a_max=0.2):
-    """Scenario values of a candidate that is given by its numbers."""
+    """Scenario values of a candidate with a given geometry."""
     return {
         "target.center": target,
         "swarm.positions": np.round(pattern, 3).tolist(),
@@ -207,16 +207,16 @@ CANDIDATES = {
 
 
 def row_of(values, thorough):
-    """What is to be known of a candidate: robustness, scenario II, the paper's own guide."""
+    """Robustness of a candidate, scenario II, and the paper's own guide."""
     scenario = first.with_values(values)
     guide = csw.plan(scenario, certify=False)
-    row = judged(first, values) if thorough else judged(first, values, limit=-1)
-    law = csw.evaluate(scenario, "constrained", 1e-2, max_states=20_000, guide=guide)
-    row |= {"risk": guide.risk, "arrival": guide.arrival, "infeasible": law.infeasible}
+    row = assess(first, values) if thorough else assess(first, values, limit=-1)
+    exact = csw.evaluate(scenario, "constrained", 1e-2, max_states=20_000, guide=guide)
+    row |= {"risk": guide.risk, "arrival": guide.arrival, "infeasible": exact.infeasible}
     collisions = second.with_values(values)
     for name in PAPER:
-        found = csw.estimate(collisions, name, 1000, max_states=3000, guide=guide)
-        row[f"II {name}"] = np.mean(found.success)
+        estimate = csw.estimate(collisions, name, 1000, max_states=3000, guide=guide)
+        row[f"II {name}"] = np.mean(estimate.success)
     if thorough:
         papers = csw.plan(scenario, "projected-gradient", certify=False)
         row["projected-gradient risk"] = papers.risk
@@ -224,32 +224,35 @@ def row_of(values, thorough):
 
 
 # %%
-if SEARCHED:
-    for place, row in enumerate(search(SEARCHED)[:4], start=1):
-        CANDIDATES[f"found {place}"] = values_of(row)
-chosen = CANDIDATES if SEARCHED else dict(list(CANDIDATES.items())[:2])
-table = pd.DataFrame({name: row_of(values, bool(SEARCHED)) for name, values in chosen.items()}).T
+if N_CANDIDATES:
+    for rank, row in enumerate(search(N_CANDIDATES)[:4], start=1):
+        CANDIDATES[f"search {rank}"] = values_of(row)
+chosen = CANDIDATES if N_CANDIDATES else dict(list(CANDIDATES.items())[:2])
+table = pd.DataFrame(
+    {name: row_of(values, bool(N_CANDIDATES)) for name, values in chosen.items()}
+).T
 table.astype(float).round(3)
 
 # %%
-if SEARCHED:
+if N_CANDIDATES:
     print(table.astype(float).round(3).T.to_string())
 
 # %% [markdown]
-# How the numbers of `paper-1` move: the leader and the corridor hardly, the naive policy a lot. Its
-# members plan on their own, each has time to spare, and *when* each passes the gate is nearly
-# indifferent to it, but not to the others.
+# Sensitivity of `paper-1`: the leader and constrained policies hardly change, the naive policy
+# changes a lot. Its members plan independently and have time to spare, and *when* each passes the
+# gate hardly matters to itself, but does to the others.
 
 # %%
-few = [change for change in changes(CANDIDATES["paper-1"]) if change[0].startswith("margin")]
-moved = {"as it is": successes(first)} | {
+margins = [change for change in changes(CANDIDATES["paper-1"]) if change[0].startswith("margin")]
+sensitivity = {"unchanged": successes(first)} | {
     name: successes(first.with_values(change), policies=["naive", "leader"])
-    for name, change, _ in few
+    for name, change, _ in margins
 }
-pd.DataFrame(moved).T.round(3)
+pd.DataFrame(sensitivity).T.round(3)
 
 # %% [markdown]
-# The candidate "straight" is steadier, and there the paper's own projected gradient finds nearly
-# the same guide. But its guide flies at v_max from start to target, so that members who have once
-# fallen behind the corridor never catch up: four of five are outside it at every step, while the
-# paper tells of a formation that is reached quickly. So `paper-1` is the other one.
+# The candidate "straight" is less sensitive, and there the paper's own projected gradient method
+# finds nearly the same guide. But its guide flies at v_max from start to target, so members that
+# fall behind the corridor never catch up: four of five are outside it at every step, while the
+# paper describes a formation that is reached quickly. This is why `paper-1` has the other
+# geometry.

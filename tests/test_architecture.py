@@ -25,9 +25,9 @@ def test_imports_between_rooms_keep_the_contracts(tmp_path: Path) -> None:
         target = tmp_path / ("casswarm" if folder == "casswarm" else f"casswarm/{folder}")
         shutil.copytree(ROOT / folder, target, ignore=ignored)
     shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    code = "from importlinter.cli import lint_imports_command as lint; lint()"
     linted = subprocess.run(
-        [sys.executable, "-c", "from importlinter.cli import lint_imports_command as lint; lint()"]
-        + ["--no-cache"],
+        [sys.executable, "-c", code, "--no-cache"],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(tmp_path)},
         capture_output=True,

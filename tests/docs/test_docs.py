@@ -87,7 +87,9 @@ def missing(value: object, text: str) -> list[str]:
     """Parameters that a docstring does not mention as such."""
     if inspect.isclass(value) and not hasattr(value, "__dataclass_fields__"):
         return []  # constructed by casswarm, not by users
-    documented = set(re.findall(r"\w+", " ".join(re.findall(r"^\**([\w*, ]+?)(?: : .*)?$", text, re.M))))
+    documented = set(
+        re.findall(r"\w+", " ".join(re.findall(r"^\**([\w*, ]+?)(?: : .*)?$", text, re.M)))
+    )
     inherited = " ".join(inspect.getdoc(base) or "" for base in getattr(value, "__mro__", ()))
     parameters = inspect.signature(value).parameters  # type: ignore[arg-type]
     return [name for name in parameters if name not in documented and name not in inherited]

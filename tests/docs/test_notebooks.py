@@ -57,8 +57,8 @@ CLAIMS = {
 assert guide.survival < around.survival <= around.survival_bound
 rates = study.summary.set_index("policy")["success"]
 assert rates["homing"] < rates["naive"] < rates["leader"]
-for law in laws:
-    assert abs(rates[law.policy] - law.success[0]) < 0.12, "3 deviations of 200 runs"
+for exact in distributions:
+    assert abs(rates[exact.policy] - exact.success[0]) < 0.12, "3 deviations of 200 runs"
 """,
     "03_custom_hazard_and_policy": """
 rates = study.summary.set_index("policy")["success"]
