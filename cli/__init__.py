@@ -1,6 +1,6 @@
-"""The command line. Commands parse, call the library and write; they compute nothing themselves.
+"""Command line: commands parse options, call the library, and write and print results.
 
-Command modules import the library inside their functions, so that ``casswarm --help`` is quick.
+Command modules import the library inside their functions, so that ``--help`` is quick.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from .animate import animate
 from .compare import compare
 from .evaluate import evaluate
 from .plan import plan
+from .plan_swarm import plan_swarm
 from .plot import plot
 from .reproduce import reproduce
 from .scenarios import scenarios
@@ -28,18 +29,19 @@ def main() -> None:
     """Guide a swarm of agents through a field of hazards to a target.
 
     \b
-    Begin with:
-      casswarm scenarios list            what is built in
-      casswarm plan paper-1              the least risky way of a lone agent
-      casswarm simulate paper-1          how often the swarm arrives, policy by policy
-      casswarm evaluate paper-1          the same without sampling, exactly
-      casswarm compare --family quick    which solver solves what, and how fast
-      casswarm sweep paper-1 --set n=2,3,4,5     the same over parameters
-      casswarm plot results/simulate-paper-1 --format pdf --width column    figures again
-      casswarm animate results/simulate-paper-1     a run that moves
-      casswarm reproduce                 the paper's tables and figures, made again
+    Examples:
+      casswarm scenarios list                     list the built-in scenarios
+      casswarm plan paper-1                       path of least risk for a single agent
+      casswarm plan-swarm paper-1                 paths of all members, planned jointly
+      casswarm simulate paper-1                   success of every policy by Monte Carlo
+      casswarm evaluate paper-1                   success of every policy, computed exactly
+      casswarm sweep paper-1 --set n=2,3,4,5      success over parameter values
+      casswarm compare --family quick             speed and reliability of the solvers
+      casswarm plot results/simulate-paper-1      figures from saved results
+      casswarm animate results/simulate-paper-1   animation of a saved run
+      casswarm reproduce                          tables and figures of the paper
 
-    SCENARIO is always the name of a built-in scenario or the path of a TOML file.
+    SCENARIO is the name of a built-in scenario or the path of a TOML file.
 
     Results go to standard output and into a folder under results/; progress and warnings go to
     standard error. Exit codes: 0 done, 1 ran but failed, 2 wrong input.
@@ -52,6 +54,7 @@ def main() -> None:
 
 for command in (
     plan,
+    plan_swarm,
     simulate,
     evaluate,
     sweep,

@@ -1,10 +1,10 @@
-"""What the commands share: errors, scenarios with overrides, policies by name, executors."""
+"""What commands share: errors, scenarios with changed values, policies by name, executors."""
 
 from __future__ import annotations
 
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
@@ -28,8 +28,8 @@ class WrongInput(click.ClickException):
     exit_code = 2
 
 
-RESUME = "; what was done is kept: once there is room, go on with --resume"
-"""What helps where a study that keeps its results could not write."""
+RESUME = "; finished work is saved: free some space, then continue with --resume"
+"""Advice where a study with checkpoints could not write."""
 
 
 @contextmanager
@@ -40,8 +40,8 @@ def reported_errors(resumes: bool = False) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt as error:
-        kept = "; what was done is kept: go on with --resume" if resumes else ""
-        raise Failure(f"interrupted{kept}") from error
+        advice = "; finished work is saved: continue with --resume" if resumes else ""
+        raise Failure(f"interrupted{advice}") from error
     except (PlanningError, WorkerError) as error:
         raise Failure(str(error)) from error
     except CasswarmError as error:
@@ -52,33 +52,58 @@ def reported_errors(resumes: bool = False) -> Iterator[None]:
         raise Failure(f"{error}{RESUME if resumes else ''}") from error
 
 
-def named_policies(names: tuple[str, ...]) -> list[Any]:
-    """Policies of these names, of the paper's where there are none.
+def load(
+    source: str, settings: tuple[str, ...] = (), values: Mapping[str, Any] | None = None
+) -> Scenario:
+    """Scenario of a name or path, with the values of ``--set`` and of other options.
 
-    ``module:function`` is imported, from the current folder too.
+    `values` are by dotted key; None leaves the scenario's value.
     """
-    from ..errors import PolicyError
-    from ..policies import as_policy
+    from ..scenario import load_scenario
+
+    changes = dict(map(_setting, settings))
+    changes |= {key: value for key, value in (values or {}).items() if value is not None}
+    scenario = load_scenario(source)
+    return scenario.with_values(changes) if changes else scenario
+
+
+def _setting(text: str) -> tuple[str, object]:
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise WrongInput(f"--set {text!r} is not of the form KEY=VALUE, such as formation.rho=0.1")
+    try:
+        return key.strip(), tomllib.loads(f"value = {value.strip()}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key.strip(), value.strip()  # a bare word, such as global
+
+
+def named_policies(names: tuple[str, ...]) -> list[Any]:
+    """Policies of these names, by default the paper's.
+
+    ``module:function`` is imported, also from the current folder.
+    """
     from ..studies.simulation import PAPER_POLICIES
 
-    def found(name: str) -> Any:
-        module, colon, attribute = name.partition(":")
-        if not colon:
-            return name
-        if "" not in sys.path and str(Path.cwd()) not in sys.path:
-            sys.path.insert(0, str(Path.cwd()))
-        try:
-            policy = getattr(import_module(module), attribute)
-        except (ImportError, AttributeError, ValueError) as error:
-            raise PolicyError(f"policy {name!r} cannot be imported: {error}") from error
-        return as_policy(policy, attribute)
+    return [_imported(name) if ":" in name else name for name in names or PAPER_POLICIES]
 
-    return [found(name) for name in names or PAPER_POLICIES]
+
+def _imported(name: str) -> Any:
+    from ..errors import PolicyError
+    from ..policies import as_policy
+
+    module, _, attribute = name.partition(":")
+    if "" not in sys.path and str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))
+    try:
+        policy = getattr(import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise PolicyError(f"policy {name!r} cannot be imported: {error}", policy=name) from error
+    return as_policy(policy, attribute)
 
 
 @contextmanager
 def executor(workers: int, dask: str | None) -> Iterator[Any]:
-    """What `workers` and `--dask` ask for: a number of processes, or an executor of a cluster."""
+    """Number of worker processes, or an executor of a Dask cluster."""
     if dask is None:
         yield workers
         return
@@ -92,28 +117,3 @@ def executor(workers: int, dask: str | None) -> Iterator[Any]:
         raise Failure(f"no Dask scheduler answers at {dask}: {error}") from error
     with client:
         yield client.get_executor(pure=False, retries=3)
-
-
-def load(source: str, settings: tuple[str, ...], **overrides: Any) -> Scenario:
-    """The scenario of a name or path, with ``--set`` and the command's own overrides.
-
-    `overrides` are dotted keys with ``__`` for the dot; None leaves the scenario's value.
-    """
-    from ..scenario import load_scenario
-
-    values = dict(map(_setting, settings))
-    values |= {
-        key.replace("__", "."): value for key, value in overrides.items() if value is not None
-    }
-    scenario = load_scenario(source)
-    return scenario.with_values(values) if values else scenario
-
-
-def _setting(text: str) -> tuple[str, object]:
-    key, equals, value = text.partition("=")
-    if not equals or not key.strip():
-        raise WrongInput(f"--set {text!r} is not of the form KEY=VALUE, such as formation.rho=0.1")
-    try:
-        return key.strip(), tomllib.loads(f"value = {value.strip()}")["value"]
-    except tomllib.TOMLDecodeError:
-        return key.strip(), value.strip()  # a bare word, such as global

@@ -2,82 +2,76 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from .common import Failure, reported_errors
-from .options import figure_options, json_option, out_option, quiet_option
-from .output import Folder, aligned, json_text, say
+from .options import FigureOptions, OutputOptions, option, options, out_option, seed_option
+from .output import Folder, aligned, open_folder, print_result, progress_report
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from ..comparison import Comparison
-    from ..comparison.run import Progress
+
+
+@dataclass(frozen=True)
+class CompareOutput(OutputOptions):
+    """What is written and printed."""
+
+    out: Path | None = out_option("Folder for the results. [default: results/compare]")
+
+
+@dataclass(frozen=True)
+class CompareOptions:
+    """Problems and solvers."""
+
+    families: tuple[str, ...] = option(
+        "--family",
+        multiple=True,
+        metavar="NAME",
+        help="Family of problems: guides, formations, or quick for a short comparison. "
+        "Repeatable. [default: guides and formations]",
+    )
+    solvers: tuple[str, ...] = option(
+        "--solver",
+        multiple=True,
+        metavar="NAME",
+        help="Solver to compare; casswarm solvers lists them. Repeatable. [default: all]",
+    )
+    problems: int | None = option(
+        "--problems",
+        type=click.IntRange(1),
+        help="Number of problems of every kind in a family. "
+        "[default: 3 of guides and formations, 1 of quick]",
+    )
+    seed: int = seed_option()
+    time_limit: float = option(
+        "--time-limit",
+        type=click.FloatRange(0, min_open=True),
+        default=2.0,
+        show_default=True,
+        help="Time limit for building and solving a problem once, in seconds; a slower solver is "
+        "stopped.",
+    )
 
 
 @click.command()
-@click.option(
-    "--family",
-    "families",
-    multiple=True,
-    metavar="NAME",
-    help="guides, formations, or quick for a first look; repeatable. "
-    "[default: guides and formations]",
-)
-@click.option(
-    "--solver",
-    "solvers",
-    multiple=True,
-    metavar="NAME",
-    help="Repeatable; see casswarm solvers. [default: all]",
-)
-@click.option(
-    "--problems",
-    type=click.IntRange(1),
-    help="How many of every kind in a family. [default: guides 3, formations 3, quick 1]",
-)
-@click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same problems."
-)
-@click.option(
-    "--time-limit",
-    "seconds",
-    type=click.FloatRange(0, min_open=True),
-    default=2.0,
-    show_default=True,
-    help="Seconds for building and solving a problem once; a solver that takes longer is ended.",
-)
-@out_option("Folder for the results. [default: results/compare]")
-@figure_options
-@json_option
-@quiet_option
-def compare(
-    families: tuple[str, ...],
-    solvers: tuple[str, ...],
-    problems: int | None,
-    seed: int,
-    seconds: float,
-    out: Path | None,
-    figures: str,
-    width: str,
-    dpi: int,
-    as_json: bool,
-    quiet: bool,
-) -> None:
-    """Compare solvers on problems from real runs: what they solve, how fast, and how truly.
+@options(selection=CompareOptions, output=CompareOutput, figures=FigureOptions)
+def compare(selection: CompareOptions, output: CompareOutput, figures: FigureOptions) -> None:
+    """Compare solvers on problems from real runs.
 
-    Each solver runs in a process of its own: one that crashes or hangs is a row of the tables. All
-    answers are judged by residuals recomputed from the problem. Prints a summary and writes
-    report.html and report.md, the tables cells.csv (a row a problem, start and solver),
-    summary.csv, problems.csv and failures.csv, profiles as figures (in report.html always PNG), and
-    run.json.
+    Reports success rate, speed and reliability. Each solver runs in a process of its own: one that
+    crashes or hangs is a row of the tables. Every solution is verified by residuals recomputed from
+    the problem. Prints a summary and writes report.html and report.md, the tables cells.csv (a row
+    per problem, start and solver), summary.csv, problems.csv and failures.csv, profiles as figures
+    (in report.html always PNG), and run.json.
 
-    Finished cells are kept: stopped and started again with the same options, it goes on where it
-    was. The default takes five to ten minutes.
+    Results are saved incrementally: repeat an interrupted command with the same options to continue
+    it. The default takes five to ten minutes.
 
     \b
     Examples:
@@ -85,45 +79,29 @@ def compare(
       casswarm compare
       casswarm compare --family formations --solver spectral --solver ipopt --problems 10
     """
-    with reported_errors(), ExitStack() as stack:
+    with reported_errors(), progress_report(output.quiet) as progress:
         from ..comparison import DEFAULT
         from ..comparison import compare as run
 
-        folder = Folder("compare", None, out, figures, width=width, dpi=dpi)
+        folder = open_folder("compare", None, output, figures)
         try:
             comparison = run(
-                families or DEFAULT,
-                solvers or None,
-                problems=problems,
-                seed=seed,
-                seconds=seconds,
+                selection.families or DEFAULT,
+                selection.solvers or None,
+                problems=selection.problems,
+                seed=selection.seed,
+                seconds=selection.time_limit,
                 folder=folder.path,
-                progress=None if quiet else _bar(stack),
+                progress=progress
+                and (lambda done, total, _: total and progress("comparing", done, total)),
             )
         except KeyboardInterrupt:
             raise Failure(
-                f"stopped; finished cells are kept in {folder.path}: the same command goes on"
+                f"interrupted; finished work is saved in {folder.path}: "
+                "repeat the same command to continue"
             ) from None
     content = _write(folder, comparison)
-    click.echo(json_text(content) if as_json else summary_text(comparison.summary))
-    say(folder.closing(), quiet)
-
-
-def _bar(stack: ExitStack) -> Progress:
-    """A progress bar on standard error, nothing where that is no terminal."""
-    from tqdm import tqdm
-
-    bar = stack.enter_context(tqdm(desc="making problems", unit="cell", disable=None))
-
-    def tell(done: int, total: int, what: str) -> None:
-        if total and bar.total != total:
-            bar.reset(total)
-            bar.initial = done
-            bar.set_description("comparing")
-        bar.set_postfix_str(what, refresh=False)
-        bar.update(done - bar.n)
-
-    return tell
+    print_result(folder, content, summary_text(comparison.summary), output)
 
 
 def _write(folder: Folder, comparison: Comparison) -> dict[str, Any]:
@@ -150,8 +128,16 @@ def _write(folder: Folder, comparison: Comparison) -> dict[str, Any]:
 
 
 def summary_text(summary: pd.DataFrame) -> str:
-    """The summary for a terminal: a table a family and start."""
-    head = ("solver", "solved", "best known", "said, not true", "mean ms", "build ms", "iterations")
+    """Summary as text: a table for every family and start."""
+    header = (
+        "solver",
+        "solved",
+        "best known",
+        "false positives",
+        "mean ms",
+        "build ms",
+        "iterations",
+    )
     texts = []
     for (family, start), part in summary.groupby(["family", "start"], sort=False):
         rows = [
@@ -167,5 +153,5 @@ def summary_text(summary: pd.DataFrame) -> str:
             for row in part.to_dict("records")
         ]
         problems = int(part["problems"].iloc[0])
-        texts.append(f"{family}, {start} start, {problems} problems\n{aligned([head, *rows])}")
+        texts.append(f"{family}, {start} start, {problems} problems\n{aligned([header, *rows])}")
     return "\n\n".join(texts)

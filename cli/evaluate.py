@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from .common import load, named_policies, reported_errors
 from .options import (
-    distribution_options,
-    figure_options,
-    policy_option,
-    scenario_options,
+    CommonOptions,
+    ExactOptions,
+    FigureOptions,
+    PolicyOptions,
+    option,
+    options,
     seed_option,
-    solver_option,
 )
-from .output import Folder, aligned, json_text, say
+from .output import Folder, aligned, named_tasks, open_folder, print_result, progress_report, say
 
 if TYPE_CHECKING:
     from ..chain.distribution import OutcomeDistribution
@@ -26,42 +26,43 @@ if TYPE_CHECKING:
     from ..scenario import Scenario
 
 
+@dataclass(frozen=True)
+class EstimateOptions:
+    """How the rest of a distribution is sampled."""
+
+    runs: int | None = option(
+        "--runs",
+        type=click.IntRange(1),
+        help="Estimate the probability that enumeration leaves from this number of runs: a 95 % "
+        "confidence interval within the bounds. For large swarms.",
+    )
+    seed: int = seed_option()
+
+
 @click.command()
-@scenario_options
-@figure_options
-@policy_option
-@distribution_options
-@click.option(
-    "--runs",
-    type=click.IntRange(1),
-    help="Sample by so many runs what the states leave: an interval inside the bracket, with "
-    "95 % confidence. For large swarms.",
+@click.argument("scenario")
+@options(
+    common=CommonOptions,
+    figures=FigureOptions,
+    policies=PolicyOptions,
+    exact=ExactOptions,
+    sampling=EstimateOptions,
 )
-@seed_option
-@solver_option
 def evaluate(
     scenario: str,
-    settings: tuple[str, ...],
-    out: Path | None,
-    figures: str,
-    as_json: bool,
-    quiet: bool,
-    width: str,
-    dpi: int,
-    policies: tuple[str, ...],
-    tolerance: float,
-    max_states: int | None,
-    aggregation_tol: float,
-    runs: int | None,
-    seed: int,
-    solver: str,
+    common: CommonOptions,
+    figures: FigureOptions,
+    policies: PolicyOptions,
+    exact: ExactOptions,
+    sampling: EstimateOptions,
 ) -> None:
-    """Compute how often the swarm reaches the target, exactly: brackets, no sampling.
+    """Compute success probabilities exactly.
 
-    Prints a table and writes laws.csv, arrival.csv (probability of the first arrival at every
-    step), survivors.csv, members.csv (survival of every member), population.csv (how many are
-    alive at every step), run.json and the figures success, arrival, population and survival, which
-    casswarm plot draws again.
+    Bounds how often the swarm reaches the target from below and above, without sampling. Prints a
+    table and writes distributions.csv, arrival.csv (probability of the first arrival at every
+    step), survivors.csv, members.csv (survival of every member), population.csv (number alive at
+    every step), run.json and the figures success, arrival, population and survival, which casswarm
+    plot draws again.
 
     \b
     Examples:
@@ -70,52 +71,30 @@ def evaluate(
       casswarm evaluate paper-1 --tolerance 1e-6 --aggregation-tol 1e-6
       casswarm evaluate large-swarm --policy leader --runs 2000
     """
-    with reported_errors():
-        chosen = load(scenario, settings)
+    with reported_errors(), progress_report(common.quiet) as progress:
+        chosen = load(scenario, common.settings)
         from ..planning.bounds.success_bound import success_bound
         from ..planning.plan import plan
         from ..studies.evaluation import estimate
-        from ..studies.evaluation import evaluate as exact_law
+        from ..studies.evaluation import evaluate as evaluate_exactly
 
-        folder = Folder("evaluate", chosen, out, figures, width=width, dpi=dpi)
-        guide = plan(chosen, certify=False, progress=lambda start: say(f"planning: {start}", quiet))
+        folder = open_folder("evaluate", chosen, common, figures)
+        guide = plan(chosen, certify=False, progress=named_tasks(progress, "optimizing"))
+        shared: dict[str, Any] = {**asdict(exact), "guide": guide, "solver": policies.solver}
+        shared["progress"] = progress
         laws, estimates = [], []
-        for policy in named_policies(policies):
-            say(f"evaluating {getattr(policy, 'name', policy)}", quiet)
-            options: dict[str, Any] = {
-                "max_states": max_states,
-                "aggregation_tol": aggregation_tol,
-                "guide": guide,
-                "solver": solver,
-                "progress": None if quiet else _tell,
-            }
-            if runs is None:
-                laws.append(exact_law(chosen, policy, tolerance, **options))
+        for policy in named_policies(policies.policies):
+            say(f"evaluating {getattr(policy, 'name', policy)}", common.quiet)
+            if sampling.runs is None:
+                laws.append(evaluate_exactly(chosen, policy, **shared))
             else:
-                estimates.append(
-                    estimate(chosen, policy, runs, seed, tolerance=tolerance, **options)
-                )
+                estimates.append(estimate(chosen, policy, sampling.runs, sampling.seed, **shared))
                 laws.append(estimates[-1].enumerated)
-    inputs = {
-        "tolerance": tolerance,
-        "max_states": max_states,
-        "aggregation_tol": aggregation_tol,
-        "runs": runs,
-        "seed": seed,
-        "solver": solver,
-    }
-    bound = success_bound(chosen)
-    content = _write(folder, chosen, laws, estimates, bound, inputs)
-    words = [_words(chosen, laws)] if not estimates else [str(found) for found in estimates]
-    words += ["", str(bound)]
-    click.echo(json_text(content) if as_json else "\n".join(words))
-    say(folder.closing(), quiet)
-
-
-def _tell(policy: str, done: float, total: float | None) -> None:  # noqa: ARG001
-    """Overwrite the progress line, if standard error is a terminal."""
-    if sys.stderr.isatty():
-        click.echo(f"\r  {policy}: residual mass {1.0 - done:.2e} \r", err=True, nl=False)
+        bound = success_bound(chosen)
+        inputs = {**asdict(exact), **asdict(sampling), "solver": policies.solver}
+        content = _write(folder, chosen, laws, estimates, bound, inputs)
+    text = "\n".join(map(str, estimates)) if estimates else _text(chosen, laws)
+    print_result(folder, content, f"{text}\n\n{bound}", common)
 
 
 def _write(
@@ -151,8 +130,8 @@ def _write(
     return folder.record(result, inputs)
 
 
-def _words(scenario: Scenario, laws: list[OutcomeDistribution]) -> str:
-    head = ("policy", "success, bracket", "survivors", "states", "infeasible", "solver failures")
+def _text(scenario: Scenario, laws: list[OutcomeDistribution]) -> str:
+    header = ("policy", "success, bounds", "survivors", "states", "infeasible", "solver failures")
     rows = [
         (
             law.policy,
@@ -165,10 +144,11 @@ def _words(scenario: Scenario, laws: list[OutcomeDistribution]) -> str:
         for law in laws
     ]
     notes = [f"{law.policy}: {law.advice}" for law in laws if not law.complete]
-    merged = [] if all(law.proven for law in laws) else [_MERGED.format(laws[0].aggregation_tol)]
-    table = aligned([head, *rows])
-    lines = [f"{scenario.name}, exact law; counts are means of a run", "", table]
-    return "\n".join(lines + ([""] if notes or merged else []) + notes + merged)
-
-
-_MERGED = "states within {:g} of each other were merged: the brackets are those of that chain"
+    if not all(law.proven for law in laws):
+        notes.append(
+            f"states closer than {laws[0].aggregation_tol:g} were aggregated: the bounds are those "
+            "of the aggregated chain"
+        )
+    title = f"{scenario.name}: exact outcome distribution; counts are means per run"
+    lines = [title, "", aligned([header, *rows])]
+    return "\n".join([*lines, "", *notes] if notes else lines)

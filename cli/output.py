@@ -8,8 +8,8 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ import click
 
 from .. import __version__
 from .common import Failure
+from .options import FigureOptions, OutputOptions
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -186,20 +187,63 @@ def aligned(rows: Iterable[tuple[str, ...]]) -> str:
     )
 
 
-def progress_bar(stack: ExitStack, what: str, unit: str, total: int | None = None) -> Any:
-    """A bar on standard error, nothing where that is no terminal; a call is (done, total)."""
+def success_text(row: Mapping[Any, Any]) -> str:
+    """Estimate of a success probability; where no run succeeds, also its upper bound."""
+    return f"{row['success']:.4f}" if row["successes"] else f"0 (<= {row['success_high']:.3f})"
+
+
+@contextmanager
+def progress_report(quiet: bool) -> Iterator[Any]:
+    """What reports progress on standard error: a bar where a number is known, else a line.
+
+    It is called as `casswarm.typing.Progress` says, and is None where nothing should be reported.
+    Bars are drawn on terminals only.
+    """
+    if quiet:
+        yield None
+        return
     from tqdm import tqdm
 
-    bar: Any = stack.enter_context(tqdm(total=total, desc=what, unit=unit, disable=None))
+    bars: dict[str, Any] = {}
+    with ExitStack() as stack:
 
-    def tell(done: int, total: int | None) -> None:
-        bar.total = total
-        bar.update(done - bar.n)
+        def report(task: str, done: float = 0, total: float | None = None) -> None:
+            if total is None and not done:
+                say(task)
+                return
+            if task not in bars:
+                bars[task] = stack.enter_context(tqdm(desc=task, disable=None))
+            bars[task].total = total
+            bars[task].update(done - bars[task].n)
 
-    return tell
+        yield report
+
+
+def named_tasks(progress: Any, verb: str) -> Callable[[str], None]:
+    """Progress of tasks that are only named."""
+    return lambda task: progress(f"{verb}: {task}") if progress is not None else None
 
 
 def say(text: str, quiet: bool = False) -> None:
-    """A line on standard error."""
+    """Print a line on standard error."""
     if not quiet:
         click.echo(text, err=True)
+
+
+def open_folder(
+    command: str,
+    scenario: Scenario | None,
+    output: OutputOptions,
+    figures: FigureOptions,
+    remedy: str = "",
+) -> Folder:
+    """Results folder of a command as its options ask for it."""
+    return Folder(command, scenario, output.out, figures.format, remedy, figures.width, figures.dpi)
+
+
+def print_result(
+    folder: Folder, content: Mapping[str, Any], text: str, output: OutputOptions
+) -> None:
+    """Print the result, as text or as JSON, and which files were written."""
+    click.echo(json_text(content) if output.as_json else text)
+    say(folder.closing(), output.quiet)

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from .common import WrongInput, load, reported_errors
-from .options import figure_options, scenario_options
-from .output import Folder, json_text, say
-from .plan_joint import plan_joint
+from .options import (
+    CommonOptions,
+    FigureOptions,
+    GuideOptions,
+    option,
+    options,
+)
+from .output import Folder, named_tasks, open_folder, print_result, progress_report
 
 if TYPE_CHECKING:
     from ..planning.bounds.outlook import CostToGoMap
@@ -19,104 +24,81 @@ if TYPE_CHECKING:
     from ..planning.guide import Guide
     from ..scenario import Scenario
 
-_WAYS = 6  # that are printed; candidates.csv has them all
+_MAX_CLASSES = 6  # that are printed; candidates.csv has them all
+_PROJECTED_GRADIENT = "projected-gradient"
+
+
+@dataclass(frozen=True)
+class PlanOptions(GuideOptions):
+    """How the guide is planned."""
+
+    acceleration_limited: bool | None = option(
+        "--acceleration-limited/--no-acceleration-limited",
+        default=None,
+        help="Limit the guide's acceleration to a_max. [default: set by the scenario]",
+    )
+    solver: str = option(
+        "--solver",
+        default="ipopt",
+        show_default=True,
+        help="Solver: ipopt, or projected-gradient for the paper's penalised form.",
+    )
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Values of the scenario that the options replace."""
+        names = ("search", "arrival", "acceleration_limited")
+        return {f"guide.{name}": getattr(self, name) for name in names}
+
+
+@dataclass(frozen=True)
+class BoundOptions:
+    """How the lower bound on the risk is computed."""
+
+    certify: bool = option(
+        "--certify/--no-certify",
+        default=True,
+        help="Compute a lower bound on the risk of any guide. [default: certify]",
+    )
+    gap: float = option(
+        "--gap",
+        type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True),
+        default=0.01,
+        show_default=True,
+        help="Stop tightening the bound at this relative gap to the best known risk.",
+    )
+    time_limit: float = option(
+        "--time-limit",
+        type=click.FloatRange(0.0, min_open=True),
+        default=10.0,
+        show_default=True,
+        help="Time limit for the bound, in seconds.",
+    )
+    with_map: bool = option("--map", is_flag=True, help="Also plot the cost-to-go map.")
 
 
 @click.command()
-@scenario_options
-@figure_options
-@click.option(
-    "--solver",
-    default="ipopt",
-    show_default=True,
-    help="ipopt, or projected-gradient for the paper's penalised form.",
-)
-@click.option(
-    "--search",
-    type=click.Choice(["local", "global"]),
-    help="From the straight line only, or also from the ways that dynamic programming finds. "
-    "[default: the scenario's]",
-)
-@click.option(
-    "--arrival",
-    type=click.Choice(["any", "horizon"]),
-    help="Choose the best arrival step, or use all the time. [default: the scenario's]",
-)
-@click.option(
-    "--acceleration_limited/--not-acceleration_limited",
-    default=None,
-    help="Whether the guide respects a_max.",
-)
-@click.option(
-    "--certify/--no-certify", default=True, help="Prove how good any guide can be. [default: yes]"
-)
-@click.option(
-    "--gap",
-    type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True),
-    default=0.01,
-    show_default=True,
-    help="Relative distance of the bound from the best known risk at which the proof may end.",
-)
-@click.option(
-    "--time-limit",
-    type=click.FloatRange(0.0, min_open=True),
-    default=10.0,
-    show_default=True,
-    help="Seconds that the proof may take.",
-)
-@click.option("--map", "with_map", is_flag=True, help="Draw the risk to go from every place, too.")
-@click.option("--joint", is_flag=True, help="Plan the ways of all members at once.")
-@click.option(
-    "--objective",
-    type=click.Choice(["success", "arrivals", "survivors"]),
-    default="success",
-    show_default=True,
-    help="Of the joint plan: probability that somebody arrives, mean number who do, or mean number "
-    "alive at the end.",
-)
-@click.option(
-    "--min-distance",
-    type=click.FloatRange(0.0, min_open=True),
-    help="Of the joint plan: least distance of any two members.",
-)
-@click.option(
-    "--seed",
-    type=click.IntRange(0),
-    default=0,
-    show_default=True,
-    help="Of the joint plan's perturbed starts.",
+@click.argument("scenario")
+@options(
+    common=CommonOptions,
+    figures=FigureOptions,
+    planning=PlanOptions,
+    bound=BoundOptions,
 )
 def plan(
     scenario: str,
-    settings: tuple[str, ...],
-    out: Path | None,
-    figures: str,
-    as_json: bool,
-    quiet: bool,
-    width: str,
-    dpi: int,
-    solver: str,
-    search: str | None,
-    arrival: str | None,
-    acceleration_limited: bool | None,
-    certify: bool,
-    gap: float,
-    time_limit: float,
-    with_map: bool,
-    joint: bool,
-    objective: str,
-    min_distance: float | None,
-    seed: int,
+    common: CommonOptions,
+    figures: FigureOptions,
+    planning: PlanOptions,
+    bound: BoundOptions,
 ) -> None:
-    """Find the least risky path of a lone agent: the guide that the swarm follows.
+    """Plan the guide of a scenario.
 
-    Writes guide.csv (a row a step), candidates.csv (every start's outcome), paths.csv (other ways),
-    guide.png and run.json; casswarm plot draws the folder again.
-    The paper's projected gradient is set beside a global search: comparison.csv, comparison.png.
-
-    With --joint, find the ways of all members that maximise the swarm's own success, and what no
-    policy whatever can exceed: joint.csv (a row a step and member), outcomes.csv, joint.png and
-    run.json. --time-limit is then that of the search: no further start is tried after it.
+    The guide is the path of least risk for a single agent, which the swarm follows. Writes
+    guide.csv (a row per step), candidates.csv (the outcome of every initial guess), paths.csv (the
+    best path of every homotopy class), guide.png and run.json; casswarm plot draws the figures
+    again. The paper's projected gradient is compared with a global search in comparison.csv and
+    comparison.png.
 
     \b
     Examples:
@@ -125,105 +107,58 @@ def plan(
       casswarm plan paper-1 --solver projected-gradient
       casswarm plan single-agent --map
       casswarm plan my-scenario.toml --set guide.a_max=0.3 --json
-      casswarm plan paper-2 --joint --min-distance 0.1
     """
-    _require_apt(joint)
-    if solver == "projected-gradient" and (search, arrival, acceleration_limited) != (
-        None,
-        None,
-        None,
-    ):
+    reference = planning.solver == _PROJECTED_GRADIENT
+    if reference and any(value is not None for value in planning.values.values()):
         raise WrongInput(
-            "the paper's projected gradient starts from the straight line, takes all the time and "
-            "knows no a_max: --search, --arrival and --acceleration_limited do not apply to it"
+            "the paper's projected gradient starts from the straight line, arrives at the last "
+            "step and ignores a_max: --search, --arrival and --acceleration-limited do not apply"
         )
-    with reported_errors():
-        chosen = load(
-            scenario,
-            settings,
-            guide__search=search,
-            guide__arrival=arrival,
-            guide__flyable=acceleration_limited,
-        )
-        from ..planning.plan import plan as find_guide
+    with reported_errors(), progress_report(common.quiet) as progress:
+        chosen = load(scenario, common.settings, planning.values)
+        from ..planning.bounds.value_function import ValueFunction
+        from ..planning.plan import plan as plan_guide
 
-        if joint:
-            plan_joint(
-                chosen,
-                Folder("plan-joint", chosen, out, figures, width=width, dpi=dpi),
-                objective=objective,
-                solver=solver,
-                seed=seed,
-                min_distance=min_distance,
-                time_limit=time_limit if _given("time_limit") else None,
-                as_json=as_json,
-                quiet=quiet,
-            )
-            return
-        folder = Folder("plan", chosen, out, figures, width=width, dpi=dpi)
-        value = _value(chosen) if with_map else None  # first: it may need too many nodes
-        guide = find_guide(
+        folder = open_folder("plan", chosen, common, figures)
+        # first, since it may need too many nodes
+        value = ValueFunction.of(chosen) if bound.with_map else None
+        guide = plan_guide(
             chosen,
-            solver,
-            certify=certify,
-            gap=gap,
-            time_limit=time_limit,
-            progress=lambda start: say(f"planning: {start}", quiet),
+            planning.solver,
+            certify=bound.certify,
+            gap=bound.gap,
+            time_limit=bound.time_limit,
+            progress=named_tasks(progress, "optimizing"),
         )
-        rival = _rival(chosen, guide) if solver == "projected-gradient" else None
-        content = _write(folder, chosen, guide, rival, value, {"solver": solver})
-    click.echo(json_text(content) if as_json else _words(chosen, guide, rival))
-    say(folder.closing(), quiet)
+        baseline = _globally_planned(chosen, guide) if reference else None
+        content = _write(folder, chosen, guide, baseline, value, planning.solver)
+    print_result(folder, content, _text(chosen, guide, baseline), common)
 
 
-_LONE = {"certify": "--no-certify", "gap": "--gap", "with_map": "--map"}
-_JOINT = {"objective": "--objective", "min_distance": "--min-distance", "seed": "--seed"}
-
-
-def _require_apt(joint: bool) -> None:
-    """Refuse options of the guide's proof with --joint, and those of the joint plan without."""
-    wrong = [word for name, word in (_LONE if joint else _JOINT).items() if _given(name)]
-    if wrong and joint:
-        raise WrongInput(f"{', '.join(wrong)}: of the guide alone, not of --joint")
-    if wrong:
-        raise WrongInput(f"{', '.join(wrong)}: of the joint plan alone, give --joint too")
-
-
-def _given(name: str) -> bool:
-    """Whether an option was given on the command line."""
-    source = click.get_current_context().get_parameter_source(name)
-    return source is not None and source.name == "COMMANDLINE"
-
-
-def _rival(scenario: Scenario, guide: Guide) -> Guide:
-    """A global search for what the paper's form asks for: no a_max, no margin, any arrival."""
+def _globally_planned(scenario: Scenario, guide: Guide) -> Guide:
+    """Global search for the guide of the paper's form: no a_max, no margin, any arrival step."""
     from dataclasses import replace
 
-    from ..planning.plan import plan as find_guide
+    from ..planning.plan import plan as plan_guide
 
-    free = {
-        "acceleration_limited": False,
-        "margin": 1e-6 * scenario.target.radius,
-        "arrival": "any",
-    }
-    wanted = scenario.with_values({f"guide.{key}": value for key, value in free.items()})
-    found = find_guide(wanted, search="global", certify=False)
-    return replace(found, risk_bound=guide.risk_bound, certificate=guide.certificate)
-
-
-def _value(scenario: Scenario) -> ValueFunction:
-    from ..planning.bounds.value_function import ValueFunction
-
-    return ValueFunction.of(scenario)
+    relaxed = scenario.with_values(
+        {
+            "guide.acceleration_limited": False,
+            "guide.margin": 1e-6 * scenario.target.radius,
+            "guide.arrival": "any",
+        }
+    )
+    baseline = plan_guide(relaxed, search="global", certify=False)
+    return replace(baseline, risk_bound=guide.risk_bound, certificate=guide.certificate)
 
 
 def _write(
     folder: Folder,
     scenario: Scenario,
     guide: Guide,
-    rival: Guide | None,
+    baseline: Guide | None,
     value: ValueFunction | None,
-    inputs: dict[str, object],
+    solver: str,
 ) -> dict[str, object]:
     from ..planning.guide import integrate
     from ..results.catalogue import plan_figures
@@ -231,19 +166,19 @@ def _write(
 
     folder.table("guide", guide_table(guide))
     folder.table("candidates", candidate_table(guide))
-    ways = {
-        f"{way.sides or 'way'} {number}": integrate(guide.positions[0], way.velocities, guide.dt)
-        for number, way in enumerate(guide.ways())
+    paths = {
+        f"{best.sides or 'path'} {number}": integrate(guide.positions[0], best.velocities, guide.dt)
+        for number, best in enumerate(guide.ways())
     }
-    rivals = {} if rival is None else {"projected gradient": guide, "global search": rival}
-    paths = {"way": ways, "rival": {name: found.positions for name, found in rivals.items()}}
-    folder.table("paths", path_table(paths))
-    if rivals:
-        folder.table("comparison", rival_table(rivals))
-    outlook = None if value is None else _outlook(scenario, guide, value)
-    if outlook is not None:
-        folder.arrays("cost-to-go", outlook.arrays())
-    folder.draw(plan_figures(scenario, guide, list(ways.values()), rivals, outlook))
+    guides = {} if baseline is None else {"projected gradient": guide, "global search": baseline}
+    compared = {name: compared.positions for name, compared in guides.items()}
+    folder.table("paths", path_table({"way": paths, "rival": compared}))
+    if guides:
+        folder.table("comparison", rival_table(guides))
+    cost_to_go = None if value is None else _cost_to_go(scenario, guide, value)
+    if cost_to_go is not None:
+        folder.arrays("cost-to-go", cost_to_go.arrays())
+    folder.draw(plan_figures(scenario, guide, list(paths.values()), guides, cost_to_go))
     certificate = guide.certificate
     result = {
         "risk": guide.risk,
@@ -258,37 +193,38 @@ def _write(
         "positions": guide.positions,
         "velocities": guide.velocities,
     }
-    return folder.record(result, inputs)
+    return folder.record(result, {"solver": solver})
 
 
-def _outlook(scenario: Scenario, guide: Guide, value: ValueFunction) -> CostToGoMap:
+def _cost_to_go(scenario: Scenario, guide: Guide, value: ValueFunction) -> CostToGoMap:
     from ..figures.base_map import extent
     from ..planning.bounds.outlook import CostToGoMap
 
     return CostToGoMap.of(value, *extent(scenario, [guide.positions, scenario.positions]))
 
 
-def _words(scenario: Scenario, guide: Guide, rival: Guide | None) -> str:
+def _text(scenario: Scenario, guide: Guide, baseline: Guide | None) -> str:
     from collections import Counter
 
-    outcomes = Counter(str(candidate.solution.status) for candidate in guide.candidates)
-    told = ", ".join(f"{count} {status}" for status, count in outcomes.items())
+    counts = Counter(str(candidate.solution.status) for candidate in guide.candidates)
     radars = len(scenario.hazard.radar_positions)
     lines = [
         f"{scenario.name}: {_counted(scenario.n, 'member')}, {_counted(radars, 'radar')}, "
         f"{scenario.n_steps} steps of {scenario.time.dt:g}",
         f"{guide}, risk {guide.risk:.4f}",
-        *(_proof(guide) or _unproven(scenario)),
+        *(_gap(guide) or _uncertified(scenario)),
         f"{guide.solution}",
-        f"solves: {told}",
-        *_ways(guide),
+        f"solves: {', '.join(f'{count} {status}' for status, count in counts.items())}",
+        *_homotopy_classes(guide),
     ]
-    if rival is not None:
-        lines.append(f"a global search without a_max and margin: {rival}, risk {rival.risk:.4f}")
+    if baseline is not None:
+        lines.append(
+            f"a global search without a_max and margin: {baseline}, risk {baseline.risk:.4f}"
+        )
     elif not guide.solution.status.success:
-        lines.append("the solver did not converge: this is its best path, not a minimum")
+        lines.append("the solver did not converge: this is its best iterate, not a minimum")
     elif guide.search == "local" or scenario.guide.arrival == "horizon":
-        lines.append("a local search: --search global --arrival any may find a better way")
+        lines.append("local search only: --search global --arrival any may find a better path")
     return "\n".join(lines)
 
 
@@ -296,46 +232,47 @@ def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def _ways(guide: Guide) -> list[str]:
-    """The best of every way around the radars that was found; nothing where there is one alone."""
-    ways = guide.ways()
-    if len(ways) < 2 or not ways[0].sides:
+def _homotopy_classes(guide: Guide) -> list[str]:
+    """The best path of every homotopy class, unless there is only one class."""
+    paths = guide.ways()
+    if len(paths) < 2 or not paths[0].sides:
         return []
-    tried = [candidate.sides for candidate in guide.candidates]
-    lines = ["ways around the radars, by the side (L, R) on which each is passed:"]
-    for way in ways[:_WAYS]:
-        told = f"  {way.sides}  survival {math.exp(-way.risk):.4f}, risk {way.risk:.4f}"
-        solves = _counted(tried.count(way.sides), "solve")
-        lines.append(f"{told}, step {len(way.velocities)} ({solves})")
-    if len(ways) > _WAYS:
-        lines.append(f"  and {len(ways) - _WAYS} more in candidates.csv")
+    signatures = [candidate.sides for candidate in guide.candidates]
+    lines = ["best path of each homotopy class (L, R: each radar is on its left or right):"]
+    lines += [
+        f"  {path.sides}  survival {math.exp(-path.risk):.4f}, risk {path.risk:.4f}, "
+        f"step {len(path.velocities)} ({_counted(signatures.count(path.sides), 'solve')})"
+        for path in paths[:_MAX_CLASSES]
+    ]
+    if len(paths) > _MAX_CLASSES:
+        lines.append(f"  and {len(paths) - _MAX_CLASSES} more in candidates.csv")
     return lines
 
 
-def _unproven(scenario: Scenario) -> list[str]:
-    """What is missing for a proof, where it is the user's to give."""
+def _uncertified(scenario: Scenario) -> list[str]:
+    """What a bound would need, where a user's hazard does not have it."""
     start = scenario.guide_start
     if scenario.hazard.single_agent_lower_bound(start, start) is not None:
         return []
     return [
-        "not certified: that needs a lower bound of your rates over boxes; give them a "
-        "single_agent_lower_bound (docs: rates of your own)"
+        "not certified: the bound needs a lower bound of your rates over boxes, "
+        "single_agent_lower_bound (see the documentation on custom hazard rates)"
     ]
 
 
-def _proof(guide: Guide) -> list[str]:
-    """What the gap is made of."""
+def _gap(guide: Guide) -> list[str]:
+    """The gap to the bound, and what it consists of."""
     certificate = guide.certificate
     if certificate is None or guide.gap is None:
         return []
     lines = [f"gap {100 * guide.gap:.2g} % of the risk"]
     if certificate.gap < 0.5 * guide.gap:
-        limits = "what the limits of acceleration, margin and arrival step cost"
-        other = "a better way that was not found" if guide.search == "global" else "a local search"
+        other = "a better path not found" if guide.search == "global" else "the local search"
         lines[0] += (
-            f", {100 * certificate.gap:.2g} % for the best path of the same speed, survival "
-            f"{certificate.survival:.4f}: the rest is {limits}, or {other}"
+            f" ({100 * certificate.gap:.2g} % without acceleration limits, survival "
+            f"{certificate.survival:.4f}); remaining gap: acceleration, margin and arrival "
+            f"constraints, or {other}"
         )
     if certificate.gap > 0.01:
-        lines.append(f"the proof ended before a gap of 1 %: {certificate.reason}")
+        lines.append(f"the bound is not within 1 %: {certificate.reason}")
     return lines

@@ -2,42 +2,41 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
 from .common import reported_errors
-from .options import figure_options, kept_run_options, out_option, quiet_option
+from .options import FigureOptions, folder_argument, option, options, out_option, run_option
 from .output import Folder, say
 
 
-@click.command()
-@kept_run_options
-@click.option(
-    "--figure",
-    "names",
-    multiple=True,
-    metavar="NAME",
-    help="Only these figures, by the name of their file without its ending; repeatable. "
-    "[default: all]",
-)
-@out_option("Folder for the figures. [default: DIR]")
-@figure_options
-@quiet_option
-def plot(
-    folder: Path,
-    run: int,
-    names: tuple[str, ...],
-    out: Path | None,
-    figures: str,
-    width: str,
-    dpi: int,
-    quiet: bool,
-) -> None:
-    """Draw the figures of a results folder again, from what is saved in it.
+@dataclass(frozen=True)
+class PlotOptions:
+    """Which figures are drawn, and where."""
 
-    DIR is a folder that casswarm plan, simulate, evaluate, sweep or compare left. Nothing is solved
-    or sampled again: only width, format and resolution change, and which run is shown.
+    run: int = run_option()
+    names: tuple[str, ...] = option(
+        "--figure",
+        multiple=True,
+        metavar="NAME",
+        help="Draw only this figure, named by its file without the suffix. Repeatable. "
+        "[default: all]",
+    )
+    out: Path | None = out_option("Folder for the figures. [default: DIR]")
+    quiet: bool = option("--quiet", is_flag=True, help="Print no progress.")
+
+
+@click.command()
+@folder_argument
+@options(selection=PlotOptions, figures=FigureOptions)
+def plot(folder: Path, selection: PlotOptions, figures: FigureOptions) -> None:
+    """Draw the figures of a results folder again.
+
+    DIR is a folder written by casswarm plan, plan-swarm, simulate, evaluate, sweep or compare.
+    Nothing is solved or sampled again: only width, format and resolution change, and which run is
+    shown.
 
     \b
     Examples:
@@ -52,18 +51,24 @@ def plot(
         from ..results.folder import Saved
 
         saved = Saved.of(folder)
-        with theme(width):  # those of a comparison are drawn at once
-            catalogue = saved.figures(run)
-        for name in names:
+        with theme(figures.width):  # those of a comparison are drawn at once
+            catalogue = saved.figures(selection.run)
+        for name in selection.names:
             if name not in catalogue:
                 raise CheckpointError(
                     f"{folder} has no figure {name!r}{did_you_mean(name, catalogue)}"
                 )
-        target = Folder("plot", None, out or folder, figures, width=width, dpi=dpi)
-        target.draw(
-            {name: drawn for name, drawn in catalogue.items() if name in names or not names}
+        target = Folder(
+            "plot",
+            None,
+            selection.out or folder,
+            figures.format,
+            width=figures.width,
+            dpi=figures.dpi,
         )
-    if out is None:
+        names = selection.names or tuple(catalogue)
+        target.draw({name: draw for name, draw in catalogue.items() if name in names})
+    if selection.out is None:
         target.add_to_record()
     click.echo("\n".join(str(target.path / name) for name in target.files))
-    say(f"{len(target.files)} figures of casswarm {saved.command}", quiet)
+    say(f"{len(target.files)} figures of casswarm {saved.command}", selection.quiet)

@@ -3,53 +3,57 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from .common import WrongInput, reported_errors
-from .options import figure_options, json_option, out_option, quiet_option, seed_option
-from .output import Folder, aligned, json_text, say
+from .options import FigureOptions, OutputOptions, option, options, out_option, seed_option
+from .output import aligned, open_folder, print_result, say
 
 if TYPE_CHECKING:
     from ..reproduction import Reproduction
 
 
-@click.command()
-@out_option("Folder for the results.", default=Path("results") / "paper", show_default=True)
-@click.option(
-    "--runs",
-    type=click.IntRange(51),
-    default=10_000,
-    show_default=True,
-    help="Of every policy, in the larger simulation of Table II.",
-)
-@click.option(
-    "--only",
-    multiple=True,
-    metavar="NAME",
-    help="Make this table alone, such as table-2, or the paper's figures: figures; repeatable.",
-)
-@seed_option
-@figure_options
-@json_option
-@quiet_option
-def reproduce(
-    out: Path,
-    runs: int,
-    only: tuple[str, ...],
-    seed: int,
-    figures: str,
-    width: str,
-    dpi: int,
-    as_json: bool,
-    quiet: bool,
-) -> None:
-    """Make the paper's tables and figures again, and what goes beyond them.
+@dataclass(frozen=True)
+class ReproduceOutput(OutputOptions):
+    """What is written and printed."""
 
-    Takes a few minutes. Prints Tables I and II and what lies beyond, and leaves in the folder a CSV
-    for every table, the paper's Figures 1 to 4 and more as pictures, run.json, and README.md, which
+    out: Path | None = out_option(
+        "Folder for the results.", default=Path("results") / "paper", show_default=True
+    )
+
+
+@dataclass(frozen=True)
+class ReproduceOptions:
+    """What is reproduced."""
+
+    runs: int = option(
+        "--runs",
+        type=click.IntRange(51),
+        default=10_000,
+        show_default=True,
+        help="Number of runs per policy in the larger simulation of Table II.",
+    )
+    only: tuple[str, ...] = option(
+        "--only",
+        multiple=True,
+        metavar="NAME",
+        help="Reproduce only this table, such as table-2, or only the figures: figures. "
+        "Repeatable.",
+    )
+    seed: int = seed_option()
+
+
+@click.command()
+@options(output=ReproduceOutput, selection=ReproduceOptions, figures=FigureOptions)
+def reproduce(output: ReproduceOutput, selection: ReproduceOptions, figures: FigureOptions) -> None:
+    """Reproduce the paper's tables and figures.
+
+    Takes a few minutes. Prints Tables I and II and the results beyond the paper. Writes a CSV file
+    for every table, the paper's Figures 1 to 4 and further figures, run.json, and README.md, which
     shows them all with captions (not with --only).
 
     \b
@@ -59,41 +63,40 @@ def reproduce(
       casswarm reproduce --only table-2 --only figures --out my-folder
     """
     with reported_errors():
-        folder = Folder("reproduce", None, out, figures, width=width, dpi=dpi)
+        folder = open_folder("reproduce", None, output, figures)
         from .._util.text import did_you_mean
         from ..reproduction import page
-        from ..reproduction import reproduce as made_again
+        from ..reproduction import reproduce as run
         from ..reproduction.reproduce import DRAWN, TABLES
 
-        for name in only:
+        for name in selection.only:
             if name not in (*TABLES, DRAWN):
-                raise WrongInput(
-                    f"--only {name!r} is unknown{did_you_mean(name, [*TABLES, DRAWN])}"
-                )
+                hint = did_you_mean(name, [*TABLES, DRAWN])
+                raise WrongInput(f"--only {name!r} is unknown{hint}")
         started = time.perf_counter()
-        found = made_again(
-            runs,
-            seed,
-            lambda what: say(f"{time.perf_counter() - started:5.0f} s  {what}", quiet),
-            only or None,
+        reproduction = run(
+            selection.runs,
+            selection.seed,
+            lambda task: say(f"{time.perf_counter() - started:5.0f} s  {task}", output.quiet),
+            selection.only or None,
         )
-        for name, table in found.tables.items():
+        for name, table in reproduction.tables.items():
             folder.table(name, table)
-        folder.draw(found.figures)
-        if found.complete:
-            folder.text("README.md", page(found, figures))
-        result = {name: table.to_dict("records") for name, table in found.tables.items()}
-        content = folder.record(result, {"runs": runs, "only": list(only), "seed": seed})
-    click.echo(json_text(content) if as_json else _words(found))
-    say(folder.closing(), quiet)
+        folder.draw(reproduction.figures)
+        if reproduction.complete:
+            folder.text("README.md", page(reproduction, figures.format))
+        result = {name: table.to_dict("records") for name, table in reproduction.tables.items()}
+        inputs = {"runs": selection.runs, "only": list(selection.only), "seed": selection.seed}
+        content = folder.record(result, inputs)
+    print_result(folder, content, _text(reproduction), output)
 
 
-def _words(found: Reproduction) -> str:
+def _text(reproduction: Reproduction) -> str:
     from ..reproduction.report import words
     from ..reproduction.reproduce import TABLES
 
     return "\n\n".join(
-        f"{TABLES[name]}\n\n{aligned(words(found, name))}"
+        f"{TABLES[name]}\n\n{aligned(words(reproduction, name))}"
         for name in ("table-1", "table-2", "empty-sets", "beyond")
-        if name in found.tables
+        if name in reproduction.tables
     )

@@ -12,12 +12,12 @@ from .output import aligned
 
 @click.group()
 def scenarios() -> None:
-    """List, show, make and check scenario files."""
+    """List, show, create and check scenario files."""
 
 
 @scenarios.command("list")
 def list_() -> None:
-    """The built-in scenarios, a line each."""
+    """List the built-in scenarios."""
     from ..scenario import builtin_scenarios
 
     for name, description in builtin_scenarios().items():
@@ -36,15 +36,15 @@ def show(scenario: str) -> None:
 
 @scenarios.command()
 @click.argument("path", type=click.Path(dir_okay=False, path_type=Path))
-@click.option(
-    "--from", "source", default="paper-1", show_default=True, help="The scenario to start from."
-)
-@click.option("--force", is_flag=True, help="Replace a file that exists.")
+@click.option("--from", "source", default="paper-1", show_default=True, help="Scenario to copy.")
+@click.option("--force", is_flag=True, help="Overwrite an existing file.")
 def new(path: Path, source: str, force: bool) -> None:
-    """Write a scenario file at PATH, to be edited, with what every key means as comments.
+    """Write a scenario file to edit.
+
+    Comments in the file explain every key.
 
     \b
-    Example:
+    Examples:
       casswarm scenarios new mine.toml --from wall
       casswarm scenarios check mine.toml
       casswarm simulate mine.toml
@@ -52,17 +52,17 @@ def new(path: Path, source: str, force: bool) -> None:
     from ..scenario import load_scenario, save_scenario
 
     if path.exists() and not force:
-        raise WrongInput(f"{path} exists; choose another name, or replace it with --force")
+        raise WrongInput(f"{path} exists; choose another name, or overwrite it with --force")
     with reported_errors():
-        own = {"name": path.stem, "description": f"made from {source}"}
-        save_scenario(load_scenario(source).with_values(own), path, comments=True)
+        values = {"name": path.stem, "description": f"copied from {source}"}
+        save_scenario(load_scenario(source).with_values(values), path, comments=True)
     click.echo(f"wrote {path}; edit it, then: casswarm scenarios check {path}")
 
 
 @scenarios.command()
 @click.argument("sources", nargs=-1, required=True, metavar="SCENARIO...")
 def check(sources: tuple[str, ...]) -> None:
-    """Say whether every SCENARIO is valid, and what each holds."""
+    """Check every SCENARIO, and print its size."""
     from ..errors import ScenarioError
     from ..scenario import Scenario, load_scenario
 

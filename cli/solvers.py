@@ -13,27 +13,28 @@ from .output import aligned, json_text
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
 def solvers(as_json: bool) -> None:
-    """List the solvers that --solver takes and what each can do.
+    """List the solvers and their capabilities.
 
-    Says of every other solver why it cannot be used here, or why it is left out.
+    The names are those that --solver accepts. Solvers that this installation lacks and solvers that
+    are not supported are listed with the reasons.
     """
     from ..optimization.solvers import UNSUPPORTED
 
-    known = _known()
+    listed = _solvers()
     if as_json:
-        click.echo(json_text({"solvers": known, "left_out": UNSUPPORTED}))
+        click.echo(json_text({"solvers": listed, "unsupported": UNSUPPORTED}))
         return
-    head = ("solver", "problems", "batch", "multipliers", "time limit")
-    table = aligned([head, *map(_row, known)]).splitlines()
-    told = ["what it is", *(row["summary"] for row in known)]
-    click.echo("\n".join(f"{line}  {what}" for line, what in zip(table, told, strict=True)))
-    missing = [(row["name"], row["unavailable"]) for row in known if row["unavailable"]]
+    header = ("solver", "problems", "batch", "multipliers", "time limit")
+    table = aligned([header, *map(_row, listed)]).splitlines()
+    summaries = ["description", *(row["summary"] for row in listed)]
+    click.echo("\n".join(f"{line}  {text}" for line, text in zip(table, summaries, strict=True)))
+    missing = [(row["name"], row["unavailable"]) for row in listed if row["unavailable"]]
     if missing:
-        click.echo("\nNot usable in this installation:\n" + _reasons(missing))
-    click.echo("\nLeft out:\n" + _reasons(list(UNSUPPORTED.items())))
+        click.echo("\nNot available in this installation:\n" + _reasons(missing))
+    click.echo("\nNot supported:\n" + _reasons(list(UNSUPPORTED.items())))
 
 
-def _known() -> list[dict[str, Any]]:
+def _solvers() -> list[dict[str, Any]]:
     from ..optimization.solvers import SOLVERS
 
     return [

@@ -3,70 +3,86 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from contextlib import ExitStack
-from pathlib import Path
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from .common import RESUME, Failure, WrongInput, executor, load, named_policies, reported_errors
 from .options import (
-    distribution_options,
-    figure_options,
-    policy_option,
-    scenario_options,
+    CommonOptions,
+    ExactOptions,
+    FigureOptions,
+    PolicyOptions,
+    StudyOptions,
+    option,
+    options,
     seed_option,
-    solver_option,
-    study_options,
 )
-from .output import Folder, aligned, json_text, progress_bar, say
+from .output import Folder, aligned, open_folder, print_result, progress_report, success_text
 
 if TYPE_CHECKING:
     from ..studies.sweep import Sweep
 
 
+@dataclass(frozen=True)
+class GridOptions(CommonOptions):
+    """Common options, where --set lists values."""
+
+    settings: tuple[str, ...] = option(
+        "--set",
+        multiple=True,
+        metavar="KEY=VALUES",
+        help="Sweep over these values of a parameter: V1,V2,..., START:STOP:COUNT or "
+        "START:STOP:COUNT:log. Repeatable.",
+    )
+
+
+@dataclass(frozen=True)
+class MethodOptions:
+    """Exact or sampled probabilities."""
+
+    exact: bool = option(
+        "--exact", is_flag=True, help="Compute exact probabilities, as casswarm evaluate. [default]"
+    )
+    runs: int | None = option(
+        "--runs",
+        type=click.IntRange(1),
+        help="Simulate this number of runs per sweep point instead.",
+    )
+    seed: int = seed_option()
+
+
 @click.command()
-@scenario_options
-@figure_options
-@policy_option
-@click.option(
-    "--exact", is_flag=True, help="Exact laws, as casswarm evaluate gives them. [default]"
+@click.argument("scenario")
+@options(
+    common=GridOptions,
+    figures=FigureOptions,
+    policies=PolicyOptions,
+    method=MethodOptions,
+    accuracy=ExactOptions,
+    execution=StudyOptions,
 )
-@click.option("--runs", type=click.IntRange(1), help="Sample so many runs of every cell instead.")
-@seed_option
-@distribution_options
-@study_options
-@solver_option
 def sweep(
     scenario: str,
-    settings: tuple[str, ...],
-    out: Path | None,
-    figures: str,
-    as_json: bool,
-    quiet: bool,
-    width: str,
-    dpi: int,
-    policies: tuple[str, ...],
-    exact: bool,
-    runs: int | None,
-    seed: int,
-    tolerance: float,
-    max_states: int | None,
-    aggregation_tol: float,
-    workers: int,
-    dask: str | None,
-    resume: bool,
-    fresh: bool,
-    solver: str,
+    common: GridOptions,
+    figures: FigureOptions,
+    policies: PolicyOptions,
+    method: MethodOptions,
+    accuracy: ExactOptions,
+    execution: StudyOptions,
 ) -> None:
-    """Sweep scenario parameters: every combination of values, policy by policy.
+    """Evaluate policies over parameter values.
 
-    --set KEY=V1,V2,... lists values; KEY=START:STOP:COUNT spaces them evenly, and
-    KEY=START:STOP:COUNT:log evenly in the logarithm. KEY is as in the scenario's file, or n
-    (members) or spacing (distance of the nearest two at the start). Writes sweep.csv (a row a cell;
-    one that failed has its reason), effort.csv, a figure of lines for every parameter with several
-    values, a heat map where there are two, and run.json. Cells are kept as they are made: a sweep
-    that was stopped goes on with --resume.
+    Every combination of values is a sweep point. --set KEY=V1,V2,... lists values;
+    KEY=START:STOP:COUNT spaces them evenly, and KEY=START:STOP:COUNT:log evenly in the logarithm.
+    KEY is a key of the scenario file, or n (number of members) or spacing (smallest initial
+    distance between two members). Writes sweep.csv (a row per sweep point; a failed one has its
+    reason), effort.csv, a line plot for every parameter with several values, a heat map where there
+    are two, and run.json. Results are saved incrementally: resume an interrupted sweep with
+    --resume.
 
     \b
     Examples:
@@ -74,49 +90,50 @@ def sweep(
       casswarm sweep paper-1 --set hazard.alpha_2=1,3,9 --set spacing=0.2,0.5,1 --workers 2
       casswarm sweep paper-2 --set n=1:6:6 --runs 2000
     """
+    if method.exact and method.runs is not None:
+        raise WrongInput("--exact and --runs: give one of them")
+    grid = _grid(common.settings)
     with reported_errors(resumes=True), ExitStack() as stack:
-        chosen = load(scenario, ())
-        grid = dict(map(_values, settings))
-        if len(grid) < len(settings):
-            raise WrongInput("--set: every key once, with all of its values")
-        if not grid:
-            raise WrongInput("nothing to sweep: give --set KEY=V1,V2,... at least once")
-        if exact and runs is not None:
-            raise WrongInput("--exact and --runs: give one of them")
-        from ..studies.sweep import sweep as over
+        progress = stack.enter_context(progress_report(common.quiet))
+        chosen = load(scenario)
+        from ..studies.sweep import sweep as run_sweep
 
-        folder = Folder("sweep", chosen, out, figures, RESUME, width, dpi)
-        found = over(
+        folder = open_folder("sweep", chosen, common, figures, RESUME)
+        result = run_sweep(
             chosen,
             grid,
-            named_policies(policies),
-            runs=runs,
-            seed=seed,
-            tolerance=tolerance,
-            max_states=max_states,
-            aggregation_tol=aggregation_tol,
-            solver=solver,
-            workers=stack.enter_context(executor(workers, dask)),
+            named_policies(policies.policies),
+            runs=method.runs,
+            seed=method.seed,
+            **asdict(accuracy),
+            solver=policies.solver,
+            workers=stack.enter_context(executor(execution.workers, execution.dask)),
             checkpoint=folder.path,
-            if_exists="resume" if resume else "overwrite" if fresh else "error",
-            progress=None if quiet else progress_bar(stack, "cells", "cell"),
+            if_exists=execution.if_exists,
+            progress=progress and (lambda done, total: progress("sweep points", done, total)),
         )
     inputs = {
         "settings": grid,
-        "policies": list(dict.fromkeys(found.table["policy"])),
-        "runs": runs,
-        "seed": seed,
-        "tolerance": tolerance,
-        "max_states": max_states,
-        "aggregation_tol": aggregation_tol,
-        "solver": solver,
-        "workers": workers,
+        "policies": list(dict.fromkeys(result.table["policy"])),
+        "runs": method.runs,
+        "seed": method.seed,
+        **asdict(accuracy),
+        "solver": policies.solver,
+        "workers": execution.workers,
     }
-    content = _write(folder, found, inputs)
-    click.echo(json_text(content) if as_json else _words(found))
-    say(folder.closing(), quiet)
-    if found.failures == len(found.table):
-        raise Failure("every cell failed; the reasons are above and in sweep.csv")
+    content = _write(folder, result, inputs)
+    print_result(folder, content, _text(result), common)
+    if result.failures == len(result.table):
+        raise Failure("every sweep point failed; the reasons are above and in sweep.csv")
+
+
+def _grid(settings: tuple[str, ...]) -> dict[str, list[Any]]:
+    grid = dict(map(_values, settings))
+    if len(grid) < len(settings):
+        raise WrongInput("--set: give every key once, with all of its values")
+    if not grid:
+        raise WrongInput("nothing to sweep: give --set KEY=V1,V2,... at least once")
+    return grid
 
 
 def _values(text: str) -> tuple[str, list[Any]]:
@@ -160,45 +177,45 @@ def _range(text: str, parts: list[str]) -> list[Any]:
     return [int(value) for value in values] if whole else values
 
 
-def _write(folder: Folder, found: Sweep, inputs: dict[str, Any]) -> dict[str, Any]:
+def _write(folder: Folder, result: Sweep, inputs: dict[str, Any]) -> dict[str, Any]:
     from ..results.catalogue import sweep_figures
 
-    folder.table("sweep", found.table)
-    folder.table("effort", found.effort)
-    folder.draw(sweep_figures(found.scenario.name, found.table, found.keys))
+    folder.table("sweep", result.table)
+    folder.table("effort", result.effort)
+    folder.draw(sweep_figures(result.scenario.name, result.table, result.keys))
     return folder.record(
-        {"failures": found.failures, "sweep": found.table.to_dict("records")}, inputs
+        {"failures": result.failures, "sweep": result.table.to_dict("records")}, inputs
     )
 
 
-def _words(found: Sweep) -> str:
-    sampled = found.table["method"].eq("sampled").all()
-    head = (
-        *found.keys,
-        "policy",
-        *(("success", "95 % interval") if sampled else ("success, bracket",)),
-        "survivors",
-    )
-    rows = []
-    for row in found.table.to_dict("records"):
-        cells = [*(str(row[key]) for key in found.keys), str(row["policy"])]
-        if row["status"] != "ok":
-            cells += ["failed", *["-"] * (len(head) - len(cells) - 1)]
-        else:
-            if sampled:
-                cells.append("none" if row["successes"] == 0 else f"{row['success']:.4f}")
-            cells += [
-                f"{row['success_low']:.4f} to {row['success_high']:.4f}",
-                f"{row['survivors_mean']:.2f}",
-            ]
-        rows.append(tuple(cells))
-    lines = [aligned([head, *rows])]
-    for status, what in (("failed", "failed"), ("ok", "have wider brackets than was asked for")):
+def _text(result: Sweep) -> str:
+    sampled = bool(result.table["method"].eq("sampled").all())
+    probability = ("success", "95 % interval") if sampled else ("success, bounds",)
+    header = (*result.keys, "policy", *probability, "survivors")
+    points = result.table.to_dict("records")
+    rows = [
+        (*(str(point[key]) for key in result.keys), str(point["policy"]), *_numbers(point, sampled))
+        for point in points
+    ]
+    lines = [result.scenario.name, "", aligned([header, *rows])]
+    for status, what in (("failed", "failed"), ("ok", "have wider bounds than requested")):
         reasons = [
-            " ".join(line.strip() for line in row["reason"].splitlines())
-            for row in found.table.to_dict("records")
-            if row["reason"] and row["status"] == status
+            " ".join(line.strip() for line in point["reason"].splitlines())
+            for point in points
+            if point["reason"] and point["status"] == status
         ]
         if reasons:
-            lines += ["", f"{len(reasons)} of {len(rows)} cells {what}:", *dict.fromkeys(reasons)]
-    return "\n".join([f"{found.scenario.name}", "", *lines])
+            title = f"{len(reasons)} of {len(points)} sweep points {what}:"
+            lines += ["", title, *dict.fromkeys(reasons)]
+    return "\n".join(lines)
+
+
+def _numbers(point: Mapping[Any, Any], sampled: bool) -> tuple[str, ...]:
+    """Success and survivors of a sweep point."""
+    if point["status"] != "ok":
+        return ("failed", *["-"] * (2 if sampled else 1))
+    return (
+        *((success_text(point),) if sampled else ()),
+        f"{point['success_low']:.4f} to {point['success_high']:.4f}",
+        f"{point['survivors_mean']:.2f}",
+    )

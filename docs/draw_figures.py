@@ -21,9 +21,9 @@ AHEAD = tuple(
 RUNS = (
     ("plan", "paper-1", "--map"),
     ("plan", "paper-1", "--solver", "projected-gradient", "--out", "results/descent"),
-    ("plan", "paper-1", "--joint", "--out", "results/joint"),
-    ("simulate", "paper-1", "--keep", "100"),
-    ("simulate", "paper-2", "--policy", "leader", "--keep", "100", "--runs", "100"),
+    ("plan-swarm", "paper-1", "--out", "results/joint"),
+    ("simulate", "paper-1", "--save-trajectories", "100"),
+    ("simulate", "paper-2", "--policy", "leader", "--save-trajectories", "100", "--runs", "100"),
     ("simulate", "wall", *AHEAD, "--runs", "500", "--out", "results/mpc"),
     ("evaluate", "paper-1"),
     ("sweep", "paper-1", "--set", "n=2,3,4,5,6", "--out", "results/sweep-n"),

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ..scenario import Scenario
     from .catalogue import FigureCatalogue
 
-COMMANDS = ("plan", "plan-joint", "simulate", "evaluate", "sweep", "compare")
+COMMANDS = ("plan", "plan-swarm", "simulate", "evaluate", "sweep", "compare")
 """Commands whose folders can be drawn again."""
 
 
@@ -179,9 +179,9 @@ class Saved:
             return {name: partial(_same, fig) for name, fig in pictures(self.comparison).items()}
         if self.command == "plan":
             return catalogue.plan_figures(self.scenario, self.guide, *self._plan())
-        if self.command == "plan-joint":
+        if self.command == "plan-swarm":
             return catalogue.swarm_plan_figures(
-                self.scenario, *self._joint(), *self._part("result")["told"]
+                self.scenario, *self._joint(), *self._part("result")["labels"]
             )
         if self.command == "evaluate":
             estimated = self.has("estimates.csv")
@@ -221,7 +221,7 @@ class Saved:
         if not 0 <= run < len(kept):
             raise CheckpointError(
                 f"run {run} of {name} is not kept in {self.folder}; kept: 0 to {len(kept) - 1}. "
-                f"casswarm simulate --keep {run + 1} keeps it"
+                f"casswarm simulate --save-trajectories {run + 1} saves it"
             )
         return name, kept[run]
 

@@ -119,7 +119,7 @@ class Checkpoint:
         if unfinished and self._if_exists == "error":
             raise CheckpointError(
                 f"{self.folder} holds an unfinished study: continue it (if_exists='resume', on the "
-                "command line --resume), start over (if_exists='overwrite', --fresh), or "
+                "command line --resume), start over (if_exists='overwrite', --overwrite), or "
                 "choose another folder",
                 folder=self.folder,
             )
@@ -145,7 +145,7 @@ class Checkpoint:
         if records and not known and self._if_exists != "overwrite":
             raise CheckpointError(
                 f"{self._records} holds {len(records)} records whose inputs are lost: choose "
-                "another folder, or start over (if_exists='overwrite', --fresh)",
+                "another folder, or start over (if_exists='overwrite', --overwrite)",
                 folder=self.folder,
             )
         for path in paths:

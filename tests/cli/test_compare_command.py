@@ -34,7 +34,7 @@ def compared(tmp_path_factory):
 
 def test_ctrl_c_leaves_what_is_finished_and_the_same_command_goes_on(compared):
     folder, kept, error, _ = compared
-    assert "the same command goes on" in error
+    assert "repeat the same command" in error
     assert "Traceback" not in error
     assert 0 < kept < 20
     lines = (folder / "results" / "compare" / "cells.jsonl").read_text().splitlines()

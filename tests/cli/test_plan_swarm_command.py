@@ -1,4 +1,4 @@
-"""The command line: joint plans, and the bound beside every probability."""
+"""casswarm plan-swarm as a user runs it, and the success bound of other commands."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ PAIR = ("paper-1", "--set", "swarm.positions=[[0.0, 0.0], [0.4, 0.1]]", "--set",
 BOUND = re.compile(r"^no policy can exceed (0\.\d+)$", re.M)
 
 
-def test_plan_joint_prints_its_success_and_the_bound(tmp_path: Path) -> None:
-    printed = casswarm(tmp_path, "plan", *PAIR, "--joint", "--seed", "3").stdout
-    told = re.search(r"success (0\.\d+) .*no policy can exceed (0\.\d+)", printed)
-    assert told
-    assert 0.5 < float(told[1]) < float(told[2]) < 1.0
+def test_plan_swarm_prints_success_and_bound(tmp_path: Path) -> None:
+    printed = casswarm(tmp_path, "plan-swarm", *PAIR, "--seed", "3").stdout
+    reported = re.search(r"success (0\.\d+) .*no policy can exceed (0\.\d+)", printed)
+    assert reported
+    assert 0.5 < float(reported[1]) < float(reported[2]) < 1.0
     assert "formation" in printed
     assert "alive at the end" in printed
-    folder = tmp_path / "results" / "plan-joint-paper-1"
+    folder = tmp_path / "results" / "plan-swarm-paper-1"
     assert (folder / "joint.png").read_bytes().startswith(PNG)
     record = json.loads((folder / "run.json").read_text())
     result = record["result"]
@@ -37,28 +37,19 @@ def test_plan_joint_prints_its_success_and_the_bound(tmp_path: Path) -> None:
         assert len(list(csv.DictReader(file))) == len(result["outcomes"])
 
 
-def test_plan_joint_of_a_large_swarm_is_estimated(tmp_path: Path) -> None:
+def test_plan_swarm_of_a_large_swarm_is_estimated(tmp_path: Path) -> None:
     positions = json.dumps([[0.1 * i, 0.1 * (i % 3)] for i in range(11)])
     settings = ("--set", f"swarm.positions={positions}", "--set", "hazard.alpha_1=30.0")
-    command = (
-        "plan",
-        "paper-1",
-        *settings,
-        "--set",
-        "time.t_f=7.0",
-        "--joint",
-        "--time-limit",
-        "1",
-    )
-    printed = casswarm(tmp_path, *command).stdout
+    settings += ("--set", "time.t_f=7.0")
+    printed = casswarm(tmp_path, "plan-swarm", "paper-1", *settings, "--time-limit", "1").stdout
     assert "by the mean field" in printed
     assert "95% confidence" in printed
-    record = tmp_path / "results" / "plan-joint-paper-1" / "run.json"
+    record = tmp_path / "results" / "plan-swarm-paper-1" / "run.json"
     estimate = json.loads(record.read_text())["result"]["estimate"]
     assert 0 <= estimate["success_low"] < estimate["success_high"] <= 1
 
 
-def test_the_bound_stands_beside_every_success_probability(tmp_path: Path) -> None:
+def test_evaluate_and_simulate_print_the_success_bound(tmp_path: Path) -> None:
     for command in (
         ("evaluate", *PAIR, "--policy", "naive", "--runs", "100"),
         ("simulate", *PAIR, "--policy", "naive", "--runs", "10"),
@@ -75,13 +66,12 @@ def test_the_bound_stands_beside_every_success_probability(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--joint", "--map", "--gap", "0.1"), "--gap, --map: of the guide alone"),
-        (("--min-distance", "0.1"), "--min-distance: of the joint plan alone, give --joint too"),
-        (("--joint", "--min-distance", "2"), "members start 0.412311 apart; give less"),
-        (("--joint", "--objective", "arrival"), "arrivals"),
+        (("--gap", "0.1"), "No such option"),
+        (("--min-distance", "2"), "members start 0.412311 apart; give less"),
+        (("--objective", "arrival"), "arrivals"),
     ],
 )
-def test_options_that_do_not_go_together_are_wrong_input(
+def test_plan_swarm_with_wrong_input_is_explained(
     tmp_path: Path, arguments: tuple[str, ...], message: str
 ) -> None:
-    assert message in casswarm(tmp_path, "plan", *PAIR, *arguments, code=2).stderr
+    assert message in casswarm(tmp_path, "plan-swarm", *PAIR, *arguments, code=2).stderr

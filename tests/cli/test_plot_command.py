@@ -25,7 +25,7 @@ RHO = "formation.rho=0.05,0.1"
 def folder(tmp_path_factory):
     """A folder with the results of a small simulation."""
     folder = tmp_path_factory.mktemp("plot")
-    options = ("--runs", 30, "--seed", 5, "--keep", 2, "--quiet")
+    options = ("--runs", 30, "--seed", 5, "--save-trajectories", 2, "--quiet")
     policies = ("--policy", "naive", "--policy", "leader")
     casswarm(folder, "simulate", "paper-1", *policies, *options)
     return folder
@@ -129,7 +129,7 @@ def test_wrong_folders_runs_and_names_are_answered_with_the_right_ones(simulated
     where = simulated.parent
     assert "is no folder: give one that plan" in casswarm(where, "plot", "nowhere", code=2).stderr
     with pytest.raises(
-        CheckpointError, match=r"kept: 0 to 1\. casswarm simulate --keep 8 keeps it"
+        CheckpointError, match=r"kept: 0 to 1\. casswarm simulate --save-trajectories 8 saves it"
     ):
         Saved.of(simulated).figures(7)
     done = casswarm(where, "plot", simulated.name, "--figure", "sucess", code=2)

@@ -56,7 +56,7 @@ def test_unfinished_work_is_not_thrown_away_unasked(tmp_path: Path) -> None:
     with Checkpoint(tmp_path, INPUTS) as store:
         store.save("one", CELL)
     with (
-        pytest.raises(CheckpointError, match=r"unfinished.*--resume.*--fresh"),
+        pytest.raises(CheckpointError, match=r"unfinished.*--resume.*--overwrite"),
         Checkpoint(tmp_path, INPUTS),
     ):
         pass

@@ -107,7 +107,7 @@ def test_cells_whose_inputs_are_lost_are_not_removed_unasked(tmp_path: Path) -> 
     (tmp_path / "checkpoint" / "inputs.json").write_text("{")
     for choice in ("error", "resume"):
         with (
-            pytest.raises(CheckpointError, match="--fresh"),
+            pytest.raises(CheckpointError, match="--overwrite"),
             Checkpoint(tmp_path, {"runs": 1}, choice),
         ):
             pass

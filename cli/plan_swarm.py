@@ -1,0 +1,206 @@
+"""casswarm plan-swarm."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .common import load, reported_errors
+from .options import (
+    CommonOptions,
+    FigureOptions,
+    option,
+    options,
+    seed_option,
+)
+from .output import Folder, aligned, named_tasks, open_folder, print_result, progress_report
+
+if TYPE_CHECKING:
+    from ..chain.stratified import Estimate
+    from ..planning.joint import SwarmPlan
+    from ..scenario import Scenario
+
+_RUNS = 2000  # that estimate the success of a swarm too large for an exact distribution
+
+
+@dataclass(frozen=True)
+class SwarmPlanOptions:
+    """How the swarm is planned."""
+
+    objective: str = option(
+        "--objective",
+        type=click.Choice(["success", "arrivals", "survivors"]),
+        default="success",
+        show_default=True,
+        help="Maximise the probability that at least one member arrives, the mean number of "
+        "arrivals, or the mean number of survivors.",
+    )
+    solver: str = option("--solver", default="ipopt", show_default=True, help="Solver.")
+    seed: int = seed_option()
+    min_distance: float | None = option(
+        "--min-distance",
+        type=click.FloatRange(0.0, min_open=True),
+        help="Minimum distance between any two members.",
+    )
+    time_limit: float | None = option(
+        "--time-limit",
+        type=click.FloatRange(0.0, min_open=True),
+        help="Start no further initial guess after this time, in seconds. [default: none]",
+    )
+
+
+@click.command("plan-swarm")
+@click.argument("scenario")
+@options(
+    common=CommonOptions,
+    figures=FigureOptions,
+    planning=SwarmPlanOptions,
+)
+def plan_swarm(
+    scenario: str,
+    common: CommonOptions,
+    figures: FigureOptions,
+    planning: SwarmPlanOptions,
+) -> None:
+    """Plan the paths of all members jointly.
+
+    Finds the open-loop plan of greatest success. Prints the plan's success probability and a bound
+    that no policy can exceed. Writes joint.csv (a row per step and member), outcomes.csv (the
+    outcome of every initial guess), joint.png and run.json; casswarm plot draws the figure again.
+
+    \b
+    Examples:
+      casswarm plan-swarm paper-1
+      casswarm plan-swarm paper-2 --min-distance 0.1
+      casswarm plan-swarm paper-1 --objective survivors --time-limit 60
+    """
+    with reported_errors(), progress_report(common.quiet) as progress:
+        chosen = load(scenario, common.settings)
+        from ..planning.joint import plan_swarm as plan_all
+        from ..planning.plan import plan
+        from ..policies import JointPolicy
+        from ..studies.evaluation import estimate
+
+        folder = open_folder("plan-swarm", chosen, common, figures)
+        tasks = named_tasks(progress, "optimizing")
+        tasks("guide, for the initial velocities")
+        guide = plan(chosen, certify=False)
+        swarm_plan = plan_all(
+            chosen,
+            planning.objective,
+            planning.solver,
+            seed=planning.seed,
+            min_distance=planning.min_distance,
+            time_limit=planning.time_limit,
+            guide=guide,
+            progress=tasks,
+        )
+        sampled = None
+        if swarm_plan.law is None:
+            named_tasks(progress, "simulating")(f"{_RUNS} runs")
+            policy = JointPolicy.of(swarm_plan)
+            sampled = estimate(chosen, policy, _RUNS, planning.seed, guide=guide)
+        content = _write(folder, chosen, swarm_plan, sampled, asdict(planning))
+    print_result(folder, content, _text(chosen, swarm_plan, sampled), common)
+
+
+def _write(
+    folder: Folder,
+    scenario: Scenario,
+    plan: SwarmPlan,
+    sampled: Estimate | None,
+    inputs: dict[str, Any],
+) -> dict[str, Any]:
+    from ..results.catalogue import swarm_plan_figures
+    from ..studies.tables import estimate_table, joint_table, outcome_table
+
+    folder.table("joint", joint_table(plan))
+    folder.table("outcomes", outcome_table(plan))
+    labels = _labels(plan, sampled)
+    law = plan.law
+    survival = None if law is None else law.survival
+    folder.draw(swarm_plan_figures(scenario, plan.positions, survival, *labels))
+    result: dict[str, Any] = {
+        "objective": plan.objective,
+        "value": plan.value,
+        "success": plan.success,
+        "failure": None if law is None else law.failure,
+        "arrivals_mean": None if law is None else law.arrivals_mean,
+        "survivors_mean": None if law is None else law.survivors_mean,
+        "estimate": None if sampled is None else estimate_table([sampled]).to_dict("records")[0],
+        "success_bound": None if plan.bound is None else plan.bound.as_dict(),
+        "arrivals": plan.arrivals,
+        "least_distance": plan.least_distance,
+        "solution": plan.solution.as_row(),
+        "outcomes": [outcome.as_row() for outcome in plan.outcomes],
+        "positions": plan.positions,
+        "velocities": plan.velocities,
+        "before": plan.before,
+        "seconds": plan.seconds,
+        "labels": labels,
+    }
+    return folder.record(result, inputs)
+
+
+def _labels(plan: SwarmPlan, sampled: Estimate | None) -> tuple[str, str]:
+    """Success and its bound as the figure's title shows them."""
+    if sampled is not None:
+        low, high = sampled.success
+        success = f"{low:.4f} to {high:.4f} ({sampled.level:.0%})"
+    else:
+        assert plan.law is not None
+        success = f"{1 - plan.law.failure:.6g}"
+    certified = plan.bound is not None and plan.bound.certified
+    return success, str(plan.bound) if certified else ""
+
+
+def _text(scenario: Scenario, plan: SwarmPlan, sampled: Estimate | None) -> str:
+    lines = [
+        f"{scenario.name}: {scenario.n} members, {scenario.n_steps} steps of {scenario.time.dt:g}",
+        str(plan),
+    ]
+    if plan.success is not None and plan.law is not None:
+        low, high = plan.success
+        lines.append(
+            f"exact success probability from {low:.12f} to {high:.12f}; on average "
+            f"{plan.law.survivors_mean:.3f} members alive and {plan.law.arrivals_mean:.3f} in the "
+            "target at the end of a run"
+        )
+    if sampled is not None:
+        lines.append(str(sampled))
+    if scenario.n > 1:
+        lines.append(f"minimum distance between two members: {plan.least_distance:.4g}")
+    lines += [f"{plan.solution}", "", _initial_guesses(plan), "", _members(plan)]
+    return "\n".join(lines)
+
+
+def _initial_guesses(plan: SwarmPlan) -> str:
+    header = ("initial guess", plan.objective, "status", "iterations", "violation", "seconds")
+    rows = [
+        (
+            outcome.origin,
+            f"{outcome.value:.6f}",
+            str(outcome.solution.status),
+            f"{outcome.solution.iterations}",
+            f"{outcome.solution.residuals.violation:.1e}",
+            f"{outcome.seconds:.2f}",
+        )
+        for outcome in plan.outcomes
+    ]
+    return aligned([header, *rows])
+
+
+def _members(plan: SwarmPlan) -> str:
+    alive = None if plan.law is None else plan.law.survival[-1]
+    header = ("member", "arrival step", "alive at the end")
+    rows = [
+        (
+            f"{member + 1}",
+            f"{step}" if step else "never",
+            "-" if alive is None else f"{alive[member]:.4f}",
+        )
+        for member, step in enumerate(plan.arrivals)
+    ]
+    return aligned([header, *rows])

@@ -1,0 +1,115 @@
+"""casswarm plan as a user runs it."""
+
+import json
+
+import pandas as pd
+import pytest
+from commands import PNG, casswarm
+
+from casswarm import load_scenario
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory):
+    """Results folder of paper-1, and what was printed."""
+    folder = tmp_path_factory.mktemp("plan")
+    done = casswarm(folder, "plan", "paper-1")
+    return folder / "results" / "plan-paper-1", done.stdout
+
+
+def test_plan_prints_survival_residuals_and_solves(planned):
+    text = planned[1]
+    assert "survival 0.03" in text
+    assert "no guide can exceed 0.70" in text
+    assert "local search" in text
+    assert "violation" in text
+    assert "solves: 1 solved" in text
+
+
+def test_plan_writes_tables_figure_and_record(planned):
+    results = planned[0]
+    assert {path.name for path in results.iterdir()} == {
+        "guide.csv",
+        "candidates.csv",
+        "paths.csv",
+        "guide.png",
+        "run.json",
+    }
+    assert (results / "guide.png").read_bytes().startswith(PNG)
+    guide = pd.read_csv(results / "guide.csv")
+    record = json.loads((results / "run.json").read_text())
+    assert guide["risk"].iloc[-1] == pytest.approx(record["result"]["risk"], rel=1e-12)
+    assert set(record["versions"]) >= {"casswarm", "casadi", "numpy", "python"}
+    assert record["inputs"]["solver"] == "ipopt"
+
+
+def test_record_holds_the_scenario(planned, tmp_path):
+    record = json.loads((planned[0] / "run.json").read_text())
+    (tmp_path / "again.toml").write_text(record["scenario"])
+    assert load_scenario(tmp_path / "again.toml") == load_scenario("paper-1")
+
+
+def test_plan_with_json_prints_only_json(tmp_path):
+    done = casswarm(tmp_path, "plan", "single-agent", "--json", "--quiet", "--out", "here")
+    result = json.loads(done.stdout)["result"]
+    assert not done.stderr
+    assert (tmp_path / "here" / "guide.csv").exists()
+    assert 0.70 < result["survival"] < 0.73
+    assert 0.95 * result["risk"] < result["risk_bound"] <= result["risk"]
+    assert result["gap"] == pytest.approx(1 - result["risk_bound"] / result["risk"])
+    assert result["certificate"]["bound"] == result["risk_bound"]
+
+
+def test_plan_with_gap_and_map_closes_gap_and_plots_map(tmp_path):
+    options = ("--no-acceleration-limited", "--gap", "1e-5", "--map", "--json")
+    done = casswarm(tmp_path, "plan", "single-agent", *options)
+    assert json.loads(done.stdout)["result"]["gap"] < 1e-5
+    figure = tmp_path / "results" / "plan-single-agent" / "cost-to-go.png"
+    assert figure.read_bytes().startswith(PNG)
+
+
+def test_plan_with_time_limit_reports_it(tmp_path):
+    options = ("--gap", "1e-12", "--time-limit", "1e-6", "--json")
+    assert "time limit of 1e-06 s" in casswarm(tmp_path, "plan", "ring", *options).stdout
+
+
+def test_plan_without_certificate_lists_homotopy_classes(tmp_path):
+    text = casswarm(tmp_path, "plan", "single-agent", "--no-certify").stdout
+    assert "not certified" in text
+    signatures = [line.split()[0] for line in text.splitlines() if line.startswith("  ")]
+    assert sorted(signatures) == ["LL", "LR", "RR"]
+
+
+def test_global_search_has_greater_survival_than_local(tmp_path):
+    survival = {
+        search: json.loads(
+            casswarm(tmp_path, "plan", "single-agent", "--search", search, "--json").stdout
+        )["result"]["survival"]
+        for search in ("local", "global")
+    }
+    assert survival["global"] > 2 * survival["local"]
+
+
+def test_projected_gradient_at_iteration_limit_is_compared(tmp_path):
+    options = ("--solver", "projected-gradient", "--set", "guide.iterations=50")
+    done = casswarm(tmp_path, "plan", "paper-1", *options)
+    assert "iteration limit by projected-gradient" in done.stdout
+    assert "a global search without a_max and margin: guide arrives" in done.stdout
+    results = tmp_path / "results" / "plan-paper-1"
+    assert (results / "comparison.png").read_bytes().startswith(PNG)
+    table = pd.read_csv(results / "comparison.csv").set_index("guide")
+    assert list(table.index) == ["projected gradient", "global search"]
+    assert table["risk_bound"].nunique() == 1
+    assert table.loc["global search", "gap"] < 0.01 < table.loc["projected gradient", "gap"]
+
+
+def test_projected_gradient_with_search_option_is_refused(tmp_path):
+    options = ("--solver", "projected-gradient", "--search", "global")
+    assert "do not apply" in casswarm(tmp_path, "plan", "paper-1", *options, code=2).stderr
+
+
+def test_impossible_plan_fails_with_exit_code_1(tmp_path):
+    settings = ("--set", "swarm.velocity=[-2.0, -2.0]", "--set", "guide.a_max=0.0001")
+    done = casswarm(tmp_path, "plan", "paper-1", *settings, code=1)
+    assert "no guide found" in done.stderr
+    assert not (tmp_path / "results").exists()

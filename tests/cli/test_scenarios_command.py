@@ -1,0 +1,64 @@
+"""casswarm scenarios and scenario files of a user."""
+
+import pytest
+from commands import casswarm
+
+
+def test_list_prints_names_and_descriptions(tmp_path):
+    text = casswarm(tmp_path, "scenarios", "list").stdout
+    assert "paper-1" in text
+    assert "calibration" in text
+    assert len(text.splitlines()) >= 6
+
+
+def test_show_prints_a_valid_file(tmp_path):
+    text = casswarm(tmp_path, "scenarios", "show", "wall").stdout
+    (tmp_path / "shown.toml").write_text(text)
+    assert "valid" in casswarm(tmp_path, "scenarios", "check", "shown.toml").stdout
+
+
+def test_new_writes_a_named_file_with_comments(tmp_path):
+    casswarm(tmp_path, "scenarios", "new", "mine.toml", "--from", "ring")
+    text = (tmp_path / "mine.toml").read_text()
+    assert 'name = "mine"' in text
+    assert 'description = "copied from ring"' in text
+    assert "# Radius of the target zone, in units of length.\nradius = " in text
+    assert "mine.toml" in casswarm(tmp_path, "scenarios", "check", "mine.toml").stdout
+
+
+def test_new_overwrites_a_file_only_with_force(tmp_path):
+    (tmp_path / "mine.toml").write_text("mine")
+    assert "--force" in casswarm(tmp_path, "scenarios", "new", "mine.toml", code=2).stderr
+    assert (tmp_path / "mine.toml").read_text() == "mine"
+    casswarm(tmp_path, "scenarios", "new", "mine.toml", "--force")
+    assert "[swarm]" in (tmp_path / "mine.toml").read_text()
+
+
+def test_check_with_a_wrong_file_reports_all_and_fails(tmp_path):
+    (tmp_path / "wrong.toml").write_text("name = 3\n")
+    done = casswarm(tmp_path, "scenarios", "check", "wrong.toml", "paper-1", code=2)
+    assert "wrong.toml" in done.stderr
+    assert "paper-1" in done.stdout
+
+
+@pytest.fixture
+def own_rates(tmp_path):
+    """Folder with a scenario file whose rates are in a module beside it."""
+    (tmp_path / "mine.py").write_text(
+        "def rate(positions, alive, strength):\n"
+        "    return strength / (1 + (positions[:, 0] - 4) ** 2 + (positions[:, 1] - 4) ** 2)\n"
+    )
+    casswarm(tmp_path, "scenarios", "new", "own.toml", "--from", "single-agent")
+    text = (tmp_path / "own.toml").read_text()
+    before, _, after = text.partition("[hazard]")
+    _, _, guide = after.partition("[guide]")
+    hazard = '[hazard]\nkind = "mine:rate"\n[hazard.parameters]\nstrength = 2.0\n\n'
+    (tmp_path / "own.toml").write_text(f"{before}{hazard}[guide]{guide}")
+    return tmp_path
+
+
+def test_rates_of_a_module_beside_the_file_are_used(own_rates):
+    done = casswarm(own_rates, "simulate", "own.toml", "--runs", 20, "--workers", 2)
+    assert "leader" in done.stdout
+    text = casswarm(own_rates, "plan", "own.toml").stdout
+    assert "not certified: the bound needs a lower bound of your rates" in text

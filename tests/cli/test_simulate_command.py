@@ -1,0 +1,129 @@
+"""casswarm simulate as a user runs it."""
+
+import json
+from itertools import combinations
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from commands import casswarm
+
+CHECKPOINT = "checkpoint"  # folder from which simulate resumes
+RESULTS = Path("results") / "simulate-paper-1"
+POLICIES = ("naive", "constrained", "leader")
+NAIVE = ("simulate", "paper-1", "--policy", "naive")
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    """Folder of a small study, and what was printed."""
+    folder = tmp_path_factory.mktemp("simulate")
+    return folder, casswarm(folder, "simulate", "paper-1", "--runs", 40, "--seed", 5).stdout
+
+
+def test_simulate_prints_success_with_intervals(simulated):
+    _, summary, paired, bound = simulated[1].split("\n\n")
+    assert bound.startswith("no policy can exceed 0.99")
+    header = summary.splitlines()[0]
+    assert all(word in header for word in ("infeasible", "fallbacks", "saturated"))
+    rows = [line.split() for line in summary.splitlines()[1:]]
+    assert [row[0] for row in rows] == list(POLICIES)
+    for row in rows:
+        assert float(row[3]) <= float(row[2]) < float(row[5])
+    differences = [line.split() for line in paired.splitlines()[1:4]]
+    assert [(row[0], row[2]) for row in differences] == list(combinations(POLICIES, 2))
+    for row in differences:
+        assert float(row[4]) <= float(row[3]) <= float(row[6])
+
+
+def test_simulate_writes_tables_figures_and_record(simulated):
+    results = simulated[0] / RESULTS
+    assert {path.name for path in results.iterdir()} == {
+        "summary.csv",
+        "paired.csv",
+        "runs.csv",
+        "guide.csv",
+        "traces.csv",
+        "success.png",
+        "differences.png",
+        *(f"{kind}-{policy}.png" for kind in ("run", "formation") for policy in POLICIES),
+        "run.json",
+        CHECKPOINT,
+    }
+    runs = pd.read_csv(results / "runs.csv")
+    summary = pd.read_csv(results / "summary.csv").set_index("policy")
+    assert len(runs) == 3 * 40
+    for policy, own in runs.groupby("policy"):
+        assert own["success"].sum() == summary["successes"][policy]
+    record = json.loads((results / "run.json").read_text())
+    assert record["inputs"] == {
+        "policies": list(POLICIES),
+        "runs": 40,
+        "half_width": None,
+        "seed": 5,
+        "save_trajectories": 5,
+        "workers": 1,
+        "solver": "auto",
+    }
+
+
+def test_second_simulate_removes_files_of_the_first(tmp_path):
+    options = ("--runs", 3, "--out", "here", "--quiet")
+    casswarm(tmp_path, *NAIVE, *options)
+    (tmp_path / "here" / "mine.txt").write_text("not casswarm's")
+    casswarm(tmp_path, "simulate", "paper-1", "--policy", "leader", "--format", "pdf", *options)
+    assert {path.name for path in (tmp_path / "here").iterdir()} == {
+        "mine.txt",
+        "run.json",
+        "runs.csv",
+        "summary.csv",
+        "guide.csv",
+        "traces.csv",
+        "success.pdf",
+        "run-leader.pdf",
+        "formation-leader.pdf",
+        CHECKPOINT,
+    }
+    batches = [path.name for path in (tmp_path / "here" / CHECKPOINT).glob("*.npz")]
+    assert len(batches) == 1
+    assert "leader" in batches[0]
+    assert b"/Type3" not in (tmp_path / "here" / "success.pdf").read_bytes()
+
+
+def test_same_seed_with_two_workers_gives_same_files(simulated, tmp_path):
+    casswarm(tmp_path, "simulate", "paper-1", "--runs", 40, "--seed", 5, "--workers", 2)
+    for name in ("runs.csv", "summary.csv"):
+        assert (tmp_path / RESULTS / name).read_bytes() == (
+            simulated[0] / RESULTS / name
+        ).read_bytes()
+
+
+def test_another_seed_gives_other_runs(simulated, tmp_path):
+    casswarm(tmp_path, *NAIVE, "--runs", 40, "--seed", 6)
+    first = pd.read_csv(simulated[0] / RESULTS / "runs.csv").query("policy == 'naive'")
+    second = pd.read_csv(tmp_path / RESULTS / "runs.csv")
+    assert not (first["steps"].to_numpy() == second["steps"].to_numpy()).all()
+
+
+def test_no_success_is_printed_with_its_upper_bound(tmp_path):
+    text = casswarm(tmp_path, *NAIVE, "--runs", 10, "--set", "hazard.alpha_1=400.0").stdout
+    row = text.split("\n\n")[1].splitlines()[-1].split()
+    assert row[:5] == ["naive", "10", "0", "(<=", "0.278)"]
+
+
+def test_settings_reach_the_simulation(tmp_path):
+    done = casswarm(tmp_path, *NAIVE, "--runs", 10, "--set", "hazard.alpha_1=1e-6", "--json")
+    assert json.loads(done.stdout)["result"]["summary"][0]["successes"] == 10
+
+
+def test_half_width_chooses_the_number_of_runs(tmp_path):
+    done = casswarm(tmp_path, *NAIVE, "--half-width", 0.1, "--json")
+    runs = json.loads(done.stdout)["inputs"]["runs"]
+    assert 50 < runs < 150
+    assert f"pilot study: {runs} runs per policy needed" in done.stderr
+
+
+def test_named_solver_is_used(tmp_path):
+    options = ("--runs", 3, "--policy", "leader", "--solver", "spectral", "--json")
+    done = casswarm(tmp_path, "simulate", "paper-1", *options)
+    assert json.loads(done.stdout)["inputs"]["solver"] == "spectral"
