@@ -53,6 +53,7 @@ def test_command_on_page_parses(command):
         assert words[1:] == []  # a command mentioned by name
 
 
+@pytest.mark.slow
 def test_code_on_page_runs(tmp_path):
     pytest.importorskip("IPython", reason="requires the extra `notebooks`")
     blocks = re.findall(r"^```python\n(.*?)^```$", PAGE, re.M | re.S)

@@ -56,6 +56,7 @@ def test_run_command_prints_table(tmp_path):
         assert float(pairs[pair][1]) == pytest.approx(float(shown[pair][1]), abs=0.003)
 
 
+@pytest.mark.slow
 def test_exact_bounds_match_evaluate():
     from casswarm import evaluate, load_scenario, plan
 
