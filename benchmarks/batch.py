@@ -26,7 +26,7 @@ from casswarm.optimization.problem import Instances, Nlp
 from casswarm.optimization.solvers import Auto, Ipopt
 from casswarm.policies.base import Decision, Policy
 from casswarm.policies.leader_selection import LEADER_SELECTION
-from casswarm.problems.formation import Step, corridor_formation, leader_formation, motion_of
+from casswarm.problems.formation import Motion, Step, corridor_formation, leader_formation
 
 PROBLEMS = {
     "leader": ("paper-1", "leader", 1000),
@@ -72,7 +72,7 @@ def formations(name: str, policy: str, states: int) -> tuple[csw.Scenario, Nlp, 
             goal = guide.reference(step + 1)
             data = Step(
                 scenario.hazard,
-                motion_of(scenario),
+                Motion.from_scenario(scenario),
                 positions[rows],
                 previous_velocities[rows],
                 alive[rows],

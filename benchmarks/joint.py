@@ -173,7 +173,7 @@ def feedback(quick: bool) -> Iterable[Row]:
         first = csw.plan_swarm(scenario)
         tree = PlanTree.of(scenario, first)
         used = time.process_time()
-        law = csw.evaluate(scenario, ReplanningPolicy(tree, JointPolicy.of(first)), 1e-4)
+        law = csw.evaluate(scenario, ReplanningPolicy(tree, JointPolicy.from_plan(first)), 1e-4)
         yield (
             name,
             f"{first.value:.6f}",

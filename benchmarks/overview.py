@@ -116,12 +116,12 @@ FIRST_USE = """
 import resource, time
 import numpy as np
 import casswarm as csw
-from casswarm.problems.formation import Step, leader_formation, motion_of
+from casswarm.problems.formation import Motion, Step, leader_formation
 from casswarm.optimization.solvers import Auto
 scenario = csw.load_scenario("paper-2")
 x = scenario.positions[None]
 started = time.perf_counter()
-step = Step(scenario.hazard, motion_of(scenario), x, 0.8 + 0 * x, np.ones((1, 5), bool), x[0, 1])
+step = Step(scenario.hazard, Motion.from_scenario(scenario), x, 0.8 + 0 * x, np.ones((1, 5), bool), x[0, 1])
 problem = leader_formation(step, np.array([0]))
 assert Auto().solve_batch(problem.nlp, problem.instances).success.all()
 used = resource.getrusage(resource.RUSAGE_SELF)

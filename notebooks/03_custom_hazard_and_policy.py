@@ -119,9 +119,9 @@ swarm_map(scenario, study.trajectories["leader"][0], guide)
 
 # %%
 from casswarm.planning.guide import integrate
-from casswarm.problems.formation import motion_of
+from casswarm.problems.formation import Motion
 
-motion = motion_of(scenario)
+motion = Motion.from_scenario(scenario)
 paths = [integrate(guide.positions[0], way.velocities, guide.dt) for way in guide.ways()[:2]]
 
 

@@ -1,4 +1,4 @@
-"""The formation of one step: where the members go around the guide's next point.
+"""Formation of one step: the members' velocities around the guide's next point.
 
 The paper's section IV.B, both of its problems as one program with weights:
 
@@ -6,16 +6,17 @@ The paper's section IV.B, both of its problems as one program with weights:
     over        v in R^(2n)
     subject to  -v_max <= v_i <= v_max
                 ||v_i - V_i(t-1)||^2 <= a_max                equation (5)
-                ||X_i + dt v_i - X*(t+1)||^2 <= rho          equation (7), where wished
+                ||X_i + dt v_i - X*(t+1)||^2 <= rho          equation (7), if there is a corridor
 
 - **Leader protection** (6): w is 1 for the leader and 0 for the others; the leader's velocity is
-  fixed, dt v_i = X*(t+1) - X_i or as near to it as v_max and a_max allow; no corridor.
-- **Constrained trajectory** (7): w is 1 for the living; everybody has the corridor.
+  fixed, dt v_i = X*(t+1) - X_i or as close to it as v_max and a_max allow; no corridor.
+- **Constrained trajectory** (7): w is 1 for the living; every member has the corridor.
 
 Per member the constraint set is a box and one or two discs in the plane, so the set of a state is
 a product, `PlanarSets` of n members. It can be empty, which the paper does not say. v_max and a_max
-are physical and always hold; a member that cannot reach its corridor goes as near to it as they
-allow, and is counted (`Formation.infeasible`). The destroyed stay where they fell.
+are hard constraints. The corridor and the leader's position are soft: a member that cannot meet its
+own comes as close to it as the hard constraints allow, and counts as infeasible
+(`Formation.infeasible`). The destroyed do not move.
 """
 
 from __future__ import annotations
@@ -31,21 +32,21 @@ from numpy.typing import NDArray
 from ..hazard import Hazard, KernelHazard
 from ..optimization.feasible_sets.planar import PlanarSets
 from ..optimization.problem import Instances, Nlp
-from ..typing import BoolArray, FloatArray
+from ..typing import BoolArray, FloatArray, IntArray
 from .formation_kernels import formation_objective
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
-SHORTFALL = 1e-6
-"""Distance, in steps of v_max dt, up to which a member counts as in its place."""
+POSITION_TOL = 1e-6
+"""Distance, in units of v_max dt, up to which a member counts as being at a position."""
 
-_UNROLL = 8  # members up to which scalar expressions are faster
+_UNROLL = 8  # largest number of members for which scalar expressions are faster
 
 
 @lru_cache(maxsize=16)
 def formation_nlp(hazard: Hazard, n: int, corridor: bool) -> Nlp:
-    """The program above for n members, with the corridor's constraints or without."""
+    """The program above for n members, with or without the corridor's constraints."""
     v = ca.MX.sym("velocities", 2, n)
     X, previous_velocities = ca.MX.sym("positions", 2, n), ca.MX.sym("previous_velocities", 2, n)
     alive, weights = ca.MX.sym("alive", 1, n), ca.MX.sym("weights", 1, n)
@@ -74,7 +75,7 @@ def formation_nlp(hazard: Hazard, n: int, corridor: bool) -> Nlp:
 
 
 def _starts(hazard: Hazard, corridor: bool) -> int:
-    """How many starts find the best of the local minima that collisions make, almost always."""
+    """Number of starts that almost always find the best local minimum; collisions create several."""
     if isinstance(hazard, KernelHazard) and not hazard.collides:
         return 1
     return 4 if corridor else 2
@@ -82,7 +83,7 @@ def _starts(hazard: Hazard, corridor: bool) -> int:
 
 @dataclass(frozen=True)
 class Motion:
-    """What limits a member's step.
+    """Limits of a member's motion in a step.
 
     Parameters
     ----------
@@ -97,8 +98,13 @@ class Motion:
     a_max: float
     dt: float
 
+    @classmethod
+    def from_scenario(cls, scenario: Scenario) -> Motion:
+        """Limits of the members of a scenario."""
+        return cls(scenario.swarm.v_max, scenario.swarm.a_max, scenario.time.dt)
+
     def sets(self, previous_velocities: FloatArray) -> PlanarSets:
-        """Velocities (..., 2) that the limits allow after `previous_velocities` (..., 2)."""
+        """Sets of velocities (..., 2) allowed after `previous_velocities` (..., 2)."""
         return PlanarSets(
             np.full(2, -self.v_max),
             np.full(2, self.v_max),
@@ -109,27 +115,28 @@ class Motion:
     def toward(
         self, positions: FloatArray, previous_velocities: FloatArray, goals: FloatArray
     ) -> FloatArray:
-        """Velocities (..., 2) that bring positions (..., 2) as near to goals as is allowed.
+        """Velocities (..., 2) that bring positions (..., 2) as close to goals as is allowed.
 
-        Equation (6)'s v_i = X* - X_i where the limits allow it, and its projection where not.
+        Equation (6)'s v_i = X* - X_i where the limits allow it, and its projection elsewhere.
         """
         return self.sets(previous_velocities).project((goals - positions) / self.dt)
 
-    def misses(self, positions: FloatArray, velocities: FloatArray, goals: FloatArray) -> BoolArray:
-        """Whether the step (..., 2) ends elsewhere than at the goals, shape (...)."""
-        missed = positions + self.dt * velocities - goals
-        distance = np.hypot(missed[..., 0], missed[..., 1])
-        return np.asarray(distance > SHORTFALL * self.v_max * self.dt)
-
-
-def motion_of(scenario: Scenario) -> Motion:
-    """The members' physical limits."""
-    return Motion(scenario.swarm.v_max, scenario.swarm.a_max, scenario.time.dt)
+    def misses(
+        self,
+        positions: FloatArray,
+        velocities: FloatArray,
+        goals: FloatArray,
+        radius: float = 0.0,
+    ) -> BoolArray:
+        """Whether steps (..., 2) end farther than `radius` from the goals, shape (...)."""
+        offset = positions + self.dt * velocities - goals
+        distance = np.hypot(offset[..., 0], offset[..., 1])
+        return np.asarray(distance > radius + POSITION_TOL * self.v_max * self.dt)
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """The data of a step t -> t + 1, for a batch of B states.
+    """Data of a step t -> t + 1, or of H steps, for a batch of B states.
 
     Parameters
     ----------
@@ -138,8 +145,9 @@ class Step:
     positions, previous_velocities : (B, n, 2)
         X(t) and V(t-1).
     alive : (B, n) bool
-    goal : (2,) or (B, 2)
-        X*(t+1), for all states or for each.
+        Held fixed over the steps.
+    goals : (H, 2) or (H, B, 2)
+        X*(t+1), ..., X*(t+H), for all states or for each.
     """
 
     hazard: Hazard
@@ -147,31 +155,54 @@ class Step:
     positions: FloatArray
     previous_velocities: FloatArray
     alive: BoolArray
-    goal: FloatArray
+    goals: FloatArray
+
+    @property
+    def horizon(self) -> int:
+        """Number of steps H."""
+        return len(self.goals)
+
+    @property
+    def goal(self) -> FloatArray:
+        """X*(t+1), of shape (2,) or (B, 2)."""
+        return np.asarray(self.goals[0])
 
 
 @dataclass(frozen=True, eq=False)
 class Formation:
-    """A batch of B formation problems, ready to be solved.
+    """A batch of B formation problems, of one step or of several, ready to be solved.
 
     Parameters
     ----------
     nlp : Nlp
     instances : Instances
-        B instances; members whose velocity is given have a box of zero width.
+        B instances; members whose velocity is prescribed have a box of zero width.
     free : (B, n) bool
-        Whose velocity is to be found.
-    infeasible : (B, n) bool
-        Who cannot fulfil its wish (the leader's place, the corridor) within the physical limits.
+        Members whose velocity is optimised.
+    sets : PlanarSets, shape (B, n)
+        Sets of the velocities of the first step.
     fallback : (B, n, 2)
-        Allowed velocities nearest to the previous ones, for when a solver fails.
+        Allowed velocities to apply if a solver fails.
+    infeasible : (B, n) bool
+        Members that cannot meet their soft constraint (the leader's position, the corridor) within
+        the hard constraints.
+    tracked : (B, n) bool, optional
+        Members of whom the applied velocity shows whether they meet it.
+    radius : float
+        Distance from the goal within which tracked members meet it.
+    failures : (B,) int, optional
+        1 where building the problem failed and an approximation is used.
     """
 
     nlp: Nlp
     instances: Instances
     free: BoolArray
-    infeasible: BoolArray
+    sets: PlanarSets
     fallback: FloatArray
+    infeasible: BoolArray
+    tracked: BoolArray | None = None
+    radius: float = 0.0
+    failures: IntArray | None = None
 
 
 def leader_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
@@ -180,41 +211,41 @@ def leader_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
     sets = step.motion.sets(step.previous_velocities)
     positions = step.positions[leads]
     velocity = step.motion.toward(positions, step.previous_velocities[leads], step.goal)
-    given = np.zeros_like(step.positions)
-    given[leads] = velocity
+    prescribed = np.zeros_like(step.positions)
+    prescribed[leads] = velocity
     infeasible = np.zeros_like(step.alive)
     infeasible[leads] = step.motion.misses(positions, velocity, step.goal)
-    infeasible &= step.alive  # where nobody is alive, nobody falls short
+    infeasible &= step.alive  # where no member is alive, none is infeasible
     guess = None
     if isinstance(step.hazard, KernelHazard) and step.hazard.gathers:
-        # solved in closed form: the nearer to the leader the better, every follower on its own
+        # closed form: the closer to the leader the better, for every follower independently
         following = positions + step.motion.dt * velocity
         guess = (following[:, None] - step.positions) / step.motion.dt
-    return _formation(step, sets, leads, step.alive & ~leads, given, infeasible, guess)
+    return _formation(step, sets, leads, step.alive & ~leads, prescribed, infeasible, guess)
 
 
 def corridor_formation(
-    step: Step, rho: float, pathfinders: NDArray[np.intp] | None = None
+    step: Step, rho: float, lead_agents: NDArray[np.intp] | None = None
 ) -> Formation:
     """Constrained trajectory, problem (7); `rho` bounds the squared distance to the goal.
 
-    `pathfinders` (B,) are the indices of members who fly to the goal itself, if there are any.
+    `lead_agents` (B,), if given, are the indices of members that move to the goal itself.
     """
-    physical = step.motion.sets(step.previous_velocities)
+    hard = step.motion.sets(step.previous_velocities)
     to_goal = (np.atleast_2d(step.goal)[:, None] - step.positions) / step.motion.dt
-    wishes = PlanarSets(
-        physical.lower,
-        physical.upper,
+    corridor = PlanarSets(
+        hard.lower,
+        hard.upper,
         np.stack([step.previous_velocities, to_goal], axis=-2),
         np.sqrt([step.motion.a_max, rho]) / [1.0, step.motion.dt],
     )
-    sets, unmet = wishes.fulfil()
-    free, given = step.alive & ~unmet, sets.lower
-    if pathfinders is not None:
-        first = np.arange(step.alive.shape[1]) == pathfinders[:, None]
-        free &= ~first
-        given = np.where(first[..., None], physical.project(to_goal), given)
-    return _formation(step, sets, step.alive, free, given, step.alive & unmet)
+    sets, infeasible = corridor.fulfil()
+    free, prescribed = step.alive & ~infeasible, sets.lower
+    if lead_agents is not None:
+        leads = np.arange(step.alive.shape[1]) == lead_agents[:, None]
+        free &= ~leads
+        prescribed = np.where(leads[..., None], hard.project(to_goal), prescribed)
+    return _formation(step, sets, step.alive, free, prescribed, step.alive & infeasible)
 
 
 def _formation(
@@ -222,25 +253,23 @@ def _formation(
     sets: PlanarSets,
     weights: BoolArray,
     free: BoolArray,
-    given: FloatArray,
+    prescribed: FloatArray,
     infeasible: BoolArray,
     guess: FloatArray | None = None,
 ) -> Formation:
-    """Formation in which the living who are not free have the velocities `given` (B, n, 2).
+    """Formation in which living members that are not free have `prescribed` velocities (B, n, 2).
 
-    The solve starts from the point of the sets nearest to `guess` (B, n, 2), by default to the
-    previous velocities.
+    The initial guess is the projection of `guess` (B, n, 2), by default of the previous velocities.
     """
     nlp = formation_nlp(step.hazard, step.alive.shape[1], sets.radii.shape[-1] == 2)
-    fixed = np.where(step.alive[..., None], given, 0.0)
+    fixed = np.where(step.alive[..., None], prescribed, 0.0)
     lower = np.where(free[..., None], sets.lower, fixed)
     upper = np.where(free[..., None], sets.upper, fixed)
     radii = np.where(free[..., None], sets.radii, np.inf)
     sets = PlanarSets(lower, upper, sets.centers, radii)
     fallback = sets.project(step.previous_velocities)
-    squared = (
-        radii * [1.0, step.motion.dt][: radii.shape[-1]]
-    ) ** 2  # as the constraints state them
+    # the constraints bound squared distances, of velocities and of positions
+    squared = (radii * [1.0, step.motion.dt][: radii.shape[-1]]) ** 2
     instances = Instances(
         x0=nlp.pack_variables(velocities=fallback if guess is None else sets.project(guess)),
         p=nlp.pack_parameters(
@@ -258,12 +287,13 @@ def _formation(
             **{name: squared[..., k, None] for k, name in enumerate(nlp.constraints)}
         ),
         feasible_set=sets,
-        scale=_units(step, weights),
+        scale=formation_scale(step, weights),
     )
-    return Formation(nlp, instances, free, infeasible, fallback)
+    return Formation(nlp, instances, free, sets, fallback, infeasible)
 
 
-def _units(step: Step, weights: BoolArray) -> FloatArray:
-    """v_max, and what the members with a weight would risk alone where they are, (B, 2)."""
-    alone = (weights * step.hazard.single_agent_rates(step.positions)).sum(axis=1)
-    return np.stack([np.full(len(alone), step.motion.v_max), np.where(alone > 0, alone, 1.0)], 1)
+def formation_scale(step: Step, weights: BoolArray) -> FloatArray:
+    """Scales (B, 2): v_max, and the rate of isolated members at the present positions, H steps."""
+    isolated = (weights * step.hazard.single_agent_rates(step.positions)).sum(axis=1)
+    rates = step.horizon * np.where(isolated > 0, isolated, 1.0)
+    return np.stack([np.full(len(isolated), step.motion.v_max), rates], 1)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..policies.base import Policy, checked_velocities
-from ..problems.formation import motion_of
+from ..problems.formation import Motion
 from ..typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def saturate(
     scenario: Scenario, commanded: FloatArray, previous_velocities: FloatArray, alive: BoolArray
 ) -> tuple[FloatArray, IntArray]:
     """Velocities (B, n, 2) projected to v_max and a_max, and the number (B,) that changed."""
-    sets = motion_of(scenario).sets(previous_velocities)
+    sets = Motion.from_scenario(scenario).sets(previous_velocities)
     exceeds = alive & (sets.violation(commanded) > SATURATION_TOL)
     velocities = commanded.copy()
     if exceeds.any():

@@ -1,25 +1,21 @@
-"""Policies: what every member does, from the state of the swarm."""
+"""Policies: the velocities of all members, from the state of the swarm."""
 
 from .base import Decision, Policy, UserPolicy, as_policy
 from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy
 from .independent import NaivePolicy
-from .joint import JointPolicy
-from .joint_feedback import ReplanningPolicy
+from .joint import JointPolicy, ReplanningPolicy
 from .leader_selection import LEADER_SELECTION
-from .mpc import ConstrainedMpcPolicy, LeaderMpcPolicy
 from .registry import POLICIES, make_policy, member_guides
 
 __all__ = [
     "LEADER_SELECTION",
     "POLICIES",
     "ConstrainedFeedbackPolicy",
-    "ConstrainedMpcPolicy",
     "ConstrainedPolicy",
     "Decision",
     "JointPolicy",
     "LeaderFeedbackPolicy",
-    "LeaderMpcPolicy",
     "LeaderPolicy",
     "NaivePolicy",
     "Policy",

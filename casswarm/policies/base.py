@@ -1,4 +1,4 @@
-"""What a policy is: velocities for a batch of states, and an account of what it could not do."""
+"""Interface of policies: velocities for a batch of states, and a report of what went wrong."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ from ..typing import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """What a policy does in a batch of B states.
+    """Velocities of a policy in a batch of B states.
 
     Parameters
     ----------
     velocities : (B, n, 2)
         V(t); those of the destroyed are ignored.
     infeasible : (B,) int
-        How many members could not fulfil their wish (the leader's place, the corridor).
+        Number of members whose soft constraint (the leader's position, the corridor) could not be
+        met.
     failures : (B,) int
-        1 where the solver failed and a fallback was taken, else 0.
+        1 where the solver failed and its result was replaced or repaired, else 0.
     fallbacks : (B,) int
-        1 where a first answer was not good enough and Ipopt was called, else 0.
+        1 where a first solution was not good enough and Ipopt was called, else 0.
     """
 
     velocities: FloatArray
@@ -38,25 +39,25 @@ class Decision:
     @classmethod
     def plain(cls, velocities: FloatArray) -> Decision:
         """A decision with nothing to report."""
-        none = np.zeros(len(velocities), np.int64)
-        return cls(velocities, none, none, none)
+        zeros = np.zeros(len(velocities), np.int64)
+        return cls(velocities, zeros, zeros, zeros)
 
 
 class Policy(ABC):
-    """A policy, through one verb. Policies are immutable, deterministic and pickle.
+    """Base of policies, which are immutable, deterministic and picklable.
 
-    `decide` takes step -> step + 1, for B states at once. In every state the entries of destroyed
-    members are zero: a policy must not depend on them. It should not depend on the other states
-    of the batch either, so that results do not depend on batching.
+    A policy implements `decide_batch`, which takes B states at once from step to step + 1. In every
+    state the entries of destroyed members are zero, and a policy must not depend on them. It should
+    not depend on the other states of the batch either, so that results do not depend on batching.
     """
 
     name: str
 
     @abstractmethod
-    def decide(
+    def decide_batch(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> Decision:
-        """Velocities of step `step`, with what could not be done.
+        """Decide in a batch of states.
 
         Parameters
         ----------
@@ -67,6 +68,46 @@ class Policy(ABC):
         alive : (B, n) bool
         """
 
+    def decide(
+        self, step: int, positions: ArrayLike, previous_velocities: ArrayLike, alive: ArrayLike
+    ) -> Decision:
+        """Decide in one state, which is a batch of one, or in a batch of states.
+
+        Parameters
+        ----------
+        step : int
+            t, from 0.
+        positions, previous_velocities : (n, 2) or (B, n, 2)
+            X(t) and V(t-1).
+        alive : (n,) or (B, n) bool
+
+        Raises
+        ------
+        PolicyError
+            Shapes that do not fit.
+        """
+        state = np.asarray(positions), np.asarray(previous_velocities), np.asarray(alive)
+        shapes = [array.shape for array in state]
+        expected = [shapes[0], shapes[0], shapes[0][:-1]]
+        if len(shapes[0]) not in (2, 3) or shapes[0][-1] != 2 or shapes != expected:
+            raise PolicyError(
+                f"positions, previous_velocities and alive have shapes {shapes}; expected "
+                "(n, 2), (n, 2), (n,), or (B, n, 2), (B, n, 2), (B, n)",
+                policy=getattr(self, "name", None),
+                step=step,
+                shapes=shapes,
+            )
+        if state[0].ndim == 2:
+            state = state[0][None], state[1][None], state[2][None]
+        return self.decide_batch(step, *state)
+
+    def velocities(
+        self, step: int, positions: ArrayLike, previous_velocities: ArrayLike, alive: ArrayLike
+    ) -> FloatArray:
+        """Velocities (n, 2) of one state, or (B, n, 2) of a batch; see `decide`."""
+        velocities = self.decide(step, positions, previous_velocities, alive).velocities
+        return velocities if np.ndim(positions) == 3 else np.asarray(velocities[0])
+
     def leaders(
         self,
         step: int,  # noqa: ARG002
@@ -74,70 +115,69 @@ class Policy(ABC):
         previous_velocities: FloatArray,  # noqa: ARG002
         alive: BoolArray,
     ) -> NDArray[np.integer[Any]]:
-        """Who leads in every state, (B,): what pictures mark; -1 where nobody does."""
+        """Index (B,) of the leader in every state of a batch, for figures; -1 without a leader."""
         return np.full(len(alive), -1)
-
-    def velocities(
-        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
-    ) -> FloatArray:
-        """Velocities (B, n, 2) alone; see `decide`."""
-        if np.ndim(positions) != 3:
-            raise PolicyError(
-                f"positions have shape {np.shape(positions)}; expected a batch, (B, n, 2): "
-                "for a single state give positions[None], previous[None], alive[None]"
-            )
-        return self.decide(step, positions, previous_velocities, alive).velocities
 
 
 @dataclass(frozen=True)
 class UserPolicy(Policy):
-    """A policy from a user's function of (step, positions, previous, alive)."""
+    """Policy from a user's function of (step, positions, previous_velocities, alive)."""
 
     function: Callable[[int, FloatArray, FloatArray, BoolArray], Any]
     name: str
 
-    def decide(
+    def decide_batch(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> Decision:
-        """The function's velocities; see `checked_velocities` for what they must be."""
-        found = self.function(step, positions, previous_velocities, alive)
-        return Decision.plain(checked_velocities(self.name, step, found, alive))
+        """Call the function; see `checked_velocities` for the velocities that it may return."""
+        velocities = self.function(step, positions, previous_velocities, alive)
+        return Decision.plain(checked_velocities(self.name, step, velocities, alive))
 
 
 def checked_velocities(name: str, step: int, velocities: ArrayLike, alive: BoolArray) -> FloatArray:
-    """What the policy `name` gave at a step, (B, n, 2): a copy, zero for the destroyed.
+    """Copy of the velocities (B, n, 2) that the policy `name` returned, zero for the destroyed.
 
     Raises
     ------
     PolicyError
         Velocities of the wrong shape, or not finite for a living member.
     """
-    found = np.asarray(velocities, dtype=float)
-    if found.shape != (*alive.shape, 2):
+    checked = np.asarray(velocities, dtype=float)
+    expected = (*alive.shape, 2)
+    if checked.shape != expected:
         raise PolicyError(
-            f"policy {name!r} returned velocities of shape {found.shape} at step {step}; "
-            f"expected {(*alive.shape, 2)}: (states, members, 2)"
+            f"policy {name!r} returned velocities of shape {checked.shape} at step {step}; "
+            f"expected {expected}: (states, members, 2)",
+            policy=name,
+            step=step,
+            shape=checked.shape,
+            expected=expected,
         )
-    found = np.where(alive[..., None], found, 0.0)
-    if not np.isfinite(found).all():
-        state, member = np.argwhere(~np.isfinite(found))[0][:2]
+    checked = np.where(alive[..., None], checked, 0.0)
+    if not np.isfinite(checked).all():
+        state, member = (int(index) for index in np.argwhere(~np.isfinite(checked))[0][:2])
         raise PolicyError(
-            f"policy {name!r} returned the velocity {found[state, member]} for member {member} "
-            f"at step {step}; velocities must be finite"
+            f"policy {name!r} returned the velocity {checked[state, member]} for member {member} "
+            f"at step {step}; velocities must be finite",
+            policy=name,
+            step=step,
+            state=state,
+            member=member,
+            velocity=checked[state, member],
         )
-    return found
+    return checked
 
 
 def as_policy(policy: Any, name: str | None = None) -> Policy:
-    """A policy of what a user wrote: a `Policy`, an object with `velocities`, or a function.
+    """Policy from a `Policy`, an object with a method `velocities`, or a function.
 
     Parameters
     ----------
     policy : Policy, object or function
-        Of (step, positions, previous, alive), of shapes (B, n, 2), (B, n, 2) and (B, n); its
-        velocities have shape (B, n, 2).
+        The method or function takes (step, positions, previous_velocities, alive), of shapes
+        (B, n, 2), (B, n, 2) and (B, n), and returns velocities (B, n, 2).
     name : str, optional
-        What tables call it; by default the name it has.
+        Name in tables; by default that of the object, the function or the class.
 
     Raises
     ------
@@ -145,16 +185,17 @@ def as_policy(policy: Any, name: str | None = None) -> Policy:
         None of these, or a `Policy` without a name.
     """
     if isinstance(policy, type):
-        raise PolicyError(f"{policy.__name__} is a class; give an instance: {policy.__name__}()")
+        raise PolicyError(f"{policy.__name__} is a class; pass an instance: {policy.__name__}()")
     if isinstance(policy, Policy):
         if not hasattr(policy, "name"):
-            raise PolicyError(f"{policy!r} has no name; give its class one: name = 'mine'")
+            raise PolicyError(f"{policy!r} has no name; define one in its class: name = 'mine'")
         return policy
     function = getattr(policy, "velocities", policy)
     if not callable(function):
         raise PolicyError(
-            f"{policy!r} is no policy: expected a name, a function of (step, positions, previous, "
-            "alive), or an object with such a method called velocities"
+            f"{policy!r} is not a policy: expected a name, a function of (step, positions, "
+            "previous_velocities, alive), or an object with such a method called velocities",
+            policy=policy,
         )
     default = getattr(policy, "name", None) or getattr(policy, "__name__", type(policy).__name__)
     return UserPolicy(function, name or str(default))

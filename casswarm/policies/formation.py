@@ -1,4 +1,4 @@
-"""The paper's two formation policies: leader protection and constrained trajectory."""
+"""The paper's formation policies, leader protection and constrained trajectory, one or H steps."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..hazard import Hazard
-from ..optimization.feasible_sets.planar import PlanarSets
 from ..optimization.solution import BatchSolution
 from ..optimization.solvers import Solver
 from ..planning.guide import Guide
@@ -20,17 +19,22 @@ from ..problems.formation import Formation, Motion, Step, corridor_formation, le
 from ..typing import BoolArray, FloatArray
 from .base import Decision, Policy
 from .leader_selection import LEADER_SELECTION
+from .mpc_instances import corridor_mpc_formation, leader_mpc_formation
 
 LOG = logging.getLogger(__name__)
 
-HONEST = 1e-3
-"""Stationarity, in `Instances.scale`, above which an answer counts as failed whatever its solver
-says of it: loose, for what a solver calls solved is its own tolerance."""
+MAX_STATIONARITY = 1e-3
+"""Stationarity, in `Instances.scale`, above which a solution counts as failed, whatever status its
+solver reports: loose, because solvers report success by tolerances of their own."""
 
 
 @dataclass(frozen=True, eq=False)
 class FormationPolicy(Policy):
     """Base of the policies that solve a formation problem at every step along a guide.
+
+    With a horizon H > 1 they are receding-horizon (MPC) policies: they solve the problem of the
+    next H steps and apply the first. The horizon ends with the guide, so it shrinks towards the
+    guide's arrival.
 
     Parameters
     ----------
@@ -38,35 +42,45 @@ class FormationPolicy(Policy):
     motion : Motion
     guide : Guide
     solver : Solver
+    horizon : int
+        Number of steps H, from 1.
     """
 
     hazard: Hazard
     motion: Motion
     guide: Guide
     solver: Solver
+    horizon: int = 1
 
-    def decide(
+    def decide_batch(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> Decision:
-        """Solve the formation problem of every state; see `Policy.decide`."""
-        goal = self.guide.reference(step + 1)
-        data = Step(self.hazard, self.motion, positions, previous_velocities, alive, goal)
-        formation = self._formation(data, self.guide.reference(step))
-        return solved(formation, self.solver)
+        """Solve the formation problem of every state; see `Policy.decide_batch`."""
+        data = self._data(step, positions, previous_velocities, alive)
+        return applied_decision(data, self._formation(data, self.guide.reference(step)), self.solver)
+
+    def _data(
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+    ) -> Step:
+        horizon = max(1, min(self.horizon, self.guide.arrival - step))
+        goals = np.stack([self.guide.reference(step + s) for s in range(1, horizon + 1)])
+        return Step(self.hazard, self.motion, positions, previous_velocities, alive, goals)
 
     @abstractmethod
-    def _formation(self, data: Step, place: FloatArray) -> Formation:
-        """The problems of a step; `place` (2,) is the guide's present point X*(t)."""
+    def _formation(self, data: Step, reference: FloatArray) -> Formation:
+        """Problems of a step; `reference` (2,) is the guide's present point X*(t)."""
 
 
 @dataclass(frozen=True, eq=False)
 class LeaderPolicy(FormationPolicy):
     """Planned leader trajectory with protectors, the paper's section IV.B.1.
 
+    Over a horizon, the leader's path is planned first, and the others' around it.
+
     Parameters
     ----------
     leader_selection : str
-        Who leads: a rule of `LEADER_SELECTION`; by default the living member nearest to the guide.
+        Rule of `LEADER_SELECTION`; by default the living member nearest to the guide leads.
     """
 
     leader_selection: str = "nearest"
@@ -75,18 +89,20 @@ class LeaderPolicy(FormationPolicy):
     def leaders(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> NDArray[np.integer[Any]]:
-        """Who leads in every state, (B,), by the rule of succession."""
-        goal, place = self.guide.reference(step + 1), self.guide.reference(step)
-        data = Step(self.hazard, self.motion, positions, previous_velocities, alive, goal)
-        return LEADER_SELECTION[self.leader_selection](data, place)
+        """Index (B,) of the leader in every state."""
+        data = self._data(step, positions, previous_velocities, alive)
+        return LEADER_SELECTION[self.leader_selection](data, self.guide.reference(step))
 
-    def _formation(self, data: Step, place: FloatArray) -> Formation:
-        return leader_formation(data, LEADER_SELECTION[self.leader_selection](data, place))
+    def _formation(self, data: Step, reference: FloatArray) -> Formation:
+        build = leader_formation if data.horizon == 1 else leader_mpc_formation
+        return build(data, LEADER_SELECTION[self.leader_selection](data, reference))
 
 
 @dataclass(frozen=True, eq=False)
 class ConstrainedPolicy(FormationPolicy):
     """Constrained trajectory, the paper's section IV.B.2.
+
+    Over a horizon, the corridors of all steps hold as far as they can be met.
 
     Parameters
     ----------
@@ -97,42 +113,49 @@ class ConstrainedPolicy(FormationPolicy):
     rho: float = 0.05
     name: str = "constrained"
 
-    def _formation(self, data: Step, place: FloatArray) -> Formation:  # noqa: ARG002
-        return corridor_formation(data, self.rho)
+    def _formation(self, data: Step, reference: FloatArray) -> Formation:  # noqa: ARG002
+        build = corridor_formation if data.horizon == 1 else corridor_mpc_formation
+        return build(data, self.rho)
 
 
-def solved(formation: Formation, solver: Solver) -> Decision:
-    """The decision in a batch of formation problems.
+def applied_decision(step: Step, formation: Formation, solver: Solver) -> Decision:
+    """Solve a batch of formation problems, and decide to apply the velocities of their first step.
 
-    Answers are projected onto the sets, so the physical limits hold exactly. A failed solve keeps
-    its answer, made feasible; where there is none (not finite, an exception, a crash) the members
-    take the velocities that change least. Every failure is counted, and its reason is logged, once
-    for every solver and reason.
+    Velocities are projected onto their sets, so the hard constraints hold exactly. The result of a
+    failed solve is applied too, once projected; without any (not finite, an exception, a crash) the
+    formation's fallback is applied. Every failure is counted, and its reason is logged, once for
+    every solver and reason.
     """
-    velocities = formation.instances.lbx.reshape(*formation.free.shape, 2).copy()
-    failures, fallbacks = np.zeros((2, len(velocities)), np.int64)
-    open_ = np.flatnonzero(formation.free.any(axis=1))
-    if open_.size:
-        instances = formation.instances[open_]
-        sets = instances.feasible_set
-        assert isinstance(sets, PlanarSets)
-        found = solver.solve_batch(formation.nlp, instances)
-        usable = np.asarray(np.isfinite(found.x).all(axis=1, keepdims=True))
-        points = np.where(usable, found.x, 0.0).reshape(*sets.shape, 2)
-        velocities[open_] = np.where(
-            usable[..., None], sets.project(points), formation.fallback[open_]
-        )
-        good = np.asarray(found.success & (found.stationarity <= HONEST))
-        failures[open_], fallbacks[open_] = ~good, found.used_fallback
-        log_failures(solver.name, formation.nlp.name, found, good)
-    return Decision(velocities, formation.infeasible.sum(axis=1), failures, fallbacks)
+    velocities = formation.fallback.copy()
+    batch, members = formation.free.shape
+    failures, fallbacks = np.zeros((2, batch), np.int64)
+    if formation.failures is not None:
+        failures |= formation.failures
+    rows = np.flatnonzero(formation.free.any(axis=1))
+    if rows.size:
+        solution = solver.solve_batch(formation.nlp, formation.instances[rows])
+        finite = np.asarray(np.isfinite(solution.x).all(axis=1))[:, None, None]
+        first = solution.x.reshape(rows.size, -1, members, 2)[:, 0]
+        velocities[rows] = np.where(finite, first, velocities[rows])
+        solved = np.asarray(solution.success & (solution.stationarity <= MAX_STATIONARITY))
+        failures[rows] |= ~solved
+        fallbacks[rows] = solution.used_fallback
+        _log_failures(solver.name, formation.nlp.name, solution, solved)
+    velocities = formation.sets.project(velocities)
+    infeasible = formation.infeasible
+    if formation.tracked is not None:
+        missed = step.motion.misses(step.positions, velocities, step.goal, formation.radius)
+        infeasible = infeasible | (formation.tracked & missed)
+    return Decision(velocities, infeasible.sum(axis=1), failures, fallbacks)
 
 
-def log_failures(solver: str, problem: str, found: BatchSolution, good: BoolArray) -> None:
-    """Log why answers are not good, once for every solver, problem and reason."""
-    for row in np.flatnonzero(~good):
-        words = "not solved" if found.messages is None else str(found.messages[row])
-        _log_once(solver, problem, words + (", but not stationary" if found.success[row] else ""))
+def _log_failures(
+    solver: str, problem: str, solution: BatchSolution, solved: BoolArray
+) -> None:
+    """Log why problems were not solved, once for every solver, problem and reason."""
+    for row in np.flatnonzero(~solved):
+        reason = "not solved" if solution.messages is None else str(solution.messages[row])
+        _log_once(solver, problem, reason + (", but not stationary" if solution.success[row] else ""))
 
 
 @lru_cache(maxsize=1024)

@@ -1,4 +1,4 @@
-"""The naive policy: every member follows a guide of its own and ignores the others."""
+"""The naive policy: every member follows its own guide and ignores the others."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ class NaivePolicy(Policy):
     ----------
     motion : Motion
     guides : sequence of n Guide
-        One for every member, from where it starts.
+        A guide for every member, from its initial position.
     """
 
     motion: Motion
     guides: Sequence[Guide]
     name: str = "naive"
 
-    def decide(
+    def decide_batch(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> Decision:
-        """Every member toward its own guide's next point, as near as the limits allow.
+        """Move every member to its own guide's next point, as close as the limits allow.
 
-        A member whose planning failed steers straight at the target, and counts as a failure.
+        A member whose planning failed heads straight for the target, and counts as a failure.
         """
         goals = np.stack([g.reference(step + 1) if g.arrives else g.center for g in self.guides])
-        lost = np.array([not guide.arrives for guide in self.guides])
+        unplanned = np.array([not guide.arrives for guide in self.guides])
         velocities = self.motion.toward(positions, previous_velocities, goals)
-        short = alive & ~lost & self.motion.misses(positions, velocities, goals)
+        infeasible = alive & ~unplanned & self.motion.misses(positions, velocities, goals)
         return Decision(
             np.where(alive[..., None], velocities, 0.0),
-            short.sum(axis=1),
-            (alive & lost).any(axis=1).astype(np.int64),
+            infeasible.sum(axis=1),
+            (alive & unplanned).any(axis=1).astype(np.int64),
             np.zeros(len(velocities), np.int64),
         )

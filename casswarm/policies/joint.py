@@ -1,4 +1,4 @@
-"""The joint plan as a policy: the living follow their ways, whoever is lost."""
+"""The joint plan as a policy: open loop, or with replanning after losses."""
 
 from __future__ import annotations
 
@@ -8,71 +8,114 @@ import numpy as np
 
 from ..errors import PolicyError
 from ..planning.joint import SwarmPlan
+from ..planning.joint.replan import PlanTree
 from ..problems.formation import Motion
 from ..typing import BoolArray, FloatArray
 from .base import Decision, Policy
 
 _ON_PLAN = 1e-9
-"""Distance from a plan's place and velocity, in units of v_max and a step of it, up to which a
-member is on its way and takes the planned velocity to the last bit."""
+"""Distance from the planned position and velocity, in units of v_max dt and v_max, up to which a
+member takes exactly the planned velocity."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointPolicy(Policy):
-    """Open loop: every member follows its way in a plan.
+    """Open loop: every member follows its path in a plan.
 
-    From the plan's own initial state, members are on their ways while they live: the law of the
-    policy by `casswarm.evaluate` is the plan's. From elsewhere they go to their way's next point as
-    directly as the limits allow, and those that do not reach it count as shortfalls.
+    From the plan's own initial state, members are on their paths while they live, and
+    `casswarm.evaluate` gives the plan's own distribution. From elsewhere they move to the next point
+    of their paths as directly as the limits allow; those that do not reach it count as infeasible.
 
     Parameters
     ----------
     motion : Motion
-    positions, velocities : (T+1, n, 2), (T, n, 2)
+    planned_positions, planned_velocities : (T+1, n, 2), (T, n, 2)
         X(0..T), V(0..T-1).
-    before : (n, 2)
+    initial_velocities : (n, 2)
         V(-1).
     """
 
     motion: Motion
-    positions: FloatArray
-    ways: FloatArray
-    before: FloatArray
+    planned_positions: FloatArray
+    planned_velocities: FloatArray
+    initial_velocities: FloatArray
     name: str = "joint"
 
     @classmethod
-    def of(cls, plan: SwarmPlan, name: str = "joint") -> JointPolicy:
+    def from_plan(cls, plan: SwarmPlan, name: str = "joint") -> JointPolicy:
         """The policy that follows a plan."""
         return cls(plan.motion, plan.positions, plan.velocities, plan.before, name)
 
-    def decide(
+    def decide_batch(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> Decision:
-        """To the plan's next places; beyond its last step, to where it ends."""
-        n = self.ways.shape[1]
+        """Move to the plan's next positions; after its last step, to its final ones."""
+        steps, n = self.planned_velocities.shape[:2]
         if alive.shape[1] != n:
             raise PolicyError(
-                f"this joint plan is for {n} members, the swarm has {alive.shape[1]}: plan for "
-                "this scenario"
+                f"this joint plan is for {n} members, the swarm has {alive.shape[1]}: make a plan "
+                "for this scenario",
+                policy=self.name,
+                expected=n,
+                members=alive.shape[1],
             )
-        goals = np.broadcast_to(self.positions[min(step + 1, len(self.ways))], positions.shape)
+        goals = np.broadcast_to(self.planned_positions[min(step + 1, steps)], positions.shape)
         velocities = self.motion.toward(positions, previous_velocities, goals)
-        if step < len(self.ways):
+        if step < steps:
             on_plan = self._on_plan(step, positions, previous_velocities)
-            velocities = np.where(on_plan[..., None], self.ways[step], velocities)
-        short = alive & self.motion.misses(positions, velocities, goals)
+            velocities = np.where(on_plan[..., None], self.planned_velocities[step], velocities)
+        infeasible = alive & self.motion.misses(positions, velocities, goals)
         return Decision(
             np.where(alive[..., None], velocities, 0.0),
-            short.sum(axis=1),
+            infeasible.sum(axis=1),
             *np.zeros((2, len(alive)), np.int64),
         )
 
     def _on_plan(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray
     ) -> BoolArray:
-        """Which members (B, n) are where the plan has them, with the velocity that it has."""
-        motion = self.motion
-        velocity = self.ways[step - 1] if step else self.before
-        places = np.abs(positions - self.positions[step]) <= _ON_PLAN * motion.v_max * motion.dt
-        velocities = np.abs(previous_velocities - velocity) <= _ON_PLAN * motion.v_max
-        return np.asarray((places & velocities).all(axis=-1))
+        """Members (B, n) that have the position and the velocity of the plan."""
+        v_max, dt = self.motion.v_max, self.motion.dt
+        velocity = self.planned_velocities[step - 1] if step else self.initial_velocities
+        at_position = np.abs(positions - self.planned_positions[step]) <= _ON_PLAN * v_max * dt
+        at_velocity = np.abs(previous_velocities - velocity) <= _ON_PLAN * v_max
+        return np.asarray((at_position & at_velocity).all(axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class ReplanningPolicy(Policy):
+    """Follow a joint plan; where members were lost, follow a new plan for the others.
+
+    `casswarm.planning.joint.replan` describes the situations for which plans are made. A state that
+    is on no plan, such as one that a user constructs, is steered back to the first plan.
+
+    Parameters
+    ----------
+    tree : PlanTree
+        Stores every plan, so that each situation is solved once.
+    open_loop : JointPolicy
+        Policy of the first plan.
+    """
+
+    tree: PlanTree
+    open_loop: JointPolicy
+    name: str = "joint-replanning"
+
+    def decide_batch(
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+    ) -> Decision:
+        """Follow the plan of every state; `Decision.fallbacks` marks states that were replanned."""
+        open_loop = self.open_loop.decide_batch(step, positions, previous_velocities, alive)
+        velocities, infeasible = open_loop.velocities.copy(), open_loop.infeasible.copy()
+        failures, fallbacks = np.zeros((2, len(alive)), np.int64)
+        for state, living in enumerate(alive):
+            members = tuple(np.flatnonzero(living).tolist())
+            if not members:
+                continue
+            planned = self.tree.follow(
+                step, members, positions[state, living], previous_velocities[state, living]
+            )
+            if planned is not None:
+                velocities[state, living], fallbacks[state], failures[state] = planned
+                infeasible[state] = 0
+        return Decision(velocities, infeasible, failures, fallbacks)

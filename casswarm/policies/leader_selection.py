@@ -1,7 +1,7 @@
-"""Who leads: rules of succession for leader protection.
+"""Rules that select the leader for leader protection.
 
-The paper says only that another leader can be chosen when the leader is destroyed. A rule looks at
-a state, not at its history: the leader on the guide stays the nearest to it while it is alive.
+The paper says only that another leader can be chosen when the leader is destroyed. A rule depends on
+the state, not on its history: a leader on the guide remains the nearest to it while it is alive.
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ from ..typing import FloatArray
 
 Rule = Callable[[Step, FloatArray], NDArray[np.intp]]
 
-_TIE = 1e-9  # distances closer than this are equal; the lower index leads
+_TIE = 1e-9  # difference of distances that counts as a tie; the lower index leads
 
 
-def nearest(step: Step, place: FloatArray) -> NDArray[np.intp]:
-    """The living member nearest to the guide's present `place` (2,), ties by index."""
-    away = step.positions - place
-    distance = np.where(step.alive, np.hypot(away[..., 0], away[..., 1]), np.inf)
+def nearest(step: Step, reference: FloatArray) -> NDArray[np.intp]:
+    """The living member nearest to the guide's present point `reference` (2,), ties by index."""
+    offset = step.positions - reference
+    distance = np.where(step.alive, np.hypot(offset[..., 0], offset[..., 1]), np.inf)
     return np.asarray(np.argmax(distance <= distance.min(axis=1, keepdims=True) + _TIE, axis=1))
 
 
-def first(step: Step, place: FloatArray) -> NDArray[np.intp]:  # noqa: ARG001
-    """The living member of the lowest index."""
+def first(step: Step, reference: FloatArray) -> NDArray[np.intp]:  # noqa: ARG001
+    """The living member with the lowest index."""
     return np.asarray(np.argmax(step.alive, axis=1))
 
 
-def safest(step: Step, place: FloatArray) -> NDArray[np.intp]:  # noqa: ARG001
-    """The living member of the lowest rate where it stands, ties by index."""
+def safest(step: Step, reference: FloatArray) -> NDArray[np.intp]:  # noqa: ARG001
+    """The living member with the lowest rate at its present position, ties by index."""
     rates = np.where(step.alive, step.hazard.rates(step.positions, step.alive), np.inf)
     return np.asarray(np.argmax(rates <= rates.min(axis=1, keepdims=True) * (1 + _TIE), axis=1))
 
 
 LEADER_SELECTION: dict[str, Rule] = {"nearest": nearest, "first": first, "safest": safest}
-"""Rules by the name that `make_policy(..., succession=...)` takes."""
+"""Rules by name, as `make_policy` takes them in `leader_selection`."""

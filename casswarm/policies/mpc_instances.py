@@ -1,4 +1,4 @@
-"""Look-ahead problems from windows: wishes first, then the instances of the program.
+"""Instances of formation problems over several steps: soft constraints first, then the program.
 
 See `casswarm.problems.mpc_formation` for the mathematics.
 """
@@ -6,176 +6,199 @@ See `casswarm.problems.mpc_formation` for the mathematics.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..hazard import KernelHazard
 from ..optimization.feasible_sets.planar import PlanarSets
-from ..optimization.feasible_sets.trajectory import PathSets, distances, part_within
+from ..optimization.feasible_sets.trajectory import Limits, PathSets, distances, part_within
 from ..optimization.problem import Instances, Nlp
-from ..problems.mpc_formation import MpcFormation, Window, lookahead_nlp
+from ..problems.formation import Formation, Step, formation_scale
+from ..problems.mpc_formation import mpc_formation_nlp
 from ..typing import BoolArray, FloatArray
 
 MARGIN = 1e-4
-"""By how much a corridor is narrower for every step ahead, as a part of its radius."""
+"""Decrease of the corridor's radius from each step of the horizon to the next, relative to it."""
 
 
-def leader_mpc(window: Window, leaders: NDArray[np.intp]) -> MpcFormation:
-    """Leader protection over the window; `leaders` (B,) are the indices of living members."""
-    batch, n = window.alive.shape
+class _Plan(NamedTuple):
+    """What the soft constraints determine; paths are displacements in units of dt.
+
+    Parameters
+    ----------
+    constrained : (B, n) bool
+        Members with a soft constraint, whose rates are also the objective.
+    free : (B, n) bool
+        Members whose paths are optimised.
+    interior : (B, n, H, 2)
+        Paths strictly within the limits; prescribed for members that are not free.
+    guess : (B, n, H, 2)
+        Initial guesses.
+    radii : (B, n, H)
+        Radii of the corridor; infinite where there is none.
+    first_radii : (B, n)
+        Radii to which the first step is projected.
+    radius : float
+        Distance from the goal that the soft constraint allows; 0 for a position.
+    failed : (B,) bool
+        Whether a least-squares problem was not solved.
+    """
+
+    constrained: BoolArray
+    free: BoolArray
+    interior: FloatArray
+    guess: FloatArray
+    radii: FloatArray
+    first_radii: FloatArray
+    radius: float
+    failed: BoolArray
+
+
+def leader_mpc_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
+    """Leader protection over H steps; `leaders` (B,) are the indices of living members."""
+    limits, dt, previous = _limits(step), step.motion.dt, step.previous_velocities
+    batch, n = step.alive.shape
     rows = np.arange(batch)
-    leads = (np.arange(n) == leaders[:, None]) & window.alive
-    path, failed = window.limits.following(
-        window.previous_velocities[rows, leaders],
-        window.targets[rows, leaders],
-        np.zeros(window.steps),
+    leads = (np.arange(n) == leaders[:, None]) & step.alive
+    path, failed = limits.following(
+        previous[rows, leaders], _targets(step)[rows, leaders], np.zeros(step.horizon)
     )
-    inside = window.limits.slowing(window.previous_velocities, window.steps)
-    inside[rows, leaders] = path
-    place = window.positions[rows, leaders][:, None] + window.motion.dt * path
-    to_leader = (place[:, None] - window.positions[:, :, None]) / window.motion.dt
-    free = window.alive & ~leads
-    guess = inside.copy()
-    guess[free] = window.limits.greedy(window.previous_velocities[free], to_leader[free])
-    if isinstance(window.hazard, KernelHazard) and window.hazard.gathers:
-        # nothing is better than to be with the leader all the time: who can, is done
-        there = free & (distances(guess, to_leader) <= 1e-12 * window.limits.speed).all(axis=-1)
-        inside[there], free = guess[there], free & ~there
-    none = np.full((*window.alive.shape, window.steps), np.inf)
-    first = _first(window, ~free, inside[:, :, 0], none[..., 0])
-    return _problem(window, leads, free, leads, none, inside, guess, first, failed, 0.0)
+    interior = limits.slowing(previous, step.horizon)
+    interior[rows, leaders] = path
+    positions = step.positions[rows, leaders][:, None] + dt * path
+    to_leader = (positions[:, None] - step.positions[:, :, None]) / dt
+    free = step.alive & ~leads
+    guess = interior.copy()
+    guess[free] = limits.greedy(previous[free], to_leader[free])
+    if isinstance(step.hazard, KernelHazard) and step.hazard.gathers:
+        # members that can stay with the leader over the whole horizon are solved in closed form
+        joined = free & (distances(guess, to_leader) <= 1e-12 * limits.speed).all(axis=-1)
+        interior[joined], free = guess[joined], free & ~joined
+    radii = np.full((batch, n, step.horizon), np.inf)
+    return _formation(
+        step, _Plan(leads, free, interior, guess, radii, radii[..., 0], 0.0, failed)
+    )
 
 
-def constrained_mpc(window: Window, rho: float) -> MpcFormation:
-    """Constrained trajectory over the window; `rho` is the paper's bound of the corridor."""
-    radius = np.sqrt(rho) / window.motion.dt
-    margin, living, targets = MARGIN * radius, window.alive, window.targets
-    narrow = np.maximum(0.0, radius - margin * np.arange(1, window.steps + 1))
-    slowing = window.limits.slowing(window.previous_velocities, window.steps)
+def corridor_mpc_formation(step: Step, rho: float) -> Formation:
+    """Constrained trajectory over H steps; `rho` bounds the squared distance to the goals."""
+    limits, previous = _limits(step), step.previous_velocities
+    radius = np.sqrt(rho) / step.motion.dt
+    margin, living, targets = MARGIN * radius, step.alive, _targets(step)
+    narrow = np.maximum(0.0, radius - margin * np.arange(1, step.horizon + 1))
+    slowing = limits.slowing(previous, step.horizon)
     nearest, failed = slowing.copy(), np.zeros_like(living)
-    nearest[living], failed[living] = window.limits.following(
-        window.previous_velocities[living], targets[living], narrow
-    )
+    nearest[living], failed[living] = limits.following(previous[living], targets[living], narrow)
     excess = np.maximum(0.0, distances(nearest, targets) - narrow)
     radii = np.where(living[..., None], narrow + margin + excess, np.inf)
-    part = part_within(nearest, slowing, targets, radii)[..., None, None]
-    inside = nearest + part * (slowing - nearest)
-    # the step that is flown: the paper's corridor to the letter, where it can be met
-    wide = np.where(excess[..., 0] > margin, radii[..., 0], radius)
-    wide = np.where(living, wide, np.inf)
-    nobody = np.zeros_like(living)
-    first = _first(window, nobody, window.previous_velocities, wide)
-    return _problem(
-        window,
-        living,
-        living,
-        living,
-        radii,
-        inside,
-        nearest,
-        first,
-        np.asarray(failed.any(axis=1)),
-        float(np.sqrt(rho)),
-    )
-
-
-def _first(
-    window: Window, given: BoolArray, velocities: FloatArray, radii: FloatArray
-) -> PlanarSets:
-    """Sets of the velocities to be flown; those of `given` members, and of the dead, are points."""
-    physical = window.motion.sets(window.previous_velocities)
-    living = window.alive[..., None]
-    known = np.where(
-        living, physical.project(np.broadcast_to(velocities, window.previous_velocities.shape)), 0
-    )
-    free = living & ~given[..., None]
-    to_goal = (window.goals[0] - window.positions) / window.motion.dt
-    return PlanarSets(
-        np.where(free, physical.lower, known),
-        np.where(free, physical.upper, known),
-        np.stack([window.previous_velocities, to_goal], axis=-2),
-        np.where(
-            free,
-            np.stack([np.broadcast_to(physical.radii[..., 0], radii.shape), radii], -1),
-            np.inf,
+    fraction = part_within(nearest, slowing, targets, radii)[..., None, None]
+    interior = nearest + fraction * (slowing - nearest)
+    # for the applied step, exactly the paper's corridor where it can be met
+    first_radii = np.where(excess[..., 0] > margin, radii[..., 0], radius)
+    first_radii = np.where(living, first_radii, np.inf)
+    failures = np.asarray(failed.any(axis=1))
+    return _formation(
+        step,
+        _Plan(
+            living, living, interior, nearest, radii, first_radii, float(np.sqrt(rho)), failures
         ),
     )
 
 
-def _problem(
-    window: Window,
-    weights: BoolArray,
-    free: BoolArray,
-    wished: BoolArray,
-    radii: FloatArray,
-    inside: FloatArray,
-    guess: FloatArray,
-    first: PlanarSets,
-    failed: BoolArray,
-    radius: float,
-) -> MpcFormation:
-    """The batch; `inside` and `guess` are advances (B, n, H, 2), 0 for the destroyed."""
-    batch, n = window.alive.shape
-    steps, motion = window.steps, window.motion
-    corridor = radius > 0.0
-    nlp = lookahead_nlp(window.hazard, n, steps, corridor)
-    living = window.alive[..., None, None]
-    inside, guess = (
-        np.ascontiguousarray(np.where(living, path, 0.0).transpose(0, 2, 1, 3))
-        for path in (inside, guess)
+def _limits(step: Step) -> Limits:
+    """Limits of every member's path."""
+    return Limits(step.motion.v_max, float(np.sqrt(step.motion.a_max)))
+
+
+def _targets(step: Step) -> FloatArray:
+    """The goals (H, 2) as displacements of every member, (B, n, H, 2)."""
+    return np.asarray((step.goals - step.positions[:, :, None]) / step.motion.dt)
+
+
+def _first_sets(step: Step, plan: _Plan) -> PlanarSets:
+    """Sets of the applied velocities; a point for members that are not free, 0 for the dead."""
+    hard = step.motion.sets(step.previous_velocities)
+    fixed = np.where(step.alive[..., None], hard.project(plan.interior[:, :, 0]), 0)
+    free = plan.free[..., None]
+    to_goal = (step.goal - step.positions) / step.motion.dt
+    acceleration = np.broadcast_to(hard.radii[..., 0], plan.first_radii.shape)
+    return PlanarSets(
+        np.where(free, hard.lower, fixed),
+        np.where(free, hard.upper, fixed),
+        np.stack([step.previous_velocities, to_goal], axis=-2),
+        np.where(free, np.stack([acceleration, plan.first_radii], -1), np.inf),
     )
-    bound = np.full((batch, steps, n, 2), np.inf)
+
+
+def _formation(step: Step, plan: _Plan) -> Formation:
+    """Batch of problems; paths of the destroyed are 0."""
+    batch, n = step.alive.shape
+    horizon, motion, free = step.horizon, step.motion, plan.free
+    corridor = plan.radius > 0.0
+    nlp = mpc_formation_nlp(step.hazard, n, horizon, corridor)
+    living = step.alive[..., None, None]
+    interior, guess = (
+        np.ascontiguousarray(np.where(living, path, 0.0).transpose(0, 2, 1, 3))
+        for path in (plan.interior, plan.guess)
+    )
+    bound = np.full((batch, horizon, n, 2), np.inf)
     bound[:, 0] = motion.v_max
     fixed = ~free[:, None, :, None]
-    blocks: dict[str, FloatArray] = {"acceleration": np.full((batch, steps, n), motion.a_max)}
-    if steps > 1:
-        blocks["speed"] = np.full((batch, steps - 1, n, 2), motion.v_max)
+    blocks: dict[str, FloatArray] = {"acceleration": np.full((batch, horizon, n), motion.a_max)}
+    if horizon > 1:
+        blocks["speed"] = np.full((batch, horizon - 1, n, 2), motion.v_max)
     if corridor:
-        blocks["corridor"] = (motion.dt * radii.transpose(0, 2, 1)) ** 2
-    upper = _rows(nlp, blocks, free)
-    lower = -_rows(
-        nlp, {k: v if k == "speed" else np.full_like(v, np.inf) for k, v in blocks.items()}, free
-    )
-    targets = np.where(np.isfinite(radii)[..., None], window.targets, 0.0)
-    alone = (weights * window.hazard.single_agent_rates(window.positions)).sum(axis=1)
+        blocks["corridor"] = (motion.dt * plan.radii.transpose(0, 2, 1)) ** 2
+    two_sided = {
+        name: block if name == "speed" else np.full_like(block, np.inf)
+        for name, block in blocks.items()
+    }
     parameters: dict[str, FloatArray] = {
-        "positions": window.positions,
-        "previous_velocities": window.previous_velocities,
-        "alive": window.alive[..., None].astype(float),
-        "weights": weights[..., None].astype(float),
-        "goal": window.goals[None, :1],
+        "positions": step.positions,
+        "previous_velocities": step.previous_velocities,
+        "alive": step.alive[..., None].astype(float),
+        "weights": plan.constrained[..., None].astype(float),
+        "goal": step.goals[None, :1],
         "dt": np.array([[motion.dt]]),
     }
-    if steps > 1:
-        parameters["later"] = window.goals[None, 1:]
+    if horizon > 1:
+        parameters["later"] = step.goals[None, 1:]
+    limits = _limits(step)
     instances = Instances(
         x0=guess.reshape(batch, -1),
         p=nlp.pack_parameters(**parameters),
-        lbx=np.where(fixed, inside, -bound).reshape(batch, -1),
-        ubx=np.where(fixed, inside, bound).reshape(batch, -1),
-        lbg=lower,
-        ubg=upper,
-        scale=np.stack(
-            [np.full(batch, motion.v_max), steps * np.where(alone > 0, alone, 1.0)], axis=1
-        ),
+        lbx=np.where(fixed, interior, -bound).reshape(batch, -1),
+        ubx=np.where(fixed, interior, bound).reshape(batch, -1),
+        lbg=-_constraint_bounds(nlp, two_sided, free),
+        ubg=_constraint_bounds(nlp, blocks, free),
+        scale=formation_scale(step, plan.constrained),
         feasible_set=PathSets(
-            window.previous_velocities,
-            targets,
-            radii,
+            step.previous_velocities,
+            np.where(np.isfinite(plan.radii)[..., None], _targets(step), 0.0),
+            plan.radii,
             free,
-            inside,
-            window.limits.speed,
-            window.limits.change,
+            interior,
+            limits.speed,
+            limits.change,
         ),
     )
-    return MpcFormation(
-        nlp, instances, free, first, wished, radius, failed.astype(np.int64), inside[:, 0]
+    return Formation(
+        nlp,
+        instances,
+        free,
+        sets=_first_sets(step, plan),
+        fallback=interior[:, 0],
+        infeasible=np.zeros_like(step.alive),
+        tracked=plan.constrained,
+        radius=plan.radius,
+        failures=plan.failed.astype(np.int64),
     )
 
 
-def _rows(nlp: Nlp, blocks: Mapping[str, FloatArray], free: BoolArray) -> FloatArray:
-    """Bounds of g (B, ng) from blocks (B, steps, n, ...); none for members who are not free."""
+def _constraint_bounds(nlp: Nlp, blocks: Mapping[str, FloatArray], free: BoolArray) -> FloatArray:
+    """Bounds of g (B, ng) from blocks (B, H, n, ...); infinite for members that are not free."""
     columns = []
     for name in nlp.constraints:
         block = blocks[name]

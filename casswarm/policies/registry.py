@@ -1,10 +1,10 @@
-"""Policies: what every member does, from the state of the swarm."""
+"""Policies by name."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .._util.text import did_you_mean
 from ..errors import PolicyError
@@ -14,33 +14,31 @@ from ..planning.guide import Guide
 from ..planning.joint import plan_swarm
 from ..planning.joint.replan import PlanTree
 from ..planning.plan import initial_velocities, plan, plan_from
-from ..problems.formation import motion_of
+from ..problems.formation import Motion
 from .base import Policy
 from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy
 from .independent import NaivePolicy
-from .joint import JointPolicy
-from .joint_feedback import ReplanningPolicy
+from .joint import JointPolicy, ReplanningPolicy
 from .leader_selection import LEADER_SELECTION
-from .mpc import ConstrainedMpcPolicy, LeaderMpcPolicy
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
 POLICIES = {
-    "naive": "every member follows a guide of its own and ignores the others",
-    "constrained": "all keep to a corridor around the guide, with the least total rate",
+    "naive": "every member follows its own guide and ignores the others",
+    "constrained": "all members stay in a corridor around the guide, with the least total rate",
     "leader": "one member follows the guide, the others protect it",
-    "constrained-feedback": "constrained, along the best way on from where the swarm is",
-    "leader-feedback": "leader, who finds the best way on from where it is",
-    "joint": "the ways of all members that maximise the swarm's success, planned at once",
-    "joint-replanning": "joint, and survivors plan again",
-    "constrained-mpc-3": "constrained, with the next 3 steps in view, or any other number",
-    "leader-mpc-3": "leader, with the next 3 steps in view, or any other number",
+    "constrained-feedback": "constrained, around the best path from where the swarm is",
+    "leader-feedback": "leader, on the best path from where it is",
+    "joint": "the paths of all members, planned at once for the swarm's success",
+    "joint-replanning": "joint, and survivors replan after losses",
+    "constrained-mpc-3": "constrained, with a horizon of 3 steps, or of any other number",
+    "leader-mpc-3": "leader, with a horizon of 3 steps, or of any other number",
 }
-"""Names that `make_policy` takes, each with what it does."""
+"""Names that `make_policy` takes, each with a description."""
 
-_AHEAD = re.compile(r"(constrained|leader)-mpc-(\d+)")
+_MPC = re.compile(r"(constrained|leader)-mpc-(\d+)")
 
 
 def make_policy(
@@ -48,8 +46,10 @@ def make_policy(
     scenario: Scenario,
     guide: Guide | None = None,
     solver: str | Solver = "auto",
+    *,
     leader_selection: str = "nearest",
     horizon: int = 1,
+    solver_options: Mapping[str, Any] | None = None,
 ) -> Policy:
     """Policy of a name.
 
@@ -58,22 +58,25 @@ def make_policy(
     name : str
         One of `POLICIES`: ``"naive"``, ``"constrained"``, ``"leader"``, ``"constrained-feedback"``,
         ``"leader-feedback"``, ``"joint"``, ``"joint-replanning"``; or ``"constrained"`` and
-        ``"leader"`` with their look-ahead, such as ``"leader-mpc-3"``.
+        ``"leader"`` with their horizon, such as ``"leader-mpc-3"``.
     scenario : Scenario
     guide : Guide, optional
-        Planned from the scenario by default; the policies with feedback along the guide's best way
-        on need none.
+        Planned from the scenario by default; feedback policies need none.
     solver : str or Solver
-        Of the formation problems: a name of `casswarm.optimization.solvers.SOLVERS`, by default ``"auto"``.
+        Solver of the formation problems: a name of `casswarm.optimization.solvers.SOLVERS`, by
+        default ``"auto"``.
     leader_selection : {"nearest", "first", "safest"}
-        Who leads, for ``"leader"``.
+        Rule that selects the leader, for ``"leader"``.
     horizon : int
-        Steps that ``"leader"`` and ``"constrained"`` look ahead; with 1 they are the paper's.
+        Number of steps over which ``"leader"`` and ``"constrained"`` optimise; with 1 they are the
+        paper's policies.
+    solver_options : mapping, optional
+        Options of a solver given by name.
 
     Raises
     ------
     PolicyError
-        An unknown name or rule of succession, a look-ahead that is none, or a guide of another
+        An unknown name or rule of leader selection, an invalid horizon, or a guide of another
         scenario.
     PlanningError
         No guide was found.
@@ -84,76 +87,65 @@ def make_policy(
     >>> import casswarm as csw
     >>> scenario = csw.load_scenario("paper-1")
     >>> policy = csw.make_policy("naive", scenario)
-    >>> X = scenario.positions[None]  # a batch of one state
-    >>> policy.velocities(0, X, np.zeros_like(X), np.ones((1, 5), bool)).shape
-    (1, 5, 2)
+    >>> X = scenario.positions
+    >>> policy.velocities(0, X, np.zeros_like(X), np.ones(5, bool)).shape
+    (5, 2)
     """
-    kind, horizon = _ahead(name, horizon)
+    kind, horizon = _parsed(name, horizon)
     _require_known("leader_selection", leader_selection, LEADER_SELECTION)
-    options = scenario.formation
-    paper = {"step": options.learning_rate, "max_iter": options.iterations, "start": "zero"}
-    backend = make_solver(solver, **(paper if solver == ProjectedGradient.name else {}))
+    options = _paper_options(scenario, solver) | dict(solver_options or {})
+    backend = make_solver(solver, **options)
     if guide is not None:
         _require_fitting(scenario, guide)
+    motion, rho = Motion.from_scenario(scenario), scenario.formation.rho
     if kind in ("leader-feedback", "constrained-feedback"):
-        return _feedback(kind, scenario, backend)
+        value = ValueFunction.of(scenario, certified=False)
+        if kind == "leader-feedback":
+            return LeaderFeedbackPolicy(scenario.hazard, motion, value, backend)
+        return ConstrainedFeedbackPolicy(scenario.hazard, motion, value, backend, rho)
     guide = plan(scenario, certify=False) if guide is None else guide
     if kind == "naive":
-        return NaivePolicy(motion_of(scenario), member_guides(scenario, guide))
+        return NaivePolicy(motion, member_guides(scenario, guide))
     if kind.startswith("joint"):
-        return _joint(kind, scenario, guide)
-    return _formation(kind, scenario, guide, backend, leader_selection, horizon)
-
-
-def _feedback(kind: str, scenario: Scenario, backend: Solver) -> Policy:
-    shared = (
-        scenario.hazard,
-        motion_of(scenario),
-        ValueFunction.of(scenario, certified=False),
-        backend,
-    )
-    if kind == "leader-feedback":
-        return LeaderFeedbackPolicy(*shared)
-    return ConstrainedFeedbackPolicy(*shared, scenario.formation.rho)
-
-
-def _joint(kind: str, scenario: Scenario, guide: Guide) -> Policy:
-    found = plan_swarm(scenario, guide=guide)
-    blind = JointPolicy.of(found)
-    if kind == "joint":
-        return blind
-    return ReplanningPolicy(PlanTree.of(scenario, found), blind)
-
-
-def _formation(
-    kind: str,
-    scenario: Scenario,
-    guide: Guide,
-    backend: Solver,
-    leader_selection: str,
-    horizon: int,
-) -> Policy:
-    shared = (scenario.hazard, motion_of(scenario), guide, backend)
-    rho, called = scenario.formation.rho, f"{kind}-mpc-{horizon}"
-    if horizon == 1:
-        leads = kind == "leader"
-        return LeaderPolicy(*shared, leader_selection) if leads else ConstrainedPolicy(*shared, rho)
+        swarm_plan = plan_swarm(scenario, guide=guide)
+        open_loop = JointPolicy.from_plan(swarm_plan)
+        if kind == "joint":
+            return open_loop
+        return ReplanningPolicy(PlanTree.of(scenario, swarm_plan), open_loop)
+    full_name = kind if horizon == 1 else f"{kind}-mpc-{horizon}"
+    shared = (scenario.hazard, motion, guide, backend, horizon)
     if kind == "leader":
-        return LeaderMpcPolicy(*shared, leader_selection, name=called, horizon=horizon)
-    return ConstrainedMpcPolicy(*shared, rho, name=called, horizon=horizon)
+        return LeaderPolicy(*shared, leader_selection, full_name)
+    return ConstrainedPolicy(*shared, rho, full_name)
 
 
-def _ahead(name: str, horizon: int) -> tuple[str, int]:
-    """A policy's name without its look-ahead, and that."""
-    if found := _AHEAD.fullmatch(name):
+def _paper_options(scenario: Scenario, solver: str | Solver) -> dict[str, Any]:
+    """The paper's options of its projected gradient, from the scenario; none for other solvers."""
+    if solver != ProjectedGradient.name:
+        return {}
+    options = scenario.formation
+    return {"step": options.learning_rate, "max_iter": options.iterations, "start": "zero"}
+
+
+def _parsed(name: str, horizon: int) -> tuple[str, int]:
+    """A policy's name without its horizon, and the horizon."""
+    if match := _MPC.fullmatch(name):
         if horizon != 1:
-            raise PolicyError(f"policy {name!r} names its look-ahead: leave out horizon")
-        name, horizon = found[1], int(found[2])
+            raise PolicyError(
+                f"policy {name!r} includes its horizon: omit horizon = {horizon}", policy=name
+            )
+        name, horizon = match[1], int(match[2])
     _require_known("policy", name, POLICIES)
     if not isinstance(horizon, int) or horizon < 1:
-        raise PolicyError(f"horizon = {horizon!r}; allowed: whole numbers from 1")
+        raise PolicyError(
+            f"horizon = {horizon!r}; allowed: whole numbers from 1", policy=name, horizon=horizon
+        )
     if horizon > 1 and name not in ("leader", "constrained"):
-        raise PolicyError(f"policy {name!r} has no look-ahead; leader and constrained have")
+        raise PolicyError(
+            f"policy {name!r} has no horizon; leader and constrained have one",
+            policy=name,
+            horizon=horizon,
+        )
     return name, horizon
 
 
@@ -162,18 +154,26 @@ def _require_fitting(scenario: Scenario, guide: Guide) -> None:
         raise PolicyError(
             f"this guide leads to {tuple(guide.center)} in steps of {guide.dt}, but the scenario "
             f"{scenario.name!r} has its target at {scenario.target.center} and dt "
-            f"{scenario.time.dt}: plan a guide for this scenario"
+            f"{scenario.time.dt}: plan a guide for this scenario",
+            scenario=scenario.name,
         )
 
 
-def member_guides(scenario: Scenario, guide: Guide) -> tuple[Guide, ...]:
-    """Every member's own guide, from where it starts with the swarm's initial velocity.
+def _require_known(kind: str, name: str, known: Mapping[str, object]) -> None:
+    if name not in known:
+        message = f"{kind} {name!r} is unknown{did_you_mean(name, known)}"
+        raise PolicyError(message, **{kind: name})
 
-    Searched for as the swarm's guide was; one that does not arrive is kept, `Guide.arrives` tells.
+
+def member_guides(scenario: Scenario, guide: Guide) -> tuple[Guide, ...]:
+    """Every member's own guide, from its initial position and velocity.
+
+    They are searched for like the swarm's guide; one that does not arrive is included, see
+    `Guide.arrives`.
     """
-    before = initial_velocities(scenario, guide)
+    velocities = initial_velocities(scenario, guide)
     guides: dict[tuple[float, ...], Guide] = {}
-    for start, velocity in zip(scenario.positions, before, strict=True):
+    for start, velocity in zip(scenario.positions, velocities, strict=True):
         if tuple(start) not in guides:
             guides[tuple(start)] = plan_from(
                 scenario,
@@ -183,8 +183,3 @@ def member_guides(scenario: Scenario, guide: Guide) -> tuple[Guide, ...]:
                 near=guide if guide.search == "global" else None,
             )
     return tuple(guides[tuple(start)] for start in scenario.positions)
-
-
-def _require_known(kind: str, name: str, known: Mapping[str, object]) -> None:
-    if name not in known:
-        raise PolicyError(f"{kind} {name!r} is unknown{did_you_mean(name, known)}")

@@ -21,7 +21,7 @@ from ..planning.plan import initial_velocities
 from ..planning.polyline import resampled, straight
 from ..policies import make_policy
 from ..policies.leader_selection import nearest
-from ..problems.formation import Step, corridor_formation, leader_formation, motion_of
+from ..problems.formation import Motion, Step, corridor_formation, leader_formation
 from ..problems.guide import GuideTask
 from ..problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp
 from ..scenario import Scenario
@@ -108,7 +108,7 @@ def whole_swarm(scenario: Scenario, policy: str, guide: Guide) -> Step:
         previous_velocities.append(taken)
     return Step(
         scenario.hazard,
-        motion_of(scenario),
+        Motion.from_scenario(scenario),
         np.stack(positions),
         np.stack(previous_velocities),
         np.repeat(alive, guide.arrival, axis=0),

@@ -9,13 +9,7 @@ import numpy as np
 from casswarm import Scenario, load_scenario
 from casswarm.optimization.problem import Instances, Nlp
 from casswarm.planning.polyline import resampled, straight
-from casswarm.problems.formation import (
-    Formation,
-    Step,
-    corridor_formation,
-    leader_formation,
-    motion_of,
-)
+from casswarm.problems.formation import Formation, Motion, Step, corridor_formation, leader_formation
 from casswarm.problems.guide import GuideTask, guide_instance, guide_nlp
 
 Case = tuple[Nlp, Instances]
@@ -32,7 +26,7 @@ def formation(name: str) -> Case:
     here, toward = np.array([3.0, 2.6]), np.array([0.45, 0.35])
     step = Step(
         hazard=scenario.hazard,
-        motion=motion_of(scenario),
+        motion=Motion.from_scenario(scenario),
         positions=here + rng.normal(0, 0.15, (1, 5, 2)),
         previous_velocities=toward / scenario.time.dt + rng.normal(0, 0.1, (1, 5, 2)),
         alive=np.ones((1, 5), bool),

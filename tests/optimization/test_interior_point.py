@@ -22,7 +22,7 @@ from casswarm.problems.formation import (
     corridor_formation,
     formation_nlp,
 )
-from casswarm.problems.mpc_formation import Window, lookahead_nlp
+from casswarm.problems.mpc_formation import Window, mpc_formation_nlp
 
 # --- the program
 
@@ -31,7 +31,7 @@ def test_program_of_one_step_is_the_formation_program_with_every_number_the_same
     rng = np.random.default_rng(0)
     step = Step(HAZARD, MOTION, *_state(rng), np.ones((1, 4), bool), GOAL)
     for corridor in (False, True):
-        one, ahead = formation_nlp(HAZARD, 4, corridor), lookahead_nlp(HAZARD, 4, 1, corridor)
+        one, ahead = formation_nlp(HAZARD, 4, corridor), mpc_formation_nlp(HAZARD, 4, 1, corridor)
         assert one.sizes == ahead.sizes
         p = corridor_formation(step, RHO).instances.p[0]
         for _ in range(5):

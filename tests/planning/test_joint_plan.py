@@ -100,7 +100,7 @@ def test_law_of_random_ways_is_that_by_hand(objective: str) -> None:
 def test_success_is_what_evaluate_finds_for_the_policy(planned: tuple[Scenario, SwarmPlan]) -> None:
     scenario, best = planned
     assert best.success is not None
-    law = evaluate(scenario, JointPolicy.of(best), tolerance=0)
+    law = evaluate(scenario, JointPolicy.from_plan(best), tolerance=0)
     assert law.residual_mass == 0
     low, high = best.success
     assert low <= law.success[0] <= high
@@ -122,7 +122,7 @@ def test_policy_is_never_clipped_and_agrees_with_sampling(
     planned: tuple[Scenario, SwarmPlan],
 ) -> None:
     scenario, best = planned
-    study = simulate(scenario, [JointPolicy.of(best)], runs=4000, seed=3, save_trajectories=0)
+    study = simulate(scenario, [JointPolicy.from_plan(best)], runs=4000, seed=3, save_trajectories=0)
     row = study.summary.iloc[0]
     assert row["saturated"] == 0
     assert best.success is not None
@@ -293,7 +293,7 @@ def test_a_member_too_far_away_is_not_asked_to_arrive() -> None:
     assert best.arrivals[0] > 0
     assert best.arrivals[1] == 0
     assert "1 of 2 members DO NOT ARRIVE" in str(best)
-    law = evaluate(scenario, JointPolicy.of(best), tolerance=0)
+    law = evaluate(scenario, JointPolicy.from_plan(best), tolerance=0)
     assert best.success is not None
     assert best.success[0] <= law.success[0] <= best.success[1]
 
@@ -308,7 +308,7 @@ def gentle(positions: ca.MX, alive: ca.MX, radars: tuple[tuple[float, float], ..
 def test_rates_of_users_are_planned_for_too() -> None:
     scenario = pair().with_hazard(gentle, radars=[(1.5, 0.0)])
     best = plan_swarm(scenario, starts=["formations"])
-    law = evaluate(scenario, JointPolicy.of(best), tolerance=0)
+    law = evaluate(scenario, JointPolicy.from_plan(best), tolerance=0)
     assert best.success is not None
     assert best.success[0] <= law.success[0] <= best.success[1]
     assert best.bound is not None

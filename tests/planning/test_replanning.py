@@ -42,7 +42,7 @@ def feedback(
 ) -> ReplanningPolicy:
     scenario, first = planned
     tree = PlanTree.of(scenario, first, solver, mass)
-    return ReplanningPolicy(tree, JointPolicy.of(first))
+    return ReplanningPolicy(tree, JointPolicy.from_plan(first))
 
 
 def test_feedback_is_worth_more_than_the_plan(planned: tuple[Scenario, SwarmPlan]) -> None:
@@ -127,7 +127,7 @@ def test_distance_is_kept_by_survivors() -> None:
     scenario = small([(0.0, 0.0), (0.5, 0.1), (-0.2, 0.5)], (3.0, 0.2), RADARS, 8)
     first = plan_swarm(scenario, starts=["formations"], min_distance=0.3)
     tree = PlanTree.of(scenario, first, least_mass=1e-2)
-    evaluate(scenario, ReplanningPolicy(tree, JointPolicy.of(first)), tolerance=1e-2)
+    evaluate(scenario, ReplanningPolicy(tree, JointPolicy.from_plan(first)), tolerance=1e-2)
     made = {id(b): b for b in tree.branches.values() if len(b.members) == 2}
     assert made
     for branch in made.values():
@@ -140,7 +140,7 @@ def test_states_that_no_plan_leads_to_are_steered_back(planned: tuple[Scenario, 
     policy = feedback(planned)
     places = scenario.positions[None] + 0.3
     found = policy.decide(0, places, first.before[None], np.ones((1, 3), bool))
-    blind = policy.blind.decide(0, places, first.before[None], np.ones((1, 3), bool))
+    blind = policy.open_loop.decide(0, places, first.before[None], np.ones((1, 3), bool))
     np.testing.assert_array_equal(found.velocities, blind.velocities)
     assert found.fallbacks.sum() == policy.tree.solves == 0
 

@@ -99,7 +99,7 @@ def test_no_policy_exceeds_the_bound(seed: int) -> None:
     best = plan_swarm(scenario, guide=guide, starts=["formations"])
     assert best.success is not None
     assert best.success[1] <= bound.value
-    policies = ["naive", "constrained", "leader", "leader-feedback", JointPolicy.of(best)]
+    policies = ["naive", "constrained", "leader", "leader-feedback", JointPolicy.from_plan(best)]
     for policy in policies:
         law = evaluate(scenario, policy, 1e-3, guide=guide)
         assert law.success[0] <= bound.value

@@ -13,7 +13,7 @@ from casswarm.chain.monte_carlo import Chain
 from casswarm.chain.stratified import sample_residual
 from casswarm.errors import PolicyError
 from casswarm.policies import POLICIES, as_policy
-from casswarm.problems.formation import motion_of
+from casswarm.problems.formation import Motion
 from casswarm.studies.evaluation import evaluate
 
 PAPER = csw.load_scenario("paper-1")
@@ -31,7 +31,7 @@ def homing(scenario):
     """Everybody toward the target as fast as the limits allow: no guide, no solver."""
 
     def go(step, positions, previous_velocities, alive):  # noqa: ARG001
-        return motion_of(scenario).toward(
+        return Motion.from_scenario(scenario).toward(
             positions, previous_velocities, np.array(scenario.target.center)
         )
 

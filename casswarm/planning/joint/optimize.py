@@ -13,7 +13,7 @@ import numpy as np
 from ..._util.text import did_you_mean
 from ...errors import ScenarioError, SolverError
 from ...optimization.solvers import Solver, make_solver
-from ...problems.formation import motion_of
+from ...problems.formation import Motion
 from ...problems.joint import OBJECTIVES, JointForm
 from ...problems.joint_hessian import MAX_ITERATIONS
 from ...problems.joint_instances import JointTask
@@ -275,7 +275,7 @@ class _Search:
             positions=positions,
             velocities=best.velocities,
             before=problem.task.before,
-            motion=motion_of(scenario),
+            motion=Motion.from_scenario(scenario),
             arrivals=first_steps(scenario, positions),
             value=best.value,
             law=PlanDistribution.of(scenario, positions) if problem.form.exact else None,

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...optimization.problem import Nlp
 from ...optimization.solvers import Ipopt, Solver
-from ...problems.formation import motion_of
+from ...problems.formation import Motion
 from ...problems.joint import JointForm, joint_nlp
 from ...problems.joint_instances import JointTask, joint_instance
 from ...typing import FloatArray, IntArray
@@ -110,7 +110,7 @@ class JointProblem:
 
         What a solver's tolerance leaves beyond a limit is taken away as the chain would.
         """
-        task, motion = self.task, motion_of(self.scenario)
+        task, motion = self.task, Motion.from_scenario(self.scenario)
         found = np.empty_like(wanted)
         previous_velocities = task.before
         for step, velocity in enumerate(wanted):
