@@ -45,12 +45,12 @@ class Recorder(Policy):
     seen: list[tuple[int, np.ndarray, np.ndarray, np.ndarray]]
     name: str = "recorded"
 
-    def decide(
+    def decide_batch(
         self, step: int, positions: np.ndarray, previous_velocities: np.ndarray, alive: np.ndarray
     ) -> Decision:
         """Note the states, and decide as the inner policy does."""
         self.seen.append((step, positions.copy(), previous_velocities.copy(), alive.copy()))
-        return self.inner.decide(step, positions, previous_velocities, alive)
+        return self.inner.decide_batch(step, positions, previous_velocities, alive)
 
 
 def formations(name: str, policy: str, states: int) -> tuple[csw.Scenario, Nlp, Instances]:
@@ -76,7 +76,7 @@ def formations(name: str, policy: str, states: int) -> tuple[csw.Scenario, Nlp, 
                 positions[rows],
                 previous_velocities[rows],
                 alive[rows],
-                goal,
+                goal[None],
             )
             formation = (
                 leader_formation(data, LEADER_SELECTION["nearest"](data, guide.reference(step)))

@@ -121,7 +121,8 @@ from casswarm.optimization.solvers import Auto
 scenario = csw.load_scenario("paper-2")
 x = scenario.positions[None]
 started = time.perf_counter()
-step = Step(scenario.hazard, Motion.from_scenario(scenario), x, 0.8 + 0 * x, np.ones((1, 5), bool), x[0, 1])
+motion, alive = Motion.from_scenario(scenario), np.ones((1, 5), bool)
+step = Step(scenario.hazard, motion, x, 0.8 + 0 * x, alive, x[0, 1:2])
 problem = leader_formation(step, np.array([0]))
 assert Auto().solve_batch(problem.nlp, problem.instances).success.all()
 used = resource.getrusage(resource.RUSAGE_SELF)

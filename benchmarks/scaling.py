@@ -112,7 +112,7 @@ def flight(hazard: csw.Hazard, policy: str, n: int) -> list[Measured]:
     for t in range(STEPS):
         here, goal = MOTION.dt * PACE * t, MOTION.dt * PACE * (t + 1)
         started = time.perf_counter()
-        step = Step(hazard, MOTION, places, velocities, alive, goal)
+        step = Step(hazard, MOTION, places, velocities, alive, goal[None])
         problem = formation(step, policy, here)
         build = time.perf_counter() - started
         many = problem.instances[np.zeros(copies, int)]

@@ -75,7 +75,7 @@ def formation_nlp(hazard: Hazard, n: int, corridor: bool) -> Nlp:
 
 
 def _starts(hazard: Hazard, corridor: bool) -> int:
-    """Number of starts that almost always find the best local minimum; collisions create several."""
+    """Number of starts that almost always find the best of the local minima of collisions."""
     if isinstance(hazard, KernelHazard) and not hazard.collides:
         return 1
     return 4 if corridor else 2

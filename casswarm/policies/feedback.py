@@ -127,7 +127,9 @@ class FeedbackPolicy(Policy):
         for _ in range(min(length, remaining, _MAX_STEPS)):
             difference = targets - velocity
             distance = np.hypot(difference[..., 0], difference[..., 1])[..., None]
-            velocity = velocity + difference * np.minimum(1.0, change / np.maximum(distance, 1e-300))
+            velocity = velocity + difference * np.minimum(
+                1.0, change / np.maximum(distance, 1e-300)
+            )
             position = position + motion.dt * velocity
             path.append(position)
         return np.stack(path)

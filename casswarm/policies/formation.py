@@ -57,7 +57,9 @@ class FormationPolicy(Policy):
     ) -> Decision:
         """Solve the formation problem of every state; see `Policy.decide_batch`."""
         data = self._data(step, positions, previous_velocities, alive)
-        return applied_decision(data, self._formation(data, self.guide.reference(step)), self.solver)
+        return applied_decision(
+            data, self._formation(data, self.guide.reference(step)), self.solver
+        )
 
     def _data(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
@@ -149,13 +151,13 @@ def applied_decision(step: Step, formation: Formation, solver: Solver) -> Decisi
     return Decision(velocities, infeasible.sum(axis=1), failures, fallbacks)
 
 
-def _log_failures(
-    solver: str, problem: str, solution: BatchSolution, solved: BoolArray
-) -> None:
+def _log_failures(solver: str, problem: str, solution: BatchSolution, solved: BoolArray) -> None:
     """Log why problems were not solved, once for every solver, problem and reason."""
     for row in np.flatnonzero(~solved):
         reason = "not solved" if solution.messages is None else str(solution.messages[row])
-        _log_once(solver, problem, reason + (", but not stationary" if solution.success[row] else ""))
+        _log_once(
+            solver, problem, reason + (", but not stationary" if solution.success[row] else "")
+        )
 
 
 @lru_cache(maxsize=1024)

@@ -23,8 +23,9 @@ class JointPolicy(Policy):
     """Open loop: every member follows its path in a plan.
 
     From the plan's own initial state, members are on their paths while they live, and
-    `casswarm.evaluate` gives the plan's own distribution. From elsewhere they move to the next point
-    of their paths as directly as the limits allow; those that do not reach it count as infeasible.
+    `casswarm.evaluate` gives the plan's own distribution. From elsewhere they move to the next
+    point of their paths as directly as the limits allow; those that do not reach it count as
+    infeasible.
 
     Parameters
     ----------

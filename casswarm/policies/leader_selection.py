@@ -1,7 +1,7 @@
 """Rules that select the leader for leader protection.
 
-The paper says only that another leader can be chosen when the leader is destroyed. A rule depends on
-the state, not on its history: a leader on the guide remains the nearest to it while it is alive.
+The paper says only that another leader can be chosen when the leader is destroyed. A rule depends
+on the state, not on its history: a leader on the guide remains the nearest to it while it is alive.
 """
 
 from __future__ import annotations

@@ -58,12 +58,12 @@ class _Plan(NamedTuple):
 
 def leader_mpc_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
     """Leader protection over H steps; `leaders` (B,) are the indices of living members."""
-    limits, dt, previous = _limits(step), step.motion.dt, step.previous_velocities
+    limits, dt, previous = path_limits(step), step.motion.dt, step.previous_velocities
     batch, n = step.alive.shape
     rows = np.arange(batch)
     leads = (np.arange(n) == leaders[:, None]) & step.alive
     path, failed = limits.following(
-        previous[rows, leaders], _targets(step)[rows, leaders], np.zeros(step.horizon)
+        previous[rows, leaders], path_targets(step)[rows, leaders], np.zeros(step.horizon)
     )
     interior = limits.slowing(previous, step.horizon)
     interior[rows, leaders] = path
@@ -77,16 +77,14 @@ def leader_mpc_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
         joined = free & (distances(guess, to_leader) <= 1e-12 * limits.speed).all(axis=-1)
         interior[joined], free = guess[joined], free & ~joined
     radii = np.full((batch, n, step.horizon), np.inf)
-    return _formation(
-        step, _Plan(leads, free, interior, guess, radii, radii[..., 0], 0.0, failed)
-    )
+    return _formation(step, _Plan(leads, free, interior, guess, radii, radii[..., 0], 0.0, failed))
 
 
 def corridor_mpc_formation(step: Step, rho: float) -> Formation:
     """Constrained trajectory over H steps; `rho` bounds the squared distance to the goals."""
-    limits, previous = _limits(step), step.previous_velocities
+    limits, previous = path_limits(step), step.previous_velocities
     radius = np.sqrt(rho) / step.motion.dt
-    margin, living, targets = MARGIN * radius, step.alive, _targets(step)
+    margin, living, targets = MARGIN * radius, step.alive, path_targets(step)
     narrow = np.maximum(0.0, radius - margin * np.arange(1, step.horizon + 1))
     slowing = limits.slowing(previous, step.horizon)
     nearest, failed = slowing.copy(), np.zeros_like(living)
@@ -101,18 +99,16 @@ def corridor_mpc_formation(step: Step, rho: float) -> Formation:
     failures = np.asarray(failed.any(axis=1))
     return _formation(
         step,
-        _Plan(
-            living, living, interior, nearest, radii, first_radii, float(np.sqrt(rho)), failures
-        ),
+        _Plan(living, living, interior, nearest, radii, first_radii, float(np.sqrt(rho)), failures),
     )
 
 
-def _limits(step: Step) -> Limits:
+def path_limits(step: Step) -> Limits:
     """Limits of every member's path."""
     return Limits(step.motion.v_max, float(np.sqrt(step.motion.a_max)))
 
 
-def _targets(step: Step) -> FloatArray:
+def path_targets(step: Step) -> FloatArray:
     """The goals (H, 2) as displacements of every member, (B, n, H, 2)."""
     return np.asarray((step.goals - step.positions[:, :, None]) / step.motion.dt)
 
@@ -165,7 +161,7 @@ def _formation(step: Step, plan: _Plan) -> Formation:
     }
     if horizon > 1:
         parameters["later"] = step.goals[None, 1:]
-    limits = _limits(step)
+    limits = path_limits(step)
     instances = Instances(
         x0=guess.reshape(batch, -1),
         p=nlp.pack_parameters(**parameters),
@@ -176,7 +172,7 @@ def _formation(step: Step, plan: _Plan) -> Formation:
         scale=formation_scale(step, plan.constrained),
         feasible_set=PathSets(
             step.previous_velocities,
-            np.where(np.isfinite(plan.radii)[..., None], _targets(step), 0.0),
+            np.where(np.isfinite(plan.radii)[..., None], path_targets(step), 0.0),
             plan.radii,
             free,
             interior,

@@ -112,7 +112,7 @@ def whole_swarm(scenario: Scenario, policy: str, guide: Guide) -> Step:
         np.stack(positions),
         np.stack(previous_velocities),
         np.repeat(alive, guide.arrival, axis=0),
-        guide.positions[1:],
+        guide.positions[None, 1:],
     )
 
 

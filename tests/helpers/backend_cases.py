@@ -9,7 +9,13 @@ import numpy as np
 from casswarm import Scenario, load_scenario
 from casswarm.optimization.problem import Instances, Nlp
 from casswarm.planning.polyline import resampled, straight
-from casswarm.problems.formation import Formation, Motion, Step, corridor_formation, leader_formation
+from casswarm.problems.formation import (
+    Formation,
+    Motion,
+    Step,
+    corridor_formation,
+    leader_formation,
+)
 from casswarm.problems.guide import GuideTask, guide_instance, guide_nlp
 
 Case = tuple[Nlp, Instances]
@@ -30,7 +36,7 @@ def formation(name: str) -> Case:
         positions=here + rng.normal(0, 0.15, (1, 5, 2)),
         previous_velocities=toward / scenario.time.dt + rng.normal(0, 0.1, (1, 5, 2)),
         alive=np.ones((1, 5), bool),
-        goal=here + toward,
+        goals=(here + toward)[None],
     )
     made: Formation = (
         leader_formation(step, np.array([0]))

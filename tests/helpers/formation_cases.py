@@ -24,7 +24,7 @@ def formations(name: str, count: int) -> list[Formation]:
         positions=goal - [0.4, 0.3] + 0.15 * rng.normal(size=(count, 5, 2)),
         previous_velocities=np.array([1.2, 0.9]) + 0.1 * rng.normal(size=(count, 5, 2)),
         alive=alive,
-        goal=goal,
+        goals=goal[None],
     )
     corridor = corridor_formation(step, scenario.formation.rho)
     return [leader_formation(step, np.zeros(count, int)), corridor]

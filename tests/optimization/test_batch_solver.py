@@ -60,7 +60,7 @@ def step(hazard, states=60, n=5, seed=0):
     previous_velocities = towards + rng.normal(scale=0.1, size=(states, n, 2))
     positions = GOAL - MOTION.dt * towards + rng.normal(scale=0.2, size=(states, n, 2))
     shown = alive[..., None]
-    return Step(hazard, MOTION, shown * positions, shown * previous_velocities, alive, GOAL)
+    return Step(hazard, MOTION, shown * positions, shown * previous_velocities, alive, GOAL[None])
 
 
 def leader(hazard, **options):
@@ -242,7 +242,7 @@ def test_a_thousand_members_are_solved(collision):
     hazard = HAZARDS[2] if collision else HAZARDS[0]
     positions = rng.uniform(-6, 0, (1, 1000, 2))
     alive = np.ones((1, 1000), bool)
-    data = Step(hazard, MOTION, positions, np.ones((1, 1000, 2)), alive, GOAL)
+    data = Step(hazard, MOTION, positions, np.ones((1, 1000, 2)), alive, GOAL[None])
     formation = leader_formation(data, np.zeros(1, np.intp))
     found = SpectralProjectedGradient(n_starts=1).solve_batch(formation.nlp, formation.instances)
     assert found.success.all()
@@ -274,7 +274,7 @@ def test_answers_do_not_depend_on_the_units(problem, length, risk):
         length * data.positions,
         length * data.previous_velocities,
         data.alive,
-        length * GOAL,
+        length * GOAL[None],
     )
     other = (
         leader_formation(scaled, np.zeros(len(data.alive), np.intp))

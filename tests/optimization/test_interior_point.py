@@ -14,22 +14,22 @@ from window_cases import COLLIDING, DT, GOAL, HAZARD, MOTION, RADARS, RHO, both,
 from casswarm import make_solver
 from casswarm.optimization.kkt import kkt_residuals
 from casswarm.optimization.solvers.batch.interior_point import InteriorPoint
-from casswarm.policies.mpc import flown
-from casswarm.policies.mpc_instances import leader_mpc
+from casswarm.policies.formation import applied_decision
+from casswarm.policies.mpc_instances import leader_mpc_formation, path_limits
 from casswarm.problems.formation import (
     Motion,
     Step,
     corridor_formation,
     formation_nlp,
 )
-from casswarm.problems.mpc_formation import Window, mpc_formation_nlp
+from casswarm.problems.mpc_formation import mpc_formation_nlp
 
 # --- the program
 
 
 def test_program_of_one_step_is_the_formation_program_with_every_number_the_same() -> None:
     rng = np.random.default_rng(0)
-    step = Step(HAZARD, MOTION, *_state(rng), np.ones((1, 4), bool), GOAL)
+    step = Step(HAZARD, MOTION, *_state(rng), np.ones((1, 4), bool), GOAL[None])
     for corridor in (False, True):
         one, ahead = formation_nlp(HAZARD, 4, corridor), mpc_formation_nlp(HAZARD, 4, 1, corridor)
         assert one.sizes == ahead.sizes
@@ -67,12 +67,12 @@ def test_program_is_the_stated_one_with_every_formula_written_out(corridor: bool
 # --- known answers
 
 
-def stopping(steps: int) -> Window:
+def stopping(steps: int) -> Step:
     """A leader at speed 1, one unit from a guide that stands still; |v' - v| <= 0.5, dt = 1."""
     motion = Motion(v_max=2.0, a_max=0.25, dt=1.0)
     goals = np.tile([1.0, 0.0], (steps, 1))
     previous_velocities = np.array([[[1.0, 0.0]]])
-    return Window(
+    return Step(
         HAZARD, motion, np.zeros((1, 1, 2)), previous_velocities, np.ones((1, 1), bool), goals
     )
 
@@ -85,7 +85,9 @@ def test_leader_too_fast_for_its_guide_brakes_in_time_as_computed_by_hand() -> N
     for steps in (1, 3):
         data, worst = stopping(steps), []
         for _ in range(4):
-            v = flown(data, leader_mpc(data, np.zeros(1, int)), make_solver("auto")).velocities
+            v = applied_decision(
+                data, leader_mpc_formation(data, np.zeros(1, int)), make_solver("auto")
+            ).velocities
             data = replace(data, positions=data.positions + v, previous_velocities=v)
             worst.append(1.0 - data.positions[0, 0, 0])
         lags[steps] = worst
@@ -98,7 +100,7 @@ def test_nearest_paths_on_a_line_are_those_of_bounded_least_squares(steps: int) 
     """On a line the discs of a_max are intervals of the changes of velocity: a convex QP."""
     rng = np.random.default_rng(5)
     data = window(1, 1, steps, seed=6)
-    limits = replace(data.limits, speed=50.0)  # out of reach
+    limits = replace(path_limits(data), speed=50.0)  # out of reach
     before = np.stack([rng.normal(0, 1, 30), np.zeros(30)], axis=1)
     goals = np.cumsum(rng.normal(0, 2, (30, steps)), axis=1)
     paths, failed = limits.following(before, np.stack([goals, 0 * goals], axis=-1), np.zeros(steps))
@@ -116,7 +118,7 @@ def test_nearest_paths_on_a_line_are_those_of_bounded_least_squares(steps: int) 
 @pytest.mark.parametrize("radius", [0.0, 0.5])
 def test_nearest_paths_are_those_of_ipopt(radius: float) -> None:
     rng = np.random.default_rng(7)
-    limits = window(1, 1, 4, seed=0).limits
+    limits = path_limits(window(1, 1, 4, seed=0))
     before = rng.uniform(-1.9, 1.9, (12, 2))
     goals = np.cumsum(before[:, None] + rng.normal(0, 0.8, (12, 4, 2)), axis=1)
     goals += rng.normal(0, 0.7, (12, 1, 2))

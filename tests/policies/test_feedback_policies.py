@@ -78,14 +78,14 @@ def test_way_on_is_the_best_of_all_manoeuvres_one_by_one() -> None:
             if math.dist(x, (5.0, 0.5)) <= 0.5:
                 break
         best = min(best, (risk, first), key=lambda pair: pair[0])
-    points, risks = found.ways_on(step, place[None], before[None])
+    points, risks = found.best_steps(step, place[None], before[None])
     assert risks[0] == pytest.approx(best[0], rel=1e-12)
     np.testing.assert_allclose(points[0], best[1], atol=1e-12)
 
 
 def test_without_time_to_arrive_the_way_is_straight_to_the_target() -> None:
     place, before = np.array([[-1.0, 0.5]]), np.array([[1.9, 0.0]])
-    points, risks = policy("leader-feedback").ways_on(14, place, before)
+    points, risks = policy("leader-feedback").best_steps(14, place, before)
     assert np.isinf(risks).all()
     assert points[0] == pytest.approx([-1.0 + DT * 2.0, 0.5])
 
@@ -95,7 +95,7 @@ def followed(places: Array, previous_velocities: Array) -> Array:
     task, x, v = scenario(), places, previous_velocities
     risk, arrived = np.zeros(len(x)), np.zeros(len(x), bool)
     for step in range(task.n_steps):
-        y = policy("leader-feedback").ways_on(step, x, v)[0]
+        y = policy("leader-feedback").best_steps(step, x, v)[0]
         moved = (y - x) / DT
         assert (np.hypot(*(moved - v)[~arrived].T) <= math.sqrt(0.5) * (1 + 1e-9)).all()
         assert np.abs(moved).max() <= 2.0 * (1 + 1e-9)
@@ -108,7 +108,7 @@ def followed(places: Array, previous_velocities: Array) -> Array:
 def test_feedback_guide_arrives_from_wherever_there_is_time_for_it() -> None:
     rng = np.random.default_rng(5)
     x, v = rng.uniform((-0.5, -0.5), (1.0, 0.5), (100, 2)), rng.uniform(-2, 2, (100, 2))
-    assert np.isfinite(policy("leader-feedback").ways_on(0, x, v)[1]).all()
+    assert np.isfinite(policy("leader-feedback").best_steps(0, x, v)[1]).all()
     risks = followed(x, v)
     assert np.isfinite(risks).all()
     assert (ValueFunction.of(scenario()).bounds(0, x)[0] <= risks).all()
@@ -157,8 +157,8 @@ def test_decisions_do_not_depend_on_the_destroyed_or_the_order_of_members(name: 
     )
     np.testing.assert_allclose(turned.velocities, expected[:, order], atol=1e-4)
     elsewhere = np.where(alive[..., None], positions, 7.0)
-    other = policy(name).pathfinders(3, elsewhere, previous_velocities, alive)
-    same = policy(name).pathfinders(3, positions, previous_velocities, alive)
+    other = policy(name).lead_agents(3, elsewhere, previous_velocities, alive)
+    same = policy(name).lead_agents(3, positions, previous_velocities, alive)
     np.testing.assert_array_equal(other[0], same[0])
     np.testing.assert_array_equal(other[1], same[1])
 
@@ -166,10 +166,12 @@ def test_decisions_do_not_depend_on_the_destroyed_or_the_order_of_members(name: 
 @pytest.mark.parametrize("name", NAMES)
 def test_pathfinder_is_alive_and_reaches_the_best_next_point(name: str) -> None:
     positions, previous_velocities, alive = states(200, 3)
-    first, goals = policy(name).pathfinders(2, positions, previous_velocities, alive)
+    first, goals = policy(name).lead_agents(2, positions, previous_velocities, alive)
     rows = np.arange(len(first))
     assert alive[rows, first].all()
-    risks = policy(name).ways_on(2, positions.reshape(-1, 2), previous_velocities.reshape(-1, 2))[1]
+    risks = policy(name).best_steps(
+        2, positions.reshape(-1, 2), previous_velocities.reshape(-1, 2)
+    )[1]
     risks = np.where(alive, risks.reshape(alive.shape), np.inf)
     known = np.isfinite(risks).any(axis=1)
     assert known.mean() > 0.8
@@ -184,7 +186,7 @@ def test_pathfinder_is_alive_and_reaches_the_best_next_point(name: str) -> None:
 def test_the_rest_of_the_corridor_is_around_the_pathfinder_or_counted() -> None:
     positions, previous_velocities, alive = states(200, 4)
     found = policy("constrained-feedback")
-    first, goals = found.pathfinders(2, positions, previous_velocities, alive)
+    first, goals = found.lead_agents(2, positions, previous_velocities, alive)
     decision = found.decide(2, positions, previous_velocities, alive)
     ends = positions + DT * decision.velocities
     away = np.hypot(*np.moveaxis(ends - goals[:, None], -1, 0))

@@ -19,18 +19,18 @@ from casswarm import Saturation, make_solver
 from casswarm.errors import PolicyError, SolverError
 from casswarm.figures import mpc_chart
 from casswarm.optimization.solvers.batch.interior_point import InteriorPoint
-from casswarm.policies import LeaderMpcPolicy, LeaderPolicy, make_policy
-from casswarm.policies.mpc import flown
-from casswarm.policies.mpc_instances import MARGIN, constrained_mpc, leader_mpc
+from casswarm.policies import LeaderPolicy, make_policy
+from casswarm.policies.formation import applied_decision
+from casswarm.policies.mpc_instances import MARGIN, corridor_mpc_formation, leader_mpc_formation
 from casswarm.problems.formation import (
+    Formation,
     Step,
     corridor_formation,
     leader_formation,
 )
-from casswarm.problems.mpc_formation import MpcFormation, Window
 
 
-def paths_of(problem: MpcFormation, data: Window) -> Array:
+def paths_of(problem: Formation, data: Step) -> Array:
     """Advances (B, H, n, 2) by the batch solver, every one converged; those given as they are."""
     batch, n = data.alive.shape
     rows = np.flatnonzero(problem.free.any(axis=1))
@@ -38,7 +38,7 @@ def paths_of(problem: MpcFormation, data: Window) -> Array:
     run = InteriorPoint().run_batch(problem.nlp, problem.instances[rows])
     assert run.judged[:, 2].max(initial=0.0) <= 1e-6
     found[rows] = run.x
-    return found.reshape(batch, data.steps, n, 2)
+    return found.reshape(batch, data.horizon, n, 2)
 
 
 def velocities_of(advances: Array) -> Array:
@@ -54,7 +54,7 @@ def test_a_look_ahead_of_one_step_gives_the_one_step_policy_bit_for_bit(name: st
     guide = csw.plan(scenario, certify=False)
     paper = make_policy(name, scenario, guide)
     assert type(make_policy(name, scenario, guide, horizon=1)) is type(paper)
-    assert type(make_policy(f"{name}-ahead-1", scenario, guide)) is type(paper)
+    assert type(make_policy(f"{name}-mpc-1", scenario, guide)) is type(paper)
     ahead = replace(make_policy(name, scenario, guide, horizon=4), horizon=1)  # type: ignore[type-var]
     last = make_policy(name, scenario, guide, horizon=4)
     rng = np.random.default_rng(1)
@@ -72,12 +72,14 @@ def test_a_look_ahead_of_one_step_gives_the_one_step_policy_bit_for_bit(name: st
 
 def test_window_of_one_step_has_the_one_step_answer_by_the_other_solver() -> None:
     data = window(40, 4, 1, seed=2)
-    step = Step(HAZARD, MOTION, data.positions, data.previous_velocities, data.alive, data.goals[0])
+    step = Step(
+        HAZARD, MOTION, data.positions, data.previous_velocities, data.alive, data.goals[:1]
+    )
     leaders = leaders_of(data)
     pairs = ((leader_formation(step, leaders), 0.0), (corridor_formation(step, RHO), MARGIN))
     for ahead, (one, margin) in zip(both(data), pairs, strict=True):
         found, paper = (
-            flown(data, ahead, InteriorPoint()),
+            applied_decision(data, ahead, InteriorPoint()),
             one.instances.lbx.reshape(40, 4, 2).copy(),
         )
         rows = np.flatnonzero(one.free.any(axis=1))
@@ -100,7 +102,7 @@ def test_window_of_one_step_has_the_one_step_answer_by_the_other_solver() -> Non
 
 
 @pytest.mark.parametrize("steps", [2, 4])
-def test_limits_hold_along_the_path_and_to_rounding_in_what_is_flown(steps: int) -> None:
+def test_limits_hold_along_the_path_and_to_rounding_in_what_is_applied_decision(steps: int) -> None:
     data = window(30, 4, steps, seed=11, spread=0.6)
     for problem in both(data):
         v = velocities_of(paths_of(problem, data))[problem.free.any(axis=1)]
@@ -110,7 +112,7 @@ def test_limits_hold_along_the_path_and_to_rounding_in_what_is_flown(steps: int)
         )
         turns = (np.diff(before, axis=1) ** 2).sum(axis=-1)
         assert turns.max() <= MOTION.a_max + 1e-9
-        decision = flown(data, problem, make_solver("auto"))
+        decision = applied_decision(data, problem, make_solver("auto"))
         assert not decision.failures.any()
         first = decision.velocities
         assert np.abs(first).max() <= MOTION.v_max + 1e-9
@@ -126,15 +128,17 @@ def test_shortfalls_are_counted_where_the_next_wish_is_missed() -> None:
         (led, np.arange(4) == leaders_of(data)[:, None], 0.0),
         (kept, data.alive, math.sqrt(RHO)),
     ):
-        decision = flown(data, problem, make_solver("auto"))
+        decision = applied_decision(data, problem, make_solver("auto"))
         away = data.positions + DT * decision.velocities - data.goals[0]
         missed = np.hypot(away[..., 0], away[..., 1]) > radius + 1e-6 * MOTION.v_max * DT
         np.testing.assert_array_equal(decision.infeasible, (missed & wished).sum(axis=1))
         assert 0 < decision.infeasible.sum() < wished.sum()
 
 
-def decisions(data: Window) -> list[Array]:
-    return [flown(data, problem, make_solver("auto")).velocities for problem in both(data)]
+def decisions(data: Step) -> list[Array]:
+    return [
+        applied_decision(data, problem, make_solver("auto")).velocities for problem in both(data)
+    ]
 
 
 def test_permutation_of_members_permutes_the_answer() -> None:
@@ -148,10 +152,10 @@ def test_permutation_of_members_permutes_the_answer() -> None:
     )
     moved = np.asarray(order.argsort()[leaders_of(data)])
     here = both(data)
-    there = [leader_mpc(permuted, moved), constrained_mpc(permuted, RHO)]
+    there = [leader_mpc_formation(permuted, moved), corridor_mpc_formation(permuted, RHO)]
     for a, b in zip(here, there, strict=True):
-        found = flown(data, a, make_solver("auto")).velocities
-        again = flown(permuted, b, make_solver("auto")).velocities
+        found = applied_decision(data, a, make_solver("auto")).velocities
+        again = applied_decision(permuted, b, make_solver("auto")).velocities
         np.testing.assert_allclose(again, found[:, order], atol=1e-4)
 
 
@@ -210,7 +214,7 @@ def test_the_corridor_is_met_where_it_can_be_and_a_plan_s_rest_fits_the_next_win
     short = []
     for t in range(8):
         now = replace(data, goals=way[t : t + 4])
-        decision = flown(now, constrained_mpc(now, RHO), make_solver("auto"))
+        decision = applied_decision(now, corridor_mpc_formation(now, RHO), make_solver("auto"))
         X = data.positions + DT * decision.velocities
         data = replace(data, positions=X, previous_velocities=decision.velocities)
         short.append(decision.infeasible)
@@ -239,10 +243,10 @@ def test_rates_that_are_no_kernels_are_solved_by_ipopt() -> None:
 
 def test_solvers_of_other_problems_say_that_they_cannot() -> None:
     problem = both(window(2, 3, 2, seed=19))[0]
-    with pytest.raises(SolverError, match="spectral cannot take look-ahead"):
+    with pytest.raises(SolverError, match=r"spectral cannot take mpc-formation\["):
         make_solver("spectral").solve_batch(problem.nlp, problem.instances)
     step = window(2, 3, 1, seed=19)
-    data = Step(HAZARD, MOTION, step.positions, step.previous_velocities, step.alive, GOAL)
+    data = Step(HAZARD, MOTION, step.positions, step.previous_velocities, step.alive, GOAL[None])
     formation = corridor_formation(data, RHO)
     with pytest.raises(SolverError, match="needs paths within limits"):
         InteriorPoint().solve_batch(formation.nlp, formation.instances)
@@ -264,9 +268,9 @@ def test_policies_and_problems_pickle() -> None:
     [
         ("leader", 0, "horizon = 0; allowed: whole numbers from 1"),
         ("leader", 2.5, "horizon = 2.5"),
-        ("naive", 3, "'naive' has no look-ahead"),
+        ("naive", 3, "'naive' has no horizon"),
         ("leader-mpc-0", 1, "horizon = 0"),
-        ("leader-mpc-3", 2, "names its look-ahead"),
+        ("leader-mpc-3", 2, "includes its horizon"),
         ("leader-mpc-H", 1, "'leader-mpc-H' is unknown; .*leader-mpc-3"),
         ("leader-mpc-", 1, "unknown"),
         ("naive-ahead-3", 1, "unknown"),
@@ -292,7 +296,6 @@ def test_looking_ahead_avoids_most_shortfalls_of_the_corridor() -> None:
 def test_leader_ahead_is_a_leader() -> None:
     scenario = csw.load_scenario("paper-1")
     policy = make_policy("leader", scenario, leader_selection="first", horizon=2)
-    assert isinstance(policy, LeaderMpcPolicy)
     assert isinstance(policy, LeaderPolicy)
     assert policy.leader_selection == "first"
 

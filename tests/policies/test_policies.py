@@ -194,7 +194,7 @@ HAZARD = Saturation(((2.0, 2.0),))
 def leaders(rule: str, positions: Array, alive: list[list[int]]) -> list[int]:
     batch = np.array([positions] * len(alive))
     living = np.array(alive, bool)
-    step = Step(HAZARD, Motion(2.0, 0.5, DT), batch, 0 * batch, living, np.zeros(2))
+    step = Step(HAZARD, Motion(2.0, 0.5, DT), batch, 0 * batch, living, np.zeros((1, 2)))
     return [int(i) for i in LEADER_SELECTION[rule](step, np.zeros(2))]
 
 

@@ -56,7 +56,7 @@ class StraightOnPolicy(Policy):
 
     name = "subclass"
 
-    def decide(
+    def decide_batch(
         self, step: int, positions: Array, previous_velocities: Array, alive: Flags
     ) -> Decision:
         velocities = straight_on(step, positions, previous_velocities, alive)
@@ -137,7 +137,7 @@ def test_wrong_velocities_are_an_error_that_names_policy_and_step(
     class Spoiled(Policy):
         name = "spoiled"
 
-        def decide(
+        def decide_batch(
             self, step: int, positions: Array, previous_velocities: Array, alive: Flags
         ) -> Decision:
             return Decision.plain(spoiled(step, positions, previous_velocities, alive))
@@ -166,15 +166,15 @@ def test_what_is_no_policy_is_an_error_that_says_what_is_one(nonsense: object) -
 
 def test_class_instead_of_its_instance_is_an_error_that_says_so() -> None:
     for policy in (StraightOn, StraightOnPolicy):
-        with pytest.raises(PolicyError, match=rf"give an instance: {policy.__name__}\(\)"):
+        with pytest.raises(PolicyError, match=rf"pass an instance: {policy.__name__}\(\)"):
             as_policy(policy)
 
 
 def test_policy_without_a_name_is_an_error_that_says_so() -> None:
     class Nameless(Policy):
-        decide = StraightOnPolicy.decide
+        decide_batch = StraightOnPolicy.decide_batch
 
-    with pytest.raises(PolicyError, match="give its class one: name = 'mine'"):
+    with pytest.raises(PolicyError, match="define one in its class: name = 'mine'"):
         study_of(Nameless())
 
 

@@ -36,7 +36,7 @@ def swarm(batch: int, n: int, seed: int, spread: float = 0.35, deaths: float = 0
     previous_velocities = rng.uniform(-1.9, 1.9, (batch, n, 2))
     positions = GOAL - DT * previous_velocities + rng.normal(0, spread, (batch, n, 2))
     living = alive[..., None]
-    return Step(HAZARD, MOTION, positions * living, previous_velocities * living, alive, GOAL)
+    return Step(HAZARD, MOTION, positions * living, previous_velocities * living, alive, GOAL[None])
 
 
 def leaders_of(step: Step) -> NDArray[np.intp]:
@@ -197,7 +197,9 @@ def test_fifty_members_are_solved(hazard: str) -> None:
     if hazard == "collision":
         rates = SaturationCollision(scenario.hazard_table.radars)
     X = scenario.positions[None]
-    step = Step(rates, MOTION, X, np.full_like(X, 0.7), np.ones((1, 50), bool), np.full(2, 0.25))
+    step = Step(
+        rates, MOTION, X, np.full_like(X, 0.7), np.ones((1, 50), bool), np.full((1, 2), 0.25)
+    )
     before = rates.rates(X + DT * step.previous_velocities)[0]
     led, kept = both(step, np.array([24]), rho=2.0)
     assert rates.rates(X + DT * velocities(led))[0, 24] < before[24]
@@ -250,7 +252,7 @@ def test_translation_of_everything_changes_no_velocity() -> None:
         step,
         hazard=Saturation(tuple((x - 7.0, y + 3.0) for x, y in RADARS)),
         positions=step.positions + shift,
-        goal=GOAL + shift,
+        goals=GOAL[None] + shift,
     )
     leaders = leaders_of(step)
     for here, there in zip(both(step, leaders), both(shifted, leaders), strict=True):
