@@ -100,7 +100,7 @@ def plan_swarm(
         sampled = None
         if swarm_plan.law is None:
             named_tasks(progress, "simulating")(f"{_RUNS} runs")
-            policy = JointPolicy.of(swarm_plan)
+            policy = JointPolicy.from_plan(swarm_plan)
             sampled = estimate(chosen, policy, _RUNS, planning.seed, guide=guide)
         content = _write(folder, chosen, swarm_plan, sampled, asdict(planning))
     print_result(folder, content, _text(chosen, swarm_plan, sampled), common)
