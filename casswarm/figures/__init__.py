@@ -1,6 +1,6 @@
-"""Figures: arrays and tables in, a matplotlib Figure out; nothing is shown or written.
+"""Figures: functions that take data and return a matplotlib Figure, neither shown nor written.
 
-Each is drawn in the look of its context, ``with theme("column"): ...``: see `THEMES`.
+They are drawn in the theme of their context, ``with theme("column"): ...``; see `THEMES`.
 """
 
 from .animation import animate
@@ -8,27 +8,19 @@ from .convergence import convergence_chart
 from .distributions import arrival_chart, population_chart, survival_chart
 from .formations import formation_chart
 from .frames import player, save_gif
-from .joint import joint_map
-from .maps import comparison_map, cost_to_go_map, guide_map, swarm_map
+from .maps import comparison_map, cost_to_go_map, guide_map
+from .member_maps import joint_map, member_guides_map, swarm_map
 from .mpc import mpc_chart
-from .paper import (
-    beyond_chart,
-    infeasible_chart,
-    member_guides_map,
-    sensitivity_chart,
-    table_2_chart,
-)
+from .paper import infeasible_chart, sensitivity_chart, table_2_chart
 from .performance_profiles import pair_chart, profile_chart, win_chart
-from .policy_comparison import policy_comparison_chart
 from .style import THEMES, save, theme
-from .success_bars import difference_chart, success_chart
+from .success import difference_chart, success_chart
 from .sweeps import sweep_heat_map, sweep_lines
 
 __all__ = [
     "THEMES",
     "animate",
     "arrival_chart",
-    "beyond_chart",
     "comparison_map",
     "convergence_chart",
     "cost_to_go_map",
@@ -41,7 +33,6 @@ __all__ = [
     "mpc_chart",
     "pair_chart",
     "player",
-    "policy_comparison_chart",
     "population_chart",
     "profile_chart",
     "save",

@@ -1,15 +1,12 @@
-"""A run that moves: the members on the map, and their formation close up."""
+"""Animation of a run: the members on the map, and a close-up of their formation."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.animation import FuncAnimation
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -17,66 +14,66 @@ from matplotlib.lines import Line2D
 from ..chain.trajectories import RunTrajectory
 from ..planning.guide import Guide
 from ..scenario import Scenario
-from .base_map import GREYS, extent, frame, landmarks, pixels, single_agent_norm
+from .base_map import add_landmarks, draw_field, extent, pixels, set_extent, single_agent_norm
 from .closeups import (
     RELATIVE_RATE_NORM,
+    RELATIVE_RATES,
     Closeup,
     additional_agent_rates,
-    follows,
+    follows_guide,
     leader_at,
-    shades,
     window,
 )
 from .formations import caption, legend_handles
-from .style import BLUE, INK, MEMBERS, VERMILION, current_theme, scaled, settings, themed
+from .style import BLUE, INK, MEMBERS, VERMILION, current_theme, panels, scaled, settings, themed
 
 _PIXELS = 110
 
 
 def animate(
     scenario: Scenario,
-    trace: RunTrajectory,
+    trajectory: RunTrajectory,
     guide: Guide | None = None,
     *,
     title: str = "",
     frames_per_second: float = 4.0,
 ) -> FuncAnimation:
-    """A run as an animation, a frame a step: where the members are, who leads, and who is lost.
+    """Animate a run, a frame per step: positions, leaders, losses, and mutual protection.
 
-    On the left the map with the rate that one more member would have at every place, given where
-    the others are then; on the right the formation close up, where the shades are that rate as a
-    share of a lone member's. All scales are the same in every frame.
+    On the left a map of the hazard rate of an additional agent, given the positions of the members
+    at that step; on the right a close-up of the formation, with that rate relative to an isolated
+    agent. All scales are the same in every frame.
 
     Parameters
     ----------
     scenario : Scenario
-    trace : Trace
-        Such as ``study.trajectories["leader"][0]``.
+    trajectory : RunTrajectory
+        For instance ``study.traces["leader"][0]``.
     guide : Guide, optional
-        Drawn on the map; where the swarm follows it, its point is the middle of the close-up.
+        Drawn on the map; if the swarm follows it, the close-up is centred on it.
     title : str
-        The scenario's name by default.
+        By default the scenario's name.
     frames_per_second : float
 
     Returns
     -------
     matplotlib.animation.FuncAnimation
         In a notebook, ``HTML(casswarm.figures.player(animation))`` shows it; so does matplotlib's
-        own ``to_jshtml``, which loads its signs from the network.
+        own ``to_jshtml``, which loads its icons from the network.
 
     Raises
     ------
     ValueError
-        Not a positive number of frames per second.
+        `frames_per_second` is not positive.
     """
     if not frames_per_second > 0:
         raise ValueError(f"frames_per_second = {frames_per_second!r}; allowed: above 0")
-    stage = Stage(scenario, trace, guide, title or scenario.name)
+    shown = RunFigure(scenario, trajectory, guide, title or scenario.name)
     interval = 1000.0 / frames_per_second
     return FuncAnimation(
-        stage.figure,
-        stage.show,
-        frames=len(trace.alive),
+        shown.figure,
+        shown.show,
+        frames=len(trajectory.alive),
         init_func=lambda: [],
         interval=interval,
         repeat_delay=4 * interval,
@@ -84,123 +81,101 @@ def animate(
     )
 
 
-class Stage:
-    """A figure with a map and a close-up that can show any step of a run.
+class RunFigure:
+    """Figure with a map and a close-up that shows any step of a run.
 
     Parameters
     ----------
     scenario : Scenario
-    trace : Trace
+    trajectory : RunTrajectory
     guide : Guide or None
     title : str
     """
 
     def __init__(
-        self, scenario: Scenario, trace: RunTrajectory, guide: Guide | None, title: str
+        self, scenario: Scenario, trajectory: RunTrajectory, guide: Guide | None, title: str
     ) -> None:
-        self.scenario, self.trace, self.guide, self.title = scenario, trace, guide, title
-        near = guide is not None and follows(trace, guide, scenario.formation.rho)
-        self.middle = guide if near else None
-        contents = [trace.positions.reshape(-1, 2)]
-        self.low, self.high = extent(
-            scenario, contents if guide is None else [*contents, guide.positions]
-        )
-        self.nodes = pixels(self.low, self.high, _PIXELS)
+        self.scenario, self.trajectory, self.guide = scenario, trajectory, guide
+        self.title = title
         self.settings = settings(current_theme())
-        self.few = trace.alive.shape[1] <= len(MEMBERS)
+        self.few = trajectory.alive.shape[1] <= len(MEMBERS)
         self.artists: list[Artist] = []
         self.figure = self._build()
 
     @themed
     def _build(self) -> Figure:
-        size = self.high - self.low
-        shape = size[1] / size[0]
-        width = current_theme().width
-        fig = Figure(figsize=(width, 0.62 * width), layout="constrained")
-        FigureCanvasAgg(fig)
-        self.map, close = fig.subplots(1, 2, width_ratios=(1.0, shape))
-        frame(self.map, self.low, self.high)
-        self._background(fig, close)
-        handles = self._handles()
-        columns = len(handles) if width > 5 else 3
-        fig.legend(handles=handles, loc="outside lower center", ncols=columns)
-        self.heading = fig.suptitle(self._words(0))
-        return fig
-
-    def _background(self, fig: Figure, close: Axes) -> None:
-        """What stays: shades, landmarks, guide, scales."""
-        norm = single_agent_norm(self.scenario, self.low, self.high)
-        self.image = self.map.imshow(
-            np.full(self.nodes.shape[:2], norm.vmin),
-            norm=norm,
-            cmap=GREYS,
-            extent=(self.low[0], self.high[0], self.low[1], self.high[1]),
-            origin="lower",
-            interpolation="bilinear",
+        """Draw what all frames have in common."""
+        trajectory, guide = self.trajectory, self.guide
+        contents = [trajectory.positions.reshape(-1, 2)]
+        if guide is not None:
+            contents.append(guide.positions)
+        low, high = extent(self.scenario, contents)
+        self.nodes = pixels(low, high, _PIXELS)
+        ratios = (1.0, (high[1] - low[1]) / (high[0] - low[0]))
+        fig, (self.map, close) = panels(2, 2, 0.62, width_ratios=ratios)
+        set_extent(self.map, low, high)
+        norm = single_agent_norm(self.scenario, low, high)
+        self.image = draw_field(self.map, np.full(self.nodes.shape[:2], norm.vmin), norm)
+        add_landmarks(self.map, self.scenario)
+        follows = guide is not None and follows_guide(
+            trajectory, guide, self.scenario.formation.rho
         )
-        landmarks(self.map, self.scenario)
-        if self.guide is not None:
-            self.map.plot(*self.guide.positions.T, color=INK, lw=scaled(0.8), ls=":", zorder=3)
-        half = window(self.trace, self.middle)
-        self.closeup = Closeup(close, self.scenario, self.trace, self.middle, half, False)
+        center = guide if follows else None
+        half = window(trajectory, center)
+        self.closeup = Closeup(close, self.scenario, trajectory, center, half, corridors=False)
         close.set_ylabel("")
-        options: dict[str, Any] = {"location": "bottom", "pad": 0.02}
-        fig.colorbar(
-            self.image, ax=self.map, label="rate of one more member", extend="max", **options
-        )
-        share = ScalarMappable(RELATIVE_RATE_NORM, shades())
-        label = "as a share of a lone member's"
-        fig.colorbar(share, ax=close, label=label, extend="max", **options)
-
-    def _handles(self) -> list[Artist]:
-        """What the signs mean."""
-        own, names = self.map.get_legend_handles_labels()
-        leads = bool((self.trace.leaders >= 0).any())
-        rest: list[Artist] = list(legend_handles(self.middle is not None, False, leads))
-        if self.guide is not None:
-            rest = [handle for handle in rest if handle.get_label() != "guide"]
-            rest.append(Line2D([], [], color=INK, lw=scaled(0.8), ls=":", label="guide"))
-        for handle in rest:
-            if handle.get_label() == "lost in this step":
-                handle.set_label("lost")
-        return [*(handle for handle, name in zip(own, names, strict=True) if name), *rest]
+        scales: list[tuple[ScalarMappable, Axes, str]] = [
+            (self.image, self.map, "hazard rate of an additional agent"),
+            (ScalarMappable(RELATIVE_RATE_NORM, RELATIVE_RATES), close, "... relative to isolated"),
+        ]
+        for mappable, axes, label in scales:
+            fig.colorbar(mappable, ax=axes, label=label, extend="max", location="bottom", pad=0.02)
+        handles = self.map.get_legend_handles_labels()[0]
+        handles += legend_handles(False, False, bool((trajectory.leaders >= 0).any()))
+        handles[-1].set_label("lost")
+        if guide is not None:
+            line = {"color": INK, "linewidth": scaled(0.8), "linestyle": ":"}
+            self.map.plot(*guide.positions.T, zorder=3, **line)
+            handles.append(Line2D([], [], label="guide", **line))
+        columns = 3 if current_theme().narrow else len(handles)
+        fig.legend(handles=handles, loc="outside lower center", ncols=columns)
+        self.heading = fig.suptitle(self._heading(0))
+        return fig
 
     def show(self, step: int) -> list[Artist]:
         """Show a step."""
         with rc_context(self.settings):
-            positions, alive = self.trace.positions[step], self.trace.alive[step]
-            hazard = self.scenario.hazard
-            self.image.set_data(additional_agent_rates(hazard, self.nodes, positions, alive))
+            positions, alive = self.trajectory.positions[step], self.trajectory.alive[step]
+            rates = additional_agent_rates(self.scenario.hazard, self.nodes, positions, alive)
+            self.image.set_data(rates)
             self.closeup.show(step)
-            self.heading.set_text(self._words(step))
+            self.heading.set_text(self._heading(step))
             for artist in self.artists:
                 artist.remove()
             self.artists = []
-            self._members(step)
+            self._draw_members(step)
         return self.artists
 
-    def _members(self, step: int) -> None:
-        """Members with their ways so far; the destroyed as crosses where they fell."""
-        alive, leader = self.trace.alive[step], leader_at(self.trace, step)
-        ends = np.minimum(step, self.trace.last_steps())
+    def _draw_members(self, step: int) -> None:
+        """Draw the members with their paths so far, those destroyed as crosses."""
+        alive, leader = self.trajectory.alive[step], leader_at(self.trajectory, step)
+        ends = np.minimum(step, self.trajectory.last_steps())
         for member, end in enumerate(ends):
             color = MEMBERS[member] if self.few else BLUE
-            way = self.trace.positions[: end + 1, member]
-            self.artists += self.map.plot(*way.T, color=color, lw=scaled(0.9), alpha=0.7, zorder=4)
-            leads = member == leader
+            path = self.trajectory.positions[: end + 1, member]
+            self.artists += self.map.plot(*path.T, color=color, lw=scaled(0.9), alpha=0.7, zorder=4)
+            leads, lost = member == leader, not alive[member]
+            if lost or (leads and not self.few):
+                color = "white" if lost else VERMILION
             self.artists += self.map.plot(
-                *way[-1],
-                marker="X" if not alive[member] else "*" if leads else "o",
-                color="white"
-                if not alive[member]
-                else VERMILION
-                if leads and not self.few
-                else color,
-                markeredgecolor=INK if leads or not alive[member] else "white",
+                *path[-1],
+                marker="X" if lost else "*" if leads else "o",
+                color=color,
+                markeredgecolor=INK if leads or lost else "white",
                 markeredgewidth=scaled(0.7),
                 markersize=scaled(11 if leads else 6.5 if self.few else 4.5),
                 zorder=7 if leads else 6,
             )
 
-    def _words(self, step: int) -> str:
-        return f"{self.title}: {caption(self.trace, step)}"
+    def _heading(self, step: int) -> str:
+        return f"{self.title}: {caption(self.trajectory, step)}"

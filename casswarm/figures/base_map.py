@@ -1,4 +1,4 @@
-"""The ground of maps: rates of a lone member as shades, radars, target and corridor."""
+"""Base map: hazard rates of an isolated agent as shades, with radars, target and corridor."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from matplotlib.patches import Circle, Rectangle
 
 from ..scenario import Scenario
 from ..typing import FloatArray
-from .style import INK, SKY, VERMILION, figure, scaled, wrap_label
+from .style import INK, SKY, VERMILION, scaled, single_panel, wrap_label
 
 _PIXELS = 300
-_CAP = 0.995  # quantile of the rates at which the shades end: radars are not the whole story
+_CAP = 0.995  # quantile of the rates at which the scale ends: near radars they are far higher
 GREYS = LinearSegmentedColormap.from_list("greys", colormaps["Greys"](np.linspace(0.0, 0.72, 256)))
 
 
-def single_agent_map(
-    scenario: Scenario, contents: Sequence[FloatArray]
-) -> tuple[Figure, Axes, AxesImage]:
-    """Rates of a lone member as shades, radars and target; the extent holds all `contents`."""
+def base_map(scenario: Scenario, contents: Sequence[FloatArray]) -> tuple[Figure, Axes]:
+    """Map of the hazard rates that holds all points (..., 2) of `contents`."""
     low, high = extent(scenario, contents)
-    fig, axes = field_axes(low, high)
-    image = draw_rates(axes, scenario)
-    label = wrap_label("rate of a lone member, per unit time")
+    fig, axes = single_panel()
+    set_extent(axes, low, high)
+    norm = single_agent_norm(scenario, low, high)
+    rates = scenario.hazard.single_agent_rates(pixels(low, high))
+    image = draw_field(axes, np.maximum(rates, norm.vmin or 0.0), norm)
+    label = wrap_label("hazard rate of an isolated agent, per unit time")
     fig.colorbar(image, ax=axes, label=label, extend="max")
-    landmarks(axes, scenario)
-    return fig, axes, image
+    add_landmarks(axes, scenario)
+    return fig, axes
 
 
 def extent(scenario: Scenario, contents: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
@@ -43,24 +44,42 @@ def extent(scenario: Scenario, contents: Sequence[FloatArray]) -> tuple[FloatArr
     return low - pad, high + pad
 
 
-def field_axes(low: FloatArray, high: FloatArray) -> tuple[Figure, Axes]:
-    """A figure with a map of these corners."""
-    fig, axes = figure()
-    frame(axes, low, high)
-    return fig, axes
-
-
-def frame(axes: Axes, low: FloatArray, high: FloatArray) -> None:
-    """Make axes a map of these corners."""
+def set_extent(axes: Axes, low: FloatArray, high: FloatArray) -> None:
+    """Make axes a map with these corners."""
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x", ylabel="y")
 
 
-def landmarks(axes: Axes, scenario: Scenario, radars: str = VERMILION) -> None:
-    """Target and radars."""
-    target, places = scenario.target, scenario.hazard.radar_positions
+def pixels(low: FloatArray, high: FloatArray, number: int = _PIXELS) -> FloatArray:
+    """Centres (number, number, 2) of a map's pixels, row by row from the bottom."""
+    size = (high - low) / number
+    axis = np.arange(number) + 0.5
+    return np.stack(np.meshgrid(*(low[k] + size[k] * axis for k in (0, 1))), axis=-1)
+
+
+def single_agent_norm(scenario: Scenario, low: FloatArray, high: FloatArray) -> LogNorm:
+    """Logarithmic scale of the hazard rates of an isolated agent between these corners."""
+    rates = scenario.hazard.single_agent_rates(pixels(low, high))
+    lowest = max(float(rates.min()), 1e-12)
+    return LogNorm(lowest, max(float(np.quantile(rates, _CAP)), lowest * 1.01))
+
+
+def draw_field(axes: Axes, values: FloatArray, norm: LogNorm) -> AxesImage:
+    """Draw values at the pixels of a map as shades of grey."""
+    return axes.imshow(
+        values,
+        norm=norm,
+        cmap=GREYS,
+        extent=(*axes.get_xlim(), *axes.get_ylim()),
+        origin="lower",
+        interpolation="bilinear",
+    )
+
+
+def add_landmarks(axes: Axes, scenario: Scenario, radars: str = VERMILION) -> None:
+    """Draw the target and the radars."""
     zone = Circle(
-        target.center,
-        target.radius,
+        scenario.target.center,
+        scenario.target.radius,
         facecolor="white",
         edgecolor=INK,
         hatch="////",
@@ -68,9 +87,9 @@ def landmarks(axes: Axes, scenario: Scenario, radars: str = VERMILION) -> None:
         label="target",
     )
     axes.add_patch(zone)
-    if len(places):
+    if len(scenario.hazard.radar_positions):
         axes.plot(
-            *places.T,
+            *scenario.hazard.radar_positions.T,
             color=radars,
             marker="^",
             markersize=scaled(9.0),
@@ -82,48 +101,28 @@ def landmarks(axes: Axes, scenario: Scenario, radars: str = VERMILION) -> None:
         )
 
 
-def pixels(low: FloatArray, high: FloatArray, number: int = _PIXELS) -> FloatArray:
-    """Centres (number, number, 2) of a map's pixels, row by row from below."""
-    size = (high - low) / number
-    axis = np.arange(number) + 0.5
-    return np.stack(np.meshgrid(*(low[k] + size[k] * axis for k in (0, 1))), axis=-1)
-
-
-def corners(axes: Axes) -> tuple[FloatArray, FloatArray]:
-    """Corners of a map."""
-    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
-    return np.array([west, south]), np.array([east, north])
-
-
-def single_agent_norm(scenario: Scenario, low: FloatArray, high: FloatArray) -> LogNorm:
-    """Shades of the rates of a lone member between these corners; radars end them."""
-    rates = scenario.hazard.single_agent_rates(pixels(low, high))
-    least = max(float(rates.min()), 1e-12)
-    return LogNorm(least, max(float(np.quantile(rates, _CAP)), least * 1.01))
-
-
-def draw_rates(axes: Axes, scenario: Scenario) -> AxesImage:
-    """The rates of a lone member over a map."""
-    low, high = corners(axes)
-    norm = single_agent_norm(scenario, low, high)
-    return axes.imshow(
-        np.maximum(scenario.hazard.single_agent_rates(pixels(low, high)), norm.vmin or 0.0),
-        norm=norm,
-        cmap=GREYS,
-        extent=(low[0], high[0], low[1], high[1]),
-        origin="lower",
-        interpolation="bilinear",
+def add_start(axes: Axes, positions: FloatArray, label: str = "start") -> None:
+    """Draw the initial positions (n, 2) as circles."""
+    axes.plot(
+        *positions.T,
+        linestyle="",
+        marker="o",
+        markersize=scaled(4.5),
+        markerfacecolor="white",
+        markeredgecolor=INK,
+        markeredgewidth=scaled(1.0),
+        zorder=5,
+        label=label,
     )
 
 
-def corridor(axes: Axes, places: FloatArray, rho: float) -> None:
-    """The places within the root of `rho` of one of `places` (T, 2)."""
+def add_corridor(axes: Axes, path: FloatArray, rho: float) -> None:
+    """Draw the corridor: points within the square root of `rho` of a point of the path (T, 2)."""
     pad = 1.1 * np.sqrt(rho)
-    low, high = places.min(axis=0) - pad, places.max(axis=0) + pad
-    nodes = pixels(low, high, 2 * _PIXELS)
+    nodes = pixels(path.min(axis=0) - pad, path.max(axis=0) + pad, 2 * _PIXELS)
     nearest = np.full(nodes.shape[:2], np.inf)
-    for place in places:
-        np.minimum(nearest, ((nodes - place) ** 2).sum(axis=-1), out=nearest)
+    for point in path:
+        np.minimum(nearest, ((nodes - point) ** 2).sum(axis=-1), out=nearest)
     east, north = nodes[0, :, 0], nodes[:, 0, 1]
     axes.contourf(east, north, nearest, [-1.0, rho], colors=SKY, alpha=0.45, zorder=2.5)
-    axes.add_patch(Rectangle(places[0], 0, 0, color=SKY, alpha=0.45, linewidth=0, label="corridor"))
+    axes.add_patch(Rectangle(path[0], 0, 0, color=SKY, alpha=0.45, linewidth=0, label="corridor"))

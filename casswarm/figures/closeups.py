@@ -1,15 +1,14 @@
-"""Axes that show a formation close up: where its members are, and how well they protect."""
+"""Close-ups of a formation: positions of its members, and how well they protect each other."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, SupportsInt
+from typing import SupportsInt
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import Colormap, Normalize
-from matplotlib.image import AxesImage
+from matplotlib.colors import Normalize
 from matplotlib.patches import Circle
 from matplotlib.transforms import ScaledTranslation
 
@@ -17,61 +16,56 @@ from ..chain.trajectories import RunTrajectory
 from ..hazard import Hazard
 from ..planning.guide import Guide
 from ..scenario import Scenario
-from ..typing import BoolArray, FloatArray
-from .base_map import GREYS, frame, pixels
+from ..typing import BoolArray, FloatArray, IntArray
+from .base_map import GREYS, pixels, set_extent
 from .style import BLUE, INK, MEMBERS, VERMILION, scaled, text_outline
 
 _PIXELS = 80
-_MAX = 1.5  # share to which the edge of the danger is drawn smooth
-_NEAR = 0.2  # of a window's half width: members that near share a label
-OVER = "#E8A987"  # where members endanger each other
+_MAX = 1.5  # relative rate up to which the boundary of dangerous regions is interpolated
+_NEAR = 0.2  # of a window's half width: members this close share a label
+COLLISION = "#E8A987"  # where members endanger each other
+RELATIVE_RATES = GREYS.with_extremes(over=COLLISION)
+"""Colours of hazard rates relative to an isolated agent: the better the protection, the lighter."""
 RELATIVE_RATE_NORM = Normalize(0.0, 1.0)
-"""Of a lone member's rate: nobody is protected at 1; above it, members endanger each other."""
+"""At 1 there is no protection; above, members endanger each other."""
 
 
-def shades() -> Colormap:
-    """Colours of `RELATIVE_RATE_NORM`: the better the protection, the lighter."""
-    return GREYS.with_extremes(over=OVER)
-
-
-def relative_rates(
-    hazard: Hazard, places: FloatArray, positions: FloatArray, alive: BoolArray
+def additional_agent_rates(
+    hazard: Hazard, points: FloatArray, positions: FloatArray, alive: BoolArray
 ) -> FloatArray:
-    """Rates that one more member would have at places (..., 2), as shares of a lone member's.
+    """Hazard rates (...) of an additional agent at points (..., 2), given a swarm.
 
     Parameters
     ----------
     hazard : Hazard
-    places : (..., 2)
+    points : (..., 2)
     positions : (n, 2)
         Of the swarm.
     alive : (n,) bool
     """
-    lone = hazard.single_agent_rates(places)
-    found = np.ones_like(lone)
-    return np.divide(
-        additional_agent_rates(hazard, places, positions, alive), lone, out=found, where=lone > 0
-    )
-
-
-def additional_agent_rates(
-    hazard: Hazard, places: FloatArray, positions: FloatArray, alive: BoolArray
-) -> FloatArray:
-    """Rates (...) that one more member would have at places (..., 2), given a swarm."""
-    flat = places.reshape(-1, 2)
+    flat = points.reshape(-1, 2)
     others = np.broadcast_to(positions[alive], (len(flat), int(alive.sum()), 2))
     states = np.concatenate([flat[:, None], others], axis=1)
-    return np.asarray(hazard.rates(states)[:, 0].reshape(places.shape[:-1]))
+    return np.asarray(hazard.rates(states)[:, 0].reshape(points.shape[:-1]))
+
+
+def relative_rates(
+    hazard: Hazard, points: FloatArray, positions: FloatArray, alive: BoolArray
+) -> FloatArray:
+    """Hazard rates (...) of an additional agent, relative to those of an isolated one."""
+    isolated = hazard.single_agent_rates(points)
+    rates = additional_agent_rates(hazard, points, positions, alive)
+    return np.divide(rates, isolated, out=np.ones_like(isolated), where=isolated > 0)
 
 
 class Closeup:
-    """Axes that show the formation of a run at a step, and can be shown another one.
+    """Axes that show the formation of a run at any step.
 
     Parameters
     ----------
     axes : Axes
     scenario : Scenario
-    trace : Trace
+    trajectory : RunTrajectory
     guide : Guide or None
     half : float
         Half the width of the window.
@@ -82,22 +76,23 @@ class Closeup:
         self,
         axes: Axes,
         scenario: Scenario,
-        trace: RunTrajectory,
+        trajectory: RunTrajectory,
         guide: Guide | None,
         half: float,
         corridors: bool,
     ) -> None:
-        self.axes, self.hazard, self.trace = axes, scenario.hazard, trace
+        self.axes, self.hazard, self.trajectory = axes, scenario.hazard, trajectory
         self.guide, self.half = guide, half
+        self.few = trajectory.alive.shape[1] <= len(MEMBERS)
         corner = np.full(2, half)
-        frame(axes, -corner, corner)
+        set_extent(axes, -corner, corner)
         tick = float(f"{0.7 * half:.1g}")
         axes.set(xticks=[-tick, 0, tick], yticks=[-tick, 0, tick])
         self.nodes = pixels(-corner, corner, _PIXELS)
-        self.image: AxesImage = axes.imshow(
+        self.image = axes.imshow(
             np.ones((_PIXELS, _PIXELS)),
             norm=RELATIVE_RATE_NORM,
-            cmap=shades(),
+            cmap=RELATIVE_RATES,
             extent=(-half, half, -half, half),
             origin="lower",
             interpolation="bilinear",
@@ -108,48 +103,44 @@ class Closeup:
             radius = float(np.sqrt(scenario.formation.rho))
             axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor=BLUE, zorder=3))
         self.artists: list[Artist] = []
-        root = axes.get_figure(root=True)
-        assert root is not None
-        self._scale = root.dpi_scale_trans
 
     def show(self, step: int) -> None:
-        """Show a step instead of what is shown."""
+        """Replace what is shown by another step."""
         for artist in self.artists:
             artist.remove()
         self.artists = []
-        alive, center = self.trace.alive[step], middle(self.trace, self.guide, step)
-        positions = self.trace.positions[step]
-        found = relative_rates(self.hazard, self.nodes + center, positions, alive)
-        self.image.set_data(np.minimum(found, _MAX))  # rates of collisions have no end
-        before = self.trace.alive[step - 1] if step else alive
+        alive, positions = self.trajectory.alive[step], self.trajectory.positions[step]
+        center = formation_center(self.trajectory, self.guide, step)
+        rates = relative_rates(self.hazard, self.nodes + center, positions, alive)
+        self.image.set_data(np.minimum(rates, _MAX))  # rates of collisions are unbounded
+        lost = self.trajectory.alive[max(0, step - 1)] & ~alive
         offsets = positions - center
-        self._members(offsets, alive, leader_at(self.trace, step))
-        lost = before & ~alive
-        self._lost(offsets, alive, lost)
-        self._labels(offsets, alive, lost)
-        self._labels(offsets, lost, alive, crosses=True)
+        self._draw_alive(offsets, alive, leader_at(self.trajectory, step))
+        self._draw_lost(offsets, alive, lost)
+        if self.few:
+            self._label(offsets, alive, lost)
+            self._label(offsets, lost, alive, crosses=True)
 
-    def _members(self, offsets: FloatArray, alive: BoolArray, leader: int) -> None:
-        few = len(alive) <= len(MEMBERS)
+    def _draw_alive(self, offsets: FloatArray, alive: BoolArray, leader: int) -> None:
         for member in np.flatnonzero(alive):
-            color = MEMBERS[member] if few else BLUE
             leads = member == leader
+            color = MEMBERS[member] if self.few else VERMILION if leads else BLUE
             self.artists += self.axes.plot(
                 *offsets[member],
                 marker="*" if leads else "o",
-                color=VERMILION if leads and not few else color,
+                color=color,
                 markeredgecolor=INK if leads else "white",
                 markeredgewidth=scaled(0.8 if leads else 0.5),
-                markersize=scaled(12 if leads else (6.5 if few else 3.5)),
+                markersize=scaled(12 if leads else (6.5 if self.few else 3.5)),
                 zorder=6 if leads else 5,
             )
 
-    def _lost(self, offsets: FloatArray, alive: BoolArray, lost: BoolArray) -> None:
-        """Crosses, beside the living where these stand at the same place."""
+    def _draw_lost(self, offsets: FloatArray, alive: BoolArray, lost: BoolArray) -> None:
+        """Draw crosses, shifted where they would cover members that are alive."""
         for member in np.flatnonzero(lost):
-            beside = self._near(offsets, offsets[member], list(np.flatnonzero(alive)))
-            away_by = -scaled(7) / 72 if beside else 0.0
-            shift = ScaledTranslation(away_by, away_by, self._scale)
+            covers = self._near(offsets, offsets[member], np.flatnonzero(alive)).size
+            shift = -scaled(7) / 72 if covers else 0.0
+            translation = ScaledTranslation(shift, shift, self.axes.figure.dpi_scale_trans)
             self.artists += self.axes.plot(
                 *offsets[member],
                 marker="X",
@@ -157,36 +148,34 @@ class Closeup:
                 markeredgecolor=INK,
                 markeredgewidth=scaled(0.9),
                 markersize=scaled(7.0),
-                transform=self.axes.transData + shift,
+                transform=self.axes.transData + translation,
                 zorder=7,
             )
             self.artists[-1].set_clip_on(True)
 
-    def _labels(
+    def _label(
         self, offsets: FloatArray, members: BoolArray, others: BoolArray, crosses: bool = False
     ) -> None:
-        """Numbers of members, once for all that stand together, clear of the others and theirs."""
-        if len(members) > len(MEMBERS):
-            return
-        inside = np.abs(offsets).max(axis=1) < self.half
-        left = list(np.flatnonzero(members & inside))
-        while left:
-            near = self._near(offsets, offsets[left[0]], left)
-            left = [member for member in left if member not in near]
-            place = offsets[near].mean(axis=0)
-            x, y = place / self.half
-            right, above = not (x > 0.4 or -0.6 < x < -0.05), not (y > 0.6 or -0.6 < y < -0.05)
-            beside = self._near(offsets, place, list(np.flatnonzero(others)))
-            if crosses:  # have theirs below them on the left, if there is room
-                right, above = bool(x < -0.6), bool(y < -0.6)
-            elif beside:
-                right, above = bool(x < 0.6), bool(y < 0.6)
+        """Number members, once for all that are close, where no other label can be."""
+        unlabelled = np.flatnonzero(members & (np.abs(offsets).max(axis=1) < self.half))
+        while unlabelled.size:
+            near = self._near(offsets, offsets[unlabelled[0]], unlabelled)
+            unlabelled = np.setdiff1d(unlabelled, near)
+            point = offsets[near].mean(axis=0)
+            beside = self._near(offsets, point, np.flatnonzero(others)).size
+            x, y = point / self.half
+            if crosses:  # below on the left, unless that is outside the window
+                right, above = x < -0.6, y < -0.6
+            elif beside:  # above on the right
+                right, above = x < 0.6, y < 0.6
+            else:  # away from the centre
+                right, above = not (x > 0.4 or -0.6 < x < -0.05), not (y > 0.6 or -0.6 < y < -0.05)
             gap = 13.0 if crosses and beside else 6.0
             self.artists.append(
                 self.axes.annotate(
-                    _numbers(near),
-                    place,
-                    ((gap if right else -gap) * scaled(), (gap - 1) * scaled(1 if above else -1)),
+                    _ranges(near + 1),
+                    point,
+                    (scaled(gap if right else -gap), scaled(gap - 1 if above else 1 - gap)),
                     textcoords="offset points",
                     ha="left" if right else "right",
                     va="bottom" if above else "top",
@@ -196,52 +185,57 @@ class Closeup:
                 )
             )
 
-    def _near(self, offsets: FloatArray, place: FloatArray, members: list[Any]) -> list[Any]:
-        """Those of `members` that stand near a place."""
-        return [m for m in members if np.hypot(*(offsets[m] - place)) < _NEAR * self.half]
+    def _near(self, offsets: FloatArray, point: FloatArray, members: IntArray) -> IntArray:
+        """Those of `members` that are close to a point."""
+        distances = np.hypot(*(offsets[members] - point).T)
+        return members[distances < _NEAR * self.half]
 
 
-def _numbers(members: Iterable[SupportsInt]) -> str:
-    """Members as they are counted from 1, neighbours as a range: 1, 3–5."""
+def _ranges(numbers: Iterable[SupportsInt]) -> str:
+    """Text of ascending numbers, consecutive ones as a range: 1, 3–5."""
     runs: list[list[int]] = []
-    for member in map(int, members):
-        if runs and member == runs[-1][-1] + 1:
-            runs[-1].append(member)
+    for number in map(int, numbers):
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
         else:
-            runs.append([member])
-    return ", ".join(f"{run[0] + 1}–{run[-1] + 1}" if run[1:] else f"{run[0] + 1}" for run in runs)
+            runs.append([number])
+    return ", ".join(f"{run[0]}–{run[-1]}" if run[1:] else f"{run[0]}" for run in runs)
 
 
-def middle(trace: RunTrajectory, guide: Guide | None, step: int) -> FloatArray:
-    """The point (2,) in the middle of the formation at a step: the guide's, or a mean."""
+def formation_center(trajectory: RunTrajectory, guide: Guide | None, step: int) -> FloatArray:
+    """Centre (2,) of the formation at a step: the guide's point, or the mean of its members."""
     if guide is not None:
         return guide.reference(step)
-    alive = trace.alive[step] if trace.alive[step].any() else trace.alive[max(0, step - 1)]
-    return np.asarray(trace.positions[step][alive].mean(axis=0))
+    alive = trajectory.alive[step]
+    if not alive.any():
+        alive = trajectory.alive[max(0, step - 1)]
+    return np.asarray(trajectory.positions[step][alive].mean(axis=0))
 
 
-def follows(trace: RunTrajectory, guide: Guide, rho: float) -> bool:
-    """Whether a swarm keeps near a guide: within twice the root of `rho` at most steps."""
-    away = [
-        np.hypot(*(trace.positions[step][alive] - guide.reference(step)).T).min()
-        for step, alive in enumerate(trace.alive)
+def follows_guide(trajectory: RunTrajectory, guide: Guide, rho: float) -> bool:
+    """Whether at most steps a member is within twice the square root of `rho` of the guide."""
+    distances = [
+        np.hypot(*(trajectory.positions[step][alive] - guide.reference(step)).T).min()
+        for step, alive in enumerate(trajectory.alive)
         if alive.any()
     ]
-    return bool(np.median(away) <= 2 * np.sqrt(rho))
+    return bool(np.median(distances) <= 2 * np.sqrt(rho))
 
 
-def leader_at(trace: RunTrajectory, step: int) -> int:
-    """Who leads at a step, -1 if nobody: at the last one, who led there if alive."""
-    if not len(trace.leaders):
+def leader_at(trajectory: RunTrajectory, step: int) -> int:
+    """Leader at a step, or -1; at the last step the previous leader if it is alive."""
+    if not len(trajectory.leaders):
         return -1
-    leader = int(trace.leaders[min(step, len(trace.leaders) - 1)])
-    return leader if leader >= 0 and trace.alive[step, leader] else -1
+    leader = int(trajectory.leaders[min(step, len(trajectory.leaders) - 1)])
+    return leader if leader >= 0 and trajectory.alive[step, leader] else -1
 
 
-def window(trace: RunTrajectory, guide: Guide | None) -> float:
-    """Half the width of a window around the formation in which nearly everybody is, always."""
-    away = [
-        np.abs(trace.positions[step][trace.alive[step]] - middle(trace, guide, step)).max(axis=1)
-        for step in range(len(trace.alive))
+def window(trajectory: RunTrajectory, guide: Guide | None) -> float:
+    """Half the width of a window around the formation that nearly always holds all members."""
+    distances = [
+        np.abs(positions[alive] - formation_center(trajectory, guide, step)).max(axis=1)
+        for step, (positions, alive) in enumerate(
+            zip(trajectory.positions, trajectory.alive, strict=True)
+        )
     ]
-    return 1.25 * max(0.05, float(np.quantile(np.concatenate(away), 0.98)))
+    return 1.25 * max(0.05, float(np.quantile(np.concatenate(distances), 0.98)))

@@ -1,4 +1,4 @@
-"""How the paper's projected gradient converges."""
+"""Convergence of the paper's projected gradient."""
 
 from __future__ import annotations
 
@@ -8,17 +8,8 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from .style import (
-    GREY,
-    INK,
-    add_title,
-    current_theme,
-    despine,
-    panels,
-    policy_styles,
-    scaled,
-    themed,
-)
+from .policy_styles import policy_styles
+from .style import GREY, INK, add_title, current_theme, despine, panels, scaled, themed
 
 _DASHES = ("-", "--", "-.", ":")
 
@@ -29,7 +20,7 @@ def convergence_chart(
     formations: pd.DataFrame,
     references: Mapping[str, float],
 ) -> Figure:
-    """The projected gradient on the guide and on formations: how far off, and how stationary.
+    """Gaps and stationarity residuals of the projected gradient, for the guide and formations.
 
     Parameters
     ----------
@@ -39,16 +30,16 @@ def convergence_chart(
         With the columns problems (a policy, a comma and a scenario), iteration, gap_median and
         residual_median.
     references : mapping
-        Name to the survival that other guides have.
+        Name to the survival of other guides.
     """
-    narrow = current_theme().width < 5
+    narrow = current_theme().narrow
     across = 1 if narrow else 2
-    fig, some = panels(across, 4 // across, 2.3 if narrow else 0.75, sharex=True)
-    survival, residual, gap, formation_residual = some
+    fig, axes = panels(4, across, 2.3 if narrow else 0.75, sharex=True)
+    survival, residual, gap, formation_residual = axes
     path: dict[str, Any] = {"color": INK, "marker": "o"}
     survival.plot(guide["iteration"], guide["survival"], **path)
-    for place, (name, value) in enumerate(references.items()):
-        survival.axhline(value, color=GREY, linewidth=scaled(), linestyle=_DASHES[1 + place % 3])
+    for number, (name, value) in enumerate(references.items()):
+        survival.axhline(value, color=GREY, linewidth=scaled(), linestyle=_DASHES[1 + number % 3])
         survival.annotate(
             f"{name}: {value:.2g}",
             (1, value),
@@ -56,24 +47,28 @@ def convergence_chart(
             textcoords="offset points",
             fontsize="small",
         )
-    survival.set(title="guide: survival of a lone member", yscale="log", ylim=(5e-5, 5))
+    survival.set(title="guide: single-agent survival", yscale="log", ylim=(5e-5, 5))
     residual.plot(guide["iteration"], guide["residual"], **path)
     residual.set(title="guide: stationarity residual", yscale="log", ylim=(1e-5, 1e-2))
-    looks = policy_styles(str(kind).split(",")[0] for kind in formations["problems"])
-    for place, (kind, rows) in enumerate(formations.groupby("problems", sort=False)):
-        color, dashes = looks[str(kind).split(",")[0]].color, _DASHES[place % len(_DASHES)]
-        for axes, column in ((gap, "gap_median"), (formation_residual, "residual_median")):
-            median = rows[column].clip(lower=1e-9)
-            axes.plot(rows["iteration"], median, color=color, linestyle=dashes, label=str(kind))
-    gap.set(title="formation: gap to the best known", yscale="log")
+    styles = policy_styles(str(kind).split(",")[0] for kind in formations["problems"])
+    for number, (kind, rows) in enumerate(formations.groupby("problems", sort=False)):
+        style = {
+            "color": styles[str(kind).split(",")[0]].color,
+            "linestyle": _DASHES[number % len(_DASHES)],
+            "label": str(kind),
+        }
+        gap.plot(rows["iteration"], rows["gap_median"].clip(lower=1e-9), **style)
+        formation_residual.plot(
+            rows["iteration"], rows["residual_median"].clip(lower=1e-9), **style
+        )
+    gap.set(title="formation: gap to the best known objective", yscale="log")
     formation_residual.set(title="formation: stationarity residual", yscale="log")
-    for axes in some:
-        axes.set_xscale("symlog", linthresh=1)
-        axes.set_xlim(0, 1e4)
-        axes.set_xticks([0, 1, 10, 100, 1000, 10000])
-        despine(axes)
-    for axes in some[-across:]:
-        axes.set_xlabel("iteration")
+    for panel in axes:
+        panel.set_xscale("symlog", linthresh=1)
+        panel.set(xlim=(0, 1e4), xticks=[0, 1, 10, 100, 1000, 10000])
+        despine(panel)
+    for panel in axes[-across:]:
+        panel.set_xlabel("iteration")
     handles, labels = gap.get_legend_handles_labels()
     columns = 2 if narrow else 4
     fig.legend(handles, labels, loc="outside lower center", ncols=columns, title="formation of")

@@ -1,4 +1,4 @@
-"""Exact laws: when the swarm has arrived, how many are alive, and whether anybody is."""
+"""Exact distributions over time: arrivals, members alive, and survival of the swarm."""
 
 from __future__ import annotations
 
@@ -10,71 +10,71 @@ from matplotlib.figure import Figure
 
 from ..chain.distribution import OutcomeDistribution
 from ..typing import FloatArray
-from .style import add_title, despine, figure, policy_styles, scaled, themed
+from .policy_styles import policy_styles
+from .style import add_title, despine, scaled, single_panel, themed
 
 
 @themed
-def arrival_chart(laws: Sequence[OutcomeDistribution], title: str = "") -> Figure:
-    """Probability of having arrived by every step, a band a policy as wide as its bracket."""
-    curves = {}
-    for law in laws:
-        low, (first, last) = np.cumsum(law.arrival), law.success
-        label = f"{law.policy}: {first:.4f} to {last:.4f}"
-        curves[label] = (law.policy, low, np.minimum(1.0, low + law.residual_mass_before))
-    fig, axes = _chart(curves, title)
-    axes.set(ylabel="probability of arrival so far", ylim=(0, 1.02))
-    axes.legend(loc="upper left")
+def arrival_chart(distributions: Sequence[OutcomeDistribution], title: str = "") -> Figure:
+    """Probability of arrival up to every step, a band per policy from lower to upper bound."""
+    low = [np.cumsum(each.arrival) for each in distributions]
+    high = [
+        np.minimum(1.0, bound + each.residual_mass_before)
+        for bound, each in zip(low, distributions, strict=True)
+    ]
+    fig, axes = _bands(distributions, list(zip(low, high, strict=True)), title)
+    labels = [f"{d.policy}: {d.success[0]:.4f} to {d.success[1]:.4f}" for d in distributions]
+    axes.set(ylabel="probability of arrival", ylim=(0, 1.02))
+    axes.legend(axes.get_lines(), labels, loc="upper left")
     return fig
 
 
 @themed
-def population_chart(laws: Sequence[OutcomeDistribution], members: int, title: str = "") -> Figure:
-    """Mean number of members alive at every step, a band a policy as wide as its bracket."""
-    curves = {}
-    for law in laws:
-        low, high = law.population_mean
-        curves[law.policy] = (law.policy, low, np.minimum(members, high))
-    fig, axes = _chart(curves, title)
-    axes.set(ylabel="members alive, mean", ylim=(0, 1.02 * members))
+def population_chart(
+    distributions: Sequence[OutcomeDistribution], members: int, title: str = ""
+) -> Figure:
+    """Mean number of members alive at every step, a band per policy from lower to upper bound."""
+    bounds = [each.population_mean for each in distributions]
+    bounds = [(low, np.minimum(members, high)) for low, high in bounds]
+    fig, axes = _bands(distributions, bounds, title)
+    axes.set(ylabel="mean number of members alive", ylim=(0, 1.02 * members))
     axes.legend(loc="lower left")
     return fig
 
 
 @themed
-def survival_chart(laws: Sequence[OutcomeDistribution], title: str = "") -> Figure:
-    """Probability that somebody is alive at every step, a band a policy as wide as its bracket.
+def survival_chart(distributions: Sequence[OutcomeDistribution], title: str = "") -> Figure:
+    """Probability that any member is alive at every step, from lower to upper bound.
 
-    A run that has arrived keeps the number of members that arrived.
+    After arrival a run keeps the number of members that arrived.
     """
-    curves = {}
-    for law in laws:
-        low, high = law.any_alive
-        curves[law.policy] = (law.policy, low, high)
-    fig, axes = _chart(curves, title)
-    axes.set(ylabel="probability that somebody is alive", ylim=(0, 1.02))
+    fig, axes = _bands(distributions, [each.any_alive for each in distributions], title)
+    axes.set(ylabel="probability that any member is alive", ylim=(0, 1.02))
     axes.legend(loc="lower left")
     return fig
 
 
-def _chart(
-    curves: dict[str, tuple[str, FloatArray, FloatArray]], title: str
+def _bands(
+    distributions: Sequence[OutcomeDistribution],
+    bounds: Sequence[tuple[FloatArray, FloatArray]],
+    title: str,
 ) -> tuple[Figure, Axes]:
-    """Step curves over time: label to policy, low end and high end, (N+1,) each."""
-    fig, axes = figure()
-    looks = policy_styles(policy for policy, *_ in curves.values())
-    for label, (policy, low, high) in curves.items():
-        mark, steps = looks[policy], np.arange(len(low))
-        axes.fill_between(steps, low, high, step="post", color=mark.color, alpha=0.3, linewidth=0)
+    """Step curves of the lower bounds (N+1,), with bands up to the upper bounds."""
+    fig, axes = single_panel()
+    styles = policy_styles(each.policy for each in distributions)
+    for (low, high), (policy, style) in zip(bounds, styles.items(), strict=True):
+        steps = np.arange(len(low))
+        axes.fill_between(steps, low, high, step="post", color=style.color, alpha=0.3, linewidth=0)
         axes.step(
             steps,
             low,
             where="post",
-            color=mark.color,
+            color=style.color,
             linewidth=scaled(1.8),
-            linestyle=mark.dashes,
-            label=label,
+            linestyle=style.dashes,
+            label=policy,
         )
-    axes.set(xlabel="step", xlim=(0, max(len(low) for _, low, _ in curves.values()) - 1))
-    add_title(fig, title, "exact law")
+    axes.set(xlabel="step", xlim=(0, max(len(low) for low, _ in bounds) - 1))
+    add_title(fig, title, "exact distribution")
     despine(axes)
     return fig, axes

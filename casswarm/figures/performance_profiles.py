@@ -1,4 +1,4 @@
-"""Profiles of solvers: step curves on a logarithmic axis, and who beats whom."""
+"""Profiles of solvers as step curves on a logarithmic axis, and pairwise comparisons."""
 
 from __future__ import annotations
 
@@ -20,45 +20,44 @@ from .style import (
     add_title,
     current_theme,
     despine,
-    figure,
     panels,
     scaled,
+    single_panel,
     themed,
 )
 
 _COLORS = (*MEMBERS, INK, GREY)
 _DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (7, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 1)))
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", "H", ">", "p")
-_ROOM = 1.15  # between two labels, in letters
-_DECADES = 20  # powers of two that an axis shows at the most
+_SPACING = 1.15  # of labels, in font sizes
+_DECADES = 20  # maximum number of powers of two on an axis
 
 
 @themed
 def profile_chart(
     profiles: Mapping[str, pd.DataFrame], xlabel: str, title: str = "", order: Sequence[str] = ()
 ) -> Figure:
-    """Profiles side by side, each curve labelled at its end.
+    """Performance or data profiles side by side, with a label at the end of every curve.
 
     Parameters
     ----------
     profiles : mapping of panel title to DataFrame
-        Index the points at which curves rise, above zero; a column a solver, shares of problems.
+        Fractions of problems, a column per solver; the index has the positive abscissas at which
+        curves rise.
     xlabel, title : str
     order : sequence of str
-        All solvers there are: gives each its colour, whoever takes part in a panel.
+        All solvers, so that each has the same style in all figures.
     """
-    across = 1 if current_theme().width < 5 else len(profiles)
-    down = -(-len(profiles) // across)
-    fig, axes = panels(across, down, 0.72 * down if across == 1 else 0.9 / across + 0.04)
+    theme = current_theme()
+    across = 1 if theme.narrow else len(profiles)
+    aspect = 0.72 * len(profiles) if across == 1 else 0.9 / across + 0.04
+    fig, axes = panels(len(profiles), across, aspect)
     names = list(order) or list(next(iter(profiles.values())).columns)
-    for place, (name, profile) in zip(axes, profiles.items(), strict=True):
-        _curves(place, profile, names)
-        place.set_title(
-            fill(name, int(90 * current_theme().width / current_theme().letters / across))
-        )
-        place.set_xlabel(xlabel)
-        place.set_ylabel("share of problems")
-        place.label_outer()
+    for panel, (name, profile) in zip(axes, profiles.items(), strict=True):
+        _curves(panel, profile, names)
+        panel.set_title(fill(name, int(0.72 * theme.characters / across)))
+        panel.set(xlabel=xlabel, ylabel="fraction of problems")
+        panel.label_outer()
     add_title(fig, title)
     return fig
 
@@ -67,85 +66,77 @@ def profile_chart(
 def pair_chart(
     profiles: Mapping[tuple[str, str], pd.DataFrame], title: str = "", order: Sequence[str] = ()
 ) -> Figure:
-    """Performance profiles of pairs of solvers, a panel a pair."""
-    columns = min(2 if current_theme().width < 5 else 4, max(1, len(profiles)))
-    rows = -(-len(profiles) // columns)
-    fig, axes = panels(columns, rows, min(0.6, 0.95 / columns + 0.08) * rows)
+    """Performance profiles of pairs of solvers, a panel per pair."""
+    columns = min(2 if current_theme().narrow else 4, max(1, len(profiles)))
+    aspect = min(0.6, 0.95 / columns + 0.08) * -(-len(profiles) // columns)
+    fig, axes = panels(len(profiles), columns, aspect)
     names = list(order) or sorted({name for pair in profiles for name in pair})
-    for place, profile in zip(axes, profiles.values(), strict=False):
-        _curves(place, profile, names, labels=False)
-        place.legend(
-            loc="lower center",
-            bbox_to_anchor=(0.5, 1.0),
-            ncols=1,
-            borderpad=0.1,
-            labelspacing=0.2,
-        )
-    for place in axes[len(profiles) :]:
-        place.set_visible(False)
-    fig.supxlabel("factor of the faster one of the two", fontsize="medium")
-    fig.supylabel("share of problems", fontsize="medium")
+    for panel, profile in zip(axes, profiles.values(), strict=True):
+        _curves(panel, profile, names, labels=False)
+        panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), borderpad=0.1, labelspacing=0.2)
+    fig.supxlabel("time relative to the faster of the two", fontsize="medium")
+    fig.supylabel("fraction of problems", fontsize="medium")
     add_title(fig, title)
     return fig
 
 
 @themed
 def win_chart(wins: pd.DataFrame, title: str = "") -> Figure:
-    """Share of problems in which the row's solver is faster than the column's, as a matrix."""
+    """Fraction of problems for which the row's solver is faster than the column's, as a matrix."""
     size = len(wins)
-    fig, axes = figure(min(1.1, 0.18 + 0.055 * scaled() * size * 7.16 / current_theme().width))
+    fig, axes = single_panel(min(1.1, 0.18 + 0.394 * scaled() * size / current_theme().width))
     values = wins.to_numpy(dtype=float)
     axes.imshow(np.nan_to_num(values), cmap="Blues", vmin=0, vmax=1.25, aspect="auto")
     for row, column in np.argwhere(np.isfinite(values)):
-        share = values[row, column]
+        fraction = values[row, column]
         axes.text(
             column,
             row,
-            f"{100 * share:.0f} %",
+            f"{100 * fraction:.0f} %",
             ha="center",
             va="center",
             fontsize="small" if size <= 6 else "x-small",
-            color="white" if share > 0.7 else INK,
+            color="white" if fraction > 0.7 else INK,
         )
     axes.set_xticks(range(size), list(wins.columns), rotation=30, ha="right")
     axes.set_yticks(range(size), list(wins.index))
-    axes.set(xlabel="... than this one", ylabel="this one is faster ...")
+    axes.set(xlabel="than this solver", ylabel="this solver is faster")
     add_title(fig, title)
     return fig
 
 
 def _curves(axes: Axes, profile: pd.DataFrame, names: Sequence[str], labels: bool = True) -> None:
-    points = profile.index.to_numpy(dtype=float)
-    first = points[0] if len(points) else 1.0
-    last = min(points[-1] if len(points) else 1.0, first * 2.0**_DECADES)
-    end = max(2.0 * first, last * 1.3)
-    shares = profile.to_numpy(dtype=float)
+    """Draw a step curve per solver."""
+    points, fractions = profile.index.to_numpy(dtype=float), profile.to_numpy(dtype=float)
+    if not len(points):
+        points, fractions = np.ones(1), np.zeros((1, len(profile.columns)))
+    start = 0.93 * points[0]
+    end = max(2.0 * points[0], 1.3 * min(points[-1], points[0] * 2.0**_DECADES))
+    x = np.concatenate([[start], points, [max(end, points[-1])]])
     for column, name in enumerate(profile.columns):
         number = names.index(name)
         axes.step(
-            np.concatenate(
-                [[first * 0.93], points, [max(end, points[-1] if len(points) else end)]]
-            ),
-            np.concatenate([[0.0], shares[:, column], shares[-1:, column] if len(points) else [0]]),
+            x,
+            np.concatenate([[0.0], fractions[:, column], fractions[-1:, column]]),
             where="post",
-            # what lies over others is drawn narrower, so that all are seen
+            # later curves are narrower, so that curves below them remain visible
             linewidth=scaled(2.8 - 1.7 * column / max(1, len(profile.columns) - 1)),
-            # in shares of the axes, so that no two curves have theirs at the same places
+            # fractions of the axes, which differ between curves
             markevery=(0.03 + 0.021 * (number % 9), 0.19),
             label=name,
-            **_look(number),
+            **_style(number),
         )
     axes.set_xscale("log", base=2)
     axes.xaxis.set_major_locator(LogLocator(base=2, numticks=8))
     axes.xaxis.set_major_formatter(FuncFormatter(_power))
-    axes.set(xlim=(first * 0.93, end), ylim=(-0.02, 1.03))
+    axes.set(xlim=(start, end), ylim=(-0.02, 1.03))
     despine(axes)
-    if labels and len(points):
+    if labels and len(profile):
         _end_labels(axes, profile, names)
 
 
-def _look(number: int) -> dict[str, Any]:
-    """Colour, dashes and marker of a solver: no two of the first 56 have all alike."""
+def _style(number: int) -> dict[str, Any]:
+    """Colour, dashes and marker of a solver: no two of the first 56 are the same."""
     return {
         "color": _COLORS[number % len(_COLORS)],
         "linestyle": _DASHES[number % len(_DASHES)],
@@ -157,52 +148,34 @@ def _look(number: int) -> dict[str, Any]:
 
 
 def _end_labels(axes: Axes, profile: pd.DataFrame, names: Sequence[str]) -> None:
-    """Names at the right of the curves' ends, moved apart where they would overlap."""
-    ends = profile.iloc[-1].to_numpy(dtype=float)
+    """Label the curves' ends with the solvers' names, moved apart where they would overlap."""
+    ends = (profile.iloc[-1].to_numpy(dtype=float) + 0.02) / 1.05  # as fractions of the axes
     order = np.argsort(-ends, kind="stable")
-    root = axes.get_figure(root=True)
-    assert root is not None
-    height = 72 * axes.get_position().height * root.get_figheight()
-    places = _apart((ends[order] + 0.02) / 1.05, _ROOM * 0.83 * current_theme().letters / height)
-    for column, place in zip(order, places, strict=True):
+    height = 72 * axes.bbox.height / axes.figure.dpi
+    heights = _separated(ends[order], _SPACING * 0.83 * current_theme().font_size / height)
+    options: dict[str, Any] = {"transform": axes.transAxes, "clip_on": False}
+    for column, y in zip(order, heights, strict=True):
         name = str(profile.columns[column])
-        look = _look(names.index(name))
-        sample = axes.plot(
-            [1.05, 1.09, 1.13], [place] * 3, transform=axes.transAxes, clip_on=False, **look
-        )
-        sample[0].set_markevery([1])
-        axes.text(
-            1.15,
-            place,
-            name,
-            transform=axes.transAxes,
-            color=look["color"],
-            fontsize="small",
-            va="center",
-        )
-        axes.plot(
-            [1.0, 1.045],
-            [(ends[column] + 0.02) / 1.05, place],
-            color="#bbbbbb",
-            linewidth=scaled(0.7),
-            transform=axes.transAxes,
-            clip_on=False,
-        )
+        style = _style(names.index(name))
+        axes.plot([1.05, 1.09, 1.13], [y] * 3, markevery=[1], **options, **style)
+        axes.text(1.15, y, name, va="center", fontsize="small", color=style["color"], **options)
+        leader_line = {"color": "#BBBBBB", "linewidth": scaled(0.7)}
+        axes.plot([1.0, 1.045], [ends[column], y], **options, **leader_line)
 
 
-def _apart(places: FloatArray, room: float) -> FloatArray:
-    """Falling places, moved down so that neighbours are `room` apart, and up again if too low."""
-    moved = places.copy()
+def _separated(heights: FloatArray, distance: float) -> FloatArray:
+    """Descending heights, moved down to be `distance` apart, and up again where that is below 0."""
+    moved = heights.copy()
     for i in range(1, len(moved)):
-        moved[i] = min(moved[i], moved[i - 1] - room)
+        moved[i] = min(moved[i], moved[i - 1] - distance)
     if len(moved) and moved[-1] < 0:
         moved[-1] = 0.0
         for i in range(len(moved) - 2, -1, -1):
-            moved[i] = max(moved[i], moved[i + 1] + room)
+            moved[i] = max(moved[i], moved[i + 1] + distance)
     return moved
 
 
 def _power(value: float, _: int) -> str:
-    """A power of two, as a number where that is short."""
+    """Text of a power of two: a number where that is short."""
     exponent = round(np.log2(value))
     return f"{value:g}" if 0 <= exponent <= 10 else f"$2^{{{exponent}}}$"

@@ -11,15 +11,15 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from .policy_styles import policy_styles
 from .style import (
     add_title,
     current_theme,
     despine,
-    figure,
     format_value,
     panels,
-    policy_styles,
     scaled,
+    single_panel,
     themed,
 )
 
@@ -30,65 +30,60 @@ _DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (6, 1.5, 1, 1.5)), (0, (1, 1
 def sweep_lines(
     table: pd.DataFrame, key: str, title: str = "", others: Sequence[str] = ()
 ) -> Figure:
-    """Success of every policy over a parameter, with its bracket or interval.
+    """Success of every policy over a parameter, with its interval.
 
     Parameters
     ----------
     table : DataFrame
-        With a column `key`, policy, success, success_low, success_high, status. Cells that failed
-        are left out.
+        With the columns `key`, policy, success, success_low, success_high and status. Sweep points
+        that failed are left out.
     key : str
     title : str
     others : sequence of str
-        Columns of parameters that vary too: a panel for every policy, and in it a line for every
+        Columns of parameters that vary as well: there is a panel per policy, with a line for every
         combination of their values.
     """
-    good = table[table["status"] == "ok"]
+    valid = table[table["status"] == "ok"]
     order = list(dict.fromkeys(table[key]))
     if others:
-        return _by_policy(good, key, order, title, list(others))
-    fig, axes = figure()
-    looks = policy_styles(table["policy"])
-    for policy, rows in good.groupby("policy", sort=False):
-        mark = looks[str(policy)]
-        look = {"color": mark.color, "marker": mark.marker, "linestyle": mark.dashes}
-        success_line(axes, rows, key, order, look, str(policy))
+        return _by_policy(valid, key, order, title, list(others))
+    fig, axes = single_panel()
+    styles = policy_styles(table["policy"])
+    for policy, rows in valid.groupby("policy", sort=False):
+        success_line(axes, rows, key, order, styles[str(policy)].line | {"label": str(policy)})
     _finish(axes, key, order)
     axes.set_ylabel("success probability")
-    if len(good):
+    if len(valid):
         axes.legend(loc="best")
     add_title(fig, title)
     return fig
 
 
 def _by_policy(
-    good: pd.DataFrame, key: str, order: list[Any], title: str, others: list[str]
+    valid: pd.DataFrame, key: str, order: list[Any], title: str, others: list[str]
 ) -> Figure:
-    policies = list(dict.fromkeys(good["policy"]))
-    narrow = current_theme().width < 5
+    policies = list(dict.fromkeys(valid["policy"]))
+    narrow = current_theme().narrow
     columns = 1 if narrow else min(3, max(1, len(policies)))
-    rows = -(-max(1, len(policies)) // columns)
-    shape = (0.52 if narrow else 0.4) * rows + 0.12
-    fig, places = panels(columns, rows, shape, sharex=True, sharey=True)
-    combinations = [tuple(c) for c in good[others].drop_duplicates().itertuples(index=False)]
+    aspect = (0.52 if narrow else 0.4) * -(-max(1, len(policies)) // columns) + 0.12
+    fig, axes = panels(max(1, len(policies)), columns, aspect, sharex=True, sharey=True)
+    combinations = [tuple(c) for c in valid[others].drop_duplicates().itertuples(index=False)]
     colors = colormaps["viridis"](np.linspace(0.0, 0.82, max(2, len(combinations))))
-    for axes, policy in zip(places, policies, strict=False):
-        own = good[good["policy"] == policy]
+    for panel, policy in zip(axes, policies, strict=False):
         for number, values in enumerate(combinations):
-            part = own[(own[others] == list(values)).all(axis=1)]
-            look = {
+            chosen = (valid["policy"] == policy) & (valid[others] == list(values)).all(axis=1)
+            style = {
                 "color": colors[number],
                 "marker": "osD^vP"[number % 6],
                 "linestyle": _DASHES[number % len(_DASHES)],
+                "label": ", ".join(map(format_value, values)),
             }
-            success_line(axes, part, key, order, look, ", ".join(map(format_value, values)))
-        _finish(axes, key, order)
-        axes.set_title(str(policy))
-        axes.label_outer()
-    for axes in places[len(policies) :]:
-        axes.set_visible(False)
+            success_line(panel, valid[chosen], key, order, style)
+        _finish(panel, key, order)
+        panel.set_title(str(policy))
+        panel.label_outer()
     fig.supylabel("success probability", fontsize="medium")
-    handles, labels = places[0].get_legend_handles_labels()
+    handles, labels = axes[0].get_legend_handles_labels()
     fig.legend(
         handles,
         labels,
@@ -102,20 +97,20 @@ def _by_policy(
 
 
 def success_line(
-    axes: Axes, rows: pd.DataFrame, key: str, order: list[Any], look: dict[str, Any], label: str
+    axes: Axes, rows: pd.DataFrame, key: str, order: list[Any], style: dict[str, Any]
 ) -> None:
-    """Success over a parameter's values, with what is known of it as error bars."""
-    number = _numbers(order)
-    rows = rows.sort_values(key) if number else rows
-    x = rows[key].to_numpy(float) if number else np.array([order.index(v) for v in rows[key]])
+    """Draw success over a parameter's values, with its interval as error bars."""
+    numeric = _numeric(order)
+    rows = rows.sort_values(key) if numeric else rows
+    x = rows[key].to_numpy(float) if numeric else np.array([order.index(v) for v in rows[key]])
     y = rows["success"].to_numpy(float)
     low, high = rows["success_low"].to_numpy(float), rows["success_high"].to_numpy(float)
     error = [np.maximum(0.0, y - low), np.maximum(0.0, high - y)]
-    axes.errorbar(x, y, error, label=label, **look | ({} if number else {"linestyle": "none"}))
+    axes.errorbar(x, y, error, **style | ({} if numeric else {"linestyle": "none"}))
 
 
 def _finish(axes: Axes, key: str, order: list[Any]) -> None:
-    if not _numbers(order):
+    if not _numeric(order):
         axes.set_xticks(range(len(order)), [str(value) for value in order])
     else:
         if min(order) > 0 and max(order) >= 30 * min(order):
@@ -127,49 +122,44 @@ def _finish(axes: Axes, key: str, order: list[Any]) -> None:
     despine(axes)
 
 
-def _numbers(values: Sequence[Any]) -> bool:
+def _numeric(values: Sequence[Any]) -> bool:
     return bool(pd.api.types.is_numeric_dtype(pd.Series(list(values))))
 
 
 @themed
 def sweep_heat_map(table: pd.DataFrame, keys: Sequence[str], title: str = "") -> Figure:
-    """Success over two parameters, a panel a policy; cells that failed are crossed out.
+    """Success over two parameters, a panel per policy; sweep points that failed are crossed out.
 
     Parameters
     ----------
     table : DataFrame
         As in `sweep_lines`.
     keys : two of its columns
-        Across, and up.
+        Along x, and along y.
     title : str
     """
-    across, up = keys
-    policies = list(dict.fromkeys(table["policy"]))
+    x, y = keys
+    theme, policies = current_theme(), list(dict.fromkeys(table["policy"]))
     columns, rows = (list(dict.fromkeys(table[key])) for key in keys)
-    narrow = current_theme().width < 5
-    wide = min(len(policies), 1 if narrow else 3)
-    high = -(-len(policies) // wide)
-    shape = (
-        high * (0.16 + min(0.9, 0.3 * scaled() * len(rows) / current_theme().width * 2.2)) + 0.12
-    )
-    fig, places = panels(wide, high, shape, sharex=True, sharey=True)
-    for axes, policy in zip(places, policies, strict=False):
+    across = min(len(policies), 1 if theme.narrow else 3)
+    aspect = 0.16 + min(0.9, 0.66 * scaled() * len(rows) / theme.width)
+    aspect = aspect * -(-len(policies) // across) + 0.12
+    fig, axes = panels(len(policies), across, aspect, sharex=True, sharey=True)
+    for panel, policy in zip(axes, policies, strict=True):
         values = np.full((len(rows), len(columns)), np.nan)
         for row in table[table["policy"] == policy].to_dict("records"):
-            values[rows.index(row[up]), columns.index(row[across])] = row["success"]
-        image = axes.imshow(values, origin="lower", vmin=0, vmax=1, cmap="cividis", aspect="auto")
-        size = 0.8 * current_theme().letters * min(1.0, 9.0 / (wide * len(columns)))
+            values[rows.index(row[y]), columns.index(row[x])] = row["success"]
+        image = panel.imshow(values, origin="lower", vmin=0, vmax=1, cmap="cividis", aspect="auto")
+        size = 0.8 * theme.font_size * min(1.0, 9.0 / (across * len(columns)))
         for (i, j), value in np.ndenumerate(values):
             text = "×" if np.isnan(value) else f"{value:.2f}"
             color = "black" if np.isnan(value) or value > 0.55 else "white"
-            axes.text(j, i, text, ha="center", va="center", fontsize=max(4.0, size), color=color)
-        axes.set_xticks(range(len(columns)), [format_value(value) for value in columns])
-        axes.set_yticks(range(len(rows)), [format_value(value) for value in rows])
-        axes.set_title(str(policy))
-        axes.set(xlabel=across, ylabel=up)
-        axes.label_outer()
-    for axes in places[len(policies) :]:
-        axes.set_visible(False)
-    fig.colorbar(image, ax=places, label="success probability")
+            panel.text(j, i, text, ha="center", va="center", fontsize=max(4.0, size), color=color)
+        panel.set_xticks(range(len(columns)), [format_value(value) for value in columns])
+        panel.set_yticks(range(len(rows)), [format_value(value) for value in rows])
+        panel.set_title(str(policy))
+        panel.set(xlabel=x, ylabel=y)
+        panel.label_outer()
+    fig.colorbar(image, ax=axes, label="success probability")
     add_title(fig, title)
     return fig

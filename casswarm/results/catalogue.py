@@ -26,7 +26,7 @@ from ..figures import (
     sweep_heat_map,
     sweep_lines,
 )
-from ..figures.closeups import follows
+from ..figures.closeups import follows_guide
 from ..planning.bounds.outlook import CostToGoMap
 from ..planning.guide import Candidate, Guide
 from ..scenario import Scenario
@@ -76,7 +76,7 @@ def simulation_figures(
         if run >= len(kept):
             continue
         title = f"{scenario.name}, {policy}, run {run}"
-        near = guide if follows(kept[run], guide, scenario.formation.rho) else None
+        near = guide if follows_guide(kept[run], guide, scenario.formation.rho) else None
         look: dict[str, Any] = {
             "title": title,
             "corridors": near is not None and "constrained" in policy,

@@ -1,0 +1,177 @@
+"""Maps of members: the paths of a run, of a joint plan, or of every member's own guide."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from ..chain.trajectories import RunTrajectory
+from ..planning.guide import Guide
+from ..scenario import Scenario
+from ..typing import FloatArray
+from .base_map import add_corridor, add_start, base_map
+from .style import BLUE, INK, MEMBERS, add_legend, add_title, scaled, text_outline, themed
+
+_THINNEST = 0.3  # width of a path where its member is certainly dead
+_NEAR = 0.04  # of a map's width: loss markers this close share a label
+
+
+@themed
+def swarm_map(
+    scenario: Scenario,
+    trajectory: RunTrajectory,
+    guide: Guide | None = None,
+    title: str = "",
+    corridors: bool = False,
+) -> Figure:
+    """Paths of a run's members, with numbered crosses where they were destroyed.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    trajectory : RunTrajectory
+    guide : Guide, optional
+        Drawn dotted.
+    title : str
+    corridors : bool
+        Whether to draw the corridor around the guide.
+    """
+    ends = trajectory.last_steps()
+    paths = [trajectory.positions[: end + 1, member] for member, end in enumerate(ends)]
+    fig, axes = _members_map(scenario, paths, contents=[] if guide is None else [guide.positions])
+    if guide is not None:
+        if corridors:
+            add_corridor(axes, guide.positions, scenario.formation.rho)
+        axes.plot(*guide.positions.T, color=INK, lw=scaled(0.9), ls=":", zorder=5, label="guide")
+    _mark_losses(axes, trajectory)
+    add_legend(fig, axes)
+    steps, survivors = len(trajectory.alive) - 1, int(trajectory.alive[-1].sum())
+    add_title(fig, title or scenario.name, f"{survivors} of {len(paths)} alive after {steps} steps")
+    return fig
+
+
+@themed
+def member_guides_map(scenario: Scenario, guides: Sequence[Guide], title: str = "") -> Figure:
+    """Every member's own guide, with its survival and arrival."""
+    labels = [
+        f"member {member}: {guide.survival:.3f},\nstep {guide.arrival}"
+        for member, guide in enumerate(guides, start=1)
+    ]
+    fig, axes = _members_map(scenario, [guide.positions for guide in guides], labels)
+    add_start(axes, np.array([guide.positions[0] for guide in guides]))
+    add_legend(fig, axes)
+    add_title(fig, scenario.name, title or "every member's own guide, its survival and arrival")
+    return fig
+
+
+@themed
+def joint_map(
+    scenario: Scenario, positions: FloatArray, survival: FloatArray | None = None, title: str = ""
+) -> Figure:
+    """Paths of a joint plan up to the members' arrivals; the thinner, the less likely to survive.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    positions : (T+1, n, 2)
+    survival : (T+1, n), optional
+        Survival probability of every member.
+    title : str
+    """
+    members = range(positions.shape[1])
+    paths = [_until_arrival(scenario, positions[:, member]) for member in members]
+    labels = [f"member {member + 1}" for member in members]
+    alive = None
+    if survival is not None:
+        alive = [survival[: len(path), member] for member, path in enumerate(paths)]
+        labels = [f"{labels[k]},\nsurvival {alive[k][-1]:.3f}" for k in members]
+    fig, axes = _members_map(scenario, paths, labels, alive, [positions.reshape(-1, 2)])
+    add_start(axes, positions[0])
+    add_legend(fig, axes)
+    add_title(fig, scenario.name, title)
+    return fig
+
+
+def _members_map(
+    scenario: Scenario,
+    paths: Sequence[FloatArray],
+    labels: Sequence[str] | None = None,
+    survival: Sequence[FloatArray] | None = None,
+    contents: Sequence[FloatArray] = (),
+) -> tuple[Figure, Axes]:
+    """Base map with a path (T_k+1, 2) per member, as wide as its `survival` (T_k+1,) is likely.
+
+    Members often share a path: the first is drawn widest and lowest, so that all stay visible.
+    """
+    fig, axes = base_map(scenario, [*paths, *contents])
+    few = len(paths) <= len(MEMBERS)
+    for member, path in enumerate(paths):
+        color = MEMBERS[member] if few else BLUE
+        widest = 1.4 * (len(paths) - member) if few else 0.6
+        alive = np.ones(len(path)) if survival is None else survival[member]
+        widths = scaled() * (alive * widest + (1 - alive) * _THINNEST)
+        axes.add_collection(
+            LineCollection(
+                list(np.stack([path[:-1], path[1:]], axis=1)),
+                linewidths=widths[1:].tolist(),
+                colors=color,
+                alpha=1.0 if few else 0.55,
+                capstyle="round",
+                zorder=4,
+            )
+        )
+        if few:
+            size = (widths + scaled()) ** 2
+            axes.scatter(*path.T, s=size, color=color, linewidths=0, zorder=4)
+            label = labels[member] if labels else f"member {member + 1}"
+            axes.plot([], [], color=color, linewidth=scaled(2.5), label=label)
+    if not few:
+        axes.plot([], [], color=BLUE, label="members")
+    return fig, axes
+
+
+def _mark_losses(axes: Axes, trajectory: RunTrajectory) -> None:
+    """Draw crosses where members were destroyed, with their numbers (large swarms: how many)."""
+    lost = np.flatnonzero(~trajectory.alive[-1])
+    if not lost.size:
+        return
+    few = trajectory.alive.shape[1] <= len(MEMBERS)
+    last = trajectory.positions[trajectory.last_steps()[lost], lost]
+    points, groups = np.unique(np.round(last, 6), axis=0, return_inverse=True)
+    axes.plot(
+        *points.T,
+        marker="X",
+        markersize=scaled(9.0 if few else 6.0),
+        color="white",
+        markeredgecolor=INK,
+        markeredgewidth=scaled(1.0),
+        linestyle="",
+        zorder=6,
+        label="destroyed",
+    )
+    reach = _NEAR * float(np.ptp(axes.get_xlim())) if few else 0.0
+    unlabelled = list(range(len(points)))
+    while unlabelled:
+        near = [k for k in unlabelled if np.hypot(*(points[k] - points[unlabelled[0]])) <= reach]
+        unlabelled = [k for k in unlabelled if k not in near]
+        members = lost[np.isin(groups.reshape(-1), near)] + 1
+        number = str(len(members)) if len(members) > 1 else ""
+        axes.annotate(
+            ", ".join(map(str, members)) if few else number,
+            points[near].mean(axis=0),
+            (scaled(6), scaled(-9)),
+            textcoords="offset points",
+            fontsize="small",
+            path_effects=text_outline(),
+            zorder=7,
+        )
+
+
+def _until_arrival(scenario: Scenario, path: FloatArray) -> FloatArray:
+    """Part of a path up to its arrival."""
+    inside = np.flatnonzero(scenario.target.contains(path[1:]))
+    return path[: inside[0] + 2] if inside.size else path

@@ -1,0 +1,131 @@
+"""Success probabilities of policies, and differences between policies."""
+
+from __future__ import annotations
+
+from textwrap import fill
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from .policy_styles import policy_styles
+from .style import (
+    GREY,
+    INK,
+    add_title,
+    current_theme,
+    despine,
+    panels,
+    scaled,
+    single_panel,
+    themed,
+)
+
+
+@themed
+def success_chart(table: pd.DataFrame, title: str = "") -> Figure:
+    """Success probability of every policy with its interval, a panel per scenario.
+
+    Parameters
+    ----------
+    table : DataFrame
+        With the columns policy, success_low and success_high, and optionally
+
+        - success and runs of a simulation; bars without a success (of exact distributions, or of
+          estimates) end at the lower bound;
+        - scenario, of which every one gets a panel;
+        - bound, the success that no policy exceeds in a scenario: a dashed line.
+    title : str
+    """
+    several = "scenario" in table
+    scenarios = list(dict.fromkeys(table["scenario"])) if several else [""]
+    policies = list(dict.fromkeys(map(str, table["policy"])))
+    columns = min(len(scenarios), 2 if current_theme().narrow else 3)
+    lines = len(policies) * (1.5 if several else 2.4) + 4
+    aspect = current_theme().aspect_of(lines * -(-len(scenarios) // columns))
+    fig, axes = panels(len(scenarios), columns, aspect, sharex=True, sharey=True)
+    for panel, scenario in zip(axes, scenarios, strict=True):
+        rows = table[table["scenario"] == scenario] if several else table
+        _bars(panel, rows, policies, values=not several)
+        heading = fill(str(scenario), int(0.7 * current_theme().characters / columns))
+        if "bound" in rows:
+            bound = float(rows["bound"].iloc[0])
+            panel.axvline(bound, color=GREY, linestyle="--", linewidth=scaled(1.0), zorder=3)
+            heading += f"\nno policy exceeds {bound:.3f}"
+        panel.set_title(heading, fontsize="small")
+        panel.set(xlim=(0, 1.03), ylim=(len(policies) - 0.4, -0.6))
+        panel.set_xticks([0, 0.5, 1] if several else np.arange(6) / 5)
+        panel.set_yticks(range(len(policies)), policies)
+        despine(panel, grid="x")
+    for panel in axes[-columns:]:
+        panel.set_xlabel("success probability")
+        panel.tick_params(labelbottom=True)
+    add_title(fig, title, "" if several else _kind(table))
+    return fig
+
+
+def _bars(axes: Axes, rows: pd.DataFrame, policies: list[str], values: bool) -> None:
+    """Draw a bar and an interval per policy, with their values on the right if asked for."""
+    styles = policy_styles(policies)
+    for row in rows.to_dict("records"):
+        policy, low, high = str(row["policy"]), row["success_low"], row["success_high"]
+        success = row.get("success", low)
+        y = policies.index(policy)
+        axes.barh(y, success, height=0.6, color=styles[policy].color, alpha=0.85)
+        error = [[max(0.0, success - low)], [max(0.0, high - success)]]
+        size = 1.0 if values else 0.6
+        axes.errorbar(
+            success,
+            y,
+            xerr=error,
+            color=INK,
+            capsize=scaled(5 * size),
+            linewidth=scaled(1.3 * size),
+            zorder=4,
+        )
+        if values:
+            text = f"{success:.3f}" if "success" in row else _interval(low, high)
+            axes.annotate(
+                text, (1.01, y), xycoords=axes.get_yaxis_transform(), va="center", fontsize="small"
+            )
+
+
+def _kind(table: pd.DataFrame) -> str:
+    """What the numbers of a single scenario are."""
+    if "runs" not in table:
+        return "exact distribution, lower and upper bounds"
+    runs = f"{int(table['runs'].min()):,} runs per policy, 95 % intervals"
+    return runs if "success" in table else f"exact enumeration and {runs}"
+
+
+def _interval(low: float, high: float) -> str:
+    """Text of an interval: one number where its ends agree to four digits."""
+    return f"{low:.4f}" if f"{low:.4f}" == f"{high:.4f}" else f"{low:.4f}\nto {high:.4f}"
+
+
+@themed
+def difference_chart(paired: pd.DataFrame, title: str = "") -> Figure:
+    """Paired differences in success between policies, with their 95 % intervals.
+
+    Parameters
+    ----------
+    paired : DataFrame
+        As of `casswarm.studies.tables.paired_table`.
+    title : str
+    """
+    fig, axes = single_panel(min(1.2, (0.9 + 0.32 * len(paired)) / 4))
+    rows = np.arange(len(paired))[::-1]
+    difference = paired["difference"].to_numpy(float)
+    low, high = (paired[f"difference_{end}"].to_numpy(float) for end in ("low", "high"))
+    error = [np.maximum(0.0, difference - low), np.maximum(0.0, high - difference)]
+    axes.axvline(0.0, color=INK, linewidth=scaled(0.8), zorder=1)
+    axes.errorbar(difference, rows, xerr=error, fmt="o", color=INK, capsize=scaled(4), zorder=3)
+    names = [f"{a} − {b}" for a, b in zip(paired["first"], paired["second"], strict=True)]
+    axes.set_yticks(rows, names, fontsize="medium")
+    ends = np.array([min(-0.02, low.min()), max(0.02, high.max())])
+    axes.set(xlim=ends + 0.08 * np.ptp(ends) * np.array([-1, 1]), ylim=(-0.7, len(paired) - 0.3))
+    axes.set_xlabel("difference in success probability,\n95 % interval")
+    add_title(fig, title, "paired by common random numbers")
+    despine(axes, grid="x")
+    return fig
