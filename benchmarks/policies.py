@@ -132,13 +132,13 @@ def main() -> None:
             rows.append({"scenario": name, "policy": policy, "bound": float(bound)} | found)
             print(told(rows[-1]), flush=True)
     if "--out" in sys.argv:
-        from casswarm.figures import policy_comparison_chart, save
+        from casswarm.figures import save, success_chart
 
         folder = Path(sys.argv[sys.argv.index("--out") + 1])
         folder.mkdir(parents=True, exist_ok=True)
         table = pd.DataFrame(rows)
         table.round(6).to_csv(folder / "policies.csv", index=False)
-        save(policy_comparison_chart(table), folder / "policies.png", dpi=130)
+        save(success_chart(table), folder / "policies.png", dpi=130)
 
 
 if __name__ == "__main__":

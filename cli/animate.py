@@ -82,13 +82,11 @@ def animate(folder: Path, animation: AnimationOptions) -> None:
         )
         file = out or folder / f"animation-{name}-{animation.run}{suffix}"
         target = Folder("animate", None, file.parent)
-        # frames are numbered from 0
-        drawn = progress and (lambda frame, total: progress("drawing frames", frame + 1, total))
         if animation.html:
-            page = player(movie, animation.dpi, title=title, page=True, progress=drawn)
+            page = player(movie, animation.dpi, title=title, page=True, progress=progress)
             target.text(file.name, page)
         else:
-            target.file(file.name, lambda path: save_gif(movie, path, animation.dpi, drawn))
+            target.file(file.name, lambda path: save_gif(movie, path, animation.dpi, progress))
     if out is None:
         target.add_to_record()
     click.echo(str(file))

@@ -24,7 +24,7 @@
 import pandas as pd
 
 import casswarm as csw
-from casswarm.figures import policy_comparison_chart
+from casswarm.figures import success_chart
 
 POLICIES = ["naive", "constrained", "leader", "leader-mpc-3", "joint"]
 scenarios = {name: csw.load_scenario(name) for name in ("alley", "barricade")}
@@ -56,7 +56,7 @@ table = pd.DataFrame(rows)
 table.round(4)
 
 # %%
-policy_comparison_chart(table)
+success_chart(table)
 
 # %% [markdown]
 # **Findings.** Leader protection is better than independent flight, but far from the best: it

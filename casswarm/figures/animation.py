@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.animation import FuncAnimation
@@ -48,7 +50,7 @@ def animate(
     ----------
     scenario : Scenario
     trajectory : RunTrajectory
-        For instance ``study.traces["leader"][0]``.
+        For instance ``study.trajectories["leader"][0]``.
     guide : Guide, optional
         Drawn on the map; if the swarm follows it, the close-up is centred on it.
     title : str
@@ -134,7 +136,7 @@ class RunFigure:
         handles += legend_handles(False, False, bool((trajectory.leaders >= 0).any()))
         handles[-1].set_label("lost")
         if guide is not None:
-            line = {"color": INK, "linewidth": scaled(0.8), "linestyle": ":"}
+            line: dict[str, Any] = {"color": INK, "linewidth": scaled(0.8), "linestyle": ":"}
             self.map.plot(*guide.positions.T, zorder=3, **line)
             handles.append(Line2D([], [], label="guide", **line))
         columns = 3 if current_theme().narrow else len(handles)

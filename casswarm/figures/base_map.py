@@ -14,7 +14,7 @@ from matplotlib.patches import Circle, Rectangle
 
 from ..scenario import Scenario
 from ..typing import FloatArray
-from .style import INK, SKY, VERMILION, scaled, single_panel, wrap_label
+from .style import INK, SKY, VERMILION, scaled, single_panel, wrap
 
 _PIXELS = 300
 _CAP = 0.995  # quantile of the rates at which the scale ends: near radars they are far higher
@@ -29,7 +29,7 @@ def base_map(scenario: Scenario, contents: Sequence[FloatArray]) -> tuple[Figure
     norm = single_agent_norm(scenario, low, high)
     rates = scenario.hazard.single_agent_rates(pixels(low, high))
     image = draw_field(axes, np.maximum(rates, norm.vmin or 0.0), norm)
-    label = wrap_label("hazard rate of an isolated agent, per unit time")
+    label = wrap("single-agent hazard rate, per unit time", 0.42)
     fig.colorbar(image, ax=axes, label=label, extend="max")
     add_landmarks(axes, scenario)
     return fig, axes

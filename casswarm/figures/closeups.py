@@ -188,7 +188,7 @@ class Closeup:
     def _near(self, offsets: FloatArray, point: FloatArray, members: IntArray) -> IntArray:
         """Those of `members` that are close to a point."""
         distances = np.hypot(*(offsets[members] - point).T)
-        return members[distances < _NEAR * self.half]
+        return np.asarray(members[distances < _NEAR * self.half])
 
 
 def _ranges(numbers: Iterable[SupportsInt]) -> str:

@@ -52,7 +52,7 @@ def convergence_chart(
     residual.set(title="guide: stationarity residual", yscale="log", ylim=(1e-5, 1e-2))
     styles = policy_styles(str(kind).split(",")[0] for kind in formations["problems"])
     for number, (kind, rows) in enumerate(formations.groupby("problems", sort=False)):
-        style = {
+        style: dict[str, Any] = {
             "color": styles[str(kind).split(",")[0]].color,
             "linestyle": _DASHES[number % len(_DASHES)],
             "label": str(kind),

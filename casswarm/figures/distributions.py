@@ -34,8 +34,8 @@ def population_chart(
     distributions: Sequence[OutcomeDistribution], members: int, title: str = ""
 ) -> Figure:
     """Mean number of members alive at every step, a band per policy from lower to upper bound."""
-    bounds = [each.population_mean for each in distributions]
-    bounds = [(low, np.minimum(members, high)) for low, high in bounds]
+    means = [each.population_mean for each in distributions]
+    bounds = [(mean.low, np.minimum(float(members), mean.high)) for mean in means]
     fig, axes = _bands(distributions, bounds, title)
     axes.set(ylabel="mean number of members alive", ylim=(0, 1.02 * members))
     axes.legend(loc="lower left")

@@ -24,7 +24,7 @@ from .style import (
     scaled,
     single_panel,
     themed,
-    wrap_label,
+    wrap,
 )
 
 
@@ -106,7 +106,7 @@ def cost_to_go_map(
         origin="lower",
         interpolation="bilinear",
     )
-    fig.colorbar(image, ax=axes, label=wrap_label("single-agent survival from here"))
+    fig.colorbar(image, ax=axes, label=wrap("single-agent survival from here", 0.42))
     moving = np.hypot(*costs.velocities.T) > 0
     starts, arrows = costs.places[moving], costs.velocities[moving]
     axes.quiver(*starts.T, *arrows.T, color="white", alpha=0.75, zorder=3)

@@ -111,7 +111,7 @@ def _members_map(
     few = len(paths) <= len(MEMBERS)
     for member, path in enumerate(paths):
         color = MEMBERS[member] if few else BLUE
-        widest = 1.4 * (len(paths) - member) if few else 0.6
+        widest = 0.3 + 1.5 * (len(paths) - member) if few else 0.6
         alive = np.ones(len(path)) if survival is None else survival[member]
         widths = scaled() * (alive * widest + (1 - alive) * _THINNEST)
         axes.add_collection(
@@ -126,7 +126,7 @@ def _members_map(
         )
         if few:
             size = (widths + scaled()) ** 2
-            axes.scatter(*path.T, s=size, color=color, linewidths=0, zorder=4)
+            axes.scatter(path[:, 0], path[:, 1], s=size, color=color, linewidths=0, zorder=4)
             label = labels[member] if labels else f"member {member + 1}"
             axes.plot([], [], color=color, linewidth=scaled(2.5), label=label)
     if not few:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from .style import (
     scaled,
     single_panel,
     themed,
+    wrap,
 )
 
 
@@ -108,19 +108,12 @@ def sensitivity_chart(table: pd.DataFrame, intervals: Mapping[str, tuple[float, 
         panel.plot(table[policy], y, color=style.color, marker=style.marker, linestyle="")
         panel.set_title(policy)
         despine(panel, grid="x")
-    axes[0].set_yticks(y, [_wrapped(change) for change in table["change"]])
+    axes[0].set_yticks(y, [wrap(change, 0.375) for change in table["change"]])
     axes[0].set(xlim=(0.15, 0.85), ylim=(len(table) - 0.5, -0.5), xticks=[0.2, 0.4, 0.6, 0.8])
     label = "exact success; shaded: Wilson's 95 % interval of the paper's 50 runs"
-    fig.supxlabel(fill(label, theme.characters), fontsize="medium")
+    fig.supxlabel(wrap(label), fontsize="medium")
     add_title(fig, "paper-1", "small changes of the geometry")
     return fig
-
-
-def _wrapped(name: object) -> str:
-    """Name of a row, wrapped to at most about a third of the width."""
-    words = str(name).replace(" = ", "\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}")
-    width = max(18, current_theme().characters * 3 // 8)
-    return fill(words, width, break_long_words=False)
 
 
 @themed

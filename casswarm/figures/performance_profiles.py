@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from .style import (
     scaled,
     single_panel,
     themed,
+    wrap,
 )
 
 _COLORS = (*MEMBERS, INK, GREY)
@@ -55,7 +55,7 @@ def profile_chart(
     names = list(order) or list(next(iter(profiles.values())).columns)
     for panel, (name, profile) in zip(axes, profiles.items(), strict=True):
         _curves(panel, profile, names)
-        panel.set_title(fill(name, int(0.72 * theme.characters / across)))
+        panel.set_title(wrap(name, 0.72 / across))
         panel.set(xlabel=xlabel, ylabel="fraction of problems")
         panel.label_outer()
     add_title(fig, title)
@@ -159,8 +159,7 @@ def _end_labels(axes: Axes, profile: pd.DataFrame, names: Sequence[str]) -> None
         style = _style(names.index(name))
         axes.plot([1.05, 1.09, 1.13], [y] * 3, markevery=[1], **options, **style)
         axes.text(1.15, y, name, va="center", fontsize="small", color=style["color"], **options)
-        leader_line = {"color": "#BBBBBB", "linewidth": scaled(0.7)}
-        axes.plot([1.0, 1.045], [ends[column], y], **options, **leader_line)
+        axes.plot([1.0, 1.045], [ends[column], y], color="#BBBBBB", lw=scaled(0.7), **options)
 
 
 def _separated(heights: FloatArray, distance: float) -> FloatArray:

@@ -140,7 +140,7 @@ def settings(chosen: Theme) -> dict[Any, Any]:
 @cache
 def _style_sheet() -> dict[str, Any]:
     path = Path(__file__).with_name("casswarm.mplstyle")
-    return dict(rc_params_from_file(path, use_default_template=False))
+    return {str(key): value for key, value in rc_params_from_file(path, False, False).items()}
 
 
 def scaled(size: float = 1.0) -> float:
@@ -216,12 +216,14 @@ def add_title(fig: Figure, *parts: str) -> None:
     """Title a figure with those parts that are not empty, wrapped to its width."""
     text = ": ".join(part for part in parts if part)
     if text:
-        fig.suptitle(textwrap.fill(text, current_theme().characters))
+        fig.suptitle(wrap(text))
 
 
-def wrap_label(label: str) -> str:
-    """Wrap the label of a colour bar beside a map, so that it fits there."""
-    return textwrap.fill(label, int(0.42 * current_theme().characters))
+def wrap(text: object, fraction: float = 1.0) -> str:
+    """Wrap text to a fraction of the figure's width, but not around equals signs."""
+    text = str(text).replace(" = ", "\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}")
+    width = max(18, int(fraction * current_theme().characters))
+    return textwrap.fill(text, width, break_long_words=False)
 
 
 def add_legend(fig: Figure, axes: Axes) -> Legend:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from textwrap import fill
-
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -20,6 +18,7 @@ from .style import (
     scaled,
     single_panel,
     themed,
+    wrap,
 )
 
 
@@ -43,12 +42,12 @@ def success_chart(table: pd.DataFrame, title: str = "") -> Figure:
     policies = list(dict.fromkeys(map(str, table["policy"])))
     columns = min(len(scenarios), 2 if current_theme().narrow else 3)
     lines = len(policies) * (1.5 if several else 2.4) + 4
-    aspect = current_theme().aspect_of(lines * -(-len(scenarios) // columns))
-    fig, axes = panels(len(scenarios), columns, aspect, sharex=True, sharey=True)
+    aspect = current_theme().aspect_of(lines * -(-len(scenarios) // columns) + 3)
+    fig, axes = panels(len(scenarios), columns, max(0.28, aspect), sharex=True, sharey=True)
     for panel, scenario in zip(axes, scenarios, strict=True):
         rows = table[table["scenario"] == scenario] if several else table
         _bars(panel, rows, policies, values=not several)
-        heading = fill(str(scenario), int(0.7 * current_theme().characters / columns))
+        heading = wrap(scenario, 0.85 / columns)
         if "bound" in rows:
             bound = float(rows["bound"].iloc[0])
             panel.axvline(bound, color=GREY, linestyle="--", linewidth=scaled(1.0), zorder=3)

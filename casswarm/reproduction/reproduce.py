@@ -12,11 +12,11 @@ import pandas as pd
 from ..chain.confidence import wilson
 from ..chain.trajectories import RunTrajectory
 from ..figures import (
-    beyond_chart,
     convergence_chart,
     infeasible_chart,
     member_guides_map,
     sensitivity_chart,
+    success_chart,
     swarm_map,
     table_2_chart,
 )
@@ -223,5 +223,7 @@ def _charts(tables: Mapping[str, pd.DataFrame], guide: Guide, runs: int) -> Figu
     if "infeasible" in tables:
         charts["infeasible"] = partial(infeasible_chart, tables["infeasible"])
     if "beyond" in tables:
-        charts["beyond"] = partial(beyond_chart, tables["beyond"])
+        charts["beyond"] = partial(
+            success_chart, tables["beyond"], "success with other guides and in other scenarios"
+        )
     return charts

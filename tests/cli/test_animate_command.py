@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from browser import opened, references
 from commands import casswarm
-from figure_cases import GUIDE, SCENARIO, TRACE
+from figure_cases import GUIDE, SCENARIO, RUN
 from matplotlib.animation import FuncAnimation
 from matplotlib.colors import to_rgb
 from PIL import Image
 
 import casswarm as csw
 from casswarm.figures import player, save_gif
-from casswarm.figures.animation import Stage
-from casswarm.figures.closeups import guest_rates
+from casswarm.figures.animation import RunFigure
+from casswarm.figures.closeups import additional_agent_rates
 from casswarm.figures.style import MEMBERS
 from casswarm.studies.tables import guide_table, trace_table
 
@@ -26,9 +26,7 @@ FRAMES = 4
 def folder(tmp_path_factory):
     """A results folder of two policies, made by hand."""
     folder = tmp_path_factory.mktemp("animate")
-    trace_table({"naive": (TRACE,), "leader": (TRACE, TRACE)}).to_csv(
-        folder / "traces.csv", index=False
-    )
+    trace_table({"naive": (RUN,), "leader": (RUN, RUN)}).to_csv(folder / "traces.csv", index=False)
     guide_table(GUIDE).to_csv(folder / "guide.csv", index=False)
     from casswarm.cli.output import json_text
 
@@ -49,7 +47,7 @@ def gif(folder):
 @pytest.fixture(scope="module")
 def page():
     """The same run as a page, by the library."""
-    moving = csw.animate(SCENARIO, TRACE, GUIDE, frames_per_second=50)
+    moving = csw.animate(SCENARIO, RUN, GUIDE, frames_per_second=50)
     return player(moving, 60, title="a <run>", page=True)
 
 
@@ -87,33 +85,35 @@ def test_frames_differ_and_what_stays_does_not_flicker(gif):
 
 
 def test_a_stage_shows_rates_members_leaders_and_the_lost_of_a_step():
-    stage = Stage(SCENARIO, TRACE, GUIDE, "mine")
+    stage = RunFigure(SCENARIO, RUN, GUIDE, "mine")
     limits = stage.image.get_clim()
     for step in (0, 3, 1, 2):
         stage.show(step)
-        rates = guest_rates(SCENARIO.hazard, stage.nodes, TRACE.positions[step], TRACE.alive[step])
+        rates = additional_agent_rates(
+            SCENARIO.hazard, stage.nodes, RUN.positions[step], RUN.alive[step]
+        )
         np.testing.assert_array_equal(stage.image.get_array(), rates)
         assert stage.image.get_clim() == limits
     assert stage.heading.get_text() == "mine: step 2: 2 of 3 alive"
-    ends = [line for line in stage.drawn if len(line.get_xdata()) == 1]
+    ends = [line for line in stage.artists if len(line.get_xdata()) == 1]
     assert [line.get_marker() for line in ends] == ["*", "X", "o"]
     for member, line in enumerate(ends):
-        np.testing.assert_array_equal(np.ravel(line.get_data()), TRACE.positions[2, member])
+        np.testing.assert_array_equal(np.ravel(line.get_data()), RUN.positions[2, member])
     assert len(stage.map.get_lines()) == 2 + 2 * 3  # guide and radar, ways and members
 
 
 def test_animate_returns_what_notebooks_know():
-    moving = csw.animate(SCENARIO, TRACE, GUIDE)
+    moving = csw.animate(SCENARIO, RUN, GUIDE)
     assert isinstance(moving, FuncAnimation)
     assert moving.event_source.interval == 250
     with mpl.rc_context({"animation.embed_limit": 50}):
         assert moving.to_jshtml().count("data:image/png;base64,") == FRAMES
     with pytest.raises(ValueError, match="frames_per_second = 0; allowed: above 0"):
-        csw.animate(SCENARIO, TRACE, frames_per_second=0)
+        csw.animate(SCENARIO, RUN, frames_per_second=0)
 
 
 def test_an_animation_without_a_guide_or_leaders_is_one_too(tmp_path):
-    nobody = type(TRACE)(TRACE.positions, TRACE.alive, np.full(3, -1))
+    nobody = type(RUN)(RUN.positions, RUN.alive, np.full(3, -1))
     path = save_gif(csw.animate(SCENARIO, nobody), tmp_path / "run.gif", 40)
     with Image.open(path) as image:
         assert image.n_frames == FRAMES

@@ -1,4 +1,4 @@
-"""Figures of the paper reproduced and of look-ahead: what is in them, and that it fits."""
+"""Figures of the paper's reproduction and of MPC policies: contents and sizes."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from casswarm.figures import (
-    beyond_chart,
     convergence_chart,
     infeasible_chart,
     joint_map,
     member_guides_map,
     mpc_chart,
     sensitivity_chart,
+    success_chart,
     table_2_chart,
     theme,
 )
-from casswarm.figures.style import POLICIES
+from casswarm.figures.policy_styles import POLICIES
 
 TABLE_2 = pd.DataFrame(
     {
@@ -60,7 +60,7 @@ FORMATIONS = pd.DataFrame(
         "residual_median": [1e-2, 1e-4] * 3,
     }
 )
-SHORTFALLS = pd.DataFrame(
+INFEASIBLE = pd.DataFrame(
     {
         "policy": ["constrained"] * 3 + ["leader"] * 3,
         "step": [0, 1, 2] * 2,
@@ -68,7 +68,7 @@ SHORTFALLS = pd.DataFrame(
         "short": [2.0, 0.0, 1.0, 0.0, 0.0, 0.0],
     }
 )
-AHEAD = pd.DataFrame(
+HORIZONS = pd.DataFrame(
     [
         {
             "scenario": scenario,
@@ -84,30 +84,30 @@ AHEAD = pd.DataFrame(
         for steps in (8, 1, 3)
     ]
 )
-DRAWN: dict[str, Callable[[], Figure]] = {
+FIGURES: dict[str, Callable[[], Figure]] = {
     "guides": lambda: member_guides_map(SCENARIO, [GUIDE, GUIDE], "mine"),
     "joint": lambda: joint_map(SCENARIO, np.repeat(GUIDE.positions[:, None], 3, axis=1)),
     "table 2": lambda: table_2_chart(TABLE_2, 100),
-    "beyond": lambda: beyond_chart(BEYOND),
+    "scenarios": lambda: success_chart(BEYOND),
     "sensitivity": lambda: sensitivity_chart(
         SENSITIVITY, {"naive": (0.2, 0.5), "leader": (0.5, 0.8)}
     ),
     "convergence": lambda: convergence_chart(PATH, FORMATIONS, {"Ipopt": 0.03, "global": 0.7}),
-    "infeasible": lambda: infeasible_chart(SHORTFALLS),
-    "ahead": lambda: mpc_chart(AHEAD, "looking ahead"),
+    "infeasible": lambda: infeasible_chart(INFEASIBLE),
+    "mpc": lambda: mpc_chart(HORIZONS, "MPC"),
 }
 
 
 @pytest.mark.parametrize("name", ["column", "slide"])
-@pytest.mark.parametrize("what", DRAWN)
-def test_figure_has_the_width_of_its_look_and_keeps_all_within_it(what: str, name: str) -> None:
+@pytest.mark.parametrize("what", FIGURES)
+def test_figure_in_theme_has_its_width_and_fits(what: str, name: str) -> None:
     with theme(name):
-        fig = DRAWN[what]()
+        fig = FIGURES[what]()
     assert_fits(fig, name)
 
 
 def points(axes: Axes, marker: str) -> list[tuple[float, str]]:
-    """Places along x, and colours, of what is drawn with a marker."""
+    """Abscissas and colours of lines with a marker."""
     lines = [line for line in axes.get_lines() if line.get_marker() == marker]
     return [(float(line.get_xdata()[0]), to_hex(line.get_color())) for line in lines]
 
@@ -116,8 +116,8 @@ def colors(*policies: str) -> list[str]:
     return [POLICIES[policy].color.lower() for policy in policies]
 
 
-def test_table_2_has_a_sign_a_kind_and_a_colour_a_policy() -> None:
-    axes = DRAWN["table 2"]().axes[0]
+def test_table_2_chart_has_marker_per_kind_and_colour_per_policy() -> None:
+    axes = FIGURES["table 2"]().axes[0]
     assert [label.get_text() for label in axes.get_yticklabels()] == ["naive", "leader"]
     for marker, values in (("s", (0.3, 0.6)), ("D", (0.31, 0.64)), ("|", (0.3102, 0.6402))):
         found = points(axes, marker)
@@ -125,17 +125,33 @@ def test_table_2_has_a_sign_a_kind_and_a_colour_a_policy() -> None:
         assert [color for _, color in found] == colors("naive", "leader")
 
 
-def test_beyond_has_the_middle_of_every_bracket() -> None:
-    fig = DRAWN["beyond"]()
-    assert [x for x, _ in points(fig.axes[0], "o")] == pytest.approx([0.1, 0.3])
-    ahead = points(fig.axes[0], POLICIES["leader-mpc"].marker)
-    assert [x for x, _ in ahead] == pytest.approx([0.25, 0.45])
-    assert {color for _, color in ahead} == set(colors("leader-mpc"))
-    assert [t.get_text() for t in fig.legends[0].get_texts()] == ["naive", "leader-mpc-3"]
+def test_success_chart_of_scenarios_has_panel_for_each() -> None:
+    panels = FIGURES["scenarios"]().axes
+    assert panels[0].get_title() == "one"
+    for panel, low, high in (
+        (panels[0], [0.1, 0.2], [0.1, 0.3]),
+        (panels[1], [0.3, 0.4], [0.3, 0.5]),
+    ):
+        assert [bar.get_width() for bar in panel.patches] == low
+        assert [to_hex(bar.get_facecolor()) for bar in panel.patches] == colors(
+            "naive", "leader-mpc"
+        )
+        ends = [lines.get_segments()[0][1, 0] for lines in panel.collections]
+        assert ends == pytest.approx(high)
+    assert [label.get_text() for label in panels[0].get_yticklabels()] == ["naive", "leader-mpc-3"]
 
 
-def test_sensitivity_has_a_panel_a_policy_with_its_interval() -> None:
-    fig = DRAWN["sensitivity"]()
+def test_success_chart_with_bound_draws_it() -> None:
+    panels = success_chart(BEYOND.assign(bound=[0.5, 0.5, 0.9, 0.9])).axes
+    lines = [
+        next(line for line in panel.get_lines() if line.get_linestyle() == "--") for panel in panels
+    ]
+    assert [line.get_xdata()[0] for line in lines] == [0.5, 0.9]
+    assert panels[1].get_title().endswith("no policy exceeds 0.900")
+
+
+def test_sensitivity_chart_has_panel_per_policy_with_interval() -> None:
+    fig = FIGURES["sensitivity"]()
     assert [axes.get_title() for axes in fig.axes] == ["naive", "leader"]
     band = fig.axes[1].patches[0]
     assert (band.get_x(), band.get_x() + band.get_width()) == pytest.approx((0.5, 0.8))
@@ -143,8 +159,8 @@ def test_sensitivity_has_a_panel_a_policy_with_its_interval() -> None:
     np.testing.assert_array_equal(dots.get_xdata(), SENSITIVITY["leader"])
 
 
-def test_convergence_has_policies_by_colour_and_scenarios_by_dashes() -> None:
-    gap = DRAWN["convergence"]().axes[2]
+def test_convergence_chart_has_colours_of_policies() -> None:
+    gap = FIGURES["convergence"]().axes[2]
     lines = {line.get_label(): line for line in gap.get_lines()}
     assert list(lines) == ["leader, I", "constrained, I", "leader, II"]
     assert [to_hex(line.get_color()) for line in lines.values()] == colors(
@@ -154,15 +170,15 @@ def test_convergence_has_policies_by_colour_and_scenarios_by_dashes() -> None:
     np.testing.assert_array_equal(lines["constrained, I"].get_ydata(), [0.5, 1e-9])
 
 
-def test_shortfalls_are_bars_below_the_living() -> None:
-    fig = DRAWN["infeasible"]()
+def test_infeasible_chart_has_bars_and_members_alive() -> None:
+    fig = FIGURES["infeasible"]()
     assert [bar.get_height() for bar in fig.axes[0].patches] == [2.0, 0.0, 1.0]
     np.testing.assert_array_equal(fig.axes[1].get_lines()[0].get_ydata(), [3.0, 2.8, 2.1])
 
 
-def test_look_ahead_has_a_pair_of_panels_a_scenario_and_none_to_spare() -> None:
+def test_mpc_chart_has_two_panels_per_scenario() -> None:
     with theme("page"):
-        shown = [axes for axes in DRAWN["ahead"]().axes if axes.get_visible()]
+        shown = [axes for axes in FIGURES["mpc"]().axes if axes.get_visible()]
     assert [axes.get_title() for axes in shown if axes.get_title()] == [
         *("one", "two", "three", "four")
     ]

@@ -1,4 +1,4 @@
-"""Tiny data of which figures are made: no solving, no sampling."""
+"""Small data for figures, without solving or sampling."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ GUIDE = Guide(
 )
 
 
-def trace(steps: int = 3) -> RunTrajectory:
-    """Three members close up along the guide; the second falls at step 2."""
+def trajectory(steps: int = 3) -> RunTrajectory:
+    """Three members approach the guide; the second is destroyed at step 2."""
     offsets = np.array([[0.0, 0.0], [0.3, 0.2], [-0.2, 0.3]])
     positions = np.stack([PATH[t] + offsets / (1 + t) ** 2 for t in range(steps + 1)])
     positions[3:, 1] = positions[2, 1]
@@ -38,7 +38,7 @@ def trace(steps: int = 3) -> RunTrajectory:
     return RunTrajectory(positions, alive, np.array([1, 1, 0])[:steps])
 
 
-TRACE = trace()
+RUN = trajectory()
 
 SUMMARY = pd.DataFrame(
     {
@@ -60,8 +60,8 @@ PAIRED = pd.DataFrame(
 )
 
 
-def law(policy: str, arrival: tuple[float, float]) -> OutcomeDistribution:
-    """A law over three steps: arrivals at steps 2 and 3, a little unknown."""
+def distribution(policy: str, arrival: tuple[float, float]) -> OutcomeDistribution:
+    """Distribution over three steps: arrivals at steps 2 and 3, some residual mass."""
     alive = np.array([1.0, 0.9, 0.8, 0.7])
     unknown = np.array([0.0, 0.0, 0.01, 0.02])
     population = np.zeros((4, 4))
@@ -83,11 +83,11 @@ def law(policy: str, arrival: tuple[float, float]) -> OutcomeDistribution:
     )
 
 
-LAWS = [law("naive", (0.1, 0.2)), law("leader", (0.3, 0.4))]
+DISTRIBUTIONS = [distribution("naive", (0.1, 0.2)), distribution("leader", (0.3, 0.4))]
 
 
 def sweep_table() -> pd.DataFrame:
-    """Two policies on four cells each, one of which failed."""
+    """Two policies at four sweep points each, one of which failed."""
     rows = []
     for policy, base in (("naive", 0.1), ("leader", 0.5)):
         for number, (n, rho) in enumerate(((1, 0.1), (1, 0.2), (3, 0.1), (3, 0.2))):
@@ -108,7 +108,7 @@ def sweep_table() -> pd.DataFrame:
 
 
 def assert_fits(fig: Figure, name: str) -> None:
-    """Assert that a figure has the width of a look, and that all that it shows is within it."""
+    """Assert that a figure has the width of a theme, and that its contents are within it."""
     fig.draw_without_rendering()
     width, height = fig.get_size_inches()
     assert width == THEMES[name].width

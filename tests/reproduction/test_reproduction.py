@@ -9,11 +9,11 @@ from reproduced import CHECKED_IN, checked_in
 import casswarm as csw
 from casswarm.chain.confidence import wilson
 from casswarm.figures import (
-    beyond_chart,
     convergence_chart,
     infeasible_chart,
     member_guides_map,
     sensitivity_chart,
+    success_chart,
     table_2_chart,
 )
 from casswarm.optimization.problem import Instances
@@ -225,7 +225,7 @@ def test_charts_are_drawn_from_what_is_checked_in(guide):
     beyond_table = checked_in("beyond")
     figures = [
         table_2_chart(checked_in("table-2"), 10_000),
-        beyond_chart(beyond_table),
+        success_chart(beyond_table),
         infeasible_chart(checked_in("infeasible")),
         sensitivity_chart(checked_in("sensitivity"), {"naive": (0.2, 0.4), "leader": (0.5, 0.8)}),
         convergence_chart(
