@@ -12,9 +12,9 @@ from figure_cases import (
     DISTRIBUTIONS,
     GUIDE,
     PAIRED,
+    RUN,
     SCENARIO,
     SUMMARY,
-    RUN,
     assert_fits,
     sweep_table,
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from figure_cases import GUIDE, SCENARIO, RUN, trajectory
+from figure_cases import GUIDE, RUN, SCENARIO, trajectory
 from matplotlib.axes import Axes
 
 from casswarm import Hazard
