@@ -27,7 +27,7 @@ from casswarm.reproduction.convergence import condensed, formation_convergence, 
 from casswarm.reproduction.report import table_2_words
 
 first, second = csw.load_scenario("paper-1"), csw.load_scenario("paper-2")
-found = reproduce(only=["table-1", "geometry", "table-2", "infeasible", "figures"])
+paper = reproduce(only=["table-1", "geometry", "table-2", "infeasible", "figures"])
 
 # %% [markdown]
 # ## Table I and the geometry
@@ -36,10 +36,10 @@ found = reproduce(only=["table-1", "geometry", "table-2", "infeasible", "figures
 # picture, so the geometry is a calibration (`notebooks/06_calibration.py`), not the paper's figure.
 
 # %%
-found.tables["table-1"]
+paper.tables["table-1"]
 
 # %%
-found.tables["geometry"]
+paper.tables["geometry"]
 
 # %% [markdown]
 # ## Table II
@@ -48,10 +48,10 @@ found.tables["geometry"]
 # proven, and at most 0.001 apart.
 
 # %%
-table_2_words(found.tables["table-2"], found.runs)
+table_2_words(paper.tables["table-2"], paper.runs)
 
 # %%
-table_2_chart(found.tables["table-2"], found.runs)
+table_2_chart(paper.tables["table-2"], paper.runs)
 
 # %% [markdown]
 # ## Figures 1 to 4
@@ -60,16 +60,16 @@ table_2_chart(found.tables["table-2"], found.runs)
 # constrained trajectory, leader protection with collisions, and the guides of the naive policy.
 
 # %%
-found.figures["figure-1"]()
+paper.figures["figure-1"]()
 
 # %%
-found.figures["figure-2"]()
+paper.figures["figure-2"]()
 
 # %%
-found.figures["figure-3"]()
+paper.figures["figure-3"]()
 
 # %%
-found.figures["figure-4"]()
+paper.figures["figure-4"]()
 
 # %% [markdown]
 # ## Does the paper's projected gradient converge?
@@ -80,12 +80,12 @@ found.figures["figure-4"]()
 
 # %%
 guide_path = guide_convergence(first, points=(0, 10, 100, 300, 1000))
-formation = formation_convergence(first, "leader", found.guide, points=(0, 10, 100, 300, 1000))
+formation = formation_convergence(first, "leader", paper.guide, points=(0, 10, 100, 300, 1000))
 condensed({"leader, I": formation})
 
 # %%
 convergence_chart(
-    guide_path, condensed({"leader, I": formation}), {"Ipopt, straight line": found.guide.survival}
+    guide_path, condensed({"leader, I": formation}), {"Ipopt, straight line": paper.guide.survival}
 )
 
 # %% [markdown]
@@ -96,7 +96,7 @@ convergence_chart(
 # steps 3 to 6, and once in the gate.
 
 # %%
-found.figures["infeasible"]()
+paper.figures["infeasible"]()
 
 # %% [markdown]
 # ## Does the order of the policies depend on the guide?
