@@ -1,4 +1,4 @@
-"""Text for people: suggestions in messages."""
+"""Suggestions in error messages."""
 
 from __future__ import annotations
 
@@ -6,9 +6,14 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 
+def closest(word: str, known: Iterable[str]) -> str | None:
+    """The known word that an unknown one most resembles, or None."""
+    return next(iter(get_close_matches(word, list(known), 1)), None)
+
+
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """The end of a message about an unknown word: the known word nearest to it, and all of them."""
+    """End of a message about an unknown word: the closest known word, and all known words."""
     words = list(known)
-    close = get_close_matches(word, words, 1)
-    hint = f"; did you mean {close[0]!r}?" if close else ""
+    close = closest(word, words)
+    hint = f"; did you mean {close!r}?" if close else ""
     return f"{hint} (known: {', '.join(words)})"

@@ -1,4 +1,4 @@
-"""Scenarios: the swarm, its target and its hazards; the files that hold them."""
+"""Scenarios: the swarm, its target and its hazards, and the files that describe them."""
 
 from .hazard_section import HazardTable
 from .io import builtin_scenarios, load_scenario, save_scenario

@@ -1,4 +1,4 @@
-"""What must hold between the tables of a scenario: a line for each thing that does not."""
+"""Consistency of the tables of a scenario: a message for every contradiction."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .._util.constants import CORE_RADIUS
 from .hazard_section import HazardTable
 from .sections import GuideOptions, Swarm, Target, Time
-from .validation import shown
+from .validation import as_text
 
 _MAX_STEPS = 100_000
 _ROUNDING = 1e-9
@@ -19,75 +19,74 @@ _ROUNDING = 1e-9
 
 def start_problems(swarm: Swarm, target: Target, hazard: HazardTable) -> list[str]:
     """Members that start inside a radar or in the target zone, or faster than they can move."""
-    lines = []
+    messages = []
     positions = np.array(swarm.positions)
     for i, position in enumerate(swarm.positions):
-        for radar, place in enumerate(hazard.radars):
-            if math.dist(position, place) < CORE_RADIUS:
-                lines.append(
-                    f"swarm.positions[{i}] is {shown(list(position))}, on hazard.radars[{radar}]; "
-                    f"move one of them, {CORE_RADIUS:g} or more apart"
+        for radar, center in enumerate(hazard.radars):
+            if math.dist(position, center) < CORE_RADIUS:
+                messages.append(
+                    f"swarm.positions[{i}] is {as_text(list(position))}, on "
+                    f"hazard.radars[{radar}]; move one of them, {CORE_RADIUS:g} or more apart"
                 )
-    lines += [
-        f"swarm.positions[{i}] is {shown(list(swarm.positions[i]))}, in the target zone already; "
-        "every member must start outside, move it or the target"
+    messages += [
+        f"swarm.positions[{i}] is {as_text(list(swarm.positions[i]))}, inside the target zone; "
+        "every member must start outside: move it or the target"
         for i in np.flatnonzero(target.distances(positions) <= target.radius)
     ]
     if swarm.velocity != "guide" and max(map(abs, swarm.velocity)) > swarm.v_max:
-        lines.append(
-            f"swarm.velocity is {shown(list(swarm.velocity))}; each component may be at most "
+        messages.append(
+            f"swarm.velocity is {as_text(list(swarm.velocity))}; each component may be at most "
             f"swarm.v_max = {swarm.v_max:g}: lower the velocity or raise v_max"
         )
-    return lines
+    return messages
 
 
-def way_problems(swarm: Swarm, target: Target, time: Time) -> list[str]:
+def reach_problems(swarm: Swarm, target: Target, time: Time) -> list[str]:
     """Too few or too many steps, or a target that is out of reach in all of them."""
-    given = f"time.t_f is {time.t_f:g} with dt = {time.dt:g}"
+    horizon = f"time.t_f is {time.t_f:g} with dt = {time.dt:g}"
     if time.steps < 1:
-        return [f"{given}, less than one step; raise t_f to {time.dt:g} or more, or lower dt"]
+        return [f"{horizon}, less than one step; raise t_f to {time.dt:g} or more, or lower dt"]
     if time.steps > _MAX_STEPS:
-        return [f"{given}, {time.steps:g} steps; at most {_MAX_STEPS} are allowed, raise dt"]
+        return [f"{horizon}, {time.steps:g} steps; at most {_MAX_STEPS} are allowed, raise dt"]
     start = np.array(swarm.positions[swarm.central_member])
-    way = shortest_way(start, target)
-    reach = time.steps * time.dt * swarm.v_max
-    if way <= reach * (1 + _ROUNDING):
+    distance = axis_distance(start, target)
+    step = time.dt * swarm.v_max
+    if distance <= time.steps * step * (1 + _ROUNDING):
         return []
-    needed = math.ceil(way / (time.dt * swarm.v_max) * (1 - _ROUNDING))
-    distance = math.dist(start, target.center)
+    needed = math.ceil(distance / step * (1 - _ROUNDING))
     return [
-        f"target.center is {shown(list(target.center))}, out of reach: at distance {distance:.6g} "
-        f"from the guide's start {shown(start.tolist())}, {way:.6g} to go along an axis, where "
-        f"{time.steps} steps of dt * v_max = {time.dt * swarm.v_max:.6g} go {reach:.6g}; the "
-        f"shortest possible way takes {needed} steps: raise time.t_f to {needed * time.dt:.6g} or "
-        "more, or swarm.v_max, or move the target nearer"
+        f"target.center is {as_text(list(target.center))}, out of reach: from the guide's start "
+        f"{as_text(start.tolist())} the distance along an axis is {distance:.6g}, and "
+        f"{time.steps} steps of dt * v_max = {step:.6g} cover {time.steps * step:.6g}; the fastest "
+        f"path takes {needed} steps: raise time.t_f to {needed * time.dt:.6g} or more, or "
+        "swarm.v_max, or move the target nearer"
     ]
 
 
-def shortest_way(start: NDArray[np.float64], target: Target) -> float:
-    """Least r such that the square start + [-r, r]^2 meets the target zone.
+def axis_distance(start: NDArray[np.float64], target: Target) -> float:
+    """Smallest r for which the square start + [-r, r]^2 meets the target zone.
 
-    Velocities are bounded by component, so that the places within reach are a square.
+    Velocities are bounded by component, so the set of reachable positions is a square.
     """
     far, near = sorted(np.abs(np.array(target.center) - start), reverse=True)
     if far - near >= target.radius:  # a side of the square touches the disc
         return float(far - target.radius)
-    # else a corner (far - r, near - r) from the centre does, at distance `radius`
+    # otherwise a corner (far - r, near - r) from the centre does, at distance `radius`
     return max(0.0, float(far + near - math.sqrt(2 * target.radius**2 - (far - near) ** 2)) / 2)
 
 
 def margin_problems(guide: GuideOptions, target: Target) -> list[str]:
-    """Arrival deeper inside the target zone than the zone is."""
+    """A margin that is not smaller than the target zone."""
     if guide.margin is None or guide.margin < target.radius:
         return []
     return [
         f"guide.margin is {guide.margin:g}; it must be below target.radius = {target.radius:g}, "
-        "or leave it out"
+        "or omit it"
     ]
 
 
 def custom_hazard_problems(swarm: Swarm, hazard: HazardTable, folder: Path | None) -> list[str]:
-    """Users' function that cannot be imported, or fails at the initial state."""
+    """A function of the user that cannot be imported, or fails at the initial state."""
     if not hazard.is_custom:
         return []
     positions = np.array(swarm.positions)
@@ -95,6 +94,6 @@ def custom_hazard_problems(swarm: Swarm, hazard: HazardTable, folder: Path | Non
         hazard.build(folder).rates(positions, np.ones(len(positions), dtype=bool))
     except Exception as error:  # the user's code may raise anything
         reason = " ".join(str(error).split()) or type(error).__name__
-        looked = f" (looked for in the folder {folder} first)" if folder else ""
-        return [f"hazard.kind is {shown(hazard.kind)}: {reason}{looked}"]
+        where = f" (searched for in the folder {folder} first)" if folder else ""
+        return [f"hazard.kind is {as_text(hazard.kind)}: {reason}{where}"]
     return []

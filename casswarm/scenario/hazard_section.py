@@ -1,8 +1,10 @@
-"""The hazard table of a scenario, and the hazard that it stands for."""
+"""The hazard table of a scenario: built-in kinds of rates, and functions of the user."""
 
 from __future__ import annotations
 
+import importlib
 import math
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,29 +12,126 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 
 from .._util.constants import CORE_RADIUS
-from .fields import LARGEST, Allowed, NotNegative, Point, Positive
-from .kinds import ALPHAS, BETAS, CONSTANTS, KINDS, PARAMETERS, checked_kind, checked_parameters
+from .._util.text import closest
+from ..errors import ScenarioError
 from .sections import Table
-from .validation import allowed, fields, wrong
+from .validation import (
+    LARGEST,
+    Allowed,
+    NotNegative,
+    Point,
+    Positive,
+    Problem,
+    allowed,
+    as_text,
+    fields,
+    invalid,
+)
 
 if TYPE_CHECKING:
     from ..hazard import Hazard
 
-_LARGEST_DECADE = 150  # a rate's square is a double still
+ALPHAS = ("alpha_1", "alpha_2", "alpha_3")
+BETAS = ("beta_1", "beta_2")
+CONSTANTS = {"saturation": ALPHAS, "saturation+collision": ALPHAS + BETAS}
+"""Constants that each built-in kind needs."""
+
+KINDS = "'saturation', 'saturation+collision', or 'module:function'"
+PARAMETERS = "a table of numbers, texts, true or false, or lists of these"
+
+_MAX_DECADE = 150  # the square of a rate must not overflow
+_NAME = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
+_RESERVED = ("positions", "alive", "radars")  # arguments that every custom hazard gets
+
+
+def importable_name(function: Callable[..., Any]) -> str:
+    """Name ``module:function`` under which `function` can be imported again.
+
+    Raises
+    ------
+    ScenarioError
+        It cannot, with the reason.
+    """
+    module, name = getattr(function, "__module__", None), getattr(function, "__qualname__", None)
+    if not isinstance(module, str) or not isinstance(name, str):
+        raise ScenarioError(f"{as_text(function)} has no name")
+    if module == "__main__":
+        raise ScenarioError(f"'{name}' is defined in a script or notebook, not in a module")
+    if not _NAME.fullmatch(f"{module}:{name}"):
+        raise ScenarioError(f"'{name}' is defined inside a function, or is a lambda")
+    try:
+        imported: Any = importlib.import_module(module)
+        for part in name.split("."):
+            imported = getattr(imported, part)
+    except (ImportError, AttributeError) as error:
+        raise ScenarioError(f"'{module}:{name}' cannot be imported: {error}") from error
+    if imported is not function:
+        raise ScenarioError(f"'{module}:{name}' is another object than the function given")
+    return f"{module}:{name}"
+
+
+def _checked_kind(value: object) -> str | Callable[..., Any]:
+    """Kind as a name, or as the function itself if it cannot be imported by a name."""
+    if isinstance(value, str):
+        if value in CONSTANTS or _NAME.fullmatch(value):
+            return value
+        meant = closest(value, CONSTANTS)
+        hint = f"; did you mean '{meant}'?" if meant else ""
+        message = f"hazard.kind is {as_text(value)}; it must be {KINDS}{hint}"
+        raise invalid([Problem(message, "hazard.kind", value, KINDS)])
+    if callable(value):
+        try:
+            return importable_name(value)  # equal, then, to the name in a file
+        except ScenarioError:
+            return value
+    raise ValueError
+
+
+def _checked_parameters(value: object) -> dict[str, Any]:
+    """Keyword arguments of a custom hazard, with lists as tuples."""
+    if not isinstance(value, Mapping):
+        raise ValueError
+    names = [f"hazard.parameters.{key}" for key in value if key in _RESERVED]
+    problems = [Problem(f"{name} is reserved; choose another name", name) for name in names]
+    problems += [
+        Problem(
+            f"hazard.parameters.{key} is {as_text(item)}; hazard.parameters must be {PARAMETERS}",
+            f"hazard.parameters.{key}",
+            item,
+            PARAMETERS,
+        )
+        for key, item in value.items()
+        if not (isinstance(key, str) and _is_parameter(item))
+    ]
+    if problems:
+        raise invalid(problems)
+    return {key: _frozen(item) for key, item in value.items()}
+
+
+def _is_parameter(value: object) -> bool:
+    if isinstance(value, list | tuple):
+        return all(_is_parameter(item) for item in value)
+    if isinstance(value, int | float):
+        return abs(value) < math.inf and (isinstance(value, float) or abs(value) < 2**63)
+    return isinstance(value, str)
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(_frozen(item) for item in value) if isinstance(value, list | tuple) else value
 
 
 class HazardTable(Table):
-    """The rates at which members are destroyed: their kind, its radars and its constants."""
+    """Destruction rates of members: their kind, radars and constants."""
 
     kind: Annotated[
         str | Callable[..., Any],
-        PlainValidator(checked_kind),
+        PlainValidator(_checked_kind),
         WithJsonSchema({"type": "string"}),
         Allowed(KINDS),
     ] = Field(
         description="'saturation' (Scenario I of the paper), 'saturation+collision' (Scenario II), "
-        "or 'module:function', a function (or a class derived from Hazard) of your own; the "
-        "module is looked for in the folder of the scenario file first."
+        "or 'module:function', your own function (or class derived from Hazard); the module is "
+        "searched for in the folder of the scenario file first."
     )
     radars: Annotated[
         tuple[Point, ...], Allowed("a list of [x, y] pairs of numbers, one for each radar")
@@ -50,11 +149,11 @@ class HazardTable(Table):
         None, description="Rate of a radar at distance 1, in squared length per time."
     )
     alpha_2: NotNegative | None = Field(
-        None, description="How much near members protect each other; 0 is not at all."
+        None, description="Strength of the mutual protection of near members; 0 is none."
     )
     alpha_3: Positive | None = Field(
         None,
-        description="How near members must be to protect each other: half the effect at distance "
+        description="Range of the mutual protection: half the effect at distance "
         "1 / sqrt(alpha_3). In units of 1 / length^2.",
     )
     beta_1: Positive | None = Field(
@@ -69,7 +168,7 @@ class HazardTable(Table):
     )
     parameters: Annotated[
         Mapping[str, Any],
-        PlainValidator(checked_parameters),
+        PlainValidator(_checked_parameters),
         WithJsonSchema({"type": "object"}),
         Allowed(PARAMETERS),
     ] = Field(
@@ -85,23 +184,23 @@ class HazardTable(Table):
 
     @property
     def is_custom(self) -> bool:
-        """Whether the rates are a function of the user's own."""
+        """Whether the rates are a function of the user."""
         return not isinstance(self.kind, str) or self.kind not in CONSTANTS
 
     def build(self, folder: Path | None = None) -> Hazard:
-        """Hazard that the table stands for.
+        """Hazard that the table describes.
 
         Parameters
         ----------
         folder : Path, optional
-            Where the module of a ``module:function`` is looked for first.
+            Folder in which the module of a ``module:function`` is searched for first.
 
         Raises
         ------
         HazardError
-            A function that cannot be imported, or that does not work.
+            The function cannot be imported, or fails.
         """
-        # CasADi takes its time to import, and listing scenarios needs no hazards
+        # imported here, since importing CasADi is slow and listing scenarios needs no hazards
         from ..hazard import Saturation, SaturationCollision
         from ..hazard.custom import user_hazard
 
@@ -113,14 +212,14 @@ class HazardTable(Table):
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> HazardTable:
-        lines = self._misplaced_keys() if self.is_custom else self._kernel_problems()
-        if lines:
-            raise wrong(lines)
+        messages = self._misplaced_keys() if self.is_custom else self._kernel_problems()
+        if messages:
+            raise invalid([Problem(message, message.split()[0]) for message in messages])
         return self
 
     def _misplaced_keys(self) -> list[str]:
         return [
-            f"hazard.{key} is no key of a 'module:function' kind; "
+            f"hazard.{key} is not a key of a 'module:function' kind; "
             f"write it as hazard.parameters.{key}"
             for key in ("strengths", *ALPHAS, *BETAS)
             if getattr(self, key) is not None
@@ -129,40 +228,44 @@ class HazardTable(Table):
     def _kernel_problems(self) -> list[str]:
         kind = str(self.kind)
         known = fields(type(self))
-        lines = [
+        messages = [
             f"hazard.{key} is missing; kind '{kind}' needs it: {allowed(known[key])}"
             for key in CONSTANTS[kind]
             if getattr(self, key) is None
         ]
-        lines += [
-            f"hazard.{key} is no key of kind '{kind}'; remove it, "
+        messages += [
+            f"hazard.{key} is not a key of kind '{kind}'; remove it, "
             "or choose kind 'saturation+collision'"
             for key in BETAS
             if key not in CONSTANTS[kind] and getattr(self, key) is not None
         ]
         if self.parameters:
-            lines.append(
-                f"hazard.parameters is no key of kind '{kind}'; "
-                "remove it, or name a function of yours as the kind"
+            messages.append(
+                f"hazard.parameters is not a key of kind '{kind}'; "
+                "remove it, or give the name of your function as the kind"
             )
-        return lines + self._radar_problems() + self._overflow_problems()
+        return messages + self._radar_problems() + self._overflow_problems()
 
     def _radar_problems(self) -> list[str]:
         k = len(self.radars)
         if not k:
-            words = "[x, y] pairs, at least one"
-            return [f"hazard.radars is missing or empty; kind '{self.kind}' needs {words}"]
+            return [
+                f"hazard.radars is missing or empty; kind '{self.kind}' needs [x, y] pairs, at "
+                "least one"
+            ]
         if self.strengths is not None and len(self.strengths) != k:
-            given = f"{len(self.strengths)} numbers for {k} radars"
-            return [f"hazard.strengths has {given}; give one for each radar, or leave it out"]
+            return [
+                f"hazard.strengths has {len(self.strengths)} numbers for {k} radars; give one for "
+                "each radar, or omit it"
+            ]
         return []
 
     def _overflow_problems(self) -> list[str]:
         if self.beta_1 is None or self.beta_2 is None:
             return []
-        if self.beta_2 * math.log10(math.sqrt(2) * self.beta_1 / CORE_RADIUS) <= _LARGEST_DECADE:
+        if self.beta_2 * math.log10(math.sqrt(2) * self.beta_1 / CORE_RADIUS) <= _MAX_DECADE:
             return []
         return [
             f"hazard.beta_2 is {self.beta_2:g} with beta_1 = {self.beta_1:g}: the rate of members "
-            f"that touch exceeds 1e{_LARGEST_DECADE}; lower one of them"
+            f"that touch exceeds 1e{_MAX_DECADE}; lower one of them"
         ]

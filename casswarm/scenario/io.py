@@ -1,4 +1,4 @@
-"""Scenario files and the built-in scenarios, read; files written."""
+"""Loading of built-in scenarios and scenario files; saving of scenario files."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from .._util.text import closest
 from ..errors import ScenarioError
 from .model import Scenario
-from .validation import nearest, report
+from .validation import Problem, scenario_error
 
 _TEMPLATE = "start from a built-in one: casswarm scenarios new my.toml --from paper-1"
 
@@ -26,8 +27,10 @@ def load_scenario(source: str | os.PathLike[str]) -> Scenario:
     Raises
     ------
     ScenarioError
-        No such scenario, a file that cannot be read, or one that is wrong: the message names the
-        file and has a line for each wrong key, with what was given and what is allowed.
+        No such scenario, or a file that cannot be read or is invalid: the message names the file
+        and has a line for every invalid key, with its value and the allowed values. The error has
+        the attributes `file`, and `key`, `value` and `allowed` of the first problem; `problems` has
+        them all.
 
     Examples
     --------
@@ -41,8 +44,12 @@ def load_scenario(source: str | os.PathLike[str]) -> Scenario:
         return Scenario.from_data(_parsed(texts[source], label), source=label)
     path = Path(source)
     label = f"scenario file {path}"
-    data = _parsed(_text(path, str(source), label), label)
-    return Scenario.from_data(data, source=label, folder=path.resolve().parent)
+    try:
+        data = _parsed(_text(path, str(source), label), label)
+        return Scenario.from_data(data, source=label, folder=path.resolve().parent)
+    except ScenarioError as error:
+        vars(error)["file"] = path
+        raise
 
 
 def save_scenario(scenario: Scenario, path: str | os.PathLike[str], comments: bool = False) -> None:
@@ -53,19 +60,21 @@ def save_scenario(scenario: Scenario, path: str | os.PathLike[str], comments: bo
     scenario : Scenario
     path : str or path
     comments : bool
-        Whether to say above every key what it means.
+        Whether to describe every key in a comment.
 
     Raises
     ------
     ScenarioError
-        The file cannot be written, or no file can name the scenario's hazard.
+        The file cannot be written, or the hazard cannot be named in a file.
     """
     text = scenario.to_toml(comments)
     try:
         Path(path).write_text(text, encoding="utf-8", newline="\n")
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise ScenarioError(f"cannot write the scenario file {path}: {reason}") from error
+        raise ScenarioError(
+            f"cannot write the scenario file {path}: {reason}", file=Path(path)
+        ) from error
 
 
 def builtin_scenarios() -> dict[str, str]:
@@ -74,12 +83,12 @@ def builtin_scenarios() -> dict[str, str]:
 
 
 def _builtin_texts() -> dict[str, str]:
-    found = {
+    texts = {
         entry.name.removesuffix(".toml"): entry.read_text(encoding="utf-8")
         for entry in files(f"{__package__}.builtin").iterdir()
         if entry.name.endswith(".toml")
     }
-    return dict(sorted(found.items()))
+    return dict(sorted(texts.items()))
 
 
 def _text(path: Path, source: str, label: str) -> str:
@@ -88,7 +97,7 @@ def _text(path: Path, source: str, label: str) -> str:
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ScenarioError(
-            f"{label} is not a text in UTF-8 (byte {error.start}); save it as a TOML text in UTF-8"
+            f"{label} is not text in UTF-8 (byte {error.start}); save it as TOML in UTF-8"
         ) from None
     except OSError as error:
         if source and path.is_dir():
@@ -102,7 +111,7 @@ def _text(path: Path, source: str, label: str) -> str:
 
 def _unknown(source: str) -> str:
     names = list(builtin_scenarios())
-    meant = nearest(Path(source).stem, names)
+    meant = closest(Path(source).stem, names)
     hint = f"; did you mean '{meant}'?" if meant else ""
     return (
         f"no scenario '{source}': it is neither a built-in scenario nor a file{hint}\n"
@@ -114,10 +123,10 @@ def _parsed(text: str, label: str) -> dict[str, Any]:
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(report(f"{label} is not valid TOML", [str(error)])) from None
+        raise scenario_error(f"{label} is not valid TOML", [Problem(str(error), "")]) from None
     except (ValueError, RecursionError):
-        words = "a number or a nesting of arrays in it is too long"
-        raise ScenarioError(report(f"{label} cannot be read", [words])) from None
+        problem = Problem("a number or a nesting of arrays in it is too long", "")
+        raise scenario_error(f"{label} cannot be read", [problem]) from None
     if not data:
         raise ScenarioError(f"{label} is empty; {_TEMPLATE}")
     return data

@@ -1,4 +1,4 @@
-"""The scenario: everything that a plan or a simulation starts from."""
+"""The scenario: input of every plan and simulation."""
 
 from __future__ import annotations
 
@@ -6,37 +6,46 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
-from ..errors import ScenarioError
+from .._util.display import Displayed
 from . import consistency
-from .fields import Allowed, Text, plain
 from .hazard_section import HazardTable
-from .sections import FormationOptions, GuideOptions, Swarm, Table, Target, Time
+from .sections import Changes, FormationOptions, GuideOptions, Swarm, Table, Target, Time
 from .toml import annotated, toml_text
-from .validation import known_keys, problems, report, shown, unknown_key, wrong
+from .validation import (
+    Allowed,
+    Problem,
+    Text,
+    invalid,
+    known_keys,
+    problems_of,
+    scenario_error,
+    to_plain,
+    unknown_key,
+)
+from .variations import PARAMETER_PREFIX, set_value
 
 if TYPE_CHECKING:
     from ..hazard import Hazard
 
-_LONE_MARGIN = 1e-6  # of the radius: rounding must not leave the last step outside the zone
-_PARAMETERS = "hazard.parameters."
+_SINGLE_MARGIN = 1e-6  # of the radius: rounding must not leave the last step outside the zone
 
 
-class Scenario(Table):
+class Scenario(Displayed, Table):
     """A swarm, its target, the clock, the hazard, and the options of the paper's two problems.
 
-    Immutable; `with_values` and `with_hazard` return changed copies. Equal scenarios have equal
-    values, wherever they came from. Scenarios pickle.
+    Immutable; `replace`, `with_values` and `with_hazard` return changed copies. Scenarios with the
+    same values are equal. Scenarios can be pickled.
 
     Raises
     ------
     ScenarioError
-        Keys that are missing, unknown or wrong, or that contradict each other; a line for each.
+        Keys that are missing, unknown or invalid, or that contradict each other; a line for each.
     """
 
     name: Annotated[
@@ -46,19 +55,17 @@ class Scenario(Table):
             "a text of 1 to 100 characters, without slashes, that starts with a letter or digit"
         ),
     ] = Field(description="Name of the scenario, used in tables and for folders.")
-    description: Text = Field("", description="What the scenario shows, in a line.")
-    swarm: Swarm = Field(description="The members.")
-    target: Target = Field(description="The target zone.")
-    time: Time = Field(description="The clock.")
-    hazard_table: HazardTable = Field(
-        alias="hazard", description="The rates at which members are destroyed."
-    )
+    description: Text = Field("", description="What the scenario shows, in one line.")
+    swarm: Swarm = Field(description="Members.")
+    target: Target = Field(description="Target zone.")
+    time: Time = Field(description="Clock.")
+    hazard_table: HazardTable = Field(alias="hazard", description="Destruction rates of members.")
     guide: GuideOptions = Field(
-        default_factory=GuideOptions, description="How the guide is searched for."
+        default_factory=GuideOptions, description="Options of the guide problem."
     )
     formation: FormationOptions = Field(
         default_factory=FormationOptions,
-        description="How the formation around the guide is searched for.",
+        description="Options of the formation problem.",
     )
 
     _folder: Path | None = PrivateAttr(None)
@@ -66,40 +73,40 @@ class Scenario(Table):
     @model_validator(mode="after")
     def _fits_together(self, info: ValidationInfo) -> Scenario:
         self._folder = (info.context or {}).get("folder")
-        lines = [
+        messages = [
             *consistency.start_problems(self.swarm, self.target, self.hazard_table),
-            *consistency.way_problems(self.swarm, self.target, self.time),
+            *consistency.reach_problems(self.swarm, self.target, self.time),
             *consistency.margin_problems(self.guide, self.target),
             *consistency.custom_hazard_problems(self.swarm, self.hazard_table, self._folder),
         ]
-        if lines:
-            raise wrong(lines)
+        if messages:
+            raise invalid([Problem(message, message.split()[0]) for message in messages])
         return self
 
     @classmethod
     def from_data(
         cls, data: Mapping[str, object], *, source: str = "scenario", folder: Path | None = None
     ) -> Scenario:
-        """Scenario of nested tables, as a file holds them.
+        """Scenario from nested tables with the keys of a scenario file.
 
         Parameters
         ----------
         data : mapping
-            Keys and tables, named as in a scenario file.
+            Keys and tables.
         source : str
-            What error messages call the scenario, for example its file.
+            Name of the scenario in error messages, for example its file.
         folder : Path, optional
-            Where the module of a ``module:function`` hazard is looked for first.
+            Folder in which the module of a ``module:function`` is searched for first.
 
         Raises
         ------
         ScenarioError
-            A line for everything that is wrong.
+            Invalid values, a line for each.
         """
         try:
-            return cls.model_validate(plain(data), context={"folder": folder})
+            return cls.model_validate(to_plain(data), context={"folder": folder})
         except ValidationError as error:
-            raise ScenarioError(report(f"{source} is wrong", problems(error, cls))) from None
+            raise scenario_error(f"{source} is invalid", problems_of(error, cls)) from None
 
     @property
     def n(self) -> int:
@@ -118,43 +125,68 @@ class Scenario(Table):
 
     @cached_property
     def guide_start(self) -> NDArray[np.float64]:
-        """Where the guide starts, shape (2,), read-only: at the member nearest to the centroid."""
+        """Start of the guide, shape (2,), read-only: the member nearest to the centroid."""
         return _read_only(self.swarm.positions[self.swarm.central_member])
 
     @property
     def guide_a_max(self) -> float:
-        """Bound on the guide's ||V(t) - V(t-1)||^2; infinite if it need not be acceleration_limited."""
+        """Bound on the guide's ||V(t) - V(t-1)||^2; infinite without acceleration limits."""
         if not self.guide.acceleration_limited:
             return math.inf
         return self.swarm.a_max if self.guide.a_max is None else self.guide.a_max
 
     @property
     def arrival_margin(self) -> float:
-        """How deep inside the target zone the guide must arrive."""
+        """Distance inside the target zone at which the guide must arrive."""
         if self.guide.margin is not None:
             return self.guide.margin
         if self.n == 1:
-            return _LONE_MARGIN * self.target.radius
+            return _SINGLE_MARGIN * self.target.radius
         return min(math.sqrt(self.formation.rho), self.target.radius / 2)
 
     @cached_property
     def hazard(self) -> Hazard:
-        """The rates at which members are destroyed."""
+        """Destruction rates of the members."""
         return self.hazard_table.build(self._folder)
 
+    def replace(self, **tables: Unpack[Changes]) -> Scenario:
+        """Copy of the scenario with other values in its tables, validated again.
+
+        Parameters
+        ----------
+        swarm, target, time, hazard, guide, formation : mapping
+            New values by key; the other keys of the table keep theirs. None omits a key.
+
+        Raises
+        ------
+        ScenarioError
+            Unknown keys, or values that are invalid, alone or together.
+
+        Examples
+        --------
+        >>> import casswarm as csw
+        >>> scenario = csw.load_scenario("paper-1").replace(guide={"arrival": "any"})
+        >>> scenario.guide.arrival
+        'any'
+        """
+        changes = cast(dict[str, dict[str, object]], tables).items()
+        return self.with_values(
+            {f"{table}.{key}": value for table, values in changes for key, value in values.items()}
+        )
+
     def with_values(self, values: Mapping[str, object]) -> Scenario:
-        """Copy of the scenario with other values, checked again.
+        """Copy of the scenario with other values, validated again.
 
         Parameters
         ----------
         values : mapping
             New values by dotted key, for example ``{"formation.rho": 0.1, "swarm.a_max": 1.0}``,
-            or whole tables, ``{"target": {...}}``. None leaves a key out.
+            or whole tables, ``{"target": {...}}``. None omits a key.
 
         Raises
         ------
         ScenarioError
-            Unknown keys, or values that are wrong, alone or together.
+            Unknown keys, or values that are invalid, alone or together.
 
         Examples
         --------
@@ -164,13 +196,15 @@ class Scenario(Table):
         0.1
         """
         known = known_keys(type(self))
-        unknown = [key for key in values if key not in known and not key.startswith(_PARAMETERS)]
+        unknown = [
+            key for key in values if key not in known and not key.startswith(PARAMETER_PREFIX)
+        ]
         if unknown:
-            lines = [unknown_key(key, type(self)) for key in unknown]
-            raise ScenarioError(report(f"scenario '{self.name}' has no such key", lines))
+            problems = [unknown_key(key, type(self)) for key in unknown]
+            raise scenario_error(f"scenario '{self.name}' has no such key", problems)
         data = self._data()
         for key, value in values.items():
-            _set(data, key, plain(value))
+            set_value(data, key, to_plain(value))
         source = f"scenario '{self.name}' with new values"
         return self.from_data(data, source=source, folder=self._folder)
 
@@ -182,15 +216,15 @@ class Scenario(Table):
         radars: ArrayLike | Sequence[tuple[float, float]] = (),
         **parameters: object,
     ) -> Scenario:
-        """Copy of the scenario with a hazard of the user's own.
+        """Copy of the scenario with a hazard of the user.
 
         Parameters
         ----------
         function : callable, or str ``module:function``
-            The rates, as `casswarm.hazard.CustomHazard` takes them; or a class derived from
-            `casswarm.hazard.Hazard`, made of the radars and parameters.
+            Rates as in `casswarm.hazard.CustomHazard`, or a class derived from
+            `casswarm.hazard.Hazard`, which is called with the radars and parameters.
         radars : k pairs (x, y), optional
-            Drawn on maps, and handed to the function as ``radars=`` if given.
+            Drawn on maps, and passed to the function as ``radars=`` if given.
         **parameters
             Further keyword arguments of the function.
 
@@ -201,8 +235,8 @@ class Scenario(Table):
 
         Notes
         -----
-        A function that can be imported again is stored by its name. Any other, such as a lambda,
-        works too, but its scenario cannot be saved, and pickles only if the function does.
+        A function that can be imported is stored by its name. Other functions, such as lambdas,
+        work too, but their scenarios cannot be saved, and can be pickled only if the function can.
         """
         table = {"kind": function, "radars": radars, "parameters": parameters}
         return self.from_data(
@@ -217,12 +251,12 @@ class Scenario(Table):
         Parameters
         ----------
         comments : bool
-            Whether to say above every key what it means.
+            Whether to describe every key in a comment.
 
         Raises
         ------
         ScenarioError
-            The hazard is a function that no file can name.
+            The hazard is a function that cannot be named in a file.
         """
         text = toml_text(self._data())
         return annotated(text, type(self)) if comments else text
@@ -230,7 +264,7 @@ class Scenario(Table):
     def model_copy(
         self, *, update: Mapping[str, Any] | None = None, deep: bool = False
     ) -> Scenario:
-        """Copy with other fields; unlike pydantic's, the copy is checked and derives all anew."""
+        """Copy with other fields; unlike pydantic's, the copy is validated."""
         if not update:
             return super().model_copy(deep=deep)
         fields = {name: getattr(self, name) for name in type(self).model_fields} | dict(update)
@@ -248,14 +282,14 @@ class Scenario(Table):
         return tuple(getattr(self, name) for name in type(self).model_fields)
 
     def __eq__(self, other: object) -> bool:
-        """Equality of all values; the folder a scenario came from is none of them."""
+        """Equality of all values; the folder of the scenario's file does not count."""
         return self._values() == other._values() if isinstance(other, Scenario) else NotImplemented
 
     def __hash__(self) -> int:
         return hash(self._values())
 
     def __getstate__(self) -> dict[Any, Any]:
-        # what is derived is derived again: a hazard may hold what does not pickle
+        # derived attributes are computed again: a hazard may not be picklable
         state = super().__getstate__()
         values = {name: state["__dict__"][name] for name in type(self).model_fields}
         return {**state, "__dict__": values}
@@ -274,22 +308,3 @@ def _read_only(values: object) -> NDArray[np.float64]:
     array = np.array(values, dtype=float)
     array.flags.writeable = False
     return array
-
-
-def _set(data: dict[str, Any], key: str, value: object) -> None:
-    """Put a value at a dotted key of nested tables; None takes the key away."""
-    if key.startswith(_PARAMETERS):  # whose names may hold dots
-        tables, leaf = ["hazard", "parameters"], key.removeprefix(_PARAMETERS)
-    else:
-        *tables, leaf = key.split(".")
-    table = data
-    for name in tables:
-        table = table.setdefault(name, {})
-        if not isinstance(table, dict):
-            line = (
-                f"{key} cannot be set: {name} was given as {shown(table)}, not as a table of keys"
-            )
-            raise ScenarioError(report("values that do not fit together", [line]))
-    table.pop(leaf, None)
-    if value is not None:
-        table[leaf] = value

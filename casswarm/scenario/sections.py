@@ -1,47 +1,57 @@
-"""The tables of a scenario file: what each key holds, its unit and its limits."""
+"""Tables of a scenario file: every key with its unit and its limits."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ..errors import ScenarioError
-from .fields import Allowed, Count, NotNegative, Number, Point, Positive, Switch, plain
-from .validation import problems, report
+from .validation import (
+    Allowed,
+    Boolean,
+    Count,
+    NotNegative,
+    Number,
+    Point,
+    Positive,
+    problems_of,
+    scenario_error,
+    to_plain,
+)
 
-_STEP_TOLERANCE = 1e-9  # relative: t_f = 1.0 holds ten steps of dt = 0.1, whatever 1.0 / 0.1 is
-_TIE_TOLERANCE = 1e-9  # relative: members equally far from the centroid but for rounding
+_STEP_TOLERANCE = 1e-9  # relative: t_f = 1.0 holds ten steps of dt = 0.1 despite rounding
+_TIE_TOLERANCE = 1e-9  # relative: members equally far from the centroid up to rounding
 
 
 class Table(BaseModel):
-    """Base of the tables: immutable, no unknown keys, errors in plain words.
+    """Base of the tables: immutable, without unknown keys, with errors in plain words.
 
     Raises
     ------
     ScenarioError
-        Keys that are missing, unknown or wrong, a line for each.
+        Keys that are missing, unknown or invalid, a line for each.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     def __init__(self, **values: Any) -> None:
         try:
-            super().__init__(**plain(values))
+            super().__init__(**to_plain(values))
         except ValidationError as error:
-            headline = f"this {type(self).__name__} is wrong"
-            raise ScenarioError(report(headline, problems(error, type(self)))) from None
+            headline = f"invalid {type(self).__name__}"
+            raise scenario_error(headline, problems_of(error, type(self))) from None
 
-    # Else pydantic would call this constructor for the tables inside a scenario, one by one, and
-    # lose which key of the whole is wrong.
+    # Otherwise pydantic would call this constructor for every table inside a scenario, and the
+    # errors would lose the name of the table.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
 
 class Swarm(Table):
-    """The members: where they start and how they can move."""
+    """Members: their initial positions and how they can move."""
 
     positions: Annotated[
         tuple[Point, ...],
@@ -54,7 +64,7 @@ class Swarm(Table):
     ] = Field(
         "guide",
         description="Velocity of every member before the first step, V(-1), [vx, vy] in units of "
-        "length per time; 'guide' is the first velocity of the guide: a swarm already under way.",
+        "length per time; 'guide' is the first velocity of the guide: a swarm already in motion.",
     )
     v_max: Positive = Field(
         description="Bound on the absolute value of each velocity component, length per time."
@@ -66,7 +76,7 @@ class Swarm(Table):
 
     @property
     def central_member(self) -> int:
-        """Index of the member nearest to the centroid, the lowest of equals."""
+        """Index of the member nearest to the centroid; ties go to the lowest index."""
         positions = np.array(self.positions)
         offsets = positions - positions.mean(axis=0)
         distances = np.hypot(offsets[:, 0], offsets[:, 1])
@@ -75,7 +85,7 @@ class Swarm(Table):
 
 
 class Target(Table):
-    """The target zone Z, a closed disc; a member that is in it alive has arrived."""
+    """Target zone Z, a closed disc; a member that is in it alive has arrived."""
 
     center: Point = Field(description="Centre [x, y] of the target zone, in units of length.")
     radius: Positive = Field(description="Radius of the target zone, in units of length.")
@@ -91,7 +101,7 @@ class Target(Table):
 
 
 class Time(Table):
-    """The clock: steps of dt until t_f."""
+    """Clock with steps of dt until t_f."""
 
     dt: Positive = Field(description="Length of a step, in units of time.")
     t_f: Positive = Field(description="Time at which a run ends at the latest, in units of time.")
@@ -103,34 +113,35 @@ class Time(Table):
 
 
 class GuideOptions(Table):
-    """How the guide, the path that the swarm follows, is searched for."""
+    """Options of the search for the guide, the path that the swarm follows."""
 
     search: Annotated[Literal["local", "global"], Allowed("'local' or 'global'")] = Field(
         "global",
-        description="'local' improves the straight line, as the paper does; 'global' compares ways "
-        "around the radars.",
+        description="'local' improves the straight line, as the paper does; 'global' compares "
+        "paths around the radars, one per homotopy class.",
     )
     arrival: Annotated[Literal["any", "horizon"], Allowed("'any' or 'horizon'")] = Field(
         "any",
-        description="Which arrival steps are candidates: 'any' up to the horizon, of which the "
-        "best is chosen; or the 'horizon' alone, as in the paper, whose path takes all the time.",
+        description="Candidates for the arrival step: 'any' step up to the horizon, of which the "
+        "best is chosen, or only the 'horizon', as in the paper, whose path uses all the time.",
     )
     a_max: Positive | None = Field(
         None,
         description="The guide's own bound on ||V(t) - V(t-1)||^2, in squared units of velocity, "
         "below the members' so that they can follow it; by default the members'.",
     )
-    acceleration_limited: Switch = Field(
+    acceleration_limited: Boolean = Field(
         True,
-        description="Whether the guide respects a bound on the change of velocity at all; false is "
+        description="Whether the guide respects the bound on the change of velocity; false gives "
         "the paper's version.",
     )
     margin: NotNegative | None = Field(
         None,
-        description="How deep inside the target zone the guide's last planned step must be, in "
-        "units of length, below its radius (the guide ends where it first crosses the rim; from "
-        "then on the swarm aims at the centre). By default min(sqrt(rho), radius / 2), so that "
-        "those who follow the guide in its corridor arrive too; for a lone member 1e-6 radius.",
+        description="Distance inside the target zone that the guide's last planned step must "
+        "reach, in units of length, below the radius (the guide ends where it first enters the "
+        "zone; from then on the swarm aims at the centre). By default min(sqrt(rho), radius / 2), "
+        "so that members that follow the guide in its corridor arrive too; for a single member "
+        "1e-6 radius.",
     )
     gamma: Positive = Field(
         10.0,
@@ -146,7 +157,7 @@ class GuideOptions(Table):
 
 
 class FormationOptions(Table):
-    """How the members move around the guide."""
+    """Options of the formation around the guide."""
 
     rho: Positive = Field(
         0.05,
@@ -159,3 +170,14 @@ class FormationOptions(Table):
     iterations: Count = Field(
         2000, description="Iterations of the paper's projected gradient for the formation."
     )
+
+
+class Changes(TypedDict, total=False):
+    """New values of the tables of a scenario, by key."""
+
+    swarm: Mapping[str, object]
+    target: Mapping[str, object]
+    time: Mapping[str, object]
+    hazard: Mapping[str, object]
+    guide: Mapping[str, object]
+    formation: Mapping[str, object]

@@ -1,4 +1,4 @@
-"""Scenario files, written."""
+"""Text of scenario files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import tomli_w
 from pydantic import BaseModel
 
 from ..errors import ScenarioError
-from .kinds import importable_name
+from .hazard_section import importable_name
 from .validation import fields, subtable
 
 # tomli_w escapes line breaks in texts, so that a bracket before a line break opens an array
@@ -19,7 +19,7 @@ _SCALARS = re.compile(r"\[\n((?: +[^\[\]\"{},\n]+,\n)+) *\]")
 
 
 def toml_text(data: Mapping[str, Any]) -> str:
-    """Text of a scenario file with the given tables, points on one line each.
+    """Text of a scenario file with these tables, with a point per line.
 
     Raises
     ------
@@ -33,7 +33,9 @@ def toml_text(data: Mapping[str, Any]) -> str:
         except ScenarioError as error:
             raise ScenarioError(
                 f"scenario '{data['name']}' cannot be saved: hazard.kind is a function that a file "
-                f"cannot name as 'module:function': {error}; move it into a module"
+                f"cannot name as 'module:function': {error}; move it into a module",
+                key="hazard.kind",
+                value=hazard["kind"],
             ) from None
         data = {**data, "hazard": {**hazard, "kind": kind}}
     return _SCALARS.sub(_on_one_line, tomli_w.dumps(data))
@@ -45,7 +47,7 @@ def _on_one_line(array: re.Match[str]) -> str:
 
 
 def annotated(text: str, model: type[BaseModel]) -> str:
-    """Text of a scenario file with what every table and key of `model` means as comments."""
+    """Text of a scenario file with the descriptions in `model` as comments."""
     return "\n".join(_annotated_lines(text.splitlines(), model)) + "\n"
 
 
@@ -53,14 +55,14 @@ def _annotated_lines(lines: list[str], model: type[BaseModel]) -> Iterator[str]:
     known = fields(model)
     for line in lines:
         table, key = re.fullmatch(r"\[(\w+)\]", line), re.match(r"(\w+) = ", line)
-        said: str | None = None
+        description: str | None = None
         if table and table[1] in fields(model):
             field = fields(model)[table[1]]
             known = fields(subtable(field) or model)
-            said = field.description
+            description = field.description
         elif line.startswith("["):
-            known = {}  # the tables in a table are the user's
+            known = {}  # tables inside a table belong to the user
         elif key and key[1] in known:
-            said = known[key[1]].description
-        yield from (f"# {part}" for part in textwrap.wrap(said or "", 96))
+            description = known[key[1]].description
+        yield from (f"# {part}" for part in textwrap.wrap(description or "", 96))
         yield line

@@ -1,37 +1,111 @@
-"""Validation errors in plain words: which key, what was given, what is allowed."""
+"""Validation of scenario files: types of values with their limits, and errors in plain words."""
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from itertools import takewhile
-from typing import Any, get_args
+from typing import Annotated, Any, NamedTuple, get_args
 
-from pydantic import BaseModel, ValidationError
+import numpy as np
+from pydantic import BaseModel, Field, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from .fields import Allowed
+from .._util.text import closest
+from ..errors import ScenarioError
 
-_OWN_WORDS = "casswarm"
-_LONGEST_VALUE = 60
+SMALLEST, LARGEST = 1e-9, 1e9
+"""Limits of every number, so that no square or quotient of two of them over- or underflows."""
+
+_CUSTOM = "casswarm"  # type of the errors that our own validators raise
+_MAX_CHARACTERS = 60
 _MAX_LINES = 20
 
 
-def wrong(lines: Iterable[str]) -> PydanticCustomError:
-    """Error for validators to raise, whose lines reach the user word for word."""
-    return PydanticCustomError(_OWN_WORDS, "wrong values", {"lines": list(lines)})
+# --- types of values
 
 
-def report(headline: str, lines: Iterable[str]) -> str:
-    """Headline, and an indented line for everything that is wrong."""
-    lines = list(lines)
+@dataclass(frozen=True)
+class Allowed:
+    """Values that a key may have, as text that completes 'must be ...' in error messages."""
+
+    text: str
+
+
+_RANGE = f"(from {SMALLEST:g} to {LARGEST:g})"
+
+Number = Annotated[
+    float,
+    Field(strict=True, allow_inf_nan=False, ge=-LARGEST, le=LARGEST),
+    Allowed(f"a number between {-LARGEST:g} and {LARGEST:g}"),
+]
+Positive = Annotated[
+    float,
+    Field(strict=True, allow_inf_nan=False, ge=SMALLEST, le=LARGEST),
+    Allowed(f"a number above 0 {_RANGE}"),
+]
+NotNegative = Annotated[
+    float,
+    Field(strict=True, allow_inf_nan=False, ge=0.0, le=LARGEST),
+    Allowed(f"a number, 0 or above (at most {LARGEST:g})"),
+]
+Count = Annotated[
+    int,
+    Field(strict=True, ge=1, le=int(LARGEST)),
+    Allowed(f"a whole number from 1 to {LARGEST:g}"),
+]
+Boolean = Annotated[bool, Field(strict=True), Allowed("true or false")]
+Text = Annotated[str, Field(strict=True), Allowed("a text in quotes")]
+Point = Annotated[tuple[Number, Number], Allowed(f"[x, y], two numbers up to {LARGEST:g}")]
+
+
+def to_plain(value: object) -> Any:
+    """`value` with NumPy arrays and scalars converted to lists and numbers, at any depth."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: to_plain(item) for key, item in value.items()}
+    if type(value) in (list, tuple):
+        return [to_plain(item) for item in value]  # type: ignore[attr-defined]
+    return value
+
+
+# --- errors
+
+
+class Problem(NamedTuple):
+    """One thing that is wrong with a scenario."""
+
+    message: str
+    key: str
+    value: Any = None
+    allowed: str | None = None
+
+
+def scenario_error(headline: str, problems: Iterable[Problem], **values: Any) -> ScenarioError:
+    """Error with an indented line for every problem, and the values of the first."""
+    problems = tuple(problems)
+    lines = [problem.message for problem in problems]
     if len(lines) > _MAX_LINES:
         lines[_MAX_LINES:] = [f"... and {len(lines) - _MAX_LINES} more"]
-    return "\n  ".join([f"{headline}:", *lines])
+    first = problems[0]
+    return ScenarioError(
+        "\n  ".join([f"{headline}:", *lines]),
+        key=first.key,
+        value=first.value,
+        allowed=first.allowed,
+        problems=problems,
+        **values,
+    )
 
 
-def shown(value: object) -> str:
+def invalid(problems: Iterable[Problem]) -> PydanticCustomError:
+    """Error for validators to raise, whose messages reach the user word for word."""
+    return PydanticCustomError(_CUSTOM, "invalid values", {"problems": list(problems)})
+
+
+def as_text(value: object) -> str:
     """`value` as the user wrote it, cut to a readable length."""
     if isinstance(value, bool):
         return str(value).lower()
@@ -39,54 +113,48 @@ def shown(value: object) -> str:
         text = repr(value)
     except ValueError:  # Python refuses to print integers of thousands of digits
         return "a number of thousands of digits"
-    return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + "..."
+    return text if len(text) <= _MAX_CHARACTERS else text[: _MAX_CHARACTERS - 3] + "..."
 
 
-def nearest(word: str, words: Iterable[str]) -> str | None:
-    """One of `words`, that `word` was probably meant to be, if any."""
-    found = difflib.get_close_matches(word, list(words), n=1, cutoff=0.6)
-    return found[0] if found else None
-
-
-def problems(error: ValidationError, model: type[BaseModel]) -> list[str]:
-    """Lines, one for every key of `model` that `error` complains about."""
-    lines: dict[str, str] = {}
+def problems_of(error: ValidationError, model: type[BaseModel]) -> list[Problem]:
+    """Problems that pydantic found in the values of `model`, one for every key."""
+    problems: dict[str, Problem] = {}
     for detail in error.errors(include_url=False):
-        if detail["type"] == _OWN_WORDS:
-            lines.update({line: line for line in detail["ctx"]["lines"]})
+        if detail["type"] == _CUSTOM:
+            problems |= {problem.message: problem for problem in detail["ctx"]["problems"]}
         else:
-            key, line = _line(detail, model)
+            problem = _problem(detail, model)
             # pydantic calls a list too short whose elements are all wrong
-            if not (detail["type"] == "too_short" and any(k.startswith(f"{key}[") for k in lines)):
-                lines.setdefault(key, line)
-    return list(lines.values())
+            if not (
+                detail["type"] == "too_short"
+                and any(key.startswith(f"{problem.key}[") for key in problems)
+            ):
+                problems.setdefault(problem.key, problem)
+    return list(problems.values())
 
 
-def _line(detail: ErrorDetails, model: type[BaseModel]) -> tuple[str, str]:
-    names, field, rest = _locate(detail["loc"], model)
-    key = ".".join(names)
+def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:
+    names, field, remaining = _locate(detail["loc"], model)
+    key, value = ".".join(names), detail["input"]
     if detail["type"] == "extra_forbidden":
-        return key, unknown_key(key, model)
+        return unknown_key(key, model)
     if field is None:
-        return key, f"{shown(detail['input'])} must be a table"
-    indices = list(takewhile(lambda part: isinstance(part, int), rest))
-    words = allowed(field)
+        return Problem(f"{as_text(value)} must be a table", key, value, "a table")
+    indices = list(takewhile(lambda part: isinstance(part, int), remaining))
+    text = allowed(field)
     if detail["type"] == "missing":
         if not indices:
-            return key, f"{key} is missing; it must be {words}"
-        indices.pop()  # an element is missing: what was given is the list that lacks it
+            return Problem(f"{key} is missing; it must be {text}", key, None, text)
+        indices.pop()  # an element is missing: `value` is the list that lacks it
     element = key + "".join(f"[{index}]" for index in indices)
-    where = f"{key} must be" if indices else "it must be"
-    return (
-        key if not indices else element,
-        f"{element} is {shown(detail['input'])}; {where} {words}",
-    )
+    subject = f"{key} must be" if indices else "it must be"
+    return Problem(f"{element} is {as_text(value)}; {subject} {text}", element, value, text)
 
 
 def _locate(
     location: tuple[int | str, ...], model: type[BaseModel]
 ) -> tuple[list[str], FieldInfo | None, tuple[int | str, ...]]:
-    """Names down to a key, the field found there, and what is left of the location."""
+    """Names down to a key, the field of that key, and the remaining location."""
     names: list[str] = []
     field: FieldInfo | None = None
     table: type[BaseModel] | None = model
@@ -99,40 +167,73 @@ def _locate(
     return names, field, ()
 
 
+def unknown_key(key: str, model: type[BaseModel]) -> Problem:
+    """Problem of a key that does not exist, with the key that was probably meant."""
+    keys = known_keys(model)
+    table, _, leaf = key.rpartition(".")
+    siblings = [other for other in keys if other.rpartition(".")[0] == table]
+    namesakes = [other for other in keys if other.rpartition(".")[2] == leaf]
+    meant = (
+        _closest_leaf(leaf, siblings)
+        or closest(key, namesakes)
+        or next(iter(namesakes), None)
+        or _closest_leaf(leaf, keys)
+    )
+    if meant:
+        return Problem(f"unknown key '{key}'; did you mean '{meant}'?", key)
+    if table and not siblings:
+        return unknown_key(table, model)
+    names = ", ".join(other.rpartition(".")[2] for other in siblings)
+    scope = f"of [{table}]" if table else "here"
+    custom = "; those of a 'module:function' belong in [hazard.parameters]"
+    return Problem(
+        f"unknown key '{key}'; the keys {scope} are {names}{custom if table == 'hazard' else ''}",
+        key,
+    )
+
+
+def _closest_leaf(leaf: str, keys: Iterable[str]) -> str | None:
+    by_leaf = {key.rpartition(".")[2]: key for key in keys}
+    return by_leaf.get(closest(leaf, by_leaf) or "")
+
+
+# --- the schema
+
+
 def fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
     """Fields of a model by the names that files use."""
     return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
 def subtable(field: FieldInfo) -> type[BaseModel] | None:
-    """Model of a field that is a table of its own."""
+    """Model of a field that is a table, else None."""
     kind = field.annotation
     return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
 
 
 def allowed(field: FieldInfo) -> str:
-    """Words for what a field may hold."""
+    """Values that a field may have, as text."""
     table = subtable(field)
     if table is not None:
         return f"a table with the keys {', '.join(fields(table))}"
-    words = _words([*field.metadata, field.annotation])
-    assert words is not None, field
-    return words
+    text = _allowed_text([*field.metadata, field.annotation])
+    assert text is not None, field
+    return text
 
 
-def _words(annotations: Iterable[Any]) -> str | None:
+def _allowed_text(annotations: Iterable[Any]) -> str | None:
     for annotation in annotations:
         if isinstance(annotation, Allowed):
-            return annotation.words
-        # innermost last: the metadata of Annotated say it better than the type they annotate
-        found = _words(reversed(get_args(annotation)))
-        if found:
-            return found
+            return annotation.text
+        # innermost last: the metadata of Annotated are more specific than the annotated type
+        text = _allowed_text(reversed(get_args(annotation)))
+        if text:
+            return text
     return None
 
 
 def known_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
-    """All keys of a model and of its tables, dotted."""
+    """All dotted keys of a model and of its tables."""
     keys: list[str] = []
     for name, field in fields(model).items():
         keys.append(prefix + name)
@@ -140,27 +241,3 @@ def known_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
         if table is not None:
             keys += known_keys(table, f"{prefix}{name}.")
     return keys
-
-
-def unknown_key(key: str, model: type[BaseModel]) -> str:
-    """Line for a key that does not exist, with the one that was probably meant."""
-    known = known_keys(model)
-    table, _, leaf = key.rpartition(".")
-    siblings = [other for other in known if other.rpartition(".")[0] == table]
-    namesakes = [other for other in known if other.rpartition(".")[2] == leaf]
-    meant = (
-        _nearest_leaf(leaf, siblings)
-        or nearest(key, namesakes)
-        or next(iter(namesakes), None)
-        or _nearest_leaf(leaf, known)
-    )
-    if meant:
-        return f"unknown key '{key}'; did you mean '{meant}'?"
-    names = ", ".join(other.rpartition(".")[2] for other in siblings or known)
-    own = "; those of a 'module:function' stand in [hazard.parameters]" if table == "hazard" else ""
-    return f"unknown key '{key}'; the keys {f'of [{table}]' if table else 'here'} are {names}{own}"
-
-
-def _nearest_leaf(leaf: str, keys: Iterable[str]) -> str | None:
-    by_leaf = {key.rpartition(".")[2]: key for key in keys}
-    return by_leaf.get(nearest(leaf, by_leaf) or "")

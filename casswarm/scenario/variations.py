@@ -1,4 +1,4 @@
-"""Changing parameters of a scenario, two of which are no keys of it: n and spacing."""
+"""Parameters of a scenario that can be varied: its keys, and two derived ones, n and spacing."""
 
 from __future__ import annotations
 
@@ -10,65 +10,92 @@ import numpy as np
 
 from ..errors import ScenarioError
 from ..typing import FloatArray
+from .validation import Problem, as_text, scenario_error
 
 if TYPE_CHECKING:
     from . import Scenario
 
 
+PARAMETER_PREFIX = "hazard.parameters."
+
+
 def with_parameters(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
-    """Copy of the scenario with other values, among them those of `SPECIAL`.
+    """Copy of the scenario with other values, by key or by a name of `DERIVED`.
 
     Raises
     ------
     ScenarioError
-        Values that are wrong.
+        Invalid values.
     """
-    plain = {key: value for key, value in values.items() if key not in SPECIAL}
-    changed = scenario.with_values(plain) if plain else scenario
-    for key in SPECIAL:
+    keys = {key: value for key, value in values.items() if key not in DERIVED}
+    changed = scenario.with_values(keys) if keys else scenario
+    for key in DERIVED:
         if key in values:
-            places = SPECIAL[key](changed.positions, values[key])
-            changed = changed.with_values({"swarm.positions": places.tolist()})
+            positions = DERIVED[key](changed.positions, values[key])
+            changed = changed.with_values({"swarm.positions": positions.tolist()})
     return changed
 
 
+def set_value(data: dict[str, Any], key: str, value: object) -> None:
+    """Set a value at a dotted key of nested tables; None removes the key."""
+    if key.startswith(PARAMETER_PREFIX):  # whose names may hold dots
+        tables, leaf = ["hazard", "parameters"], key.removeprefix(PARAMETER_PREFIX)
+    else:
+        *tables, leaf = key.split(".")
+    table = data
+    for name in tables:
+        table = table.setdefault(name, {})
+        if not isinstance(table, dict):
+            message = f"{key} cannot be set: {name} is {as_text(table)}, not a table of keys"
+            raise scenario_error("values that do not fit together", [Problem(message, key)])
+    table.pop(leaf, None)
+    if value is not None:
+        table[leaf] = value
+
+
 def _with_members(positions: FloatArray, n: Any) -> FloatArray:
+    """The first n members, or more members at the nearest free points of a triangular lattice."""
     if not (isinstance(n, int) and n >= 1):
-        raise ScenarioError(f"n = {n!r}; allowed: whole numbers from 1")
+        raise ScenarioError(f"n = {n!r}; allowed: whole numbers from 1", key="n", value=n)
     if n <= len(positions):
         return positions[:n]
-    distance = (_nearest(positions) if len(positions) > 1 else 0.0) or 0.5
+    spacing = (_min_distance(positions) if len(positions) > 1 else 0.0) or 0.5
     reach = math.ceil(math.sqrt(n)) + 2
     steps = np.arange(-2 * reach, 2 * reach + 1)
-    east, north = (part.ravel() for part in np.meshgrid(steps, steps))
-    lattice = distance * np.stack([east + 0.5 * north, 0.75**0.5 * north], axis=1)
+    i, j = (axis.ravel() for axis in np.meshgrid(steps, steps))
+    lattice = spacing * np.stack([i + 0.5 * j, 0.75**0.5 * j], axis=1)
     lattice = lattice[np.lexsort((lattice[:, 1], lattice[:, 0], np.hypot(*lattice.T).round(9)))]
-    places = list(positions)
-    for place in lattice + positions.mean(axis=0):
-        if len(places) == n:
+    members = list(positions)
+    for point in lattice + positions.mean(axis=0):
+        if len(members) == n:
             break
-        if np.hypot(*(np.array(places) - place).T).min() > 0.5 * distance:
-            places.append(place)
-    return np.array(places)
+        if np.hypot(*(np.array(members) - point).T).min() > 0.5 * spacing:
+            members.append(point)
+    return np.array(members)
 
 
 def _with_spacing(positions: FloatArray, spacing: Any) -> FloatArray:
+    """Positions scaled about their centroid."""
     if not (isinstance(spacing, (int, float)) and 0 < spacing < math.inf):
-        raise ScenarioError(f"spacing = {spacing!r}; allowed: finite numbers above 0")
-    if len(positions) < 2 or _nearest(positions) == 0:
-        raise ScenarioError("spacing needs two members at different places")
+        raise ScenarioError(
+            f"spacing = {spacing!r}; allowed: finite numbers above 0", key="spacing", value=spacing
+        )
+    if len(positions) < 2 or _min_distance(positions) == 0:
+        raise ScenarioError(
+            "spacing needs at least two members, at distinct positions", key="spacing"
+        )
     center = positions.mean(axis=0)
-    return np.asarray(center + (positions - center) * (spacing / _nearest(positions)))
+    return np.asarray(center + (positions - center) * (spacing / _min_distance(positions)))
 
 
-def _nearest(positions: FloatArray) -> float:
-    """Distance of the nearest two."""
-    apart = np.hypot(*(positions[:, None] - positions[None]).transpose(2, 0, 1))
-    return float(apart[~np.eye(len(positions), dtype=bool)].min())
+def _min_distance(positions: FloatArray) -> float:
+    """Smallest distance between two members."""
+    distances = np.hypot(*(positions[:, None] - positions[None]).transpose(2, 0, 1))
+    return float(distances[~np.eye(len(positions), dtype=bool)].min())
 
 
-SPECIAL: dict[str, Callable[[FloatArray, Any], FloatArray]] = {
+DERIVED: dict[str, Callable[[FloatArray, Any], FloatArray]] = {
     "n": _with_members,
     "spacing": _with_spacing,
 }
-"""Parameters that are no keys of a scenario."""
+"""Parameters that are not keys of a scenario."""

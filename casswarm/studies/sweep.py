@@ -17,7 +17,7 @@ import pandas as pd
 
 from .._util.parallel import Workers, checked_workers, done_jobs, require_sendable
 from ..errors import ScenarioError
-from ..scenario.variations import SPECIAL
+from ..scenario.variations import DERIVED
 from .checkpoint import Checkpoint, IfExists
 from .simulation import PAPER_POLICIES, distinct_policies
 from .sweep_points import Options, SweepPoint
@@ -164,14 +164,14 @@ def _require_known(scenario: Scenario, settings: Mapping[str, Sequence[Any]]) ->
     for key, values in settings.items():
         if isinstance(values, str) or not len(values):
             raise ScenarioError(f"{key} has no values: give a list of them, such as [0.05, 0.1]")
-    if "swarm.positions" in settings and SPECIAL.keys() & settings.keys():
+    if "swarm.positions" in settings and DERIVED.keys() & settings.keys():
         raise ScenarioError("swarm.positions cannot be swept together with n or spacing")
-    for key in settings.keys() - SPECIAL.keys():
+    for key in settings.keys() - DERIVED.keys():
         try:
             scenario.with_values({key: settings[key][0]})
         except ScenarioError as error:
             if "no such key" in str(error):
-                hint = f"; beyond its keys there are {' and '.join(SPECIAL)}"
+                hint = f"; beyond its keys there are {' and '.join(DERIVED)}"
                 raise ScenarioError(f"{error}{hint}") from error
 
 

@@ -165,7 +165,7 @@ def test_scenarios_can_be_built_in_python() -> None:
 def test_building_in_python_raises_the_same_errors() -> None:
     text = message(Swarm, positions=[], v_max=-1.0, a_mx=3)
     assert text.splitlines() == [
-        "this Swarm is wrong:",
+        "invalid Swarm:",
         "  positions is []; it must be a list of [x, y] pairs of numbers, one for each member, "
         "at least one",
         "  v_max is -1.0; it must be a number above 0 (from 1e-09 to 1e+09)",
@@ -252,4 +252,4 @@ def test_with_values_names_the_wrong_key(paper: Scenario) -> None:
     text = message(paper.with_values, {"formation.rho": "wide"})
     assert "formation.rho is 'wide'; it must be a number above 0" in text
     text = message(paper.with_values, {"swarm": 3, "swarm.v_max": 1.0})
-    assert "swarm.v_max cannot be set: swarm was given as 3" in text
+    assert "swarm.v_max cannot be set: swarm is 3, not a table of keys" in text

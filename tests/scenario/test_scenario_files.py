@@ -73,7 +73,7 @@ def test_a_binary_file_says_so(tmp_path: Path) -> None:
     path = tmp_path / "binary.toml"
     path.write_bytes(b"name = \xff\xfe\x00")
     text = message(load_scenario, path)
-    assert f"{path} is not a text in UTF-8 (byte 7); save it as" in text
+    assert f"{path} is not text in UTF-8 (byte 7); save it as" in text
 
 
 @pytest.mark.parametrize("text", ["", "\n\n", "# nothing yet\n"])
@@ -133,7 +133,7 @@ def test_unknown_table_suggests_the_nearest(file: Callable[..., Path]) -> None:
 def test_several_errors_are_listed_one_a_line(file: Callable[..., Path]) -> None:
     path = file(("v_max = 2.0", 'v_max = "2"'), ("dt = 0.33", "dt = -1"), ("alpha_1 = 4.0\n", ""))
     assert message(load_scenario, path).splitlines() == [
-        f"scenario file {path} is wrong:",
+        f"scenario file {path} is invalid:",
         "  swarm.v_max is '2'; it must be a number above 0 (from 1e-09 to 1e+09)",
         "  time.dt is -1; it must be a number above 0 (from 1e-09 to 1e+09)",
         "  hazard.alpha_1 is missing; kind 'saturation' needs it: a number above 0 "

@@ -127,8 +127,8 @@ def test_a_module_is_found_beside_the_scenario_file(
 def test_a_hazard_that_fails_names_the_file_and_the_key(file: Callable[..., Path]) -> None:
     path = file(('"saturation"', f'"{__name__}:constant_rate"'))
     text = message(load_scenario, path)
-    assert f"scenario file {path} is wrong:" in text
-    assert "hazard.alpha_1 is no key of a 'module:function' kind; write it as" in text
+    assert f"scenario file {path} is invalid:" in text
+    assert "hazard.alpha_1 is not a key of a 'module:function' kind; write it as" in text
     assert "hazard.parameters.alpha_1" in text
     for kind, reason in [
         ("no_such_module:rate", "cannot import the module 'no_such_module'"),
@@ -145,7 +145,7 @@ def test_parameters_are_plain_values(paper: Scenario) -> None:
     text = message(paper.with_hazard, constant_rate, rate=object(), alive=1)
     assert "hazard.parameters.rate is <object object" in text
     assert "must be a table of numbers, texts, true or false, or lists of these" in text
-    assert "hazard.parameters.alive is given to the function anyway" in text
+    assert "hazard.parameters.alive is reserved" in text
     assert "hazard.parameters.rate is nan" in message(
         paper.with_hazard, constant_rate, rate=math.nan
     )
@@ -162,9 +162,9 @@ def test_unknown_kind_suggests_the_nearest(paper: Scenario) -> None:
 
 def test_keys_of_another_kind_are_refused(paper: Scenario) -> None:
     text = message(paper.with_values, {"hazard.beta_1": 0.2})
-    assert "hazard.beta_1 is no key of kind 'saturation'; remove it, or choose kind" in text
+    assert "hazard.beta_1 is not a key of kind 'saturation'; remove it, or choose kind" in text
     text = message(paper.with_values, {"hazard.parameters.a": 1})
-    assert "hazard.parameters is no key of kind 'saturation'" in text
+    assert "hazard.parameters is not a key of kind 'saturation'" in text
 
 
 @pytest.mark.parametrize("key", ["alpha_1", "alpha_2", "alpha_3", "beta_1", "beta_2"])
