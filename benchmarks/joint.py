@@ -25,14 +25,10 @@ import casswarm as csw
 from casswarm import Scenario, SwarmPlan
 from casswarm.optimization.problem import Nlp
 from casswarm.optimization.solvers import Ipopt
-from casswarm.planning.joint.distribution import PlanDistribution
-from casswarm.planning.joint.initial_guesses import SwarmStart
-from casswarm.planning.joint.optimize import joint_task
-from casswarm.planning.joint.replan import PlanTree
-from casswarm.planning.joint.solve import JointProblem
+from casswarm.planning.joint import InitialGuess, JointProblem, PlanDistribution, PlanTree
 from casswarm.policies import JointPolicy, ReplanningPolicy
 from casswarm.problems.joint import JointForm, joint_nlp
-from casswarm.problems.joint_instances import joint_instance
+from casswarm.problems.joint_instances import JointTask, joint_instance
 
 SCENARIOS = ("paper-1", "paper-2", "ring", "wall", "crossfire", "gauntlet", "single-agent")
 MEMBERS = {"paper-1": (2, 3, 4, 5, 6, 7, 8, 9, 10), "paper-2": (2, 3, 4, 5, 6, 7, 8)}
@@ -73,11 +69,11 @@ def sizes(quick: bool) -> Iterable[Row]:
         for n in (2, 3, 4, 5) if quick else MEMBERS[name]:
             scenario = around(name, n)
             found, clock, cpu = timed(partial(csw.plan_swarm, scenario))
-            assert found.law is not None
+            assert found.distribution is not None
             yield (
                 name,
                 n,
-                f"{found.law.failure:.3g}",
+                f"{found.distribution.failure:.3g}",
                 f"{found.bound.failure:.3g}" if found.bound else "-",
                 found.solution.status,
                 f"{1000 * gradient_seconds(scenario):.2f} ms",
@@ -89,7 +85,7 @@ def instance_of(scenario: Scenario) -> tuple[Nlp, np.ndarray, np.ndarray]:
     """The program of a scenario, with variables and parameters."""
     form = JointForm(scenario.n, scenario.n_steps)
     nlp = joint_nlp(scenario.hazard, form)
-    task = joint_task(scenario, np.zeros((scenario.n, 2)))
+    task = JointTask.from_scenario(scenario, np.zeros((scenario.n, 2)))
     arrivals = np.full(scenario.n, scenario.n_steps)
     ways = np.full((scenario.n_steps, scenario.n, 2), 0.8)
     instance = joint_instance(nlp, form, task, arrivals, ways)
@@ -147,7 +143,7 @@ def surrogate(quick: bool) -> Iterable[Row]:
     for name in ("paper-1", "paper-2"):
         for n in (2, 5) if quick else (2, 4, 6, 8, 10):
             scenario = around(name, n).with_values({"hazard.alpha_1": 12.0})
-            exact = csw.plan_swarm(scenario, starts=["formations"])
+            exact = csw.plan_swarm(scenario, initial_guesses=["formations"])
             told, worth = by_mean_field(scenario, exact)
             yield name, n, f"{exact.value:.5f}", f"{told:.5f}", f"{worth:.5f}"
 
@@ -155,14 +151,14 @@ def surrogate(quick: bool) -> Iterable[Row]:
 def by_mean_field(scenario: Scenario, exact: SwarmPlan) -> tuple[float, float]:
     """What the mean field says of a plan, and what maximising it from there is worth exactly."""
     form = JointForm(scenario.n, scenario.n_steps, False)
-    task = joint_task(scenario, exact.before)
+    task = JointTask.from_scenario(scenario, exact.initial_velocities)
     problem = JointProblem(scenario, task, form)
     instance = joint_instance(problem.nlp, form, task, exact.arrivals, exact.velocities)
     odds = float(problem.nlp.evaluate(instance.x0[0], instance.p[0])[0])
     solver = Ipopt(1e-5, 500, hessian="limited-memory", memory=20, constraint_tolerance=1e-8)
-    start = SwarmStart("", exact.arrivals, exact.velocities)
-    found = problem.solved(start, solver)
-    law = PlanDistribution.of(scenario, problem.positions(found.velocities))
+    start = InitialGuess("", exact.arrivals, exact.velocities)
+    found = problem.solve(start, solver)
+    law = PlanDistribution.from_positions(scenario, problem.positions(found.velocities))
     return 1 / (1 + math.exp(odds)), 1 - law.failure
 
 
@@ -171,7 +167,7 @@ def feedback(quick: bool) -> Iterable[Row]:
     for name in ("gauntlet",) if quick else ("paper-1", "paper-2", "ring", "wall", "gauntlet"):
         scenario = csw.load_scenario(name)
         first = csw.plan_swarm(scenario)
-        tree = PlanTree.of(scenario, first)
+        tree = PlanTree.from_plan(scenario, first)
         used = time.process_time()
         law = csw.evaluate(scenario, ReplanningPolicy(tree, JointPolicy.from_plan(first)), 1e-4)
         yield (

@@ -17,7 +17,7 @@ from .options import (
     options,
     seed_option,
 )
-from .output import Folder, aligned, named_tasks, open_folder, print_result, progress_report, say
+from .output import Folder, aligned, open_folder, print_result, progress_report, say
 
 if TYPE_CHECKING:
     from ..chain.distribution import OutcomeDistribution
@@ -79,7 +79,7 @@ def evaluate(
         from ..studies.evaluation import evaluate as evaluate_exactly
 
         folder = open_folder("evaluate", chosen, common, figures)
-        guide = plan(chosen, certify=False, progress=named_tasks(progress, "optimizing"))
+        guide = plan(chosen, certify=False, progress=progress)
         shared: dict[str, Any] = {**asdict(exact), "guide": guide, "solver": policies.solver}
         shared["progress"] = progress
         laws, estimates = [], []

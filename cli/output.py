@@ -219,11 +219,6 @@ def progress_report(quiet: bool) -> Iterator[Any]:
         yield report
 
 
-def named_tasks(progress: Any, verb: str) -> Callable[[str], None]:
-    """Progress of tasks that are only named."""
-    return lambda task: progress(f"{verb}: {task}") if progress is not None else None
-
-
 def say(text: str, quiet: bool = False) -> None:
     """Print a line on standard error."""
     if not quiet:

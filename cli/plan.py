@@ -16,11 +16,10 @@ from .options import (
     option,
     options,
 )
-from .output import Folder, named_tasks, open_folder, print_result, progress_report
+from .output import Folder, open_folder, print_result, progress_report
 
 if TYPE_CHECKING:
-    from ..planning.bounds.outlook import CostToGoMap
-    from ..planning.bounds.value_function import ValueFunction
+    from ..planning.bounds import CostToGoMap, ValueFunction
     from ..planning.guide import Guide
     from ..scenario import Scenario
 
@@ -116,19 +115,19 @@ def plan(
         )
     with reported_errors(), progress_report(common.quiet) as progress:
         chosen = load(scenario, common.settings, planning.values)
-        from ..planning.bounds.value_function import ValueFunction
+        from ..planning.bounds import ValueFunction
         from ..planning.plan import plan as plan_guide
 
         folder = open_folder("plan", chosen, common, figures)
         # first, since it may need too many nodes
-        value = ValueFunction.of(chosen) if bound.with_map else None
+        value = ValueFunction.from_scenario(chosen) if bound.with_map else None
         guide = plan_guide(
             chosen,
             planning.solver,
             certify=bound.certify,
             gap=bound.gap,
             time_limit=bound.time_limit,
-            progress=named_tasks(progress, "optimizing"),
+            progress=progress,
         )
         baseline = _globally_planned(chosen, guide) if reference else None
         content = _write(folder, chosen, guide, baseline, value, planning.solver)
@@ -160,21 +159,26 @@ def _write(
     value: ValueFunction | None,
     solver: str,
 ) -> dict[str, object]:
-    from ..planning.guide import integrate
+    from ..planning.kinematics import integrate
+    from ..planning.tables import (
+        candidate_table,
+        guide_comparison_table,
+        guide_table,
+        path_table,
+    )
     from ..results.catalogue import plan_figures
-    from ..studies.tables import candidate_table, guide_table, path_table, rival_table
 
     folder.table("guide", guide_table(guide))
     folder.table("candidates", candidate_table(guide))
     paths = {
-        f"{best.sides or 'path'} {number}": integrate(guide.positions[0], best.velocities, guide.dt)
-        for number, best in enumerate(guide.ways())
+        f"{best.homotopy or 'path'} {number}": integrate(guide.positions[0], best.velocities, guide.dt)
+        for number, best in enumerate(guide.best_per_homotopy_class())
     }
     guides = {} if baseline is None else {"projected gradient": guide, "global search": baseline}
     compared = {name: compared.positions for name, compared in guides.items()}
     folder.table("paths", path_table({"way": paths, "rival": compared}))
     if guides:
-        folder.table("comparison", rival_table(guides))
+        folder.table("comparison", guide_comparison_table(guides))
     cost_to_go = None if value is None else _cost_to_go(scenario, guide, value)
     if cost_to_go is not None:
         folder.arrays("cost-to-go", cost_to_go.arrays())
@@ -198,9 +202,11 @@ def _write(
 
 def _cost_to_go(scenario: Scenario, guide: Guide, value: ValueFunction) -> CostToGoMap:
     from ..figures.base_map import extent
-    from ..planning.bounds.outlook import CostToGoMap
+    from ..planning.bounds import CostToGoMap
 
-    return CostToGoMap.of(value, *extent(scenario, [guide.positions, scenario.positions]))
+    return CostToGoMap.from_value_function(
+        value, *extent(scenario, [guide.positions, scenario.positions])
+    )
 
 
 def _text(scenario: Scenario, guide: Guide, baseline: Guide | None) -> str:
@@ -234,14 +240,14 @@ def _counted(count: int, noun: str) -> str:
 
 def _homotopy_classes(guide: Guide) -> list[str]:
     """The best path of every homotopy class, unless there is only one class."""
-    paths = guide.ways()
-    if len(paths) < 2 or not paths[0].sides:
+    paths = guide.best_per_homotopy_class()
+    if len(paths) < 2 or not paths[0].homotopy:
         return []
-    signatures = [candidate.sides for candidate in guide.candidates]
+    signatures = [candidate.homotopy for candidate in guide.candidates]
     lines = ["best path of each homotopy class (L, R: each radar is on its left or right):"]
     lines += [
-        f"  {path.sides}  survival {math.exp(-path.risk):.4f}, risk {path.risk:.4f}, "
-        f"step {len(path.velocities)} ({_counted(signatures.count(path.sides), 'solve')})"
+        f"  {path.homotopy}  survival {math.exp(-path.risk):.4f}, risk {path.risk:.4f}, "
+        f"step {len(path.velocities)} ({_counted(signatures.count(path.homotopy), 'solve')})"
         for path in paths[:_MAX_CLASSES]
     ]
     if len(paths) > _MAX_CLASSES:

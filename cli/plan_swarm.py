@@ -15,7 +15,7 @@ from .options import (
     options,
     seed_option,
 )
-from .output import Folder, aligned, named_tasks, open_folder, print_result, progress_report
+from .output import Folder, aligned, open_folder, print_result, progress_report, say
 
 if TYPE_CHECKING:
     from ..chain.stratified import Estimate
@@ -84,9 +84,7 @@ def plan_swarm(
         from ..studies.evaluation import estimate
 
         folder = open_folder("plan-swarm", chosen, common, figures)
-        tasks = named_tasks(progress, "optimizing")
-        tasks("guide, for the initial velocities")
-        guide = plan(chosen, certify=False)
+        guide = plan(chosen, certify=False, progress=progress)  # for the initial velocities
         swarm_plan = plan_all(
             chosen,
             planning.objective,
@@ -95,11 +93,11 @@ def plan_swarm(
             min_distance=planning.min_distance,
             time_limit=planning.time_limit,
             guide=guide,
-            progress=tasks,
+            progress=progress,
         )
         sampled = None
-        if swarm_plan.law is None:
-            named_tasks(progress, "simulating")(f"{_RUNS} runs")
+        if swarm_plan.distribution is None:
+            say(f"simulating: {_RUNS} runs", common.quiet)
             policy = JointPolicy.from_plan(swarm_plan)
             sampled = estimate(chosen, policy, _RUNS, planning.seed, guide=guide)
         content = _write(folder, chosen, swarm_plan, sampled, asdict(planning))
@@ -114,21 +112,22 @@ def _write(
     inputs: dict[str, Any],
 ) -> dict[str, Any]:
     from ..results.catalogue import swarm_plan_figures
-    from ..studies.tables import estimate_table, joint_table, outcome_table
+    from ..planning.tables import joint_table, outcome_table
+    from ..studies.tables import estimate_table
 
     folder.table("joint", joint_table(plan))
     folder.table("outcomes", outcome_table(plan))
     labels = _labels(plan, sampled)
-    law = plan.law
-    survival = None if law is None else law.survival
+    distribution = plan.distribution
+    survival = None if distribution is None else distribution.survival
     folder.draw(swarm_plan_figures(scenario, plan.positions, survival, *labels))
     result: dict[str, Any] = {
         "objective": plan.objective,
         "value": plan.value,
         "success": plan.success,
-        "failure": None if law is None else law.failure,
-        "arrivals_mean": None if law is None else law.arrivals_mean,
-        "survivors_mean": None if law is None else law.survivors_mean,
+        "failure": None if distribution is None else distribution.failure,
+        "arrivals_mean": None if distribution is None else distribution.arrivals_mean,
+        "survivors_mean": None if distribution is None else distribution.survivors_mean,
         "estimate": None if sampled is None else estimate_table([sampled]).to_dict("records")[0],
         "success_bound": None if plan.bound is None else plan.bound.as_dict(),
         "arrivals": plan.arrivals,
@@ -137,7 +136,7 @@ def _write(
         "outcomes": [outcome.as_row() for outcome in plan.outcomes],
         "positions": plan.positions,
         "velocities": plan.velocities,
-        "before": plan.before,
+        "initial_velocities": plan.initial_velocities,
         "seconds": plan.seconds,
         "labels": labels,
     }
@@ -150,8 +149,8 @@ def _labels(plan: SwarmPlan, sampled: Estimate | None) -> tuple[str, str]:
         low, high = sampled.success
         success = f"{low:.4f} to {high:.4f} ({sampled.level:.0%})"
     else:
-        assert plan.law is not None
-        success = f"{1 - plan.law.failure:.6g}"
+        assert plan.distribution is not None
+        success = f"{1 - plan.distribution.failure:.6g}"
     certified = plan.bound is not None and plan.bound.certified
     return success, str(plan.bound) if certified else ""
 
@@ -161,11 +160,11 @@ def _text(scenario: Scenario, plan: SwarmPlan, sampled: Estimate | None) -> str:
         f"{scenario.name}: {scenario.n} members, {scenario.n_steps} steps of {scenario.time.dt:g}",
         str(plan),
     ]
-    if plan.success is not None and plan.law is not None:
+    if plan.success is not None and plan.distribution is not None:
         low, high = plan.success
         lines.append(
             f"exact success probability from {low:.12f} to {high:.12f}; on average "
-            f"{plan.law.survivors_mean:.3f} members alive and {plan.law.arrivals_mean:.3f} in the "
+            f"{plan.distribution.survivors_mean:.3f} members alive and {plan.distribution.arrivals_mean:.3f} in the "
             "target at the end of a run"
         )
     if sampled is not None:
@@ -180,7 +179,7 @@ def _initial_guesses(plan: SwarmPlan) -> str:
     header = ("initial guess", plan.objective, "status", "iterations", "violation", "seconds")
     rows = [
         (
-            outcome.origin,
+            outcome.start,
             f"{outcome.value:.6f}",
             str(outcome.solution.status),
             f"{outcome.solution.iterations}",
@@ -193,7 +192,7 @@ def _initial_guesses(plan: SwarmPlan) -> str:
 
 
 def _members(plan: SwarmPlan) -> str:
-    alive = None if plan.law is None else plan.law.survival[-1]
+    alive = None if plan.distribution is None else plan.distribution.survival[-1]
     header = ("member", "arrival step", "alive at the end")
     rows = [
         (

@@ -22,7 +22,6 @@ from .options import (
 from .output import (
     Folder,
     aligned,
-    named_tasks,
     open_folder,
     print_result,
     progress_report,
@@ -109,7 +108,7 @@ def simulate(
         from ..studies.simulation import simulate as run_study
 
         folder = open_folder("simulate", chosen, common, figures, RESUME)
-        guide = plan(chosen, progress=named_tasks(progress, "optimizing"))
+        guide = plan(chosen, progress=progress)
         chosen_policies = named_policies(policies.policies)
         shared: dict[str, Any] = {"guide": guide, "solver": policies.solver}
         runs = sampling.runs or 1000
@@ -150,7 +149,8 @@ def _write(
     folder: Folder, study: Study, bound: SuccessBound, inputs: dict[str, Any]
 ) -> dict[str, Any]:
     from ..results.catalogue import simulation_figures
-    from ..studies.tables import guide_table, trace_table
+    from ..planning.tables import guide_table
+    from ..studies.tables import trace_table
 
     scenario, guide = study.scenario, study.guide
     folder.table("summary", study.summary)

@@ -39,7 +39,7 @@ print("local: ", guide)
 print("global:", around)
 
 # %%
-guide_map(scenario, around, around.ways())
+guide_map(scenario, around, around.best_per_homotopy_class())
 
 # %% [markdown]
 # Every solution is verified by residuals that are recomputed from the problem, whatever status the

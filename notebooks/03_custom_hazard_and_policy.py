@@ -85,7 +85,7 @@ guide = csw.plan(scenario)
 print(guide)
 
 # %%
-guide_map(scenario, guide, guide.ways())
+guide_map(scenario, guide, guide.best_per_homotopy_class())
 
 # %% [markdown]
 # A single agent has little chance, on either side: both paths are almost equally good.
@@ -118,11 +118,14 @@ swarm_map(scenario, study.trajectories["leader"][0], guide)
 # along the guide together; the other sends half of the swarm along the best path on the other side.
 
 # %%
-from casswarm.planning.guide import integrate
+from casswarm.planning.kinematics import integrate
 from casswarm.problems.formation import Motion
 
 motion = Motion.from_scenario(scenario)
-paths = [integrate(guide.positions[0], way.velocities, guide.dt) for way in guide.ways()[:2]]
+paths = [
+    integrate(guide.positions[0], way.velocities, guide.dt)
+    for way in guide.best_per_homotopy_class()[:2]
+]
 
 
 def along(path, step, positions, previous_velocities):

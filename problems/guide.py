@@ -1,4 +1,4 @@
-"""The guide: the path of a lone agent to the target with the least risk.
+"""The guide: the path of a single agent to the target with the least risk.
 
 The paper's section III as a nonlinear program, by direct multiple shooting:
 
@@ -6,12 +6,13 @@ The paper's section III as a nonlinear program, by direct multiple shooting:
     over        X(1..T), V(0..T-1)
     subject to  X(t+1) = X(t) + dt V(t)                    equation (3)
                 -v_max <= V(t) <= v_max                     equation (4)
-                ||V(t) - V(t-1)||^2 <= a_max                acceleration_limited: members can follow it
+                ||V(t) - V(t-1)||^2 <= a_max                if acceleration_limited
                 ||X(T) - c||^2 <= (radius - margin)^2
 
-The paper writes *min* exp(-sum) + gamma d, a slip of sign: survival is to be maximised, and the
-risk, minus its logarithm, is the better scaled objective. V(-1) is a parameter, with a limit of its
-own; infinite where the guide may start with any velocity. `ROOM` is taken off the squared limits.
+The paper writes *min* exp(-sum) + gamma d, which has a wrong sign: survival is to be maximised, and
+the risk, minus its logarithm, is the better scaled objective. V(-1) is a parameter, and the change
+from it has its own limit, infinite if the guide may start with any velocity. The squared limits are
+tightened by `TIGHTENING`.
 
 One program with `horizon` steps serves every arrival step T <= horizon: the risk of the steps after
 T has weight zero, and their velocities are fixed at zero.
@@ -21,17 +22,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..hazard import Hazard
 from ..optimization.problem import Instances, Nlp
 from ..typing import FloatArray
 
-ROOM = 1e-7
-"""How much of a squared limit a solve leaves: its answers are as exact as its tolerance, and the
-limits of those who follow them, and the target's edge, are exact."""
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+TIGHTENING = 1e-7
+"""Relative tightening of squared limits, so that solutions within a solver's tolerance satisfy the
+exact limits of the chain."""
 
 UNROLL = 3000
 """Steps times radars up to which scalar expressions are faster."""
@@ -42,18 +48,19 @@ def guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
     """The program above for arrival at any step up to `horizon`."""
     X = ca.MX.sym("positions", 2, horizon)
     V = ca.MX.sym("velocities", 2, horizon)
-    start, before, center = (ca.MX.sym(name, 2) for name in ("start", "before", "center"))
+    start, center = ca.MX.sym("start", 2), ca.MX.sym("center", 2)
+    initial_velocity = ca.MX.sym("initial_velocity", 2)
     weights, origin = ca.MX.sym("weights", 1, horizon), ca.MX.sym("origin", 2)
     dt, length, clock = (ca.MX.sym(name) for name in ("dt", "length", "clock"))
-    places = ca.repmat(origin, 1, horizon) + length * X
-    earlier = ca.horzcat(start, X[:, :-1])
-    change = V - ca.horzcat(before, V[:, :-1])
+    points = ca.repmat(origin, 1, horizon) + length * X
+    previous = ca.horzcat(start, X[:, :-1])
+    change = V - ca.horzcat(initial_velocity, V[:, :-1])
     return Nlp(
         name=f"guide[{horizon}]",
         variables={"positions": X, "velocities": V},
         parameters={
             "start": start,
-            "before": before,
+            "initial_velocity": initial_velocity,
             "center": center,
             "weights": weights,
             "dt": dt,
@@ -61,9 +68,9 @@ def guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
             "length": length,
             "clock": clock,
         },
-        objective=ca.dot(weights, clock * hazard.lone_expression(places)),
+        objective=ca.dot(weights, clock * hazard.lone_expression(points)),
         constraints={
-            "dynamics": X - earlier - dt * V,
+            "dynamics": X - previous - dt * V,
             "acceleration": ca.sum1(change**2),
             "arrival": ca.sumsqr(X[:, -1] - center),
         },
@@ -73,28 +80,28 @@ def guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
 
 @dataclass(frozen=True, eq=False)
 class GuideTask:
-    """One lone agent's task, in units of its own: see `dimensionless`.
+    """A single agent's task, in the scenario's units or dimensionless.
 
     Parameters
     ----------
     start, center : (2,)
-        Where the agent is, and the target's centre.
+        The agent's position, and the target's centre.
     radius : float
-        The agent must arrive at most this far from the centre (margin already taken off).
-    before : (2,)
+        Maximum distance from the centre on arrival (the margin already subtracted).
+    initial_velocity : (2,)
         V(-1).
     a_max, a_max_first : float
         Bounds on ||V(t) - V(t-1)||^2 for t >= 1, and for t = 0; may be infinite.
     v_max, dt : float
     origin, length, clock : (2,), float, float
-        What the hazard calls a point x is ``origin + length x``, and a step's duration `clock`
-        (`dt` by default).
+        In the hazard's units, a point x is ``origin + length x``, and a step lasts `clock` (`dt` by
+        default).
     """
 
     start: FloatArray
     center: FloatArray
     radius: float
-    before: FloatArray
+    initial_velocity: FloatArray
     a_max: float
     a_max_first: float
     v_max: float
@@ -103,17 +110,36 @@ class GuideTask:
     length: float = 1.0
     clock: float | None = None
 
+    @classmethod
+    def from_scenario(
+        cls, scenario: Scenario, start: ArrayLike, initial_velocity: ArrayLike | None = None
+    ) -> GuideTask:
+        """Task of an agent at `start` (2,); without `initial_velocity` (2,), it may be any."""
+        free = initial_velocity is None or not scenario.guide.acceleration_limited
+        return cls(
+            start=np.asarray(start, float),
+            center=np.asarray(scenario.target.center, float),
+            radius=scenario.target.radius - scenario.arrival_margin,
+            initial_velocity=np.asarray(
+                np.zeros(2) if initial_velocity is None else initial_velocity, float
+            ),
+            a_max=scenario.guide_a_max,
+            a_max_first=np.inf if free else scenario.swarm.a_max,
+            v_max=scenario.swarm.v_max,
+            dt=scenario.time.dt,
+        )
+
     def dimensionless(self) -> GuideTask:
         """The same task from the origin, in steps and in lengths of a step at v_max.
 
-        Solvers' tolerances are absolute: a solve must not depend on the scenario's units.
+        Solvers' tolerances are absolute, and a solve must not depend on the scenario's units.
         """
         length = self.dt * self.v_max
         return GuideTask(
             start=np.zeros(2),
             center=(self.center - self.start) / length,
             radius=self.radius / length,
-            before=self.before / self.v_max,
+            initial_velocity=self.initial_velocity / self.v_max,
             a_max=self.a_max / self.v_max**2,
             a_max_first=self.a_max_first / self.v_max**2,
             v_max=1.0,
@@ -127,19 +153,19 @@ class GuideTask:
 def guide_instance(
     nlp: Nlp, task: GuideTask, arrival: int, velocities: FloatArray, scale: float = 1.0
 ) -> Instances:
-    """Instance that arrives at step `arrival`, started from the path of `velocities`.
+    """Instance that arrives at step `arrival`, with the path of `velocities` as initial guess.
 
     Parameters
     ----------
     nlp : Nlp
-        From `guide_nlp`, of a horizon of at least `arrival`.
+        From `guide_nlp`, with a horizon of at least `arrival`.
     task : GuideTask
     arrival : int
         T >= 1.
     velocities : (arrival, 2)
         Initial guess; clipped to the box.
     scale : float
-        What the objective is multiplied by, for solvers whose tolerances and barriers are absolute.
+        Factor of the objective, for solvers whose tolerances and barriers are absolute.
     """
     horizon = nlp.parameters["weights"].shape[1]
     moving = np.arange(horizon) < arrival
@@ -155,7 +181,7 @@ def guide_instance(
         ),
         p=nlp.pack_parameters(
             start=task.start[None],
-            before=task.before[None],
+            initial_velocity=task.initial_velocity[None],
             center=task.center[None],
             weights=scale * moving[:, None],
             dt=[[task.dt]],
@@ -172,12 +198,12 @@ def guide_instance(
         ),
         ubg=nlp.pack_constraints(
             dynamics=np.zeros((horizon, 2)),
-            acceleration=within(a_max)[:, None],
-            arrival=within(np.array([[task.radius**2]])),
+            acceleration=tightened(a_max)[:, None],
+            arrival=tightened(np.array([[task.radius**2]])),
         ),
     )
 
 
-def within(limit: FloatArray) -> FloatArray:
-    """Squared limits, less `ROOM`, or less a hundredth where they are small; infinite ones stay."""
-    return np.asarray(limit * (1 - np.minimum(0.01, ROOM * np.maximum(1.0, 1.0 / limit))))
+def tightened(limit: FloatArray) -> FloatArray:
+    """Squared limits less `TIGHTENING`, or less a hundredth if small; infinite ones stay."""
+    return np.asarray(limit * (1 - np.minimum(0.01, TIGHTENING * np.maximum(1.0, 1.0 / limit))))

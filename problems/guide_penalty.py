@@ -3,10 +3,10 @@
     minimise  -exp(-sum over t = 1..tau of dt lambda-bar(X(t))) + gamma d(X(N))
     over      V(0..N-1) in [-v_max, v_max]^(2N),   X(t+1) = X(t) + dt V(t)
 
-The sign of the first term is the paper's slip, mended. tau is the arrival step, equation (2): the
+The sign of the first term is corrected from the paper's. tau is the arrival step, equation (2): the
 first t with X(t) in the target, or N. It is piecewise constant in V, so its derivative is zero. d
 is the distance to the target zone, max(0, ||x - c|| - radius), written so that its gradient exists
-at the centre. There is no acceleration limit in the paper's guide problem.
+at the centre. The paper's guide problem has no acceleration limit.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def penalised_guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
 def penalised_guide_instance(
     nlp: Nlp, task: GuideTask, gamma: float, velocities: FloatArray
 ) -> Instances:
-    """Instance of one agent's task, started from `velocities` (N, 2)."""
+    """Instance of one agent's task, with `velocities` (N, 2) as initial guess."""
     limit = np.full_like(velocities, task.v_max)
     return Instances(
         x0=nlp.pack_variables(velocities=velocities[None]),

@@ -1,95 +1,101 @@
-"""Instances of the joint plan's programs: what the members are to do, in numbers."""
+"""Instances of the joint plan's programs."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..optimization.problem import Instances, Nlp
 from ..typing import BoolArray, FloatArray, IntArray
-from .guide import within
+from .formation import Motion
+from .guide import tightened
 from .joint import JointForm
 from .subsets import subsets
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+
+MARGIN = 1e-5
+"""Margin of arrival relative to the target's radius, above what a solver's tolerance leaves."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointTask:
-    """What the members of a swarm are to do.
+    """Initial state, target and limits of the members of a swarm.
 
     Parameters
     ----------
-    start, before : (n, 2)
+    start, initial_velocities : (n, 2)
         X(0) and V(-1).
     center : (2,)
     radius, margin : float
         Of the target; members arrive at most ``radius - margin`` from its centre.
-    v_max, a_max, dt : float
+    motion : Motion
+        Limits of the members' velocities, and dt.
     steps : int
-        Left until t_f.
-    distance : float
-        Between members; 0 where none is asked for.
+        Number of steps until t_f.
+    min_distance : float
+        Between members at every step after the first; 0 for none.
     """
 
     start: FloatArray
-    before: FloatArray
+    initial_velocities: FloatArray
     center: FloatArray
     radius: float
     margin: float
-    v_max: float
-    a_max: float
-    dt: float
+    motion: Motion
     steps: int
-    distance: float = 0.0
+    min_distance: float = 0.0
+
+    @classmethod
+    def from_scenario(
+        cls, scenario: Scenario, initial_velocities: FloatArray, min_distance: float = 0.0
+    ) -> JointTask:
+        """Task of a scenario's members with V(-1) = `initial_velocities` (n, 2)."""
+        return cls(
+            start=scenario.positions,
+            initial_velocities=initial_velocities,
+            center=np.asarray(scenario.target.center, float),
+            radius=scenario.target.radius,
+            margin=MARGIN * scenario.target.radius,
+            motion=Motion.from_scenario(scenario),
+            steps=scenario.n_steps,
+            min_distance=min_distance,
+        )
 
 
 def joint_instance(
     nlp: Nlp, form: JointForm, task: JointTask, arrivals: IntArray, velocities: FloatArray
 ) -> Instances:
-    """Instance with arrival steps `arrivals` (n,), 0 for none, started from `velocities` (T, n, 2).
+    """Instance with arrival steps `arrivals` (n,), 0 for none, and a guess of (T, n, 2) velocities.
 
-    Members of a swarm that all arrive at step T or before stop there.
+    Members of a swarm that has arrived completely by step T stop there.
     """
-    n, steps = form.n, form.horizon
-    length = task.dt * task.v_max
-    at = np.arange(1, steps + 1)[:, None] == arrivals  # (N, n)
+    n, steps, motion = form.n, form.horizon, task.motion
+    length = motion.dt * motion.v_max
+    arriving = np.arange(1, steps + 1)[:, None] == arrivals  # (N, n)
     last = int(arrivals.max()) if arrivals.all() else task.steps
     moving = np.arange(steps) < last
     guess = np.zeros((steps, n, 2))
     known = min(len(velocities), last)
-    guess[:known] = np.clip(velocities[:known] / task.v_max, -1.0, 1.0)
+    guess[:known] = np.clip(velocities[:known] / motion.v_max, -1.0, 1.0)
     limit = np.where(moving[:, None], 1.0, 0.0) * np.ones(2 * n)
     origin = task.start.mean(axis=0)
-    squared = np.where(moving[:, None], task.a_max / task.v_max**2, np.inf) * np.ones(n)
-    arriving = np.array([((task.radius - task.margin) / length) ** 2])
-    lower = {
-        "acceleration": np.full((steps, n), -np.inf),
-        "arrival": np.full((n, 1), -np.inf),
-    }
-    upper = {
-        "acceleration": within(squared),
-        "arrival": within(arriving)[None] * np.ones((n, 1)),
-    }
-    if "outside" in nlp.constraints:
-        to_come = at[::-1].cumsum(axis=0)[::-1] > at
-        lower["outside"] = np.where(to_come, ((task.radius + task.margin) / length) ** 2, -np.inf)
-        upper["outside"] = np.full((steps, n), np.inf)
-    if "apart" in nlp.constraints:
-        pairs = n * (n - 1) // 2
-        least = (task.distance / length) ** 2
-        lower["apart"] = np.where(moving[:, None], least, -np.inf) * np.ones(pairs)
-        upper["apart"] = np.full((steps, pairs), np.inf)
+    lower, upper = _constraint_bounds(nlp, form, task, arriving, moving)
     return Instances(
         x0=nlp.pack_variables(velocities=guess.reshape(steps, 2 * n)),
         p=nlp.pack_parameters(
-            **(_ends(form, at) if form.exact else {}),
-            arrivals=at.astype(float),
-            begin=((task.start - origin) / length).reshape(1, -1),
-            before=(task.before / task.v_max).reshape(1, -1),
+            **(_terminal_parameters(form, arriving) if form.exact else {}),
+            arrivals=arriving.astype(float),
+            start=((task.start - origin) / length).reshape(1, -1),
+            initial_velocities=(task.initial_velocities / motion.v_max).reshape(1, -1),
             center=((task.center - origin) / length)[None],
             origin=origin[None],
             length=[[length]],
-            clock=[[task.dt]],
+            clock=[[motion.dt]],
         ),
         lbx=nlp.pack_variables(velocities=-limit),
         ubx=nlp.pack_variables(velocities=limit),
@@ -98,30 +104,59 @@ def joint_instance(
     )
 
 
-def _ends(form: JointForm, at: BoolArray) -> dict[str, FloatArray]:
-    """Where runs go on and what their ends cost, (N, 2^n) each, and the rest's cost (1, 2^n)."""
-    costs, ending = end_costs(form.objective, form.n, at)
-    last = _share_lost(form.n) if form.objective == "survivors" else np.ones(2**form.n)
+def _constraint_bounds(
+    nlp: Nlp, form: JointForm, task: JointTask, arriving: BoolArray, moving: BoolArray
+) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Bounds of the program's constraints by name; `arriving` (N, n) and `moving` (N,) by step."""
+    n, steps, motion = form.n, form.horizon, task.motion
+    length = motion.dt * motion.v_max
+    squared = np.where(moving[:, None], motion.a_max / motion.v_max**2, np.inf) * np.ones(n)
+    at_target = np.array([((task.radius - task.margin) / length) ** 2])
+    lower = {
+        "acceleration": np.full((steps, n), -np.inf),
+        "arrival": np.full((n, 1), -np.inf),
+    }
+    upper = {
+        "acceleration": tightened(squared),
+        "arrival": tightened(at_target)[None] * np.ones((n, 1)),
+    }
+    if "outside" in nlp.constraints:
+        under_way = arriving[::-1].cumsum(axis=0)[::-1] > arriving
+        outside = ((task.radius + task.margin) / length) ** 2
+        lower["outside"] = np.where(under_way, outside, -np.inf)
+        upper["outside"] = np.full((steps, n), np.inf)
+    if "separation" in nlp.constraints:
+        pairs = n * (n - 1) // 2
+        least = (task.min_distance / length) ** 2
+        lower["separation"] = np.where(moving[:, None], least, -np.inf) * np.ones(pairs)
+        upper["separation"] = np.full((steps, pairs), np.inf)
+    return lower, upper
+
+
+def _terminal_parameters(form: JointForm, arriving: BoolArray) -> dict[str, FloatArray]:
+    """Indicators of continuing runs, terminal costs, (N, 2^n) each, and the last cost (1, 2^n)."""
+    costs, ended = terminal_costs(form.objective, form.n, arriving)
+    last = _fraction_lost(form.n) if form.objective == "survivors" else np.ones(2**form.n)
     return {
-        "goes_on": (~ending).astype(float),
-        "costs": np.where(ending, costs, 0.0),
-        "last": last[None],
+        "continues": (~ended).astype(float),
+        "costs": np.where(ended, costs, 0.0),
+        "last_cost": last[None],
     }
 
 
-def end_costs(objective: str, n: int, inside: BoolArray) -> tuple[FloatArray, BoolArray]:
-    """What a run costs that ends at step t with d alive, and whether it ends there.
+def terminal_costs(objective: str, n: int, inside: BoolArray) -> tuple[FloatArray, BoolArray]:
+    """Cost of a run that ends at step t with the set d alive, and whether it ends there.
 
     Parameters
     ----------
     objective : {"success", "arrivals", "survivors"}
     n : int
     inside : (N, n) bool
-        Who is in the target at steps 1..N.
+        Whether each member is in the target at steps 1..N.
 
     Returns
     -------
-    costs, ending : (N, 2^n)
+    costs, ended : (N, 2^n)
     """
     members = subsets(n).members
     arriving = inside.astype(float) @ members.T
@@ -130,9 +165,9 @@ def end_costs(objective: str, n: int, inside: BoolArray) -> tuple[FloatArray, Bo
     elif objective == "arrivals":
         costs = 1.0 - arriving / n
     else:
-        costs = np.broadcast_to(_share_lost(n), arriving.shape)
+        costs = np.broadcast_to(_fraction_lost(n), arriving.shape)
     return np.asarray(costs, float), np.asarray(arriving > 0)
 
 
-def _share_lost(n: int) -> FloatArray:
+def _fraction_lost(n: int) -> FloatArray:
     return np.asarray(1.0 - subsets(n).members.mean(axis=1))

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from ..planning.bounds.outlook import CostToGoMap
-from ..planning.bounds.value_function import ValueFunction
-from ..planning.guide import Candidate, Guide, integrate, rounded_up
+from ..planning.bounds import CostToGoMap, ValueFunction
+from ..planning.guide import Candidate, Guide, rounded_up
+from ..planning.kinematics import integrate
 from ..scenario import Scenario
 from ..typing import FloatArray
 from .base_map import add_corridor, add_landmarks, add_start, base_map, extent, set_extent
@@ -96,7 +96,7 @@ def cost_to_go_map(
     own step.
     """
     low, high = extent(scenario, [guide.positions, scenario.positions])
-    costs = value if isinstance(value, CostToGoMap) else CostToGoMap.of(value, low, high, step)
+    costs = value if isinstance(value, CostToGoMap) else CostToGoMap.from_value_function(value, low, high, step)
     fig, axes = single_panel()
     image = axes.imshow(
         np.where(costs.survival > 0, costs.survival, np.nan),
@@ -108,7 +108,7 @@ def cost_to_go_map(
     )
     fig.colorbar(image, ax=axes, label=wrap("single-agent survival from here", 0.42))
     moving = np.hypot(*costs.velocities.T) > 0
-    starts, arrows = costs.places[moving], costs.velocities[moving]
+    starts, arrows = costs.positions[moving], costs.velocities[moving]
     axes.quiver(*starts.T, *arrows.T, color="white", alpha=0.75, zorder=3)
     axes.plot(*guide.positions.T, color=VERMILION, lw=scaled(1.8), zorder=4, label="guide")
     add_landmarks(axes, scenario, radars="white")

@@ -1,16 +1,19 @@
-"""The guide that planning returns, with every start that was tried."""
+"""The guide trajectory that planning returns, with the outcome of every start."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._util.display import Displayed
 from ..hazard import Hazard
 from ..optimization.solution import Solution
+from ..problems.guide import GuideTask
 from ..typing import FloatArray
+from .kinematics import integrate
 
 if TYPE_CHECKING:
     from .bounds.risk_bound import Certificate
@@ -25,41 +28,41 @@ class Candidate:
     start : str
         Name of the initial path.
     arrival : int
-        The arrival step that was asked for.
-    sides : str
-        On which side the path passes every radar, a letter each in the scenario's order: L for a
-        radar on the left of the path, R for one on the right.
+        The prescribed arrival step.
+    homotopy : str
+        Homotopy signature of the path: for every radar, in the scenario's order, L if the path has
+        it on its left and R if on its right.
     velocities : (T, 2)
-        Up to the first arrival, at or before the step asked for; all of them if it never arrives.
+        Up to the first arrival, at or before the prescribed step; all of them without arrival.
     risk : float
-        Sum of dt times the rates up to the first arrival; infinite if it never arrives, or only by
-        violating its limits.
+        Sum of dt times the rates up to the first arrival; infinite for a path that does not
+        arrive, or only by violating its limits.
     solution : Solution
     """
 
     start: str
     arrival: int
-    sides: str
+    homotopy: str
     velocities: FloatArray
     risk: float
     solution: Solution
 
     def as_row(self) -> dict[str, object]:
-        """Plain values for a table."""
+        """Scalar values, as a table row."""
         solution = self.solution.as_row()
         return {
             "start": self.start,
             "arrival": self.arrival,
             "steps": len(self.velocities),
-            "sides": self.sides,
+            "homotopy": self.homotopy,
             "risk": self.risk,
             "survival": float(np.exp(-self.risk)),
         } | solution
 
 
-@dataclass(frozen=True, eq=False)
-class Guide:
-    """A path of a lone agent to the target, and what it costs.
+@dataclass(frozen=True, eq=False, repr=False)
+class Guide(Displayed):
+    """A single agent's trajectory to the target, and its risk.
 
     Parameters
     ----------
@@ -71,19 +74,19 @@ class Guide:
         lambda-bar(X(1..T)) per unit time.
     dt : float
     center : (2,)
-        The target's centre, at which the swarm aims after step T.
+        The target's centre, which the swarm aims at after step T.
     arrives : bool
-        Whether X(T) is in the target. Only a failed plan, kept with ``check=False``, does not.
+        Whether X(T) is in the target. False only for a failed plan returned with ``check=False``.
     solution : Solution
-        Of the start that this guide came from.
+        The solve that this guide results from.
     candidates : tuple of Candidate
-        Every start's outcome, failures included, in the order in which they were tried.
+        The outcome of every start, failures included, in the order of the search.
     risk_bound : float or None
-        Proven lower bound on the risk of any guide of the scenario; None where not certified.
+        Proven lower bound on the risk of any guide of the scenario; None if not certified.
     certificate : Certificate or None
-        The proof of the bound: how it was reached, and what is known beside it.
+        Details of the proof.
     search : {"local", "global"}
-        How it was found; the members' own guides of the naive policy are found likewise.
+        Search that produced the guide; the naive policy plans its members' guides with the same.
     """
 
     positions: FloatArray
@@ -93,10 +96,33 @@ class Guide:
     center: FloatArray
     arrives: bool
     solution: Solution
-    candidates: tuple[Candidate, ...] = field(default=(), repr=False)
+    candidates: tuple[Candidate, ...] = ()
     risk_bound: float | None = None
-    certificate: Certificate | None = field(default=None, repr=False)
+    certificate: Certificate | None = None
     search: str = "local"
+
+    @classmethod
+    def from_candidate(
+        cls,
+        hazard: Hazard,
+        task: GuideTask,
+        best: Candidate,
+        candidates: tuple[Candidate, ...] = (),
+        search: str = "local",
+    ) -> Guide:
+        """The guide along the path of the candidate `best`."""
+        positions = integrate(task.start, best.velocities, task.dt)
+        return cls(
+            positions=positions,
+            velocities=best.velocities,
+            rates=hazard.single_agent_rates(positions[1:]),
+            dt=task.dt,
+            center=task.center,
+            arrives=bool(np.isfinite(best.risk)),
+            solution=best.solution,
+            candidates=candidates,
+            search=search,
+        )
 
     @property
     def arrival(self) -> int:
@@ -110,35 +136,42 @@ class Guide:
 
     @property
     def survival(self) -> float:
-        """exp(-risk): the probability that one member along the guide arrives."""
+        """exp(-risk): the probability that a single agent along the guide arrives."""
         return float(np.exp(-self.risk))
 
     @property
     def gap(self) -> float | None:
-        """(risk - bound) / risk; None where not certified."""
+        """Relative optimality gap (risk - bound) / risk; None if not certified."""
         if self.risk_bound is None:
             return None
         return (self.risk - self.risk_bound) / self.risk if self.risk > 0 else 0.0
 
     @property
     def survival_bound(self) -> float | None:
-        """exp(-bound): no guide of the scenario survives with more; None where not certified."""
+        """exp(-bound), which no guide's survival exceeds; None if not certified."""
         return None if self.risk_bound is None else float(np.exp(-self.risk_bound))
 
     def reference(self, step: int) -> FloatArray:
-        """Where the guide is at `step`, (2,): X(step), and the target's centre after arrival.
+        """Reference point (2,) at `step`: X(step), or the target's centre after arrival.
 
-        What was planned beyond the first arrival is left out: it may lead out of the target again.
+        Planned positions beyond the first arrival are not used: they may leave the target again.
         """
         return np.asarray(self.positions[step] if step <= self.arrival else self.center)
 
-    def ways(self) -> list[Candidate]:
-        """The best arriving candidate of every way around the radars, best first."""
+    def best_per_homotopy_class(self) -> list[Candidate]:
+        """The arriving candidate of least risk in every homotopy class, in order of risk."""
         best: dict[str, Candidate] = {}
         for candidate in sorted(self.candidates, key=lambda c: c.risk):
             if np.isfinite(candidate.risk):
-                best.setdefault(candidate.sides, candidate)
+                best.setdefault(candidate.homotopy, candidate)
         return list(best.values())
+
+    def __repr__(self) -> str:
+        bound = "" if self.survival_bound is None else f", survival_bound={self.survival_bound:.4f}"
+        return (
+            f"Guide(arrives={self.arrives}, arrival={self.arrival}, "
+            f"survival={self.survival:.4f}{bound})"
+        )
 
     def __str__(self) -> str:
         certified = (
@@ -151,56 +184,6 @@ class Guide:
 
 
 def rounded_up(value: float, digits: int = 4) -> float:
-    """A bound as it is told: rounded, it must not be below itself."""
+    """Round an upper bound upward for display."""
     scale: float = 10.0**digits
     return math.ceil(value * scale) / scale
-
-
-def integrate(start: FloatArray, velocities: FloatArray, dt: float) -> FloatArray:
-    """Positions X(0..T), (T+1, 2): the dynamics X(t+1) = X(t) + dt V(t) to the letter."""
-    positions = np.empty((len(velocities) + 1, 2))
-    positions[0] = start
-    for step, velocity in enumerate(velocities):  # in the order, so with the rounding, of the chain
-        positions[step + 1] = positions[step] + dt * velocity
-    return positions
-
-
-def guide_from(
-    hazard: Hazard,
-    start: FloatArray,
-    best: Candidate,
-    candidates: tuple[Candidate, ...],
-    dt: float,
-    center: FloatArray,
-    search: str,
-) -> Guide:
-    """The guide of the best candidate, priced."""
-    positions = integrate(start, best.velocities, dt)
-    return Guide(
-        positions=positions,
-        velocities=best.velocities,
-        rates=hazard.single_agent_rates(positions[1:]),
-        dt=dt,
-        center=center,
-        arrives=bool(np.isfinite(best.risk)),
-        solution=best.solution,
-        candidates=candidates,
-        search=search,
-    )
-
-
-def homotopy_signature(positions: FloatArray, radars: FloatArray) -> str:
-    """On which side a path passes every radar: L if the radar is on its left, R on its right.
-
-    The side is that of the winding angle: the sign of the angle that the path sweeps as seen from
-    the radar, so that a path around a radar is told from one that passes before it.
-
-    Parameters
-    ----------
-    positions : (T+1, 2)
-    radars : (k, 2)
-    """
-    offset = positions[None] - radars[:, None]
-    angle = np.unwrap(np.arctan2(offset[..., 1], offset[..., 0]), axis=1)
-    swept = angle[:, -1] - angle[:, 0] if len(radars) else np.empty(0)
-    return "".join("L" if turn > 0 else "R" for turn in swept)

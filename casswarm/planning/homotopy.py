@@ -1,4 +1,4 @@
-"""Ways to the target: the best path on a grid, and the best ones on other sides of the radars."""
+"""Homotopy classes of paths to the target: signatures, and good grid paths of several classes."""
 
 from __future__ import annotations
 
@@ -11,91 +11,106 @@ from ..typing import FloatArray
 from .bounds.dynamic_programming import (
     Node,
     StageCosts,
-    Values,
-    backward,
-    forward,
+    box_minimum,
+    costs_to_come,
+    costs_to_go,
     trace,
     trace_back,
 )
-from .bounds.grid import Relaxation
-from .bounds.risk_bound import first_grid
-from .bounds.windows import box_minimum
-from .guide import homotopy_signature
+from .bounds.grid import Grid, Relaxation
 
-_NODES = 150_000  # of the grid
-_TILES = 16  # along the map's longer side: places that ways are sought through
-_TRACED = 24
+_MAX_NODES = 150_000
+_TILES = 16  # along the map's longer side
+_MAX_TRACED = 24  # paths through the best nodes of tiles
+
+
+def homotopy_signature(positions: FloatArray, radars: FloatArray) -> str:
+    """Side on which a path passes every radar: L if it has the radar on its left, R on its right.
+
+    The side is the sign of the angle that the path sweeps as seen from the radar, which
+    distinguishes a path that goes around a radar from one that turns before it.
+
+    Parameters
+    ----------
+    positions : (T+1, 2)
+    radars : (k, 2)
+    """
+    offset = positions[None] - radars[:, None]
+    angle = np.unwrap(np.arctan2(offset[..., 1], offset[..., 0]), axis=1)
+    swept = angle[:, -1] - angle[:, 0] if len(radars) else np.empty(0)
+    return "".join("L" if turn > 0 else "R" for turn in swept)
 
 
 @dataclass(frozen=True, eq=False)
 class GridPath:
-    """A path on the grid, without limits of acceleration.
+    """A path on the grid, without acceleration limits.
 
     Parameters
     ----------
     positions : (j+1, 2)
-        From the start, every `merged` time steps, to the target's rim or beside it.
-    merged : int
-    sides : str
-        Of the radars, as in `casswarm.planning.guide.homotopy_signature`.
+        From the start, every `stride` time steps, to the target's rim or next to it.
+    stride : int
+    homotopy : str
+        See `homotopy_signature`.
     """
 
     positions: FloatArray
-    merged: int
-    sides: str
+    stride: int
+    homotopy: str
 
     @property
     def arrival(self) -> int:
-        """Its arrival step."""
-        return self.merged * (len(self.positions) - 1)
+        """The arrival step."""
+        return self.stride * (len(self.positions) - 1)
 
     def velocities(self, steps: int, dt: float) -> FloatArray:
         """Velocities (steps, 2) along the path, its timing stretched to `steps`."""
         times = np.linspace(0.0, len(self.positions) - 1, steps + 1)
-        known = np.arange(len(self.positions))
-        path = [np.interp(times, known, self.positions[:, axis]) for axis in (0, 1)]
+        samples = np.arange(len(self.positions))
+        path = [np.interp(times, samples, self.positions[:, axis]) for axis in (0, 1)]
         return np.diff(np.stack(path, axis=1), axis=0) / dt
 
 
-def best_homotopy_classes(task: Relaxation, most: int) -> list[GridPath]:
-    """The best way of all and the best found on other sides of the radars, best first.
+def best_homotopy_classes(task: Relaxation, max_classes: int) -> list[GridPath]:
+    """The best grid path, and the best ones in other homotopy classes, in order of risk.
 
-    Dynamic programming on the first grid, forwards and backwards, gives the least risk of the paths
-    through every node at every sample. Ways are traced through the best nodes of tiles of the map.
+    Dynamic programming gives the least risk of the paths through every node at every sample, as
+    the sum of cost to come and cost to go. Paths are traced through the best nodes of map tiles.
     """
-    prices = StageCosts(first_grid(task, _NODES), certified=False)
-    values, arriving = backward(prices), list(forward(prices))
-    grid, radars = prices.grid, task.hazard.radar_positions
-    found: dict[str, GridPath] = {}
-    for nodes in _paths(prices, values, arriving):
+    stage_costs = StageCosts(Grid.finest(task, _MAX_NODES), certified=False)
+    grid, radars = stage_costs.grid, task.hazard.radar_positions
+    classes: dict[str, GridPath] = {}
+    for nodes in _paths(stage_costs):
         positions = task.start + grid.spacing * np.array(nodes, float)
         if len(nodes) < 2:
             continue
-        sides = homotopy_signature(positions, radars)
-        found.setdefault(sides, GridPath(positions, grid.merged, sides))
-        if len(found) == most:
+        homotopy = homotopy_signature(positions, radars)
+        classes.setdefault(homotopy, GridPath(positions, grid.stride, homotopy))
+        if len(classes) == max_classes:
             break
-    return list(found.values())
+    return list(classes.values())
 
 
-def _paths(prices: StageCosts, values: Values, arriving: Values) -> Iterator[list[Node]]:
-    best = trace(prices, values)
+def _paths(stage_costs: StageCosts) -> Iterator[list[Node]]:
+    """The best path, then the best ones through local minima a quarter, half and 3/4 along."""
+    to_go, to_come = costs_to_go(stage_costs), list(costs_to_come(stage_costs))
+    best = trace(stage_costs, to_go)
     yield best
-    through = []
-    for sample in sorted({max(1, round(part * (len(best) - 1))) for part in (0.25, 0.5, 0.75)}):
-        blocks = prices.grid.blocks[sample - 1]
-        for block, before, after in zip(
-            blocks, arriving[sample - 1], values[sample - 1], strict=True
-        ):
-            for risk, node in _least_of_tiles(before + after):
-                place = (block.low[0] + node[0], block.low[1] + node[1])
-                through.append((risk, sample, place))
-    for _, sample, node in sorted(through)[:_TRACED]:
-        yield trace_back(prices, arriving, node, sample) + trace(prices, values, node, sample)
+    waypoints = []
+    quarters = (0.25, 0.5, 0.75)
+    for sample in sorted({max(1, round(part * (len(best) - 1))) for part in quarters}):
+        blocks = stage_costs.grid.blocks[sample - 1]
+        for block, come, go in zip(blocks, to_come[sample - 1], to_go[sample - 1], strict=True):
+            for risk, node in _local_minima(come + go):
+                index = (block.low[0] + node[0], block.low[1] + node[1])
+                waypoints.append((risk, sample, index))
+    for _, sample, node in sorted(waypoints)[:_MAX_TRACED]:
+        first_part = trace_back(stage_costs, to_come, node, sample)
+        yield first_part + trace(stage_costs, to_go, node, sample)
 
 
-def _least_of_tiles(totals: FloatArray) -> Iterator[tuple[float, Node]]:
-    """Least value and its node in every tile that is no worse than the tiles around it."""
+def _local_minima(totals: FloatArray) -> Iterator[tuple[float, Node]]:
+    """Least value and its node in every tile that is no worse than its neighbouring tiles."""
     size = max(1, -(-max(totals.shape) // _TILES))
     rows, columns = (-(-n // size) for n in totals.shape)
     tiles = np.full((rows * size, columns * size), np.inf)

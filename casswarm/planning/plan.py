@@ -1,11 +1,11 @@
-"""From a scenario to a guide: the best outcome of a search, and how good any can be."""
+"""Guides of a scenario: the best outcome of a multistart search, with a certificate."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,20 +13,13 @@ from numpy.typing import ArrayLike
 from ..errors import PlanningError, SolverError
 from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 from ..problems.guide import GuideTask
-from ..typing import FloatArray
-from .bounds.grid import Relaxation
-from .bounds.risk_bound import Certificate, arrival_multiplier
-from .bounds.risk_bound import certify as certified
-from .guide import Candidate, Guide, guide_from, integrate
-from .homotopy import best_homotopy_classes
+from ..typing import FloatArray, Progress
+from .bounds.risk_bound import GAP, TIME_LIMIT, certify_guide
+from .guide import Guide
 from .multistart import Multistart, preference
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
-
-
-GAP, TIME_LIMIT = 0.01, 10.0
-"""Relative gap at which a certificate is good enough, and the seconds that it may take."""
 
 
 def plan(
@@ -38,9 +31,10 @@ def plan(
     certify: bool = True,
     gap: float = GAP,
     time_limit: float = TIME_LIMIT,
-    progress: Callable[[str], None] | None = None,
+    solver_options: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
 ) -> Guide:
-    """Least risky path of a lone agent from the swarm's place to the target.
+    """Path of least risk of a single agent from the swarm's initial position to the target.
 
     Parameters
     ----------
@@ -48,35 +42,38 @@ def plan(
     solver : str or Solver
         ``"ipopt"``, or ``"projected-gradient"`` for the paper's penalised form.
     search : {"local", "global"}, optional
-        From the straight line only, as in the paper, or also from the ways that dynamic
-        programming finds; the scenario's own choice by default.
+        Whether to start from the straight line only, as in the paper, or also from the homotopy
+        classes found by dynamic programming; the scenario's choice by default.
     check : bool
-        Whether to raise if no start led to the target; otherwise the best failure is returned.
+        Whether to raise an error if no start reaches the target; otherwise the best failure is
+        returned.
     certify : bool
-        Whether to prove how good the guide is: see `Guide.risk_bound` and `casswarm.planning.bounds`.
-        Hazards written by users need a ``single_agent_lower_bound`` for it.
+        Whether to prove a lower bound on the risk of any guide: see `Guide.risk_bound` and
+        `casswarm.planning.bounds`. User-defined hazards need a ``single_agent_lower_bound`` for it.
     gap : float
         Relative distance of the bound from the best known risk at which the proof may end; above
         0, below 1.
     time_limit : float
-        Seconds that the proof may take; what is proven by then is proven.
-    progress : callable, optional
-        Called with the name of every start.
+        Seconds for the proof, which ends with the bound that it has reached by then.
+    solver_options : mapping, optional
+        Options of the solver, if it is given by name.
+    progress : Progress, optional
+        Called before every start and before the proof.
 
     Returns
     -------
     Guide
         The outcome of least risk among the starts and arrival steps tried (a few spread up to the
-        horizon, then those around the best); `Guide.candidates` holds them all. Each is a local
-        minimum of the program in `casswarm.problems.guide`, priced up to its first arrival: a path
-        that crosses the target's rim before its planned last step has arrived there.
+        horizon, then those next to the best); `Guide.candidates` holds all of them. Each is a local
+        minimum of the program in `casswarm.problems.guide`, with its risk up to its first arrival:
+        a path that crosses the target's rim before its planned last step has arrived there.
 
     Raises
     ------
     PlanningError
-        No start led to the target; the message counts the outcomes.
+        No start reaches the target; the message and `outcomes` count the outcomes.
     SolverError
-        A solver that is unknown, or cannot take the guide problem.
+        A solver that is unknown, or that cannot take the guide problem.
     ValueError
         A gap or time limit out of range.
 
@@ -93,67 +90,26 @@ def plan(
         raise ValueError(f"gap = {gap!r}; allowed: above 0, below 1 (0.01 is one percent)")
     if not time_limit > 0:
         raise ValueError(f"time_limit = {time_limit!r}; allowed: seconds above 0")
-    given = scenario.swarm.velocity
+    velocity = scenario.swarm.velocity
     guide = plan_from(
         scenario,
         scenario.guide_start,
         solver,
         search=search,
-        before=None if given == "guide" else given,
+        initial_velocity=None if velocity == "guide" else velocity,
+        solver_options=solver_options,
         progress=progress,
     )
-    guide = _checked(guide) if check else guide
+    if check:
+        _require_arrival(guide)
     if not (certify and guide.arrives):
         return guide
-    (progress or (lambda _: None))("certificate")
-    certificate = certificate_of(scenario, guide, gap, time_limit)
+    if progress is not None:
+        progress("proving a lower bound", 0, None)
+    certificate = certify_guide(scenario, guide, gap, time_limit)
     if certificate is None:
         return guide
     return replace(guide, risk_bound=certificate.bound, certificate=certificate)
-
-
-def initial_velocities(scenario: Scenario, guide: Guide) -> FloatArray:
-    """V(-1) of every member, (n, 2): the scenario's, or the guide's first velocity."""
-    given = scenario.swarm.velocity
-    first = guide.velocities[0] if given == "guide" else np.asarray(given, float)
-    return np.tile(first, (scenario.n, 1))
-
-
-def certificate_of(
-    scenario: Scenario, guide: Guide, gap: float = GAP, time_limit: float = TIME_LIMIT
-) -> Certificate | None:
-    """Proof of how good any guide of a scenario can be; None where its hazard knows no bounds.
-
-    The path that the bound is held against is the best known without limits of acceleration and
-    margin: the guide itself, or what Ipopt makes of the ways that dynamic programming finds.
-    """
-    hazard, start = scenario.hazard, scenario.guide_start
-    if hazard.single_agent_lower_bound(start, start) is None:
-        return None
-    task = Relaxation.of(scenario)
-    paths = [guide.positions]
-    unlimited = np.isinf(scenario.guide_a_max) and scenario.swarm.velocity == "guide"
-    if not (
-        unlimited and guide.search == "global" and scenario.arrival_margin <= 1e-5 * task.radius
-    ):
-        paths += _relaxed_paths(scenario, task)
-    risks = [task.dt * float(hazard.single_agent_rates(path[1:]).sum()) for path in paths]
-    best = int(np.argmin(risks))
-    multiplier = arrival_multiplier(task, paths[best], scenario.swarm.v_max)
-    return certified(task, risks[best], multiplier, gap=gap, time_limit=time_limit)
-
-
-def _relaxed_paths(scenario: Scenario, task: Relaxation) -> list[FloatArray]:
-    """Locally best paths of the relaxation, from the best ways and next to their arrival steps."""
-    free = replace(_task(scenario, task.start, None), radius=scenario.target.radius)
-    free = replace(free, a_max=np.inf, a_max_first=np.inf)
-    planner = Multistart(scenario, free, make_solver("ipopt"), lambda _: None)
-    tried: list[Candidate] = []
-    for way in best_homotopy_classes(task, 2):
-        tried += planner.along(way, [way.arrival])
-    for way in best_homotopy_classes(task, 1):
-        tried += planner.along(way, [way.arrival - 1, way.arrival + 1])
-    return [integrate(task.start, c.velocities, task.dt) for c in tried if np.isfinite(c.risk)]
 
 
 def plan_from(
@@ -162,80 +118,68 @@ def plan_from(
     solver: str | Solver = "ipopt",
     *,
     search: str | None = None,
-    before: ArrayLike | None = None,
+    initial_velocity: ArrayLike | None = None,
     near: Guide | None = None,
-    progress: Callable[[str], None] | None = None,
+    solver_options: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
 ) -> Guide:
-    """Like `plan`, for an agent at `start` (2,), whether it arrives or not.
+    """Guide of an agent at `start` (2,), neither certified nor required to arrive; see `plan`.
 
-    `before` (2,) is its velocity V(-1), from which the members' a_max bounds the first change; by
-    default it may start with any velocity. With `near`, the guide of an agent close by, the search
-    starts from its ways around the radars, the best few, at their arrival steps and those next to
-    them: a tenth of the work.
+    The members' a_max bounds the change from `initial_velocity` (2,), V(-1), which may be any
+    velocity by default. If `near`, the guide of a nearby agent, is given, the search starts from
+    its best homotopy classes, at their arrival steps and the adjacent ones, in a tenth of the time.
     """
-    task = _task(scenario, start, before)
-    backend = make_solver(solver, **_paper_options(scenario, solver))
+    task = GuideTask.from_scenario(scenario, start, initial_velocity)
+    backend = _solver(scenario, solver, solver_options)
     search = _checked_search(search, scenario, backend)
-    planner = Multistart(scenario, task, backend, progress or (lambda _: None))
+    multistart = Multistart(scenario, task, backend, progress)
     if isinstance(backend, ProjectedGradient):
-        candidates = [planner.penalised()]
-    elif near is not None and near.ways():
-        candidates = planner.candidates_near(near)
+        candidates = [multistart.penalised()]
+    elif near is not None and near.best_per_homotopy_class():
+        candidates = multistart.candidates_near(near)
     else:
-        candidates = planner.candidates(search)
+        candidates = multistart.candidates(search)
     best = min(candidates, key=preference)
-    return guide_from(
-        scenario.hazard,
-        task.start,
-        best,
-        tuple(candidates),
-        task.dt,
-        task.center,
-        search,
-    )
+    return Guide.from_candidate(scenario.hazard, task, best, tuple(candidates), search)
 
 
-def _task(scenario: Scenario, start: ArrayLike, before: ArrayLike | None) -> GuideTask:
-    return GuideTask(
-        start=np.asarray(start, float),
-        center=np.asarray(scenario.target.center, float),
-        radius=scenario.target.radius - scenario.arrival_margin,
-        before=np.zeros(2) if before is None else np.asarray(before, float),
-        a_max=scenario.guide_a_max,
-        a_max_first=(
-            np.inf
-            if before is None or not scenario.guide.acceleration_limited
-            else scenario.swarm.a_max
-        ),
-        v_max=scenario.swarm.v_max,
-        dt=scenario.time.dt,
-    )
+def initial_velocities(scenario: Scenario, guide: Guide) -> FloatArray:
+    """V(-1) of every member, (n, 2): the scenario's velocity, or the guide's first velocity."""
+    velocity = scenario.swarm.velocity
+    first = guide.velocities[0] if velocity == "guide" else np.asarray(velocity, float)
+    return np.tile(first, (scenario.n, 1))
 
 
-def _paper_options(scenario: Scenario, solver: str | Solver) -> dict[str, object]:
-    if solver != ProjectedGradient.name:
-        return {}
-    options = scenario.guide
-    return {"step": options.learning_rate, "max_iter": options.iterations, "keep": "best"}
+def _solver(scenario: Scenario, solver: str | Solver, options: Mapping[str, Any] | None) -> Solver:
+    paper: dict[str, Any] = {}
+    if solver == ProjectedGradient.name:
+        guide = scenario.guide
+        paper = {"step": guide.learning_rate, "max_iter": guide.iterations, "keep": "best"}
+    return make_solver(solver, **paper | dict(options or {}))
 
 
 def _checked_search(search: str | None, scenario: Scenario, solver: Solver) -> str:
     if search not in ("local", "global", None):
-        raise SolverError(f"search {search!r} is unknown; allowed: 'local', 'global'")
+        raise SolverError(
+            f"search {search!r} is unknown; allowed: 'local', 'global'", search=search
+        )
     if isinstance(solver, ProjectedGradient):
         if search == "global":
-            raise SolverError("projected-gradient starts from the straight line: search is 'local'")
+            raise SolverError(
+                "projected-gradient starts from the straight line: search is 'local'", search=search
+            )
         return "local"
     return search or scenario.guide.search
 
 
-def _checked(guide: Guide) -> Guide:
+def _require_arrival(guide: Guide) -> None:
     if guide.arrives:
-        return guide
+        return
     outcomes = Counter(str(c.solution.status) for c in guide.candidates)
-    told = ", ".join(f"{count} {status}" for status, count in outcomes.items())
+    counts = ", ".join(f"{count} {status}" for status, count in outcomes.items())
     raise PlanningError(
-        f"no guide found: of {len(guide.candidates)} solves ({told}) none arrives in the target. "
-        "A larger a_max or t_f, a smaller guide.margin, or acceleration_limited = false gives it more room; "
-        "check=False returns the best failure"
+        f"no guide found: of {len(guide.candidates)} solves ({counts}) none arrives in the target. "
+        "Try a larger a_max or t_f, a smaller guide.margin, or acceleration_limited = false; "
+        "check=False returns the best failure",
+        outcomes=dict(outcomes),
     )

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from ..hazard import Hazard
 from ..optimization.solvers import Solver
-from ..planning.bounds.value_function import ValueFunction
+from ..planning.bounds import ValueFunction
 from ..problems.formation import Motion, Step, corridor_formation, leader_formation
 from ..typing import BoolArray, FloatArray
 from .base import Decision, Policy

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import PolicyError
 from ..planning.joint import SwarmPlan
-from ..planning.joint.replan import PlanTree
+from ..planning.joint import PlanTree
 from ..problems.formation import Motion
 from ..typing import BoolArray, FloatArray
 from .base import Decision, Policy
@@ -45,7 +45,7 @@ class JointPolicy(Policy):
     @classmethod
     def from_plan(cls, plan: SwarmPlan, name: str = "joint") -> JointPolicy:
         """The policy that follows a plan."""
-        return cls(plan.motion, plan.positions, plan.velocities, plan.before, name)
+        return cls(plan.motion, plan.positions, plan.velocities, plan.initial_velocities, name)
 
     def decide_batch(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray

@@ -12,7 +12,7 @@ from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 from ..planning.bounds.value_function import ValueFunction
 from ..planning.guide import Guide
 from ..planning.joint import plan_swarm
-from ..planning.joint.replan import PlanTree
+from ..planning.joint import PlanTree
 from ..planning.plan import initial_velocities, plan, plan_from
 from ..problems.formation import Motion
 from .base import Policy
@@ -99,7 +99,7 @@ def make_policy(
         _require_fitting(scenario, guide)
     motion, rho = Motion.from_scenario(scenario), scenario.formation.rho
     if kind in ("leader-feedback", "constrained-feedback"):
-        value = ValueFunction.of(scenario, certified=False)
+        value = ValueFunction.from_scenario(scenario, certified=False)
         if kind == "leader-feedback":
             return LeaderFeedbackPolicy(scenario.hazard, motion, value, backend)
         return ConstrainedFeedbackPolicy(scenario.hazard, motion, value, backend, rho)
@@ -111,7 +111,7 @@ def make_policy(
         open_loop = JointPolicy.from_plan(swarm_plan)
         if kind == "joint":
             return open_loop
-        return ReplanningPolicy(PlanTree.of(scenario, swarm_plan), open_loop)
+        return ReplanningPolicy(PlanTree.from_plan(scenario, swarm_plan), open_loop)
     full_name = kind if horizon == 1 else f"{kind}-mpc-{horizon}"
     shared = (scenario.hazard, motion, guide, backend, horizon)
     if kind == "leader":
@@ -179,7 +179,7 @@ def member_guides(scenario: Scenario, guide: Guide) -> tuple[Guide, ...]:
                 scenario,
                 start,
                 search=guide.search,
-                before=velocity,
+                initial_velocity=velocity,
                 near=guide if guide.search == "global" else None,
             )
     return tuple(guides[tuple(start)] for start in scenario.positions)

@@ -16,9 +16,9 @@ import pandas as pd
 from ..optimization.problem import Instances, Nlp
 from ..optimization.solution import Solution
 from ..optimization.solvers import ProjectedGradient, make_solver
-from ..planning.guide import Guide, integrate
+from ..planning.guide import Guide
+from ..planning.kinematics import integrate, resample
 from ..planning.plan import initial_velocities
-from ..planning.polyline import resampled, straight
 from ..policies import make_policy
 from ..policies.leader_selection import nearest
 from ..problems.formation import Motion, Step, corridor_formation, leader_formation
@@ -56,14 +56,14 @@ def guide_convergence(scenario: Scenario, points: Sequence[int] = POINTS) -> pd.
         start=scenario.guide_start,
         center=np.asarray(scenario.target.center, float),
         radius=scenario.target.radius,
-        before=np.zeros(2),
+        initial_velocity=np.zeros(2),
         a_max=np.inf,
         a_max_first=np.inf,
         v_max=scenario.swarm.v_max,
         dt=scenario.time.dt,
     )
     nlp = penalised_guide_nlp(scenario.hazard, scenario.n_steps)
-    line = resampled(straight(task.start, task.center), scenario.n_steps, task.dt)
+    line = resample(np.stack([task.start, task.center]), scenario.n_steps, task.dt)
     instance = penalised_guide_instance(nlp, task, scenario.guide.gamma, line)
     up_to = [k for k in points if k <= scenario.guide.iterations]
     rows = []

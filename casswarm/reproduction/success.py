@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 
 from ..chain.confidence import wilson
-from ..planning.guide import Guide, homotopy_signature
+from ..planning.guide import Guide
+from ..planning.homotopy import homotopy_signature
 from ..planning.plan import plan
 from ..scenario import Scenario, load_scenario
 from ..studies.evaluation import estimate, evaluate

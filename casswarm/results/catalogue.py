@@ -27,7 +27,7 @@ from ..figures import (
     sweep_lines,
 )
 from ..figures.closeups import follows_guide
-from ..planning.bounds.outlook import CostToGoMap
+from ..planning.bounds import CostToGoMap
 from ..planning.guide import Candidate, Guide
 from ..scenario import Scenario
 from ..typing import FloatArray

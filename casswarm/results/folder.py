@@ -16,7 +16,7 @@ import pandas as pd
 from ..chain.distribution import OutcomeDistribution
 from ..chain.trajectories import RunTrajectory
 from ..errors import CheckpointError
-from ..planning.bounds.outlook import CostToGoMap
+from ..planning.bounds import CostToGoMap
 from ..planning.guide import Guide
 from ..typing import FloatArray
 from .restoring import DISTRIBUTION_TABLES, distributions_of, solution_of, trajectories_of
@@ -243,7 +243,7 @@ class Saved:
         outlook = None
         if self.has("cost-to-go.npz"):
             with np.load(self.folder / "cost-to-go.npz", allow_pickle=False) as arrays:
-                outlook = CostToGoMap.of_arrays(dict(arrays))
+                outlook = CostToGoMap.from_arrays(dict(arrays))
         return list(groups.get("way", {}).values()), rivals, outlook
 
     def _joint(self) -> tuple[FloatArray, FloatArray | None]:

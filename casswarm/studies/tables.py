@@ -13,54 +13,7 @@ from ..chain.distribution import OutcomeDistribution
 from ..chain.monte_carlo import Runs
 from ..chain.stratified import Estimate
 from ..chain.trajectories import RunTrajectory
-from ..planning.guide import Guide
-from ..planning.joint import SwarmPlan
 from ..typing import FloatArray
-
-
-def guide_table(guide: Guide) -> pd.DataFrame:
-    """A row a step t = 0..T: step, x, y, vx, vy, speed, rate, risk and survival so far.
-
-    V(T) is missing: the guide ends on arrival. So is the rate at the start, which costs nothing:
-    risk is the sum over t = 1..T of dt times the rate at X(t).
-    """
-    velocities = np.vstack([guide.velocities, np.full((1, 2), np.nan)])
-    rates = np.concatenate([[np.nan], guide.rates])
-    risk = guide.dt * np.cumsum(np.concatenate([[0.0], guide.rates]))
-    return pd.DataFrame(
-        {
-            "step": np.arange(guide.arrival + 1),
-            "x": guide.positions[:, 0],
-            "y": guide.positions[:, 1],
-            "vx": velocities[:, 0],
-            "vy": velocities[:, 1],
-            "speed": np.hypot(velocities[:, 0], velocities[:, 1]),
-            "rate": rates,
-            "risk": risk,
-            "survival": np.exp(-risk),
-        }
-    )
-
-
-def candidate_table(guide: Guide) -> pd.DataFrame:
-    """A row a start and arrival step: sides of the radars, risk, and how the solve ended."""
-    return pd.DataFrame([candidate.as_row() for candidate in guide.candidates])
-
-
-def path_table(kinds: Mapping[str, Mapping[str, FloatArray]]) -> pd.DataFrame:
-    """A row a step of every path: kind, name, step, x, y.
-
-    Parameters
-    ----------
-    kinds : mapping of kind to mapping of name to path (T+1, 2)
-    """
-    rows = [
-        {"kind": kind, "name": name, "step": step, "x": x, "y": y}
-        for kind, paths in kinds.items()
-        for name, path in paths.items()
-        for step, (x, y) in enumerate(path)
-    ]
-    return pd.DataFrame(rows, columns=["kind", "name", "step", "x", "y"])
 
 
 def trace_table(traces: Mapping[str, Sequence[RunTrajectory]]) -> pd.DataFrame:
@@ -88,53 +41,6 @@ def trace_table(traces: Mapping[str, Sequence[RunTrajectory]]) -> pd.DataFrame:
                 )
             )
     return pd.concat(parts, ignore_index=True)
-
-
-def joint_table(plan: SwarmPlan) -> pd.DataFrame:
-    """A row a step t = 0..T and member: place, velocity, survival so far.
-
-    V(T) is missing. Survival is the probability that the member is alive at step t or was when its
-    run ended; missing for swarms whose law is not known exactly.
-    """
-    steps, n = plan.steps, plan.n
-    velocities = np.concatenate([plan.velocities, np.full((1, n, 2), np.nan)])
-    survival = np.full((steps + 1, n), np.nan) if plan.law is None else plan.law.survival
-    return pd.DataFrame(
-        {
-            "step": np.repeat(np.arange(steps + 1), n),
-            "member": np.tile(np.arange(n), steps + 1),
-            "x": plan.positions[..., 0].ravel(),
-            "y": plan.positions[..., 1].ravel(),
-            "vx": velocities[..., 0].ravel(),
-            "vy": velocities[..., 1].ravel(),
-            "survival": survival.ravel(),
-        }
-    )
-
-
-def outcome_table(plan: SwarmPlan) -> pd.DataFrame:
-    """A row a start of a joint plan: what it attained, and how the solve ended."""
-    return pd.DataFrame(
-        outcome.as_row() | {"seconds": outcome.seconds} for outcome in plan.outcomes
-    )
-
-
-def rival_table(guides: Mapping[str, Guide]) -> pd.DataFrame:
-    """A row a guide: risk, survival, arrival step, the proven bound and the gap to it, seconds."""
-    return pd.DataFrame(
-        {
-            "guide": name,
-            "risk": guide.risk,
-            "survival": guide.survival,
-            "arrival": guide.arrival,
-            "risk_bound": guide.risk_bound,
-            "survival_bound": guide.survival_bound,
-            "gap": guide.gap,
-            "solves": len(guide.candidates),
-            "seconds": sum(c.solution.solve_seconds for c in guide.candidates),
-        }
-        for name, guide in guides.items()
-    )
 
 
 def law_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:

@@ -17,7 +17,8 @@ from casswarm.figures import player, save_gif
 from casswarm.figures.animation import RunFigure
 from casswarm.figures.closeups import additional_agent_rates
 from casswarm.figures.style import MEMBERS
-from casswarm.studies.tables import guide_table, trace_table
+from casswarm.planning.tables import guide_table
+from casswarm.studies.tables import trace_table
 
 FRAMES = 4
 

@@ -137,9 +137,9 @@ def test_wrong_folders_runs_and_names_are_answered_with_the_right_ones(simulated
 
 
 def test_what_is_read_back_is_what_was_saved(tmp_path):
+    from casswarm.planning.tables import guide_table
     from casswarm.studies.tables import (
         arrival_table,
-        guide_table,
         law_table,
         member_table,
         population_table,

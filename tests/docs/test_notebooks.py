@@ -66,8 +66,8 @@ for exact in distributions:
 rates = study.summary.set_index("policy")["success"]
 assert rates["leader"] < rates["constrained"] < rates["naive"], "protecting is the worst"
 assert guide.risk_bound <= guide.risk
-first, second = guide.ways()[:2]
-assert first.sides != second.sides and second.risk < 1.05 * first.risk, "nearly as good"
+first, second = guide.best_per_homotopy_class()[:2]
+assert first.homotopy != second.homotopy and second.risk < 1.05 * first.risk, "nearly as good"
 lost = study.trajectories["leader"][0].positions[-1][~study.trajectories["leader"][0].alive[-1]]
 towers_at = np.array(scenario.hazard.radars)
 assert len(lost) and np.hypot(*(lost[:, None] - towers_at).T).min(axis=0).max() < 2.0

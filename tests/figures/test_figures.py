@@ -45,7 +45,7 @@ from casswarm.figures import (
     theme,
 )
 from casswarm.figures.policy_styles import POLICIES, policy_styles
-from casswarm.planning.bounds.outlook import CostToGoMap
+from casswarm.planning.bounds import CostToGoMap
 
 PROFILE = pd.DataFrame({"fast": [0.5, 1.0], "slow": [0.0, 0.5]}, index=[1.0, 4.0])
 OUTLOOK = CostToGoMap(

@@ -8,7 +8,7 @@ import numpy as np
 
 from casswarm import Scenario, load_scenario
 from casswarm.optimization.problem import Instances, Nlp
-from casswarm.planning.polyline import resampled, straight
+from casswarm.planning.kinematics import resample
 from casswarm.problems.formation import (
     Formation,
     Motion,
@@ -52,18 +52,9 @@ def guide(t_f: float) -> Case:
     scenario = load_scenario("paper-1").with_values({"time.t_f": t_f})
     task = _task(scenario)
     nlp = guide_nlp(scenario.hazard, scenario.n_steps)
-    line = resampled(straight(task.start, task.center), scenario.n_steps, task.dt)
+    line = resample(np.stack([task.start, task.center]), scenario.n_steps, task.dt)
     return nlp, guide_instance(nlp, task.dimensionless(), scenario.n_steps, line / task.v_max)
 
 
 def _task(scenario: Scenario) -> GuideTask:
-    return GuideTask(
-        start=scenario.positions.mean(axis=0),
-        center=np.asarray(scenario.target.center, float),
-        radius=scenario.target.radius - scenario.arrival_margin,
-        before=np.zeros(2),
-        a_max=scenario.guide_a_max,
-        a_max_first=np.inf,
-        v_max=scenario.swarm.v_max,
-        dt=scenario.time.dt,
-    )
+    return GuideTask.from_scenario(scenario, scenario.positions.mean(axis=0))

@@ -110,4 +110,4 @@ TWO = [(3.0, 4.0), (7.0, 6.0)]
 
 def free(target: Point, radars: list[Point], steps: int, **values: object) -> Scenario:
     """Without limits of acceleration."""
-    return small(MEMBER, target, radars, steps, guide__flyable=False, **values)
+    return small(MEMBER, target, radars, steps, guide__acceleration_limited=False, **values)

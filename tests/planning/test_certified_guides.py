@@ -17,13 +17,13 @@ from small_scenarios import (
 )
 
 from casswarm import HazardError, Saturation, ScenarioError, load_scenario, plan
-from casswarm.planning.plan import certificate_of
+from casswarm.planning.bounds import certify_guide
 
 
 def test_symmetric_scenario_has_two_equal_optima_and_reports_one() -> None:
     guide = plan(free((6.0, 0.0), [(3.0, 0.0)], 14), gap=1e-4)
-    ways = guide.ways()
-    assert [way.sides for way in ways] in (["L", "R"], ["R", "L"])
+    ways = guide.best_per_homotopy_class()
+    assert [way.homotopy for way in ways] in (["L", "R"], ["R", "L"])
     assert ways[0].risk == pytest.approx(ways[1].risk, rel=1e-6)
     assert guide.risk == ways[0].risk
     assert guide.gap < 1e-4
@@ -129,7 +129,7 @@ def test_limits_of_acceleration_keep_the_bound_and_widen_the_gap() -> None:
 
 def test_path_that_a_solvers_tolerance_keeps_out_of_the_target_counts() -> None:
     """At full speed nearly everywhere, so that what the dynamics miss adds up to a rim not met."""
-    certificate = certificate_of(load_scenario("ring"), plan(load_scenario("ring"), certify=False))
+    certificate = certify_guide(load_scenario("ring"), plan(load_scenario("ring"), certify=False))
     assert certificate.best == pytest.approx(1.1039, abs=2e-4)
     assert certificate.gap < 0.01
 
@@ -137,7 +137,7 @@ def test_path_that_a_solvers_tolerance_keeps_out_of_the_target_counts() -> None:
 def test_certifying_is_left_out_where_it_is_not_asked_for() -> None:
     scenario = free((4.0, 1.0), [(2.0, 0.5)], 12)
     assert plan(scenario, certify=False).certificate is None
-    assert certificate_of(scenario, plan(scenario, certify=False)).gap < 0.01
+    assert certify_guide(scenario, plan(scenario, certify=False)).gap < 0.01
 
 
 @pytest.mark.parametrize(("name", "value"), [("gap", 0.0), ("gap", 1.0), ("time_limit", 0.0)])

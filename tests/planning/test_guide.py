@@ -14,7 +14,8 @@ from small_scenarios import Array, lone_rate_by_hand
 
 from casswarm import Candidate, Guide, Residuals, Saturation, Solution, Status
 from casswarm.optimization.problem import Instances, Nlp
-from casswarm.planning.guide import guide_from, homotopy_signature, integrate
+from casswarm.planning.homotopy import homotopy_signature
+from casswarm.planning.kinematics import integrate
 from casswarm.problems.guide import GuideTask, guide_instance, guide_nlp
 from casswarm.problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp
 
@@ -24,12 +25,13 @@ TASK = GuideTask(
     start=np.array([0.0, 0.1]),
     center=np.array([4.0, 0.5]),
     radius=0.5,
-    before=np.array([1.0, -0.5]),
+    initial_velocity=np.array([1.0, -0.5]),
     a_max=0.4,
     a_max_first=0.7,
     v_max=2.0,
     dt=0.33,
 )
+FROM_ORIGIN = replace(TASK, start=np.zeros(2), center=np.full(2, 9.0))
 NOTHING = Solution(
     x=np.empty(0),
     objective=0.0,
@@ -46,7 +48,7 @@ NOTHING = Solution(
 
 def guide_along(velocities: Array, candidates: tuple[Candidate, ...] = ()) -> Guide:
     best = Candidate("straight", len(velocities), "", velocities, 1.0, NOTHING)
-    return guide_from(HAZARD, np.zeros(2), best, candidates, 0.33, np.full(2, 9.0), "local")
+    return Guide.from_candidate(HAZARD, FROM_ORIGIN, best, candidates)
 
 
 def walk(steps: int, seed: int) -> Array:
@@ -86,7 +88,7 @@ def test_guide_refers_to_the_centre_after_its_arrival() -> None:
 
 def test_guide_arrives_if_the_risk_of_its_candidate_is_finite() -> None:
     best = Candidate("straight", 2, "", walk(2, 3), math.inf, NOTHING)
-    lost = guide_from(HAZARD, np.zeros(2), best, (best,), 0.33, np.full(2, 9.0), "global")
+    lost = Guide.from_candidate(HAZARD, FROM_ORIGIN, best, (best,), "global")
     assert (lost.arrives, lost.search) == (False, "global")
     assert guide_along(walk(2, 3)).arrives
 
@@ -111,8 +113,8 @@ def test_ways_are_the_best_arriving_candidate_of_every_side_best_first() -> None
             [("LR", 3.0), ("LL", 1.0), ("LR", 2.0), ("RR", math.inf), ("LL", 4.0), ("RL", 2.5)]
         )
     )
-    ways = guide_along(velocities, candidates).ways()
-    assert [(c.sides, c.risk) for c in ways] == [("LL", 1.0), ("LR", 2.0), ("RL", 2.5)]
+    ways = guide_along(velocities, candidates).best_per_homotopy_class()
+    assert [(c.homotopy, c.risk) for c in ways] == [("LL", 1.0), ("LR", 2.0), ("RL", 2.5)]
 
 
 # --- sides
@@ -174,7 +176,7 @@ def test_program_is_the_paper_s_with_every_formula_written_out() -> None:
 
     risk = sum(0.33 * lone_rate_by_hand(*X[t], RADARS) for t in range(4))
     assert objective[0] == pytest.approx(risk, rel=1e-12)
-    places, speeds = [TASK.start, *X], [TASK.before, *V]
+    places, speeds = [TASK.start, *X], [TASK.initial_velocity, *V]
     dynamics = [places[t + 1] - places[t] - 0.33 * V[t] for t in range(6)]
     turns = [math.dist(speeds[t + 1], speeds[t]) ** 2 for t in range(6)]
     expected = [*np.ravel(dynamics), *turns, math.dist(X[-1], TASK.center) ** 2]
@@ -193,7 +195,7 @@ def test_bounds_are_the_limits_until_arrival_and_rest_after_it() -> None:
     limits = instance.ubg[0, (names == "acceleration") | (names == "arrival")]
     exact = np.array([0.7, 0.4, 0.4, 0.4, math.inf, math.inf, 0.25])
     np.testing.assert_allclose(limits, exact, rtol=1e-6)
-    assert (limits[np.isfinite(exact)] <= exact[np.isfinite(exact)] - 0.9e-7).all()  # see ROOM
+    assert (limits[np.isfinite(exact)] <= exact[np.isfinite(exact)] - 0.9e-7).all()
 
 
 def test_start_of_a_solve_is_a_path_that_obeys_the_dynamics_and_the_box() -> None:

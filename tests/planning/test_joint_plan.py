@@ -26,12 +26,11 @@ from casswarm import (
     simulate,
 )
 from casswarm.errors import PolicyError
-from casswarm.planning.joint.distribution import PlanDistribution
-from casswarm.planning.joint.optimize import joint_task
+from casswarm.planning.joint import PlanDistribution
 from casswarm.planning.plan import initial_velocities
 from casswarm.policies import JointPolicy
 from casswarm.problems.joint import JointForm, joint_nlp
-from casswarm.problems.joint_instances import joint_instance
+from casswarm.problems.joint_instances import JointTask, joint_instance
 
 RADARS = [(1.0, 0.9), (2.2, -0.8)]
 
@@ -92,7 +91,7 @@ def test_law_of_random_ways_is_that_by_hand(objective: str) -> None:
     rng = np.random.default_rng(7)
     ways = np.cumsum(np.vstack([np.zeros((1, 3, 2)), rng.normal(0.3, 0.3, (6, 3, 2))]), axis=0)
     positions = scenario.positions + ways
-    law = PlanDistribution.of(scenario, positions)
+    law = PlanDistribution.from_positions(scenario, positions)
     found = (1 - law.cost(objective)) * (1 if objective == "success" else 3)
     assert found == pytest.approx(by_hand(scenario, positions, objective), abs=1e-12)
 
@@ -105,14 +104,14 @@ def test_success_is_what_evaluate_finds_for_the_policy(planned: tuple[Scenario, 
     low, high = best.success
     assert low <= law.success[0] <= high
     assert high - low < 1e-10
-    assert best.law is not None
-    assert best.law.survivors_mean == pytest.approx(law.survivors_mean[0], abs=1e-12)
-    np.testing.assert_allclose(best.law.arrival, law.arrival[: best.steps + 1], atol=1e-14)
-    np.testing.assert_allclose(best.law.survival[-1], law.members, atol=1e-13)
+    assert best.distribution is not None
+    assert best.distribution.survivors_mean == pytest.approx(law.survivors_mean[0], abs=1e-12)
+    np.testing.assert_allclose(best.distribution.arrival, law.arrival[: best.steps + 1], atol=1e-14)
+    np.testing.assert_allclose(best.distribution.survival[-1], law.members, atol=1e-13)
 
 
 def test_mass_is_conserved(planned: tuple[Scenario, SwarmPlan]) -> None:
-    law = planned[1].law
+    law = planned[1].distribution
     assert law is not None
     total = law.arrival.cumsum() + law.masses.sum(axis=1)
     np.testing.assert_allclose(total, 1.0, atol=1e-13)
@@ -133,7 +132,7 @@ def test_policy_is_never_clipped_and_agrees_with_sampling(
 def test_policy_by_name_is_that_of_the_plan(planned: tuple[Scenario, SwarmPlan]) -> None:
     scenario, best = planned
     made = make_policy("joint", scenario)
-    states = scenario.positions[None], best.before[None], np.ones((1, 3), bool)
+    states = scenario.positions[None], best.initial_velocities[None], np.ones((1, 3), bool)
     np.testing.assert_array_equal(made.velocities(0, *states)[0], best.velocities[0])
     moved = states[0] + 0.01  # towards the next place, as near as the limits allow
     back = made.decide(0, moved, states[1], states[2]).velocities
@@ -153,7 +152,7 @@ def test_objective_is_the_log_odds_of_the_laws_cost(objective: str) -> None:
     """With arrivals where the ways have them, the program prices what the chain does."""
     scenario = pair()
     guide = plan(scenario, certify=False)
-    task = joint_task(scenario, initial_velocities(scenario, guide))
+    task = JointTask.from_scenario(scenario, initial_velocities(scenario, guide))
     form = JointForm(2, scenario.n_steps, True, objective)
     nlp = joint_nlp(scenario.hazard, form)
     straight = np.array([(2.85, 0.2), (2.45, 0.1)]) / (8 * scenario.time.dt)
@@ -163,13 +162,13 @@ def test_objective_is_the_log_odds_of_the_laws_cost(objective: str) -> None:
     assert (first > 1).all()
     instance = joint_instance(nlp, form, task, first, velocities[: first.max()])
     odds = float(nlp.evaluate(instance.x0[0], instance.p[0])[0])
-    cost = PlanDistribution.of(scenario, positions[: first.max() + 1]).cost(objective)
+    cost = PlanDistribution.from_positions(scenario, positions[: first.max() + 1]).cost(objective)
     assert odds == pytest.approx(math.log(cost / (1 - cost)), rel=1e-9)
 
 
 def test_gradient_is_that_of_differences() -> None:
     scenario = pair()
-    task = joint_task(scenario, np.zeros((2, 2)))
+    task = JointTask.from_scenario(scenario, np.zeros((2, 2)))
     for exact in (True, False):
         form = JointForm(2, scenario.n_steps, exact)
         nlp = joint_nlp(scenario.hazard, form)
@@ -185,7 +184,7 @@ def test_gradient_is_that_of_differences() -> None:
 
 def test_mean_field_of_one_member_is_exact() -> None:
     scenario = small([(0.0, 0.0)], (3.0, 0.2), RADARS, 8)
-    task = joint_task(scenario, np.zeros((1, 2)))
+    task = JointTask.from_scenario(scenario, np.zeros((1, 2)))
     ways = np.random.default_rng(2).normal(1.2, 0.3, (8, 1, 2))
     odds = []
     for exact in (True, False):
@@ -209,7 +208,7 @@ def test_program_pickles() -> None:
 def test_limits_hold_exactly(planned: tuple[Scenario, SwarmPlan]) -> None:
     scenario, best = planned
     assert np.abs(best.velocities).max() <= scenario.swarm.v_max
-    change = np.diff(np.concatenate([best.before[None], best.velocities]), axis=0)
+    change = np.diff(np.concatenate([best.initial_velocities[None], best.velocities]), axis=0)
     assert (change**2).sum(axis=-1).max() <= scenario.swarm.a_max * (1 + 1e-9)
     assert scenario.target.contains(best.positions[best.arrivals, np.arange(3)]).all()
     assert best.arrivals.max() == best.steps
@@ -244,7 +243,9 @@ def test_papers_swarms_get_through_whatever_the_seed(
     name: str, least: float, seeds: tuple[int, ...]
 ) -> None:
     scenario = load_scenario(name)
-    found = [plan_swarm(scenario, seed=s, starts=["formations", "perturbed"]) for s in seeds]
+    found = [
+        plan_swarm(scenario, seed=s, initial_guesses=["formations", "perturbed"]) for s in seeds
+    ]
     for best in found:
         assert best.success is not None
         assert best.success[0] > least
@@ -255,8 +256,8 @@ def test_papers_swarms_get_through_whatever_the_seed(
 
 def test_members_keep_their_distance_where_asked() -> None:
     scenario = pair()
-    close = plan_swarm(scenario, starts=["formations"])
-    apart = plan_swarm(scenario, starts=["formations"], min_distance=0.3)
+    close = plan_swarm(scenario, initial_guesses=["formations"])
+    apart = plan_swarm(scenario, initial_guesses=["formations"], min_distance=0.3)
     assert close.least_distance < 0.1
     assert apart.least_distance >= 0.3 - 1e-5
     assert apart.value < close.value
@@ -265,7 +266,7 @@ def test_members_keep_their_distance_where_asked() -> None:
 def test_members_that_do_not_fit_into_the_target_together_arrive_one_by_one() -> None:
     positions = [(0.0, 0.0), (1.0, 0.0), (0.5, 1.0)]
     scenario = small(positions, (3.0, 0.2), RADARS, 6)
-    best = plan_swarm(scenario, starts=["formations"], min_distance=0.95)
+    best = plan_swarm(scenario, initial_guesses=["formations"], min_distance=0.95)
     assert best.least_distance >= 0.949
     assert len(set(best.arrivals.tolist())) == 3
     assert "COME WITHIN" not in str(best)
@@ -274,22 +275,25 @@ def test_members_that_do_not_fit_into_the_target_together_arrive_one_by_one() ->
 
 def test_arrivals_come_together_and_survivors_may_not() -> None:
     scenario = pair()
-    found = {o: plan_swarm(scenario, o, starts=["formations"]) for o in ("arrivals", "survivors")}
+    found = {
+        o: plan_swarm(scenario, o, initial_guesses=["formations"])
+        for o in ("arrivals", "survivors")
+    }
     arriving = found["arrivals"]
     assert len(set(arriving.arrivals.tolist())) == 1
-    assert arriving.law is not None
-    assert arriving.value == pytest.approx(arriving.law.arrivals_mean, abs=1e-12)
-    assert found["survivors"].law is not None
-    assert found["survivors"].value == pytest.approx(found["survivors"].law.survivors_mean)
-    success = plan_swarm(scenario, starts=["formations"])
-    assert success.law is not None
-    assert arriving.value >= success.law.arrivals_mean - 1e-6
-    assert found["survivors"].value >= success.law.survivors_mean - 1e-6
+    assert arriving.distribution is not None
+    assert arriving.value == pytest.approx(arriving.distribution.arrivals_mean, abs=1e-12)
+    assert found["survivors"].distribution is not None
+    assert found["survivors"].value == pytest.approx(found["survivors"].distribution.survivors_mean)
+    success = plan_swarm(scenario, initial_guesses=["formations"])
+    assert success.distribution is not None
+    assert arriving.value >= success.distribution.arrivals_mean - 1e-6
+    assert found["survivors"].value >= success.distribution.survivors_mean - 1e-6
 
 
 def test_a_member_too_far_away_is_not_asked_to_arrive() -> None:
     scenario = small([(0.0, 0.0), (-9.0, 0.0)], (3.0, 0.2), RADARS, 8)
-    best = plan_swarm(scenario, starts=["formations"])
+    best = plan_swarm(scenario, initial_guesses=["formations"])
     assert best.arrivals[0] > 0
     assert best.arrivals[1] == 0
     assert "1 of 2 members DO NOT ARRIVE" in str(best)
@@ -307,7 +311,7 @@ def gentle(positions: ca.MX, alive: ca.MX, radars: tuple[tuple[float, float], ..
 
 def test_rates_of_users_are_planned_for_too() -> None:
     scenario = pair().with_hazard(gentle, radars=[(1.5, 0.0)])
-    best = plan_swarm(scenario, starts=["formations"])
+    best = plan_swarm(scenario, initial_guesses=["formations"])
     law = evaluate(scenario, JointPolicy.from_plan(best), tolerance=0)
     assert best.success is not None
     assert best.success[0] <= law.success[0] <= best.success[1]
@@ -321,7 +325,7 @@ def test_large_swarms_are_planned_by_the_mean_field() -> None:
     positions = [tuple(map(float, place)) for place in rng.uniform(-0.4, 0.4, (12, 2))]
     scenario = small(positions, (3.0, 0.2), RADARS, 8)
     best = plan_swarm(scenario)
-    assert best.law is None
+    assert best.distribution is None
     assert best.success is None
     assert "by the mean field" in str(best)
     assert (best.arrivals > 0).all()
@@ -340,7 +344,7 @@ def test_swarms_turned_and_mirrored_do_as_well(seed: int) -> None:
         moved = [tuple(map(float, way @ place)) for place in places]
         velocity = tuple(map(float, way @ [1.0, 0.2]))
         scenario = small(moved[:2], moved[2], moved[3:], 6, swarm__velocity=velocity)
-        values.append(plan_swarm(scenario, starts=["formations"]).value)
+        values.append(plan_swarm(scenario, initial_guesses=["formations"]).value)
     assert values[0] == pytest.approx(values[1], abs=1e-4)
 
 
@@ -351,8 +355,8 @@ def test_swarms_turned_and_mirrored_do_as_well(seed: int) -> None:
     ("wrong", "message"),
     [
         ({"objective": "sucess"}, "did you mean 'success'"),
-        ({"starts": ["formation"]}, "did you mean 'formations'"),
-        ({"starts": "own"}, "expected a list of"),
+        ({"initial_guesses": ["formation"]}, "did you mean 'formations'"),
+        ({"initial_guesses": "own"}, "expected a list of"),
         ({"solver": "ipoptt"}, "ipopt"),
     ],
 )

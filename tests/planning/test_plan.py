@@ -35,7 +35,7 @@ def two_radars(**values: object) -> Guide:
 def test_guide_around_one_radar_is_between_the_bounds_of_a_fine_grid(
     radar: tuple[float, float], target: tuple[float, float], steps: int
 ) -> None:
-    guide = plan(small(MEMBER, target, [radar], steps, guide__flyable=False))
+    guide = plan(small(MEMBER, target, [radar], steps, guide__acceleration_limited=False))
     lower, upper = grid_bounds(radar, target, steps, cells=44)
     assert 0.93 * upper < lower  # the bounds say something
     assert lower <= guide.risk <= upper
@@ -43,22 +43,22 @@ def test_guide_around_one_radar_is_between_the_bounds_of_a_fine_grid(
 
 
 def test_local_search_ends_between_the_radars_and_global_search_goes_around_them() -> None:
-    local = two_radars(guide__flyable=False, guide__search="local")
-    globally = two_radars(guide__flyable=False)
+    local = two_radars(guide__acceleration_limited=False, guide__search="local")
+    globally = two_radars(guide__acceleration_limited=False)
     assert local.risk == pytest.approx(1.156, abs=0.001)
     assert globally.risk == pytest.approx(0.3305, abs=0.0005)
     assert globally.arrival == local.arrival == 30
-    sides = [min(guide.candidates, key=lambda c: c.risk).sides for guide in (local, globally)]
+    sides = [min(guide.candidates, key=lambda c: c.risk).homotopy for guide in (local, globally)]
     assert sides == ["LR", "LL"]
 
 
 def test_long_way_around_is_kept_where_a_whole_guide_risks_little() -> None:
     """Ten times as far from the radars: a tenth of the risk, below the weight of a barrier."""
     radars = [(30.0, 40.0), (70.0, 60.0)]
-    scenario = small(MEMBER, (100.0, 100.0), radars, 300, guide__flyable=False)
+    scenario = small(MEMBER, (100.0, 100.0), radars, 300, guide__acceleration_limited=False)
     guide = plan(scenario, certify=False)
     assert guide.risk == pytest.approx(0.0344, abs=0.0002)
-    assert [way.sides for way in guide.ways()[:2]] == ["LL", "RR"]
+    assert [way.homotopy for way in guide.best_per_homotopy_class()[:2]] == ["LL", "RR"]
 
 
 def patrol(steps: int, **values: object) -> Scenario:
@@ -99,7 +99,7 @@ def test_guide_is_straight_and_of_the_fewest_steps_where_place_makes_no_differen
 
 PLANS = {
     "acceleration_limited": {},
-    "unlimited": {"guide__flyable": False},
+    "unlimited": {"guide__acceleration_limited": False},
     "own limit": {"guide__a_max": 0.1},
     "no margin": {"guide__margin": 0.0, "swarm__a_max": 0.02},
     "given velocity": {"swarm__velocity": [0.3, -1.0]},
@@ -131,7 +131,7 @@ def test_guide_starts_with_the_given_velocity_or_with_any() -> None:
     free = plan(scenario)
     for guide in (
         plan(scenario.with_values({"swarm.velocity": backwards})),
-        plan_from(scenario, (0.5, -0.5), before=backwards),
+        plan_from(scenario, (0.5, -0.5), initial_velocity=backwards),
     ):
         first = math.dist(guide.velocities[0], backwards) ** 2
         assert 0.3 < first <= 0.5 < math.dist(free.velocities[0], backwards) ** 2
@@ -303,7 +303,7 @@ def test_projected_gradient_s_guide_respects_the_box_and_arrives() -> None:
 
 
 def test_projected_gradient_is_no_better_than_a_global_search() -> None:
-    scenario = small(MEMBER, (4.0, 0.5), [(2.0, 1.2)], 12, guide__flyable=False)
+    scenario = small(MEMBER, (4.0, 0.5), [(2.0, 1.2)], 12, guide__acceleration_limited=False)
     line = small(MEMBER, (4.0, 0.5), [(2.0, 1.2)], 12, guide__iterations=1)
     paper = plan(scenario, "projected-gradient")
     assert plan(scenario).risk <= paper.risk < plan(line, "projected-gradient").risk

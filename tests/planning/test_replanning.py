@@ -11,7 +11,7 @@ from small_scenarios import small
 from casswarm import Scenario, SwarmPlan, evaluate, make_policy, plan, plan_swarm, simulate
 from casswarm.errors import PolicyError
 from casswarm.optimization.solvers import Ipopt
-from casswarm.planning.joint.replan import PlanTree
+from casswarm.planning.joint import PlanTree
 from casswarm.policies import JointPolicy, ReplanningPolicy
 
 RADARS = [(1.0, 0.9), (2.2, -0.8)]
@@ -34,14 +34,14 @@ def crowded() -> Scenario:
 @pytest.fixture(scope="module")
 def planned() -> tuple[Scenario, SwarmPlan]:
     scenario = crowded()
-    return scenario, plan_swarm(scenario, starts=["formations"])
+    return scenario, plan_swarm(scenario, initial_guesses=["formations"])
 
 
 def feedback(
     planned: tuple[Scenario, SwarmPlan], mass: float = 1e-3, solver: Ipopt | None = None
 ) -> ReplanningPolicy:
     scenario, first = planned
-    tree = PlanTree.of(scenario, first, solver, mass)
+    tree = PlanTree.from_plan(scenario, first, solver, mass)
     return ReplanningPolicy(tree, JointPolicy.from_plan(first))
 
 
@@ -125,8 +125,8 @@ def test_failed_solves_are_counted_and_do_no_harm(planned: tuple[Scenario, Swarm
 
 def test_distance_is_kept_by_survivors() -> None:
     scenario = small([(0.0, 0.0), (0.5, 0.1), (-0.2, 0.5)], (3.0, 0.2), RADARS, 8)
-    first = plan_swarm(scenario, starts=["formations"], min_distance=0.3)
-    tree = PlanTree.of(scenario, first, least_mass=1e-2)
+    first = plan_swarm(scenario, initial_guesses=["formations"], min_distance=0.3)
+    tree = PlanTree.from_plan(scenario, first, min_probability=1e-2)
     evaluate(scenario, ReplanningPolicy(tree, JointPolicy.from_plan(first)), tolerance=1e-2)
     made = {id(b): b for b in tree.branches.values() if len(b.members) == 2}
     assert made
@@ -139,8 +139,8 @@ def test_states_that_no_plan_leads_to_are_steered_back(planned: tuple[Scenario, 
     scenario, first = planned
     policy = feedback(planned)
     places = scenario.positions[None] + 0.3
-    found = policy.decide(0, places, first.before[None], np.ones((1, 3), bool))
-    blind = policy.open_loop.decide(0, places, first.before[None], np.ones((1, 3), bool))
+    found = policy.decide(0, places, first.initial_velocities[None], np.ones((1, 3), bool))
+    blind = policy.open_loop.decide(0, places, first.initial_velocities[None], np.ones((1, 3), bool))
     np.testing.assert_array_equal(found.velocities, blind.velocities)
     assert found.fallbacks.sum() == policy.tree.solves == 0
 
@@ -157,11 +157,11 @@ def test_policy_by_name_plans_again() -> None:
 def test_swarms_without_an_exact_law_are_refused() -> None:
     positions = [(0.1 * i, 0.0) for i in range(11)]
     scenario = small(positions, (3.0, 0.2), RADARS, 8)
-    first = plan_swarm(scenario, starts=["formations"], time_limit=1e-3)
+    first = plan_swarm(scenario, initial_guesses=["formations"], time_limit=1e-3)
     with pytest.raises(PolicyError, match="at most 10 members; this swarm has 11"):
-        PlanTree.of(scenario, first)
+        PlanTree.from_plan(scenario, first)
 
 
 def test_mass_out_of_range_is_refused(planned: tuple[Scenario, SwarmPlan]) -> None:
     with pytest.raises(PolicyError, match="from 0 to 1"):
-        PlanTree.of(*planned, least_mass=2.0)
+        PlanTree.from_plan(*planned, min_probability=2.0)

@@ -19,10 +19,15 @@ from small_scenarios import (
 )
 
 from casswarm import Saturation, Scenario, plan
-from casswarm.planning.bounds.dynamic_programming import StageCosts, backward, forward, least
-from casswarm.planning.bounds.grid import Grid, Relaxation, whole_size
-from casswarm.planning.bounds.risk_bound import certify, first_grid
-from casswarm.planning.bounds.windows import box_minimum
+from casswarm.planning.bounds import Relaxation, certify
+from casswarm.planning.bounds.dynamic_programming import (
+    StageCosts,
+    box_minimum,
+    costs_to_come,
+    costs_to_go,
+    least_cost,
+)
+from casswarm.planning.bounds.grid import Grid, node_count
 
 
 def geometry(seed: int) -> Scenario:
@@ -129,17 +134,21 @@ def explicit_least(task: Relaxation, reach: int) -> float:
 
 @pytest.mark.parametrize("reach", [1, 2])
 def test_recursion_is_that_of_all_paths_on_the_grid(reach: int) -> None:
-    task = Relaxation.of(free((1.9, 0.7), [(1.0, 0.5), (0.5, -0.6)], 4))
-    prices = StageCosts(Grid.whole(task, 1, reach))
-    assert least(prices, backward(prices)) == pytest.approx(explicit_least(task, reach), rel=1e-12)
+    task = Relaxation.from_scenario(free((1.9, 0.7), [(1.0, 0.5), (0.5, -0.6)], 4))
+    stage_costs = StageCosts(Grid.full(task, 1, reach))
+    assert least_cost(stage_costs, costs_to_go(stage_costs)) == pytest.approx(
+        explicit_least(task, reach), rel=1e-12
+    )
 
 
 def test_forward_and_backward_costs_agree_at_every_step() -> None:
-    task = Relaxation.of(free((4.0, 3.0), [(2.0, 1.0)], 12))
-    prices = StageCosts(Grid.whole(task, 1, 2))
-    values = backward(prices)
-    bound = least(prices, values)
-    for arriving, going in itertools.islice(zip(forward(prices), values, strict=True), 4):
+    task = Relaxation.from_scenario(free((4.0, 3.0), [(2.0, 1.0)], 12))
+    stage_costs = StageCosts(Grid.full(task, 1, 2))
+    values = costs_to_go(stage_costs)
+    bound = least_cost(stage_costs, values)
+    for arriving, going in itertools.islice(
+        zip(costs_to_come(stage_costs), values, strict=True), 4
+    ):
         assert min((a + g).min() for a, g in zip(arriving, going, strict=True)) == pytest.approx(
             bound, rel=1e-12
         )
@@ -167,7 +176,7 @@ def test_bound_is_between_those_of_a_plain_fine_grid(
 def random_guides(scenario: Scenario, count: int, seed: int) -> list[float]:
     """Risks of random paths that obey the speed limit and arrive, some of them nearly straight."""
     rng = np.random.default_rng(seed)
-    task, steps = Relaxation.of(scenario), scenario.n_steps
+    task, steps = Relaxation.from_scenario(scenario), scenario.n_steps
     limit = scenario.swarm.v_max * scenario.time.dt
     risks = []
     for _ in range(count):
@@ -210,9 +219,9 @@ def test_bound_never_exceeds_the_risk_of_a_random_guide(seed: int) -> None:
 def test_no_weight_of_the_rim_makes_the_bound_exceed_a_guide(seed: int, weight: float) -> None:
     scenario = geometry(seed)
     guide = plan(scenario, certify=False)
-    task = Relaxation.of(scenario)
-    prices = StageCosts(first_grid(task, 30_000), multiplier=weight * guide.risk)
-    assert least(prices, backward(prices)) <= guide.risk
+    task = Relaxation.from_scenario(scenario)
+    stage_costs = StageCosts(Grid.finest(task, 30_000), multiplier=weight * guide.risk)
+    assert least_cost(stage_costs, costs_to_go(stage_costs)) <= guide.risk
 
 
 # --- refinement
@@ -236,23 +245,25 @@ def test_unpruned_grids_give_the_same_bound_as_refined_ones() -> None:
     """Discarding cells must not raise the bound above that of the whole grid and the best risk."""
     scenario = free((6.0, 4.0), [(2.0, 2.0), (4.5, 1.5)], 16)
     guide = plan(scenario, certify=False)
-    task = Relaxation.of(scenario)
+    task = Relaxation.from_scenario(scenario)
     certificate = certify(task, guide.risk, gap=1e-12, most=200_000, time_limit=5)
-    assert certificate.levels[1].nodes < whole_size(task, 1, certificate.levels[1].reach) / 2
+    assert certificate.levels[1].nodes < node_count(task, 1, certificate.levels[1].reach) / 2
     for level in certificate.levels:
-        if whole_size(task, 1, level.reach) < 2_000_000:
-            prices = StageCosts(Grid.whole(task, 1, level.reach))
-            assert level.bound == pytest.approx(least(prices, backward(prices)), rel=1e-9)
+        if node_count(task, 1, level.reach) < 2_000_000:
+            stage_costs = StageCosts(Grid.full(task, 1, level.reach))
+            assert level.bound == pytest.approx(
+                least_cost(stage_costs, costs_to_go(stage_costs)), rel=1e-9
+            )
 
 
 @pytest.mark.parametrize("merged", [2, 4, 8])
 def test_merging_steps_weakens_the_bound_and_keeps_it(merged: int) -> None:
     scenario = free((4.0, 3.0), [(2.0, 1.0)], 90, time__dt=0.033, time__t_f=90 * 0.033)
-    task = Relaxation.of(scenario)
+    task = Relaxation.from_scenario(scenario)
     bounds = []
     for m in (1, merged):
-        prices = StageCosts(Grid.whole(task, m, 2))
-        bounds.append(least(prices, backward(prices)))
+        stage_costs = StageCosts(Grid.full(task, m, 2))
+        bounds.append(least_cost(stage_costs, costs_to_go(stage_costs)))
     guide = plan(scenario, certify=False)
     assert 0.5 * guide.risk < bounds[1] <= bounds[0] <= guide.risk
 
@@ -264,24 +275,24 @@ def test_refining_merged_steps_never_exceeds_a_guide(seed: int, first: int) -> N
     scenario = geometry(seed)
     fine = scenario.with_values({"time.dt": 0.055, "time.t_f": scenario.time.t_f * (1 + 1e-9)})
     guide = plan(fine, certify=False)
-    task = Relaxation.of(fine)
+    task = Relaxation.from_scenario(fine)
     certificate = certify(task, guide.risk, gap=0.002, first=first, most=2_000_000)
-    assert certificate.levels[0].merged > 1
+    assert certificate.levels[0].stride > 1
     assert certificate.bound <= min(*random_guides(fine, 100, seed), guide.risk)
     assert certificate.gap < 0.03 or "nodes" in certificate.reason
-    one = StageCosts(Grid.whole(task, 1, 1))
-    exact = least(one, backward(one))
+    one = StageCosts(Grid.full(task, 1, 1))
+    exact = least_cost(one, costs_to_go(one))
     assert all(level.bound <= guide.risk for level in certificate.levels)
     assert (
         certificate.bound >= min(exact, guide.risk) * (1 - 1e-9)
-        or certificate.levels[-1].merged > 1
+        or certificate.levels[-1].stride > 1
     )
 
 
 def test_bound_holds_at_the_limits_of_nodes_and_time_and_says_so() -> None:
     scenario = free((10.0, 10.0), TWO, 30)
     guide = plan(scenario, certify=False)
-    task = Relaxation.of(scenario)
+    task = Relaxation.from_scenario(scenario)
     few = certify(task, guide.risk, gap=1e-9, most=1000)
     assert "more than 1,000 nodes" in few.reason
     short = certify(task, guide.risk, gap=1e-9, time_limit=1e-9)

@@ -23,9 +23,8 @@ from casswarm import (
     success_bound,
 )
 from casswarm.hazard.protection import LeastRate
-from casswarm.planning.bounds.grid import Relaxation
-from casswarm.planning.bounds.risk_bound import certify
-from casswarm.planning.joint.distribution import PlanDistribution
+from casswarm.planning.bounds import Relaxation, certify
+from casswarm.planning.joint import PlanDistribution
 from casswarm.policies import JointPolicy
 
 SHARE = (1 + ALPHA[1]) / (1 + 3 * ALPHA[1])  # of the lone rate, at the least, among three
@@ -84,7 +83,7 @@ def test_no_ways_exceed_the_bound_in_hundreds_of_scenarios(n: int, collides: boo
         most = 0.0
         for _ in range(6):
             ways = adversary(scenario, rng)
-            most = max(most, PlanDistribution.of(scenario, ways).success[1])
+            most = max(most, PlanDistribution.from_positions(scenario, ways).success[1])
         assert most <= bound.value
         near += most > bound.value - 0.1
     assert near > 0  # the bound is not just 1
@@ -96,7 +95,7 @@ def test_no_policy_exceeds_the_bound(seed: int) -> None:
     scenario = some_scenario(rng, 1 + seed % 3, 6, seed % 2 == 1)
     bound = success_bound(scenario, 50_000)
     guide = plan(scenario, certify=False, search="global")
-    best = plan_swarm(scenario, guide=guide, starts=["formations"])
+    best = plan_swarm(scenario, guide=guide, initial_guesses=["formations"])
     assert best.success is not None
     assert best.success[1] <= bound.value
     policies = ["naive", "constrained", "leader", "leader-feedback", JointPolicy.from_plan(best)]
@@ -117,7 +116,7 @@ def test_bound_is_above_the_papers_policies_on_its_scenarios(name: str) -> None:
 
 def test_lone_member_has_the_bound_of_its_guide() -> None:
     scenario = small([(0.0, 0.0)], (3.0, 0.0), [(1.4, 1.0)], 8)
-    task = Relaxation.of(scenario)
+    task = Relaxation.from_scenario(scenario)
     guide = plan(scenario, search="global")
     certified = certify(task, guide.risk, gap=1e-4, time_limit=10.0).bound
     bound = success_bound(scenario, 2_000_000)
@@ -144,7 +143,7 @@ def test_bound_is_attained_where_all_risk_is_in_one_step() -> None:
     assert success <= bound.value <= success + 1e-4
     ways = np.stack([np.zeros((3, 2)), np.tile(0.9 + (place - 0.9) * (1 - 1e-9), (3, 1))])
     ways[1] = place
-    assert PlanDistribution.of(scenario, ways).cost("success") >= bound.failure
+    assert PlanDistribution.from_positions(scenario, ways).cost("success") >= bound.failure
 
 
 def test_who_cannot_arrive_does_not_count() -> None:

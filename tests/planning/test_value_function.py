@@ -15,8 +15,10 @@ from casswarm import PlanningError, Scenario, plan
 from casswarm.planning.bounds.value_function import ValueFunction
 from casswarm.planning.plan import plan_from
 
-SCENARIO = small([(0.0, 0.0)], (5.0, 3.0), [(2.0, 2.0), (3.5, 0.5)], 14, guide__flyable=False)
-VALUE = ValueFunction.of(SCENARIO, 1_500_000)
+SCENARIO = small(
+    [(0.0, 0.0)], (5.0, 3.0), [(2.0, 2.0), (3.5, 0.5)], 14, guide__acceleration_limited=False
+)
+VALUE = ValueFunction.from_scenario(SCENARIO, 1_500_000)
 
 
 def followed(scenario: Scenario, value: ValueFunction, place: np.ndarray, step: int) -> float:
@@ -100,7 +102,7 @@ def test_interpolated_risks_are_near_the_bounds() -> None:
 
 def test_users_rates_have_an_upper_bound_alone() -> None:
     scenario = SCENARIO.with_hazard(patrolled, radars=[(2.0, 2.0)])
-    value = ValueFunction.of(scenario, 100_000)
+    value = ValueFunction.from_scenario(scenario, 100_000)
     low, high = value.bounds(0, [0.0, 0.0])
     assert low == 0.0
     assert high == pytest.approx(plan(scenario).risk, rel=0.05)
@@ -114,4 +116,4 @@ def test_value_functions_pickle() -> None:
 def test_too_many_steps_are_an_error_that_says_how_many_nodes() -> None:
     scenario = SCENARIO.with_values({"time.t_f": 2000.0})
     with pytest.raises(PlanningError, match=r"6060 steps needs [\d,]+ nodes"):
-        ValueFunction.of(scenario)
+        ValueFunction.from_scenario(scenario)

@@ -111,13 +111,13 @@ def test_feedback_guide_arrives_from_wherever_there_is_time_for_it() -> None:
     assert np.isfinite(policy("leader-feedback").best_steps(0, x, v)[1]).all()
     risks = followed(x, v)
     assert np.isfinite(risks).all()
-    assert (ValueFunction.of(scenario()).bounds(0, x)[0] <= risks).all()
+    assert (ValueFunction.from_scenario(scenario()).bounds(0, x)[0] <= risks).all()
 
 
 def test_feedback_guide_costs_at_most_half_more_risk_than_the_best_guide() -> None:
     x = np.array([[0.0, 0.0], [0.4, -0.4], [0.0, 0.8], [-0.4, -0.2]])
     v = np.array([[0.0, 1.0], [1.0, 1.0], [-0.5, 0.5], [0.0, 0.0]])
-    best = [plan_from(scenario(), place, before=u).risk for place, u in zip(x, v, strict=True)]
+    best = [plan_from(scenario(), place, initial_velocity=u).risk for place, u in zip(x, v, strict=True)]
     ratios = followed(x, v) / best
     assert (ratios >= 1 - 1e-6).all()
     assert ratios.max() < 1.5

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import casswarm as csw
+from casswarm.problems.formation import Motion
 from casswarm.problems.joint import JointForm, joint_nlp
 from casswarm.problems.joint_instances import JointTask, joint_instance
 
@@ -60,15 +61,13 @@ def point(scenario: csw.Scenario, form: JointForm) -> tuple[np.ndarray, np.ndarr
     draws = np.random.default_rng(2)
     task = JointTask(
         start=scenario.positions,
-        before=np.ones((3, 2)),
+        initial_velocities=np.ones((3, 2)),
         center=np.array([2.0, 1.5]),
         radius=0.5,
         margin=1e-3,
-        v_max=2.0,
-        a_max=0.5,
-        dt=scenario.time.dt,
+        motion=Motion(v_max=2.0, a_max=0.5, dt=scenario.time.dt),
         steps=form.horizon,
-        distance=0.01 if form.apart else 0.0,
+        min_distance=0.01 if form.separated else 0.0,
     )
     velocities = draws.uniform(0.2, 1.6, (form.horizon, 3, 2))
     nlp = joint_nlp(scenario.hazard, form)

@@ -1,9 +1,8 @@
-"""Proven lower bounds on the risk of every guide, and the value function behind them.
+"""Proven bounds on the risk of every guide and on the success of every policy; value functions.
 
-The proofs are in ``docs/global-guide.md``.
+The proofs are in ``docs/global-guide.md`` and ``docs/joint.md``.
 """
 
-from .grid import Relaxation
-from .risk_bound import Certificate, Level, certify
+import lazy_loader
 
-__all__ = ["Certificate", "Level", "Relaxation", "certify"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,7 +1,7 @@
 """Dynamic programming on a grid, backwards from the target and forwards from the start.
 
-A path on the grid visits nodes n_1, ..., n_j, each within reach of the one before, and stops at
-any node with a finite `arrival`. It costs the sum of its nodes' costs and the arrival.
+A path on the grid visits nodes n_1, ..., n_j, each within reach of the previous one, and stops at
+any node with a finite terminal cost. Its cost is the sum of its nodes' costs and the terminal cost.
 """
 
 from __future__ import annotations
@@ -14,16 +14,15 @@ import numpy as np
 
 from ...typing import FloatArray
 from .grid import Block, Grid
-from .windows import box_minimum
 
 Node: TypeAlias = tuple[int, int]
 Values: TypeAlias = list[list[FloatArray]]
-"""For every sample and every block, a value a node."""
+"""Node values, an array for every block of every sample."""
 
 
 @dataclass(frozen=True, eq=False)
 class StageCosts:
-    """What nodes cost.
+    """Costs of visiting a node and of stopping there.
 
     Parameters
     ----------
@@ -32,9 +31,9 @@ class StageCosts:
         Whether costs are such that the least cost bounds the risk of every guide (`Hazard.
         lone_rates_below`), or the rates at the nodes.
     multiplier : float
-        Weight of the distance to the target's rim in the cost of arriving; see `arrivals`.
+        Weight of the distance to the target's rim in the terminal cost; see `terminal`.
     inside : bool
-        Whether paths stop at nodes in the zone alone, as real ones do.
+        Whether paths may stop only at nodes in the target zone, as real paths do.
     """
 
     grid: Grid
@@ -42,32 +41,30 @@ class StageCosts:
     multiplier: float = 0.0
     inside: bool = False
     nodes: Values = field(init=False, repr=False)
-    """Risk of a visit; infinite where no active cell is."""
+    """Risk of a visit; infinite at nodes of no active cell."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "nodes", self._costs())
 
     def _costs(self) -> Values:
-        grid, size = self.grid, self.grid.size
-        every = [block for blocks in grid.blocks for block in blocks]
-        if not every:
+        grid = self.grid
+        blocks = [block for blocks in grid.blocks for block in blocks]
+        if not blocks:
             return [[] for _ in grid.blocks]
-        low = np.min([block.low for block in every], axis=0)
-        shape = np.max([block.high for block in every], axis=0) - low + 1
-        shared = self._rates(tuple(low), tuple(shape)) if shape.prod() <= size else None
-        found: Values = []
-        for blocks in grid.blocks:
-            found.append([])
-            for block in blocks:
-                if shared is None:
-                    costs = self._rates(block.low, block.shape)
-                else:
-                    i, j = np.subtract(block.low, low)
-                    costs = shared[i : i + block.shape[0], j : j + block.shape[1]]
-                if not block.cells.all():
-                    costs = np.where(block.nodes, costs, np.inf)
-                found[-1].append(costs)
-        return found
+        low = np.min([block.low for block in blocks], axis=0)
+        shape = np.max([block.high for block in blocks], axis=0) - low + 1
+        # one evaluation serves all samples where their blocks overlap enough
+        shared = self._rates(tuple(low), tuple(shape)) if shape.prod() <= grid.size else None
+
+        def costs(block: Block) -> FloatArray:
+            if shared is None:
+                rates = self._rates(block.low, block.shape)
+            else:
+                i, j = np.subtract(block.low, low)
+                rates = shared[i : i + block.shape[0], j : j + block.shape[1]]
+            return rates if block.cells.all() else np.where(block.nodes, rates, np.inf)
+
+        return [[costs(block) for block in blocks] for blocks in grid.blocks]
 
     def _rates(self, low: tuple[int, int], shape: tuple[int, int]) -> FloatArray:
         grid, hazard = self.grid, self.grid.task.hazard
@@ -76,51 +73,50 @@ class StageCosts:
             rates = hazard.lone_rates_below(east, north, grid.spacing)
             assert rates is not None
         else:
-            rates = hazard.single_agent_rates(
-                np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)
-            )
-        rates *= grid.merged * grid.task.dt
+            nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)
+            rates = hazard.single_agent_rates(nodes)
+        rates *= grid.stride * grid.task.dt
         return rates
 
-    def arrivals(self, block: Block) -> FloatArray:
-        """Cost of stopping at a block's nodes, infinite where no adjacent cell touches the zone.
+    def terminal(self, block: Block) -> FloatArray:
+        """Cost of stopping at a block's nodes, infinite if no adjacent cell touches the zone.
 
         With g(x) = (||x - c||^2 - R^2) / (2 R), about the distance from the rim, it is `multiplier`
         times g - h^2 / (4 R) near the rim and 0 deep inside: interpolated, not above 0 in the zone.
         """
         grid, task = self.grid, self.grid.task
         h, radius = grid.spacing, task.radius
-        slack = (grid.merged - 1) * task.step
-        away = [
-            np.abs(nodes - place)
-            for nodes, place in zip(grid.axes(block.low, block.shape), task.center, strict=True)
+        slack = (grid.stride - 1) * task.step
+        offsets = [
+            np.abs(nodes - center)
+            for nodes, center in zip(grid.axes(block.low, block.shape), task.center, strict=True)
         ]
         margin = 0.0 if self.inside else h + slack  # of the cells around a node
-        near = [np.maximum(a - margin, 0.0) ** 2 for a in away]
+        near = [np.maximum(offset - margin, 0.0) ** 2 for offset in offsets]
         touched = near[0][:, None] + near[1] <= radius**2 * (1 + 1e-12)
-        if self.multiplier == 0.0 or grid.merged > 1:
+        if self.multiplier == 0.0 or grid.stride > 1:
             return np.where(touched, 0.0, np.inf)
-        squared = (away[0] ** 2)[:, None] + away[1] ** 2
+        squared = (offsets[0] ** 2)[:, None] + offsets[1] ** 2
         deep = squared < max(radius - 1.5 * h, 0.0) ** 2
         cost = self.multiplier * ((squared - radius**2) / (2 * radius) - h**2 / (4 * radius))
         return np.where(touched, np.where(deep, 0.0, cost), np.inf)
 
     @property
-    def largest_arrival(self) -> float:
-        """Bound on the absolute cost of arriving."""
+    def max_terminal(self) -> float:
+        """Bound on the absolute terminal cost."""
         h, radius = self.grid.spacing, self.grid.task.radius
         return self.multiplier * (3 * h + 3 * h**2 / radius)
 
 
-def point(node: Node) -> Block:
-    """A block of a node alone."""
+def single_node(node: Node) -> Block:
+    """A block of one node."""
     return Block(node, np.ones((0, 0), bool))
 
 
-def spread(
+def minimum_within_reach(
     sources: list[FloatArray], blocks: tuple[Block, ...], to: Block, reach: int
 ) -> FloatArray:
-    """At the nodes of a block, the least value within reach at the nodes of `blocks`."""
+    """At the nodes of the block `to`, the least value within reach at the nodes of `blocks`."""
     out = np.full(to.shape, np.inf)
     for values, block in zip(sources, blocks, strict=True):
         first = (to.low[0] - block.low[0], to.low[1] - block.low[1])
@@ -128,82 +124,133 @@ def spread(
     return out
 
 
-def backward(prices: StageCosts) -> Values:
+def costs_to_go(stage_costs: StageCosts) -> Values:
     """Least cost of a visit to every node at every sample and of all that follows."""
-    grid = prices.grid
+    grid = stage_costs.grid
     values: Values = [[] for _ in grid.blocks]
-    after: list[FloatArray] = []
-    following: tuple[Block, ...] = ()
+    next_values: list[FloatArray] = []
+    next_blocks: tuple[Block, ...] = ()
     for sample in reversed(range(len(grid.blocks))):
-        for block, costs in zip(grid.blocks[sample], prices.nodes[sample], strict=True):
-            to_go = spread(after, following, block, grid.reach)
-            np.minimum(to_go, prices.arrivals(block), out=to_go)
+        for block, costs in zip(grid.blocks[sample], stage_costs.nodes[sample], strict=True):
+            to_go = minimum_within_reach(next_values, next_blocks, block, grid.reach)
+            np.minimum(to_go, stage_costs.terminal(block), out=to_go)
             values[sample].append(to_go + costs)
-        after, following = values[sample], grid.blocks[sample]
+        next_values, next_blocks = values[sample], grid.blocks[sample]
     return values
 
 
-def forward(prices: StageCosts) -> Iterator[list[FloatArray]]:
-    """For every sample, the least cost of getting to every node, its own cost left out."""
-    grid = prices.grid
-    before: list[FloatArray] = [np.zeros((1, 1))]
-    previous: tuple[Block, ...] = (point((0, 0)),)
-    for blocks, costs in zip(grid.blocks, prices.nodes, strict=True):
-        arriving = [spread(before, previous, block, grid.reach) for block in blocks]
-        yield arriving
-        before = [value + cost for value, cost in zip(arriving, costs, strict=True)]
-        previous = blocks
+def costs_to_come(stage_costs: StageCosts) -> Iterator[list[FloatArray]]:
+    """Least cost of reaching every node, without its own cost, one sample at a time."""
+    grid = stage_costs.grid
+    last_values: list[FloatArray] = [np.zeros((1, 1))]
+    last_blocks: tuple[Block, ...] = (single_node((0, 0)),)
+    for blocks, costs in zip(grid.blocks, stage_costs.nodes, strict=True):
+        to_come = [
+            minimum_within_reach(last_values, last_blocks, block, grid.reach) for block in blocks
+        ]
+        yield to_come
+        last_values = [value + cost for value, cost in zip(to_come, costs, strict=True)]
+        last_blocks = blocks
 
 
-def least(prices: StageCosts, values: Values) -> float:
-    """Least cost of a path from the start, by what `backward` gave."""
-    start = point((0, 0))
-    grid = prices.grid
-    found = float(spread(values[0], grid.blocks[0], start, grid.reach)[0, 0])
-    if grid.merged > 1:  # a path that arrives before its first sample
-        found = min(found, float(prices.arrivals(start)[0, 0]))
-    return found
+def least_cost(stage_costs: StageCosts, to_go: Values) -> float:
+    """Least cost of a path from the start, from the result of `costs_to_go`."""
+    start = single_node((0, 0))
+    grid = stage_costs.grid
+    least = float(minimum_within_reach(to_go[0], grid.blocks[0], start, grid.reach)[0, 0])
+    if grid.stride > 1:  # a path may arrive before its first sample
+        least = min(least, float(stage_costs.terminal(start)[0, 0]))
+    return least
 
 
 def best_node(
     values: list[FloatArray], blocks: tuple[Block, ...], at: Node, reach: int
 ) -> tuple[float, Node]:
-    """Least value within reach of a node, and where; infinite if there is none."""
-    best, place = np.inf, at
+    """Least value within reach of a node, and its node; infinite if there is none."""
+    best, best_at = np.inf, at
     for block, value in zip(blocks, values, strict=True):
         i, j = (max(0, at[axis] - reach - block.low[axis]) for axis in (0, 1))
-        ends = [max(0, at[axis] + reach - block.low[axis] + 1) for axis in (0, 1)]
-        window = value[i : ends[0], j : ends[1]]
+        stops = [max(0, at[axis] + reach - block.low[axis] + 1) for axis in (0, 1)]
+        window = value[i : stops[0], j : stops[1]]
         if window.size and window.min() < best:
             best = float(window.min())
             row, column = np.unravel_index(int(window.argmin()), window.shape)
-            place = (block.low[0] + i + int(row), block.low[1] + j + int(column))
-    return best, place
+            best_at = (block.low[0] + i + int(row), block.low[1] + j + int(column))
+    return best, best_at
 
 
-def trace(prices: StageCosts, values: Values, at: Node = (0, 0), sample: int = 0) -> list[Node]:
-    """Nodes of a least-cost path onwards from a node at a sample (0 is the start)."""
-    grid = prices.grid
+def trace(stage_costs: StageCosts, to_go: Values, at: Node = (0, 0), sample: int = 0) -> list[Node]:
+    """Nodes of a least-cost path from a node at a sample (0 is the start) to the target."""
+    grid = stage_costs.grid
     path = [at]
     for following in range(sample, len(grid.blocks)):
-        onwards, place = best_node(values[following], grid.blocks[following], at, grid.reach)
-        stopping = prices.arrivals(point(at))[0, 0] if following else np.inf
-        if min(onwards, stopping) == np.inf or stopping <= onwards:
+        cost, node = best_node(to_go[following], grid.blocks[following], at, grid.reach)
+        stopping = stage_costs.terminal(single_node(at))[0, 0] if following else np.inf
+        if min(cost, stopping) == np.inf or stopping <= cost:
             break
-        at = place
+        at = node
         path.append(at)
     return path
 
 
-def trace_back(prices: StageCosts, arriving: Values, at: Node, sample: int) -> list[Node]:
-    """Nodes of a least-cost path from the start to a node at a sample; `forward` gave `arriving`.
-
-    The node itself is not among them.
-    """
-    grid = prices.grid
+def trace_back(stage_costs: StageCosts, to_come: Values, at: Node, sample: int) -> list[Node]:
+    """Nodes of a least-cost path from the start to a node at a sample, without the node itself."""
+    grid = stage_costs.grid
     path: list[Node] = []
-    for before in reversed(range(sample - 1)):
-        costs = [a + b for a, b in zip(arriving[before], prices.nodes[before], strict=True)]
-        at = best_node(costs, grid.blocks[before], at, grid.reach)[1]
+    for previous in reversed(range(sample - 1)):
+        costs = [a + b for a, b in zip(to_come[previous], stage_costs.nodes[previous], strict=True)]
+        at = best_node(costs, grid.blocks[previous], at, grid.reach)[1]
         path.append(at)
     return [(0, 0), *reversed(path)]
+
+
+def box_minimum(
+    values: FloatArray, first: tuple[int, int], shape: tuple[int, int], k: int
+) -> FloatArray:
+    """Least value within k nodes along either axis, infinite if there is none.
+
+    The set reachable in one step is a box, so the minimum is taken axis by axis.
+    `scipy.ndimage.minimum_filter` gives the same numbers but takes 1.5 to 2.5 times as long.
+
+    Parameters
+    ----------
+    values : (n, m)
+        At the nodes (0, 0) to (n-1, m-1).
+    first, shape : pairs of int
+        First output node, which may lie outside `values`, and number of output nodes.
+    k : int
+
+    Returns
+    -------
+    ndarray of shape `shape`
+        Node p holds the least of the values at nodes q with |p - q| <= k in both axes.
+    """
+    rows = _window_minimum(values, first[0], shape[0], k)
+    return _window_minimum(rows.T, first[1], shape[1], k).T
+
+
+def _window_minimum(values: FloatArray, first: int, count: int, k: int) -> FloatArray:
+    """Least of ``values[p-k : p+k+1]`` along the first axis for p = first .. first + count - 1."""
+    n = len(values)
+    out = np.full((count, *values.shape[1:]), np.inf)
+    begin, end = max(first, -k), min(first + count, n + k)  # where a window meets the values
+    if begin >= end:
+        return out
+    low, high = begin - k, end - 1 + k  # of the first window, and of the last
+    inside = out[begin - first : end - first]
+    if n <= 2 * k + 1:  # every window holds an end of the values
+        at = np.arange(begin, end)
+        from_start = np.minimum.accumulate(values, axis=0)[np.minimum(at + k, n - 1)]
+        to_end = np.minimum.accumulate(values[::-1], axis=0)[::-1][np.maximum(at - k, 0)]
+        inside[:] = np.where((at - k <= 0)[:, None], from_start, to_end)
+        return out
+    padded = np.full((high - low + 1, *values.shape[1:]), np.inf)
+    overlap = slice(max(low, 0), min(high + 1, n))
+    padded[overlap.start - low : overlap.stop - low] = values[overlap]
+    width, length = 2 * k + 1, 1
+    while 2 * length <= width:  # windows of 2, 4, 8, ... and then two that overlap
+        padded = np.minimum(padded[:-length], padded[length:])
+        length *= 2
+    shift = width - length
+    np.minimum(padded[: end - begin], padded[shift : shift + end - begin], out=inside)
+    return out

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...hazard import Hazard
 from ...typing import BoolArray, FloatArray
@@ -16,31 +17,32 @@ from ...typing import BoolArray, FloatArray
 if TYPE_CHECKING:
     from ...scenario import Scenario
 
-Ranges: TypeAlias = Iterator[tuple[np.ndarray, np.ndarray]]
+Ranges: TypeAlias = Iterable[tuple[np.ndarray, np.ndarray]]
 """First and last node of every sample."""
 
 UNIT = 2.0**-53
 """Unit roundoff of a double."""
 
-_FULL = 0.5  # of a block's cells that are active: below, it is split
-_SMALL = 256  # cells of a block that is not split
+_MIN_ACTIVE = 0.5  # active fraction of a block's cells below which it is split
+_MIN_CELLS = 256  # blocks of at most so many cells are not split
+_MAX_REACH = 64
 
 
 @dataclass(frozen=True, eq=False)
 class Relaxation:
-    """What every guide of a scenario obeys, rounded outwards: speed, horizon and target alone.
+    """A scenario's guide problem with the speed limit, the horizon and the target only.
 
-    Neither the limits of acceleration nor the margin of arrival: a lower bound for all guides of
-    the relaxation is one for all guides of the scenario.
+    Without acceleration limits and arrival margin, and with the rest rounded outwards: a lower
+    bound for all guides of the relaxation is one for all guides of the scenario.
 
     Parameters
     ----------
     hazard : Hazard
     start, center : (2,)
     radius : float
-        Of the target zone; a guide has arrived at its first step in it.
+        Of the target zone; a guide arrives at its first step in the zone.
     step : float
-        s, the most by which a coordinate changes in a time step.
+        s, the largest change of a coordinate in a time step.
     steps : int
         N, the last time step.
     dt : float
@@ -55,8 +57,8 @@ class Relaxation:
     dt: float
 
     @classmethod
-    def of(cls, scenario: Scenario, start: FloatArray | None = None) -> Relaxation:
-        """Relaxation of a scenario's guide problem, or of that of an agent elsewhere."""
+    def from_scenario(cls, scenario: Scenario, start: FloatArray | None = None) -> Relaxation:
+        """Relaxation of a scenario's guide problem, from its guide's start or from `start` (2,)."""
         begin = scenario.guide_start if start is None else np.asarray(start, float)
         center = np.asarray(scenario.target.center, float)
         step = scenario.swarm.v_max * scenario.time.dt
@@ -74,7 +76,7 @@ class Relaxation:
 
     @property
     def extent(self) -> float:
-        """Greatest absolute coordinate that a guide can have."""
+        """Largest absolute coordinate that a guide can have."""
         far = np.maximum(np.abs(self.start), np.abs(self.center))
         return float(far.max() + self.steps * self.step)
 
@@ -87,7 +89,7 @@ class Block(NamedTuple):
     low : pair of int
         Indices of the first node; node (0, 0) is the start.
     cells : (n-1, m-1) bool
-        Which cells are active.
+        Active cells.
     """
 
     low: tuple[int, int]
@@ -95,16 +97,16 @@ class Block(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Numbers of nodes."""
+        """Number of nodes along each axis."""
         return self.cells.shape[0] + 1, self.cells.shape[1] + 1
 
     @property
     def nodes(self) -> BoolArray:
-        """Which nodes are corners of active cells."""
-        found = np.zeros(self.shape, bool)
-        for corner in corners(found):
+        """Mask of the nodes that are corners of active cells."""
+        mask = np.zeros(self.shape, bool)
+        for corner in corners(mask):
             np.logical_or(corner, self.cells, out=corner)
-        return found
+        return mask
 
     @property
     def high(self) -> tuple[int, int]:
@@ -126,7 +128,7 @@ class Grid:
     Parameters
     ----------
     task : Relaxation
-    merged : int
+    stride : int
         m, time steps from one sample of a path to the next.
     reach : int
         k, nodes by which a coordinate changes from one sample to the next: h = m s / k.
@@ -135,56 +137,49 @@ class Grid:
     """
 
     task: Relaxation
-    merged: int
+    stride: int
     reach: int
     blocks: tuple[tuple[Block, ...], ...] = field(repr=False)
 
     @classmethod
-    def whole(cls, task: Relaxation, merged: int, reach: int) -> Grid:
-        """All nodes that can be reached in time and from which the target can be."""
-        return cls._of_ranges(task, merged, reach, _ranges(task, merged, reach))
+    def full(cls, task: Relaxation, stride: int, reach: int) -> Grid:
+        """All nodes that can be reached in time and from which the target can be reached."""
+        return cls._from_ranges(task, stride, reach, _ranges(task, stride, reach))
 
     @classmethod
-    def everywhere(cls, task: Relaxation, reach: int) -> Grid:
-        """All nodes from which the target can be reached in time, wherever the start is."""
-        return cls._of_ranges(task, 1, reach, _ranges(task, 1, reach, from_start=False))
+    def finest(cls, task: Relaxation, max_nodes: int) -> Grid:
+        """The finest full grid of at most `max_nodes` nodes, with a stride above 1 if necessary."""
+        return cls.full(
+            task, *_finest(lambda *size: node_count(task, *size), max_nodes, task.steps)
+        )
 
     @classmethod
-    def around(cls, task: Relaxation, starts: FloatArray, most: int) -> Grid:
-        """As `whole`, of paths from any of `starts` (n, 2): the finest of at most `most` nodes.
+    def from_anywhere(cls, task: Relaxation, reach: int) -> Grid:
+        """All nodes from which the target can be reached in time, whatever the start."""
+        return cls._from_ranges(task, 1, reach, _ranges(task, 1, reach, from_start=False))
 
-        Steps are merged where they must be.
-        """
+    @classmethod
+    def from_starts(cls, task: Relaxation, starts: FloatArray, max_nodes: int) -> Grid:
+        """As `finest`, for paths from any of `starts` (n, 2)."""
 
-        def ranges(merged: int, reach: int) -> list[tuple[np.ndarray, np.ndarray]]:
-            apart = (starts - task.start) * (reach / (merged * task.step))
-            spread = (np.floor(apart.min(axis=0)), np.ceil(apart.max(axis=0)))
+        def ranges(stride: int, reach: int) -> list[tuple[np.ndarray, np.ndarray]]:
+            offsets = (starts - task.start) * (reach / (stride * task.step))
+            first = np.floor(offsets.min(axis=0)).astype(int)
+            last = np.ceil(offsets.max(axis=0)).astype(int)
             return [
-                (
-                    np.maximum(low, spread[0].astype(int) - out),
-                    np.minimum(high, spread[1].astype(int) + out),
-                )
+                (np.maximum(low, first - out), np.minimum(high, last + out))
                 for out, (low, high) in zip(
                     itertools.count(reach, reach),
-                    _ranges(task, merged, reach, from_start=False),
+                    _ranges(task, stride, reach, from_start=False),
                     strict=False,
                 )
             ]
 
-        def size(merged: int, reach: int) -> int:
-            return int(
-                sum(np.prod(np.maximum(high - low + 1, 0)) for low, high in ranges(merged, reach))
-            )
-
-        merged = reach = 1
-        while size(merged, 1) > most and merged < task.steps:
-            merged *= 2
-        while reach < 64 and size(merged, 2 * reach) <= most:
-            reach *= 2
-        return cls._of_ranges(task, merged, reach, iter(ranges(merged, reach)))
+        stride, reach = _finest(lambda *size: _count(ranges(*size)), max_nodes, task.steps)
+        return cls._from_ranges(task, stride, reach, ranges(stride, reach))
 
     @classmethod
-    def _of_ranges(cls, task: Relaxation, merged: int, reach: int, ranges: Ranges) -> Grid:
+    def _from_ranges(cls, task: Relaxation, stride: int, reach: int, ranges: Ranges) -> Grid:
         blocks = tuple(
             ()
             if (high < low).any()
@@ -196,28 +191,28 @@ class Grid:
             )
             for low, high in ranges
         )
-        return cls(task, merged, reach, blocks)
+        return cls(task, stride, reach, blocks)
 
     @property
     def spacing(self) -> float:
         """h, the side of a cell."""
-        return self.merged * self.task.step / self.reach
+        return self.stride * self.task.step / self.reach
 
     @property
     def size(self) -> int:
-        """Nodes, over all samples."""
+        """Number of nodes over all samples."""
         return sum(math.prod(block.shape) for blocks in self.blocks for block in blocks)
 
     def axes(self, low: tuple[int, int], shape: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
-        """Coordinates of nodes from `low` on."""
+        """Coordinates of `shape` nodes from the node `low`, along each axis."""
         east, north = (
-            place + self.spacing * (first + np.arange(count))
-            for place, first, count in zip(self.task.start, low, shape, strict=True)
+            origin + self.spacing * (first + np.arange(count))
+            for origin, first, count in zip(self.task.start, low, shape, strict=True)
         )
         return east, north
 
     def halved(self, active: tuple[tuple[BoolArray, ...], ...]) -> Grid:
-        """Half the spacing, on the active cells of every block alone; half the steps merged."""
+        """The active cells of every block with half the spacing, and half the stride if above 1."""
         blocks = tuple(
             tuple(
                 fine
@@ -229,28 +224,56 @@ class Grid:
             )
             for blocks, masks in zip(self.blocks, active, strict=True)
         )
-        if self.merged == 1:
+        if self.stride == 1:
             return replace(self, reach=2 * self.reach, blocks=blocks)
-        merged = self.merged // 2
+        stride = self.stride // 2
         twice = tuple(fine for fine in blocks for _ in (0, 1))
-        return replace(self, merged=merged, blocks=twice[: -(-self.task.steps // merged)])
+        return replace(self, stride=stride, blocks=twice[: -(-self.task.steps // stride)])
 
 
-def whole_size(task: Relaxation, merged: int, reach: int, from_start: bool = True) -> int:
-    """`Grid.size` of the whole grid, or of that of all starts, without building it."""
-    return int(
-        sum(
-            np.prod(np.maximum(high - low + 1, 0))
-            for low, high in _ranges(task, merged, reach, from_start)
-        )
-    )
+def bilinear(
+    values: FloatArray, cells: NDArray[np.integer[Any]], fractions: FloatArray
+) -> FloatArray:
+    """Bilinear interpolation (B,) of values (n, m) in cells (B, 2), at fractions (B, 2) of a cell.
+
+    Infinite outside the grid, and where a corner of positive weight is.
+    """
+    inside = np.asarray(((cells >= 0) & (cells < np.array(values.shape) - 1)).all(axis=1))
+    if not inside.any():
+        return np.full(len(cells), np.inf)
+    cells = np.where(inside[:, None], cells, 0)
+    interpolated = np.zeros(len(cells))
+    for i, j in itertools.product((0, 1), (0, 1)):
+        weight = np.abs(1 - i - fractions[:, 0]) * np.abs(1 - j - fractions[:, 1])
+        corner = values[cells[:, 0] + i, cells[:, 1] + j]
+        interpolated += np.where(weight > 0, weight * np.where(weight > 0, corner, 0.0), 0.0)
+    return np.where(inside, interpolated, np.inf)
 
 
-def _ranges(task: Relaxation, merged: int, reach: int, from_start: bool = True) -> Ranges:
+def node_count(task: Relaxation, stride: int, reach: int, from_start: bool = True) -> int:
+    """Number of nodes of a full grid, or of that of all starts, without building it."""
+    return _count(_ranges(task, stride, reach, from_start))
+
+
+def _count(ranges: Ranges) -> int:
+    return int(sum(np.prod(np.maximum(high - low + 1, 0)) for low, high in ranges))
+
+
+def _finest(count: Callable[[int, int], int], max_nodes: int, steps: int) -> tuple[int, int]:
+    """Stride and reach, powers of two, of the finest grid with `count` at most `max_nodes`."""
+    stride = reach = 1
+    while count(stride, 1) > max_nodes and stride < steps:
+        stride *= 2
+    while reach < _MAX_REACH and count(stride, 2 * reach) <= max_nodes:
+        reach *= 2
+    return stride, reach
+
+
+def _ranges(task: Relaxation, stride: int, reach: int, from_start: bool = True) -> Ranges:
     """First and last nodes of every sample."""
-    spacing = merged * task.step / reach
-    samples = -(-task.steps // merged)
-    far = task.radius + (merged - 1) * task.step
+    spacing = stride * task.step / reach
+    samples = -(-task.steps // stride)
+    far = task.radius + (stride - 1) * task.step
     first = np.floor((task.center - far - task.start) / spacing).astype(int)
     last = np.ceil((task.center + far - task.start) / spacing).astype(int)
     for sample in range(1, samples + 1):
@@ -260,17 +283,17 @@ def _ranges(task: Relaxation, merged: int, reach: int, from_start: bool = True) 
 
 
 def _split(low: tuple[int, int], cells: BoolArray) -> Iterator[Block]:
-    """Blocks that hold all active cells, and not many others."""
+    """Blocks that hold all active cells, and few others."""
     rows, columns = np.flatnonzero(cells.any(axis=1)), np.flatnonzero(cells.any(axis=0))
     if not rows.size:
         return
     cells = cells[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     low = (low[0] + int(rows[0]), low[1] + int(columns[0]))
-    if cells.size <= _SMALL or np.count_nonzero(cells) >= _FULL * cells.size:
+    if cells.size <= _MIN_CELLS or np.count_nonzero(cells) >= _MIN_ACTIVE * cells.size:
         yield Block(low, cells)
         return
     axis = int(cells.shape[1] > cells.shape[0])
-    empty = np.flatnonzero(~cells.any(axis=1 - axis))  # a gap is the best place
+    empty = np.flatnonzero(~cells.any(axis=1 - axis))  # preferably at a gap
     middle = cells.shape[axis] // 2
     at = int(empty[np.abs(empty - middle).argmin()]) if empty.size else middle
     first, second = np.split(cells, [at], axis=axis)

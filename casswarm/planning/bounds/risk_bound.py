@@ -1,24 +1,45 @@
-"""The proven lower bound: grids that are refined where a better guide may still be."""
+"""Proven lower bounds on the risk of every guide, on grids refined where a better one may exist."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...hazard.lower_bounds import cap_radius
+from ...optimization.solvers import make_solver
+from ...problems.guide import GuideTask
 from ...typing import BoolArray, FloatArray
-from .dynamic_programming import StageCosts, Values, backward, forward, least, point, spread
-from .grid import UNIT, Block, Grid, Relaxation, corners, whole_size
+from ..guide import Candidate, Guide
+from ..homotopy import best_homotopy_classes
+from ..kinematics import integrate
+from ..multistart import Multistart
+from .dynamic_programming import (
+    StageCosts,
+    Values,
+    costs_to_come,
+    costs_to_go,
+    least_cost,
+    minimum_within_reach,
+    single_node,
+)
+from .grid import UNIT, Block, Grid, Relaxation, corners
 
-FIRST = 400_000
-"""Nodes of the first grid, at the most where merging steps can keep it so."""
+if TYPE_CHECKING:
+    from ...scenario import Scenario
 
-MAX_ITERATIONS = 10_000_000
-"""Nodes of any grid, over all steps: at most three numbers each are kept, 240 MB."""
+GAP, TIME_LIMIT = 0.01, 10.0
+"""Default relative gap at which a certificate is good enough, and default time limit in seconds."""
+
+FIRST_NODES = 400_000
+"""Maximum number of nodes of the first grid, if the stride can be chosen so."""
+
+MAX_NODES = 10_000_000
+"""Maximum number of nodes of any grid: three numbers each take 240 MB."""
 
 
 @dataclass(frozen=True)
@@ -27,19 +48,19 @@ class Level:
 
     Parameters
     ----------
-    merged, reach : int
-        Time steps a sample, and nodes a sample.
+    stride, reach : int
+        Time steps and nodes per sample.
     spacing : float
         Side of a cell.
     nodes : int
         Over all samples.
     bound : float
-        On the risk of any guide, by this grid.
+        Lower bound on the risk of any guide, from the grids so far.
     seconds : float
-        Since the start.
+        Since the start of the refinement.
     """
 
-    merged: int
+    stride: int
     reach: int
     spacing: float
     nodes: int
@@ -54,9 +75,9 @@ class Certificate:
     Parameters
     ----------
     bound : float
-        No path that obeys the speed limit and is in the target at step N or before has less risk.
+        No path that obeys the speed limit and is in the target by step N has less risk.
     best : float
-        Risk of the best such path that is known: the least risk lies between the two.
+        Risk of the best known such path: the least risk lies between the two.
     reason : str
         Why the refinement ended.
     levels : tuple of Level
@@ -71,7 +92,7 @@ class Certificate:
 
     @property
     def gap(self) -> float:
-        """(best - bound) / best: how much of the gap is the certificate's own."""
+        """(best - bound) / best: the gap that is left without limits of acceleration and margin."""
         return (self.best - self.bound) / self.best if self.best > 0 else 0.0
 
     @property
@@ -84,15 +105,49 @@ class Certificate:
         return asdict(self) | {"gap": self.gap}
 
 
-def first_grid(task: Relaxation, most: int = FIRST) -> Grid:
-    """The finest whole grid of at most `most` nodes, merging steps if it must."""
-    merged = 1
-    while whole_size(task, merged, 1) > most and merged < task.steps:
-        merged *= 2
-    reach = 1
-    while reach < 64 and whole_size(task, merged, 2 * reach) <= most:
-        reach *= 2
-    return Grid.whole(task, merged, reach)
+def certify_guide(
+    scenario: Scenario, guide: Guide, gap: float = GAP, time_limit: float = TIME_LIMIT
+) -> Certificate | None:
+    """Certificate for the guides of a scenario; None if its hazard provides no lower bounds.
+
+    The bound is compared with the best known path without acceleration limits and margin: the
+    guide itself, or what Ipopt reaches from the best homotopy classes.
+    """
+    hazard, start = scenario.hazard, scenario.guide_start
+    if hazard.single_agent_lower_bound(start, start) is None:
+        return None
+    task = Relaxation.from_scenario(scenario)
+    paths = [guide.positions]
+    unlimited = np.isinf(scenario.guide_a_max) and scenario.swarm.velocity == "guide"
+    if not (
+        unlimited and guide.search == "global" and scenario.arrival_margin <= 1e-5 * task.radius
+    ):
+        paths += _relaxed_paths(scenario, task)
+    risks = [task.dt * float(hazard.single_agent_rates(path[1:]).sum()) for path in paths]
+    best = int(np.argmin(risks))
+    multiplier = arrival_multiplier(task, paths[best], scenario.swarm.v_max)
+    return certify(task, risks[best], multiplier, gap=gap, time_limit=time_limit)
+
+
+def _relaxed_paths(scenario: Scenario, task: Relaxation) -> list[FloatArray]:
+    """Locally best paths of the relaxation, in two homotopy classes and near their arrival steps.
+
+    The grid is not that of `Multistart`, whose target is smaller by the margin.
+    """
+    free = replace(
+        GuideTask.from_scenario(scenario, task.start),
+        radius=scenario.target.radius,
+        a_max=np.inf,
+        a_max_first=np.inf,
+    )
+    multistart = Multistart(scenario, free, make_solver("ipopt"))
+    classes = best_homotopy_classes(task, 2)
+    candidates: list[Candidate] = []
+    for path in classes:
+        candidates += multistart.candidates_along(path, [path.arrival])
+    for path in classes[:1]:
+        candidates += multistart.candidates_along(path, [path.arrival - 1, path.arrival + 1])
+    return [integrate(task.start, c.velocities, task.dt) for c in candidates if np.isfinite(c.risk)]
 
 
 def certify(
@@ -100,132 +155,137 @@ def certify(
     best: float,
     multiplier: float = 0.0,
     *,
-    gap: float = 0.01,
+    gap: float = GAP,
     time_limit: float = 60.0,
-    first: int = FIRST,
-    most: int = MAX_ITERATIONS,
+    first_nodes: int = FIRST_NODES,
+    max_nodes: int = MAX_NODES,
 ) -> Certificate:
     """Bound on the risk of all guides, refined until it is within `gap` of the best known risk.
 
     Parameters
     ----------
     task : Relaxation
-        Of a hazard whose `lone_rates_below` knows bounds.
+        Its hazard must provide `lone_rates_below`.
     best : float
         Risk of a known path of the relaxation.
     multiplier : float
-        Its derivative by the target's radius, the sign turned; any value is valid, a good one
-        makes the bound come up to `best` as the square of the spacing.
+        Minus the derivative of that risk with respect to the target's radius. Any value is valid;
+        with a good one the bound converges to `best` as the square of the spacing.
     gap : float
-        (best - bound) / best at which to stop.
+        Value of (best - bound) / best at which to stop.
     time_limit : float
         Seconds.
-    first, most : int
-        Nodes of the first grid, at the most where merging steps can keep it so, and of any.
+    first_nodes, max_nodes : int
+        Maximum number of nodes of the first grid, if the stride can be chosen so, and of any grid.
     """
     started = time.perf_counter()
-    grid: Grid | None = first_grid(task, first)
+    grid: Grid | None = Grid.finest(task, first_nodes)
     levels: list[Level] = []
     bound, reason = 0.0, ""
     while grid is not None:
-        begun = time.perf_counter() - started
-        prices = StageCosts(grid, multiplier=multiplier)
-        values = backward(prices)
-        slack = rounding(prices, best)
-        bound = max(bound, min(best, least(prices, values)) - slack)
+        level_started = time.perf_counter() - started
+        stage_costs = StageCosts(grid, multiplier=multiplier)
+        to_go = costs_to_go(stage_costs)
+        slack = rounding(stage_costs, best)
+        bound = max(bound, min(best, least_cost(stage_costs, to_go)) - slack)
         seconds = time.perf_counter() - started
-        levels.append(Level(grid.merged, grid.reach, grid.spacing, grid.size, bound, seconds))
+        levels.append(Level(grid.stride, grid.reach, grid.spacing, grid.size, bound, seconds))
         if bound >= (1 - gap) * best:
             reason = f"the gap of {gap:g} is reached"
             break
         if slack > 0.1 * gap * best and bound > best - 2 * slack:
-            reason = "rounding errors are all that is left of the gap"
+            reason = "the remaining gap is within rounding errors"
             break
-        refined = _refined(prices, values, best + slack, most)
+        refined = _refined(stage_costs, to_go, best + slack, max_nodes)
         now = time.perf_counter() - started
         if refined is None:
-            reason = f"the next grid has more than {most:,} nodes"
-        elif now + (now - begun) * refined.size / max(grid.size, 1) > time_limit:
+            reason = f"the next grid has more than {max_nodes:,} nodes"
+        elif now + (now - level_started) * refined.size / max(grid.size, 1) > time_limit:
             reason, refined = f"the next grid would exceed the time limit of {time_limit:g} s", None
         grid = refined
     return Certificate(bound, best, reason, tuple(levels), time.perf_counter() - started)
 
 
-def _refined(prices: StageCosts, values: Values, threshold: float, most: int) -> Grid | None:
-    """The next grid, without the cells in which no better guide can be; None if it is too large."""
-    grid = prices.grid
+def _refined(
+    stage_costs: StageCosts, to_go: Values, threshold: float, max_nodes: int
+) -> Grid | None:
+    """The next grid, without cells that no better guide visits; None if it is too large."""
+    grid = stage_costs.grid
     active: list[tuple[BoolArray, ...]] = []
     cells = 0
-    totals = _merged_totals if grid.merged > 1 else _totals
-    for blocks, risks in zip(grid.blocks, totals(prices, values), strict=True):
-        kept = []
+    totals = _strided_totals if grid.stride > 1 else _totals
+    for blocks, risks in zip(grid.blocks, totals(stage_costs, to_go), strict=True):
+        masks = []
         for block, risk in zip(blocks, risks, strict=True):
-            keep = np.zeros(block.cells.shape, bool)
+            mask = np.zeros(block.cells.shape, bool)
             for corner in corners(risk):
-                keep |= corner <= threshold
-            kept.append(keep & block.cells)
-            cells += int(np.count_nonzero(kept[-1]))
-        active.append(tuple(kept))
-    if 4 * cells * (1 + (grid.merged > 1)) > most:
+                mask |= corner <= threshold
+            masks.append(mask & block.cells)
+            cells += int(np.count_nonzero(masks[-1]))
+        active.append(tuple(masks))
+    if 4 * cells * (1 + (grid.stride > 1)) > max_nodes:
         return None
     refined = grid.halved(tuple(active))
-    return refined if refined.size <= most else None
+    return refined if refined.size <= max_nodes else None
 
 
-def _totals(prices: StageCosts, values: Values) -> Iterator[list[FloatArray]]:
+def _totals(stage_costs: StageCosts, to_go: Values) -> Iterator[list[FloatArray]]:
     """For every step, the least cost of the paths through every node."""
-    for arriving, going in zip(forward(prices), values, strict=True):
-        yield [before + after for before, after in zip(arriving, going, strict=True)]
+    for come, go in zip(costs_to_come(stage_costs), to_go, strict=True):
+        yield [a + b for a, b in zip(come, go, strict=True)]
 
 
-def _merged_totals(prices: StageCosts, values: Values) -> Iterator[list[FloatArray]]:
+def _strided_totals(stage_costs: StageCosts, to_go: Values) -> Iterator[list[FloatArray]]:
     """For the steps of every sample, a bound on the risk of the guides near every node.
 
-    All samples of a guide's m paths that are taken within those steps are within k nodes of its
-    place at any of them; a path that has ended before took its last sample within 2 k.
+    All samples of a guide's m paths taken within those steps are within k nodes of its position at
+    any of them; a path that has already ended took its last sample within 2 k.
     """
-    grid = prices.grid
-    start = point((0, 0))
+    grid = stage_costs.grid
+    start = single_node((0, 0))
     last: tuple[Block, ...] = (start,)
-    ended = [prices.arrivals(start)]
-    for sample, arriving in enumerate(forward(prices)):
+    ended = [stage_costs.terminal(start)]
+    for sample, come in enumerate(costs_to_come(stage_costs)):
         blocks = grid.blocks[sample]
-        through = [a + b for a, b in zip(arriving, values[sample], strict=True)]
+        through = [a + b for a, b in zip(come, to_go[sample], strict=True)]
         yield [
             np.minimum(
-                spread(through, blocks, block, grid.reach),
-                spread(ended, last, block, 2 * grid.reach),
+                minimum_within_reach(through, blocks, block, grid.reach),
+                minimum_within_reach(ended, last, block, 2 * grid.reach),
             )
             for block in blocks
         ]
         ended = [
-            before + cost + prices.arrivals(block)
-            for before, cost, block in zip(arriving, prices.nodes[sample], blocks, strict=True)
+            before + cost + stage_costs.terminal(block)
+            for before, cost, block in zip(come, stage_costs.nodes[sample], blocks, strict=True)
         ]
         last = blocks
 
 
-def rounding(prices: StageCosts, risk: float) -> float:
-    """What rounding can add to the cost of a path of at most this risk; proof in the docs."""
-    grid = prices.grid
+def rounding(stage_costs: StageCosts, risk: float) -> float:
+    """Bound on the rounding error of the cost of a path of at most this risk.
+
+    It is derived in ``docs/global-guide.md``.
+    """
+    grid = stage_costs.grid
     task = grid.task
     operations = 4 * len(grid.blocks) + 2 * len(task.hazard.radar_positions) + 64
-    places = 16 * task.extent / cap_radius(grid.spacing)
-    return float(UNIT * (operations + places) * (risk + 2 * prices.largest_arrival))
+    coordinates = 16 * task.extent / cap_radius(grid.spacing)
+    return float(UNIT * (operations + coordinates) * (risk + 2 * stage_costs.max_terminal))
 
 
 def arrival_multiplier(task: Relaxation, positions: FloatArray, v_max: float) -> float:
-    """How much less the risk of a locally best path would be if the target were wider.
+    """Decrease of the risk of a locally best path per increase of the target's radius.
 
-    From its conditions of optimality: with a_t the derivative of the risk by a common shift of
-    X(t+1), ..., X(T), and n the outward direction at the rim, a_t + multiplier n vanishes in every
-    component of V(t) that is not at its limit, and points outwards in the others.
+    From its optimality conditions: with a_t the derivative of the risk with respect to a common
+    shift of X(t+1), ..., X(T), and n the outward direction at the rim, a_t + multiplier n vanishes
+    in every component of V(t) that is not at its limit, and points outwards in the others.
 
     Parameters
     ----------
     task : Relaxation
     positions : (T+1, 2)
-        Of a path without limits of acceleration.
+        Of a path without acceleration limits.
     v_max : float
 
     Returns
@@ -235,18 +295,18 @@ def arrival_multiplier(task: Relaxation, positions: FloatArray, v_max: float) ->
     """
     outward = positions[-1] - task.center
     distance = float(np.hypot(*outward))
-    if distance < 0.999 * task.radius:  # the rim does not matter
+    if distance < 0.999 * task.radius:  # the arrival constraint is inactive
         return 0.0
     normal = np.broadcast_to(outward / distance, positions[1:].shape)
-    apart = 1e-6 * task.step * np.eye(2)
-    ends = [task.hazard.single_agent_rates(positions[1:, None] + sign * apart) for sign in (1, -1)]
-    slopes = task.dt * (ends[0] - ends[1]) / (2e-6 * task.step)
-    shifts = np.cumsum(slopes[::-1], axis=0)[::-1]
+    shift = 1e-6 * task.step * np.eye(2)
+    rates = [task.hazard.single_agent_rates(positions[1:, None] + sign * shift) for sign in (1, -1)]
+    slopes = task.dt * (rates[0] - rates[1]) / (2e-6 * task.step)
+    gradients = np.cumsum(slopes[::-1], axis=0)[::-1]
     velocities = np.diff(positions, axis=0) / task.dt
     free = np.abs(velocities) < v_max * (1 - 1e-4)
     weight = float((normal[free] ** 2).sum())
     if weight > 1e-6:
-        return max(0.0, float(-(shifts * normal)[free].sum()) / weight)
+        return max(0.0, float(-(gradients * normal)[free].sum()) / weight)
     toward = ~free & (np.sign(velocities) * normal < -1e-6)
-    needed = shifts[toward] / -normal[toward]
+    needed = gradients[toward] / -normal[toward]
     return max(0.0, float(needed.max(initial=0.0)))

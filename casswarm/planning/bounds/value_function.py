@@ -1,30 +1,35 @@
-"""The value function: the least risk to go from any place at any step, between two bounds."""
+"""The value function: the least risk to go from any state, between two bounds, and its map."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ...errors import PlanningError
-from ...typing import FloatArray
-from .dynamic_programming import StageCosts, Values, backward
-from .grid import UNIT, Grid, Relaxation, whole_size
-from .windows import box_minimum
+from ...typing import BoolArray, FloatArray
+from ..kinematics import remaining_distance
+from .dynamic_programming import StageCosts, Values, box_minimum, costs_to_go
+from .grid import UNIT, Grid, Relaxation, bilinear, node_count
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
 
-_NODES = 2_500_000  # of the grid, over all steps
-_TIE = 1e-9  # relative: nodes at the edge of reach, from places that are nodes but for rounding
+_MAX_NODES = 2_500_000  # of the grid, over all steps
+_TIE = 1e-9  # relative: nodes at the edge of reach, for positions that are nodes but for rounding
 _ROUNDING = 4096 * UNIT  # relative, of a bound; the sums are short
+_CHUNK = 2048  # positions at once: bounds memory
+
+_MAP_NODES = 150  # along an axis
+_MAP_ARROWS = slice(4, None, 9)  # of the nodes, along an axis
 
 
 @dataclass(frozen=True, eq=False)
 class ValueFunction:
-    """Least risk to go of a lone agent, W_t(x), without limits of acceleration.
+    """Least risk to go of a single agent, W_t(x), without acceleration limits.
 
     W_t(x) = min over y in x + [-s, s]^2 of (dt rate(y) + W_(t+1)(y)), and 0 in the target, where a
     guide ends; infinite where the target cannot be reached by step N.
@@ -32,103 +37,110 @@ class ValueFunction:
     Parameters
     ----------
     grid : Grid
-        Of all places from which the target can be reached in time.
-    above : values
-        Of paths along the nodes, which can be flown: at every node, its own cost and what follows.
-    below : values or None
-        The same of the relaxation; None where the hazard knows no bounds.
+        Of all positions from which the target can be reached in time.
+    upper : values
+        Cost to go at every node, its own cost included, of paths along the nodes, which a
+        single agent without acceleration limits can follow.
+    lower : values or None
+        The same of the relaxation; None if the hazard provides no bounds.
     """
 
     grid: Grid
-    above: Values = field(repr=False)
-    below: Values | None = field(repr=False)
+    upper: Values = field(repr=False)
+    lower: Values | None = field(repr=False)
 
     @classmethod
-    def of(
-        cls, scenario: Scenario, nodes: int = _NODES, *, certified: bool = True
+    def from_scenario(
+        cls, scenario: Scenario, max_nodes: int = _MAX_NODES, *, certified: bool = True
     ) -> ValueFunction:
-        """Value function of a scenario, on the finest grid of at most `nodes` nodes.
+        """Value function of a scenario, on the finest grid of at most `max_nodes` nodes.
 
-        `certified` asks for lower bounds too, where the hazard knows them.
+        Lower bounds are computed if `certified` and if the hazard provides them.
 
         Raises
         ------
         PlanningError
-            Not even one node a step is so few: too many steps.
+            Even the coarsest grid has too many nodes, because there are too many steps.
         """
-        task = Relaxation.of(scenario)
-        reach = 1
-        if whole_size(task, 1, reach, from_start=False) > max(nodes, 10 * _NODES):
+        task = Relaxation.from_scenario(scenario)
+        reach, limit = 1, 10 * _MAX_NODES
+        nodes = node_count(task, 1, reach, from_start=False)
+        if nodes > max(max_nodes, limit):
             raise PlanningError(
-                f"the value function of {task.steps} steps needs "
-                f"{whole_size(task, 1, 1, from_start=False):,} nodes, more than {10 * _NODES:,}; "
-                "a larger time.dt or a smaller t_f makes it smaller"
+                f"the value function of {task.steps} steps needs {nodes:,} nodes, more than "
+                f"{limit:,}; a larger time.dt or a smaller t_f makes it smaller",
+                steps=task.steps,
+                nodes=nodes,
+                max_nodes=limit,
             )
-        while whole_size(task, 1, 2 * reach, from_start=False) <= nodes:
+        while node_count(task, 1, 2 * reach, from_start=False) <= max_nodes:
             reach *= 2
-        grid = Grid.everywhere(task, reach)
-        known = (
+        grid = Grid.from_anywhere(task, reach)
+        bounded = (
             certified
             and scenario.hazard.single_agent_lower_bound(task.center, task.center) is not None
         )
         return cls(
             grid,
-            backward(StageCosts(grid, certified=False, inside=True)),
-            backward(StageCosts(grid)) if known else None,
+            costs_to_go(StageCosts(grid, certified=False, inside=True)),
+            costs_to_go(StageCosts(grid)) if bounded else None,
         )
 
     def bounds(self, step: int, positions: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Proven bounds of the least risk to go, (...) each, at positions (..., 2) at a step.
 
-        The lower one is 0 where the hazard knows no bounds; the upper one is, but for rounding, the
-        risk of following `velocities`, infinite where the grid knows no way.
+        The lower bound is 0 if the hazard provides no bounds; the upper bound is, but for rounding,
+        the risk of following `velocities`, and infinite where no path along the nodes arrives.
         """
-        places = np.asarray(positions, float)
-        flat = places.reshape(-1, 2)
-        arrived = np.hypot(*(flat - self.grid.task.center).T) <= self.grid.task.radius
+        points = np.asarray(positions, float)
+        flat = points.reshape(-1, 2)
+        arrived = self._in_target(flat)
         low, high = np.zeros(len(flat)), np.zeros(len(flat))
-        high[~arrived] = self._window(self.above, step, flat[~arrived])[0]
-        if self.below is not None:
-            low[~arrived] = self._interpolated(self._spread(self.below, step), flat[~arrived])
+        high[~arrived] = self._best_nodes(self.upper, step, flat[~arrived])[0]
+        if self.lower is not None:
+            low[~arrived] = self._interpolated(self._within_reach(self.lower, step), flat[~arrived])
             low = np.maximum(0.0, low) * (1 - _ROUNDING)
-        low[~arrived & ~self._in_time(step, flat)] = np.inf
-        return low.reshape(places.shape[:-1]), high.reshape(places.shape[:-1])
+        low[~arrived & ~self._reachable(step, flat)] = np.inf
+        return low.reshape(points.shape[:-1]), high.reshape(points.shape[:-1])
 
     def velocities(self, step: int, positions: ArrayLike) -> FloatArray:
         """The feedback guide: the best next velocities (..., 2) at positions (..., 2) at a step.
 
-        To the best node within reach; straight towards the target where there is none, and zero in
-        the target.
+        They lead to the best node within reach; straight towards the target if there is none, and
+        they are zero in the target.
         """
-        places = np.asarray(positions, float)
-        flat = places.reshape(-1, 2)
+        points = np.asarray(positions, float)
+        flat = points.reshape(-1, 2)
         task = self.grid.task
-        risk, goals = self._window(self.above, step, flat)
+        risk, goals = self._best_nodes(self.upper, step, flat)
         goals[~np.isfinite(risk)] = task.center
-        goals = np.where((np.hypot(*(flat - task.center).T) <= task.radius)[:, None], flat, goals)
+        goals = np.where(self._in_target(flat)[:, None], flat, goals)
         limit = task.step / task.dt
-        found = np.clip((goals - flat) / task.dt, -limit, limit)
-        return np.asarray(found.reshape(places.shape))
+        velocities = np.clip((goals - flat) / task.dt, -limit, limit)
+        return np.asarray(velocities.reshape(points.shape))
 
     def to_go(self, step: int, positions: FloatArray) -> FloatArray:
-        """Risk to go at positions (..., 2) at a step, interpolated, (...); not a bound."""
+        """Interpolated risk to go (...) at positions (..., 2) at a step; not a bound."""
         flat = positions.reshape(-1, 2)
-        found = self._interpolated(self._spread(self.above, step), flat)
-        arrived = np.hypot(*(flat - self.grid.task.center).T) <= self.grid.task.radius
-        return np.where(arrived, 0.0, found).reshape(positions.shape[:-1])
+        risk = self._interpolated(self._within_reach(self.upper, step), flat)
+        return np.where(self._in_target(flat), 0.0, risk).reshape(positions.shape[:-1])
 
     def after(self, step: int, positions: FloatArray) -> FloatArray:
-        """Risk of being at positions (..., 2) at a step and of what follows, interpolated, (...).
+        """Interpolated risk (...) of being at positions (..., 2) at a step and of what follows.
 
-        Not a bound; infinite where the grid knows no way on.
+        Not a bound; infinite where no path along the nodes arrives.
         """
         flat = positions.reshape(-1, 2)
-        task, values = self.grid.task, self._at(self.above, step)
-        found = np.full(len(flat), np.inf) if values is None else self._interpolated(values, flat)
-        arrived = np.hypot(*(flat - task.center).T) <= task.radius
+        task, values = self.grid.task, self._at(self.upper, step)
+        risk = np.full(len(flat), np.inf) if values is None else self._interpolated(values, flat)
+        arrived = self._in_target(flat)
         if arrived.any():
-            found[arrived] = task.dt * task.hazard.single_agent_rates(flat[arrived])
-        return found.reshape(positions.shape[:-1])
+            risk[arrived] = task.dt * task.hazard.single_agent_rates(flat[arrived])
+        return risk.reshape(positions.shape[:-1])
+
+    def _in_target(self, flat: FloatArray) -> BoolArray:
+        task = self.grid.task
+        return np.asarray(np.hypot(*(flat - task.center).T) <= task.radius)
 
     def _at(self, values: Values, step: int) -> tuple[tuple[int, int], FloatArray] | None:
         """First node and values of a step 1..N; None where there are none."""
@@ -136,65 +148,101 @@ class ValueFunction:
             return None
         return self.grid.blocks[step - 1][0].low, values[step - 1][0]
 
-    def _spread(self, values: Values, step: int) -> tuple[tuple[int, int], FloatArray]:
-        """First node and least value of the next step within reach of every node."""
-        found = self._at(values, step + 1)
-        if found is None:
+    def _within_reach(self, values: Values, step: int) -> tuple[tuple[int, int], FloatArray]:
+        """First node, and the least value of the next step within reach of every node."""
+        following = self._at(values, step + 1)
+        if following is None:
             return (0, 0), np.full((1, 1), np.inf)
-        (i, j), array = found
+        (i, j), array = following
         k = self.grid.reach
         shape = (array.shape[0] + 2 * k, array.shape[1] + 2 * k)
         return (i - k, j - k), box_minimum(array, (-k, -k), shape, k)
 
     def _interpolated(
-        self, known: tuple[tuple[int, int], FloatArray], flat: FloatArray
+        self, values: tuple[tuple[int, int], FloatArray], flat: FloatArray
     ) -> FloatArray:
         """Bilinear interpolation of node values at positions (B, 2); infinite outside."""
-        low, array = known
-        at = (flat - self.grid.task.start) / self.grid.spacing - np.array(low)
-        cell = np.floor(at).astype(int)
-        inside = ((cell >= 0) & (cell < np.array(array.shape) - 1)).all(axis=1)
-        cell = np.where(inside[:, None], cell, 0)
-        weight = at - cell
-        found = np.zeros(len(flat))
-        if min(array.shape) < 2:
-            return np.full(len(flat), np.inf)
-        for i in (0, 1):
-            for j in (0, 1):
-                share = np.abs(1 - i - weight[:, 0]) * np.abs(1 - j - weight[:, 1])
-                corner = array[cell[:, 0] + i, cell[:, 1] + j]
-                found += np.where(share > 0, share * np.where(share > 0, corner, 0.0), 0.0)
-        return np.where(inside, found, np.inf)
+        low, array = values
+        nodes = (flat - self.grid.task.start) / self.grid.spacing - np.array(low)
+        cells = np.floor(nodes).astype(int)
+        return bilinear(array, cells, nodes - cells)
 
-    def _window(self, values: Values, step: int, flat: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Least value of the next step at nodes within reach of positions (B, 2), and where."""
-        found = self._at(values, step + 1)
+    def _best_nodes(
+        self, values: Values, step: int, flat: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Least value of the next step within reach of positions (B, 2), and its nodes."""
+        following = self._at(values, step + 1)
         risk, goals = np.full(len(flat), np.inf), flat.copy()
-        if found is None or not len(flat):
+        if following is None or not len(flat):
             return risk, goals
-        low, array = found
+        low, array = following
         task, h, k = self.grid.task, self.grid.spacing, self.grid.reach
         at = (flat - task.start) / h - np.array(low)
-        within = k * (1 + _TIE)
-        first = np.ceil(at - within).astype(int)
+        limit = k * (1 + _TIE)
+        first = np.ceil(at - limit).astype(int)
         offsets = np.stack(np.meshgrid(*[np.arange(2 * k + 1)] * 2, indexing="ij"), -1)
         offsets = offsets.reshape(-1, 2)
-        for begin in range(0, len(flat), 2048):  # bounds memory
-            part = slice(begin, begin + 2048)
-            nodes = first[part, None] + offsets
+        for begin in range(0, len(flat), _CHUNK):
+            chunk = slice(begin, begin + _CHUNK)
+            nodes = first[chunk, None] + offsets
             valid = ((nodes >= 0) & (nodes < np.array(array.shape))).all(axis=-1)
-            valid &= (np.abs(nodes - at[part, None]) <= within).all(axis=-1)
+            valid &= (np.abs(nodes - at[chunk, None]) <= limit).all(axis=-1)
             nodes = np.where(valid[..., None], nodes, 0)
             costs = np.where(valid, array[nodes[..., 0], nodes[..., 1]], np.inf)
             best = costs.argmin(axis=1)
             rows = np.arange(len(best))
-            risk[part] = costs[rows, best]
+            risk[chunk] = costs[rows, best]
             chosen = task.start + h * (nodes[rows, best] + np.array(low))
-            goals[part] = np.where(np.isfinite(risk[part])[:, None], chosen, flat[part])
+            goals[chunk] = np.where(np.isfinite(risk[chunk])[:, None], chosen, flat[chunk])
         return risk, goals
 
-    def _in_time(self, step: int, flat: FloatArray) -> np.ndarray:
+    def _reachable(self, step: int, flat: FloatArray) -> BoolArray:
         """Whether the target can be reached from positions (B, 2) by step N."""
         task = self.grid.task
-        away = np.abs(flat - task.center) - max(0, task.steps - step) * task.step
-        return np.asarray(np.hypot(*np.maximum(away, 0.0).T) <= task.radius)
+        reach = max(0, task.steps - step) * task.step
+        return np.asarray(remaining_distance(flat, task.center, reach) <= task.radius)
+
+
+@dataclass(frozen=True, eq=False)
+class CostToGoMap:
+    """Survival and next velocities of a single agent in a rectangle of the plane, at one step.
+
+    Parameters
+    ----------
+    step : int
+    low, high : (2,)
+        Corners of the rectangle.
+    survival : (m, m)
+        exp(-upper bound of the risk to go), row by row from below; 0 where no path arrives.
+    positions, velocities : (k, 2)
+        Some positions, and the best next velocity at each.
+    """
+
+    step: int
+    low: FloatArray
+    high: FloatArray
+    survival: FloatArray
+    positions: FloatArray
+    velocities: FloatArray
+
+    @classmethod
+    def from_value_function(
+        cls, value: ValueFunction, low: FloatArray, high: FloatArray, step: int = 0
+    ) -> CostToGoMap:
+        """Map of a value function between the corners `low` and `high`."""
+        east, north = (np.linspace(low[axis], high[axis], _MAP_NODES) for axis in (0, 1))
+        nodes = np.stack(np.meshgrid(east, north), axis=-1)
+        positions = nodes[_MAP_ARROWS, _MAP_ARROWS].reshape(-1, 2)
+        survival = np.exp(-value.bounds(step, nodes)[1])
+        return cls(step, low, high, survival, positions, value.velocities(step, positions))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All fields as arrays by name, for saving."""
+        return {item.name: np.asarray(getattr(self, item.name)) for item in fields(self)}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> CostToGoMap:
+        """The map saved as `arrays`."""
+        values: dict[str, Any] = {item.name: arrays[item.name] for item in fields(cls)}
+        values["step"] = int(values["step"])
+        return cls(**values)

@@ -1,6 +1,5 @@
-"""Plans of all members at once, for the success of the swarm itself; see ``docs/joint.md``."""
+"""Joint plans: trajectories of all members for the success of the swarm; see ``docs/joint.md``."""
 
-from .optimize import plan_swarm
-from .plan import SwarmOutcome, SwarmPlan
+import lazy_loader
 
-__all__ = ["SwarmOutcome", "SwarmPlan", "plan_swarm"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""The exact law of an open-loop plan, by the closed recursion over the sets of the living."""
+"""The exact distribution of an open-loop plan, by recursion over the sets of living members."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...problems.joint_instances import end_costs
+from ...problems.joint_instances import terminal_costs
 from ...problems.subsets import subsets
-from ...typing import BoolArray, FloatArray
+from ...typing import BoolArray, FloatArray, Interval
 from ..bounds.grid import UNIT
 
 if TYPE_CHECKING:
@@ -19,17 +19,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class PlanDistribution:
-    """What becomes of a swarm whose living members follow given ways.
+    """Outcome distribution of a swarm whose living members follow given trajectories.
 
     Parameters
     ----------
     n : int
+        Number of members.
     lost : (N, 2^n, n)
-        Probability that a member of a set d is destroyed in step t -> t+1; 0 outside d.
+        Probability that a member of a set d is lost in step t -> t+1; 0 outside d.
     inside : (N, n) bool
-        Who is in the target at steps 1..N.
+        Whether each member is in the target at steps 1..N.
     rounding : float
-        What rounding can change of a probability, taking rates for exact to as many units in the
+        Bound on the rounding error of a probability, if rates are exact to as many units in the
         last place as a sum over members and radars has operations.
     """
 
@@ -39,14 +40,14 @@ class PlanDistribution:
     rounding: float
 
     @classmethod
-    def of(cls, scenario: Scenario, positions: FloatArray) -> PlanDistribution:
-        """Law of the ways `positions` (N+1, n, 2), from a step on to the scenario's last."""
+    def from_positions(cls, scenario: Scenario, positions: FloatArray) -> PlanDistribution:
+        """Distribution of trajectories (N+1, n, 2) from some step to the scenario's last."""
         n = positions.shape[1]
         members = subsets(n).members
         states = np.empty((len(members), n, 2))
         lost = np.empty((len(positions) - 1, len(members), n))
-        for step, places in enumerate(positions[1:]):
-            states[:] = places
+        for step, state in enumerate(positions[1:]):
+            states[:] = state
             lost[step] = -np.expm1(-scenario.time.dt * scenario.hazard.rates(states, members))
         operations = n + len(scenario.hazard.radar_positions) + 64
         return cls(
@@ -57,14 +58,15 @@ class PlanDistribution:
         )
 
     @cached_property
-    def success(self) -> tuple[float, float]:
-        """Bracket of the probability that some member arrives alive: exact but for rounding."""
-        found = 1.0 - self.cost("success")
-        return max(0.0, found - self.rounding), min(1.0, found + self.rounding)
+    def success(self) -> Interval:
+        """The probability that some member arrives alive, exact up to rounding."""
+        probability = 1.0 - self.cost("success")
+        low, high = max(0.0, probability - self.rounding), min(1.0, probability + self.rounding)
+        return Interval(low, high)
 
     @property
     def failure(self) -> float:
-        """Probability that nobody arrives, to relative precision however small it is."""
+        """Probability that no member arrives, to relative precision however small it is."""
         return self.cost("success")
 
     @property
@@ -78,19 +80,19 @@ class PlanDistribution:
         return self.n * (1.0 - self.cost("survivors"))
 
     def cost(self, objective: str) -> float:
-        """The recursion of `casswarm.problems.joint`, with everybody's true arrivals."""
+        """Expected cost of `casswarm.problems.joint`, with the actual arrivals of all members."""
         sets = subsets(self.n)
-        costs, ending = end_costs(objective, self.n, self.inside)
+        costs, ended = terminal_costs(objective, self.n, self.inside)
         value = np.ones(2**self.n)
         if objective == "survivors":
             value = 1.0 - sets.members.mean(axis=1)
         for step in reversed(range(len(self.lost))):
-            value = sets.expectations(np.where(ending[step], costs[step], value), self.lost[step])
+            value = sets.expectations(np.where(ended[step], costs[step], value), self.lost[step])
         return float(value[-1])
 
     @cached_property
     def masses(self) -> FloatArray:
-        """Probability (N+1, 2^n) that a run is going on at step t with exactly d alive."""
+        """Probability (N+1, 2^n) that a run has not ended by step t and exactly d are alive."""
         return self._forward[0]
 
     @cached_property
@@ -107,14 +109,14 @@ class PlanDistribution:
     def _forward(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         sets, steps = subsets(self.n), len(self.lost)
         masses, arrival = np.zeros((steps + 1, 2**self.n)), np.zeros(steps + 1)
-        survival, done = np.ones((steps + 1, self.n)), np.zeros(self.n)
+        survival, absorbed = np.ones((steps + 1, self.n)), np.zeros(self.n)
         masses[0, -1] = 1.0
-        ending = end_costs("success", self.n, self.inside)[1]
+        ended = terminal_costs("success", self.n, self.inside)[1]
         for step in range(steps):
             following = sets.advanced(masses[step], self.lost[step])
-            ended = np.where(ending[step], following, 0.0)
-            done = done + ended @ sets.members
-            arrival[step + 1] = ended.sum()
-            masses[step + 1] = following - ended
-            survival[step + 1] = done + masses[step + 1] @ sets.members
+            ending = np.where(ended[step], following, 0.0)
+            absorbed = absorbed + ending @ sets.members
+            arrival[step + 1] = ending.sum()
+            masses[step + 1] = following - ending
+            survival[step + 1] = absorbed + masses[step + 1] @ sets.members
         return masses, arrival, survival

@@ -1,4 +1,4 @@
-"""Where joint plans start from: the ways of a lone agent, flown by all members in formation."""
+"""Initial guesses of joint plans: formations along a single agent's paths, and members' guides."""
 
 from __future__ import annotations
 
@@ -9,169 +9,181 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from ...problems.formation import Motion
 from ...problems.joint_instances import JointTask
 from ...typing import FloatArray, IntArray
-from ..guide import Guide, integrate
+from ..guide import Guide
+from ..kinematics import integrate, remaining_distance, resample
+from ..multistart import GRID_PATH, STRAIGHT
 from ..plan import plan_from
-from ..polyline import resampled
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
 
-WAYS = 3
-"""Ways around the radars, best first, that formations start along."""
+INITIAL_GUESSES = ("formations", "own", "perturbed")
+"""Kinds of initial guesses: formations, members' own guides, perturbations of the best plan."""
+
+OWN_GUIDES = "own guides"
+"""Name of the initial guess with the members' own guides."""
+
+MAX_CLASSES = 3
+"""Homotopy classes, in order of risk, along which formations start."""
 
 _SPACINGS = np.concatenate([[0.0], np.geomspace(0.02, 2.0, 41)])
-"""Distances of neighbours that are tried, in units of the target's radius."""
+"""Candidate distances of neighbours, in units of the target's radius."""
 
-_NOISE = 0.1  # of v_max: perturbations, as slow waves
+_AMPLITUDE = 0.1  # of perturbations, in units of v_max
 _WAVES = 4
 _PERTURBED = ", perturbed"
 
 
 @dataclass(frozen=True, eq=False)
-class SwarmStart:
+class InitialGuess:
     """An initial plan.
 
     Parameters
     ----------
-    origin : str
+    name : str
     arrivals : (n,) int
-        Arrival steps to ask for, 0 for a member that cannot arrive.
+        Arrival steps to prescribe, 0 for a member that cannot arrive.
     velocities : (T, n, 2)
     """
 
-    origin: str
+    name: str
     arrivals: IntArray
     velocities: FloatArray
 
 
-def single_agent_guide(scenario: Scenario, before: FloatArray) -> Guide:
-    """The best guide of a lone agent among all ways and arrival steps, from V(-1) `before` (2,).
+def single_agent_guide(scenario: Scenario, initial_velocity: FloatArray) -> Guide:
+    """The best guide in any homotopy class and at any arrival step, from V(-1) (2,).
 
-    The rim is arrival enough: the members' places in the formation are up to the joint plan.
+    Its margin is nearly zero, because the joint plan decides on the members' offsets from it.
     """
-    free = {
+    values = {
         "guide.arrival": "any",
         "guide.acceleration_limited": True,
         "guide.margin": 1e-3 * scenario.target.radius,
     }
     return plan_from(
-        scenario.with_values(free), scenario.guide_start, search="global", before=before
+        scenario.with_values(values),
+        scenario.guide_start,
+        search="global",
+        initial_velocity=initial_velocity,
     )
 
 
-def initial_plans(
+def initial_guesses(
     scenario: Scenario, task: JointTask, guide: Guide, own: bool
-) -> Iterator[SwarmStart]:
-    """Formations along each way, one that divides between two, and members' `own` guides."""
-    ways = guide.ways()[:WAYS]
-    if not ways:  # no way of a lone agent arrives: straight there, in all the time there is
+) -> Iterator[InitialGuess]:
+    """Formations along each homotopy class, one divided between two, and members' `own` guides."""
+    classes = guide.best_per_homotopy_class()[:MAX_CLASSES]
+    if not classes:  # no single agent arrives: straight to the target in all the time available
         line = np.stack([guide.positions[0], task.center])
-        yield _formation(scenario, task, "straight", [resampled(line, scenario.n_steps, task.dt)])
+        velocities = resample(line, scenario.n_steps, task.motion.dt)
+        yield _formation(scenario, task, STRAIGHT, [velocities])
         return
-    names = [way.sides or "way" for way in ways]
-    for name, way in zip(names, ways, strict=True):
-        yield _formation(scenario, task, f"formation {name}", [way.velocities])
-    if scenario.n > 1 and len(ways) > 1:
-        pair = [way.velocities for way in ways[:2]]
-        yield _formation(scenario, task, f"divided {names[0]}, {names[1]}", pair)
+    names = [candidate.homotopy or GRID_PATH for candidate in classes]
+    paths = [candidate.velocities for candidate in classes]
+    for name, path in zip(names, paths, strict=True):
+        yield _formation(scenario, task, f"formation {name}", [path])
+    if scenario.n > 1 and len(paths) > 1:
+        yield _formation(scenario, task, f"divided {names[0]}, {names[1]}", paths[:2])
     if own and scenario.n > 1:
-        yield _apart(scenario, task, guide)
+        yield _own_guides(scenario, task, guide)
 
 
 def _formation(
-    scenario: Scenario, task: JointTask, origin: str, ways: list[FloatArray]
-) -> SwarmStart:
-    """Members around paths of velocities (T, 2), as near to their places as the limits allow.
+    scenario: Scenario, task: JointTask, name: str, paths: list[FloatArray]
+) -> InitialGuess:
+    """Members around paths of velocities (T, 2), as close to their offsets as the limits allow.
 
-    With two ways, members take turns.
+    With two paths, members are assigned to them alternately.
     """
-    paths = [integrate(scenario.guide_start, velocities, task.dt) for velocities in ways]
-    steps = max(map(len, ways))
+    positions = [integrate(scenario.guide_start, path, task.motion.dt) for path in paths]
+    steps = max(map(len, paths))
     references = np.stack(
         [
             np.vstack([path, np.repeat(path[-1:], steps + 1 - len(path), axis=0)])
-            for path in (paths[i % len(paths)] for i in range(scenario.n))
+            for path in (positions[i % len(positions)] for i in range(scenario.n))
         ],
         axis=1,
     )
-    asked = np.array([len(ways[i % len(ways)]) for i in range(scenario.n)])
-    places = _places(scenario, paths[0], task.distance)
-    goals = references + places
-    return SwarmStart(origin, _possible(task, asked, scenario.n_steps), follow(task, goals[1:]))
+    arrivals = np.array([len(paths[i % len(paths)]) for i in range(scenario.n)])
+    goals = references + _offsets(scenario, positions[0], task.min_distance)
+    arrivals = _feasible_arrivals(task, arrivals, scenario.n_steps)
+    return InitialGuess(name, arrivals, track(task, goals[1:]))
 
 
-def _apart(scenario: Scenario, task: JointTask, guide: Guide) -> SwarmStart:
+def _own_guides(scenario: Scenario, task: JointTask, guide: Guide) -> InitialGuess:
     """Every member along a guide of its own."""
     guides = [
-        plan_from(scenario, start, search="global", before=before, near=guide)
-        for start, before in zip(task.start, task.before, strict=True)
+        plan_from(scenario, start, search="global", initial_velocity=velocity, near=guide)
+        for start, velocity in zip(task.start, task.initial_velocities, strict=True)
     ]
     steps = max(g.arrival for g in guides)
     goals = np.stack([[g.reference(t + 1) for g in guides] for t in range(steps)])
-    asked = np.array([g.arrival for g in guides])
-    return SwarmStart("own guides", _possible(task, asked, scenario.n_steps), follow(task, goals))
+    arrivals = np.array([g.arrival for g in guides])
+    arrivals = _feasible_arrivals(task, arrivals, scenario.n_steps)
+    return InitialGuess(OWN_GUIDES, arrivals, track(task, goals))
 
 
-def follow(task: JointTask, goals: FloatArray) -> FloatArray:
-    """Velocities (T, n, 2) to goals (T, n, 2), one a step, within v_max and a_max."""
-    motion = Motion(task.v_max, task.a_max, task.dt)
-    places, previous_velocities = task.start, task.before
-    found = np.empty_like(goals)
+def track(task: JointTask, goals: FloatArray) -> FloatArray:
+    """Velocities (T, n, 2) that track goals (T, n, 2), one per step, within v_max and a_max."""
+    motion = task.motion
+    positions, previous_velocities = task.start, task.initial_velocities
+    velocities = np.empty_like(goals)
     for step, goal in enumerate(goals):
-        found[step] = motion.toward(places, previous_velocities, goal)
-        places, previous_velocities = places + task.dt * found[step], found[step]
-    return found
+        velocities[step] = motion.toward(positions, previous_velocities, goal)
+        positions = positions + motion.dt * velocities[step]
+        previous_velocities = velocities[step]
+    return velocities
 
 
-def perturbed(start: SwarmStart, task: JointTask, rng: np.random.Generator) -> SwarmStart:
-    """The plan with slow random waves in every member's velocity."""
-    steps, n, _ = start.velocities.shape
+def perturbed(guess: InitialGuess, task: JointTask, rng: np.random.Generator) -> InitialGuess:
+    """The plan with random low-frequency waves added to every member's velocity."""
+    steps, n, _ = guess.velocities.shape
     phases = np.linspace(0.0, np.pi, steps)[:, None] * np.arange(_WAVES)
     amplitudes = rng.normal(size=(_WAVES, n, 2)) / np.sqrt(_WAVES)
     waves = np.tensordot(np.cos(phases), amplitudes, axes=1)
     return replace(
-        start,
-        origin=f"{start.origin.removesuffix(_PERTURBED)}{_PERTURBED}",
-        velocities=start.velocities + _NOISE * task.v_max * waves,
+        guess,
+        name=f"{guess.name.removesuffix(_PERTURBED)}{_PERTURBED}",
+        velocities=guess.velocities + _AMPLITUDE * task.motion.v_max * waves,
     )
 
 
-def _possible(task: JointTask, asked: IntArray, horizon: int) -> IntArray:
-    """Arrival steps asked for, later where v_max does not allow them, 0 where no step does."""
-    reach = np.arange(1, horizon + 1)[:, None, None] * task.dt * task.v_max
-    missing = np.maximum(np.abs(task.center - task.start) - reach, 0.0)  # (N, n, 2)
-    within = np.hypot(missing[..., 0], missing[..., 1]) <= task.radius - task.margin
-    earliest = np.where(within.any(axis=0), within.argmax(axis=0) + 1, 0)
-    return np.where(earliest > 0, np.maximum(asked, earliest), 0)
+def _feasible_arrivals(task: JointTask, arrivals: IntArray, horizon: int) -> IntArray:
+    """Arrival steps, delayed to the first that v_max allows; 0 if there is none."""
+    reach = np.arange(1, horizon + 1)[:, None, None] * task.motion.dt * task.motion.v_max
+    distance = remaining_distance(task.start, task.center, reach)  # (N, n)
+    feasible = distance <= task.radius - task.margin
+    earliest = np.where(feasible.any(axis=0), feasible.argmax(axis=0) + 1, 0)
+    return np.where(earliest > 0, np.maximum(arrivals, earliest), 0)
 
 
-def _places(scenario: Scenario, path: FloatArray, least: float) -> FloatArray:
-    """Members' places (n, 2) around a path's point.
+def _offsets(scenario: Scenario, path: FloatArray, min_distance: float) -> FloatArray:
+    """Members' offsets (n, 2) from a path's point.
 
-    A triangular lattice of the spacing at which the rates add up to least where the path is most
-    dangerous; of members and places those are matched that are nearest to one another.
+    They form a triangular lattice, with the spacing of least total rate where the path is most
+    dangerous. Members are assigned to lattice points by least total squared distance.
     """
     if scenario.n == 1:
         return np.zeros((1, 2))
     lattice = _lattice(scenario.n)
     hazard = scenario.hazard
     worst = path[1 + int(hazard.single_agent_rates(path[1:]).argmax())]
-    spacings = np.maximum(_SPACINGS * scenario.target.radius, 1.05 * least)
+    spacings = np.maximum(_SPACINGS * scenario.target.radius, 1.05 * min_distance)
     totals = hazard.rates(worst + spacings[:, None, None] * lattice).sum(axis=1)
-    places = spacings[int(totals.argmin())] * lattice
-    apart = scenario.positions - scenario.positions.mean(axis=0)
-    costs = ((apart[:, None] - places[None]) ** 2).sum(axis=-1)
-    return np.asarray(places[linear_sum_assignment(costs)[1]])
+    offsets = spacings[int(totals.argmin())] * lattice
+    centered = scenario.positions - scenario.positions.mean(axis=0)
+    costs = ((centered[:, None] - offsets[None]) ** 2).sum(axis=-1)
+    return np.asarray(offsets[linear_sum_assignment(costs)[1]])
 
 
 def _lattice(n: int) -> FloatArray:
-    """The n points of a triangular lattice of spacing 1 that are nearest to its centre of mass."""
+    """The n points of a triangular lattice of spacing 1 that are nearest to their centroid."""
     size = int(np.ceil(np.sqrt(n))) + 2
     i, j = np.meshgrid(*[np.arange(-size, size + 1)] * 2, indexing="ij")
     points = np.stack([i + 0.5 * j, np.sqrt(0.75) * j], axis=-1).reshape(-1, 2)
-    around = points - (np.array([0.5, np.sqrt(0.75) / 3]) if n in (2, 3, 6) else 0.0)
-    chosen = around[np.argsort(np.round((around**2).sum(axis=1), 9), kind="stable")[:n]]
+    centered = points - (np.array([0.5, np.sqrt(0.75) / 3]) if n in (2, 3, 6) else 0.0)
+    chosen = centered[np.argsort(np.round((centered**2).sum(axis=1), 9), kind="stable")[:n]]
     return np.asarray(chosen - chosen.mean(axis=0))

@@ -1,19 +1,20 @@
-"""The joint plan, with every start that was tried."""
+"""The joint plan, with the outcome of every start."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
+from ..._util.display import Displayed
 from ...optimization.solution import Solution
 from ...problems.formation import Motion
-from ...typing import FloatArray, IntArray
+from ...typing import FloatArray, IntArray, Interval
 from ..bounds.success_bound import SuccessBound
 from .distribution import PlanDistribution
 
-NEARLY = 1 - 1e-4
-"""Share of a least distance that counts as it, for what a solver's tolerance leaves."""
+DISTANCE_TOL = 1e-4
+"""Relative tolerance of the minimum distance, above a solver's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,73 +23,74 @@ class SwarmOutcome:
 
     Parameters
     ----------
-    origin : str
-        Where the start came from.
+    start : str
+        Name of the initial guess.
     arrivals : (n,) int
-        The arrival steps that were asked for, 0 for a member that cannot arrive.
+        The prescribed arrival steps, 0 for a member that cannot arrive.
     velocities : (T, n, 2)
         Within the limits of speed and acceleration.
     value : float
-        What was maximised, as these velocities attain it: exactly, or by the mean field.
+        Value of the objective for these velocities: exact, or the mean field's.
     solution : Solution
         Of the solver; its objective is the log-odds of the cost.
     seconds : float
-    apart : bool
-        Whether the members keep the distance that was asked for.
+    separated : bool
+        Whether the members keep the minimum distance.
     """
 
-    origin: str
+    start: str
     arrivals: IntArray
     velocities: FloatArray
     value: float
     solution: Solution
     seconds: float
-    apart: bool = True
+    separated: bool = True
 
     def as_row(self) -> dict[str, object]:
-        """Plain values for a table."""
+        """Scalar values, as a table row."""
         steps = [int(step) for step in self.arrivals]
         return {
-            "origin": self.origin,
+            "start": self.start,
             "first_arrival": min(filter(None, steps), default=0),
             "last_arrival": max(steps),
             "value": self.value,
-            "apart": self.apart,
+            "separated": self.separated,
         } | self.solution.as_row()
 
 
-@dataclass(frozen=True, eq=False)
-class SwarmPlan:
-    """Ways of all members: what the living follow, whoever is lost.
+@dataclass(frozen=True, eq=False, repr=False)
+class SwarmPlan(Displayed):
+    """Trajectories of all members, which those alive follow whichever members are lost.
 
     Parameters
     ----------
     scenario : str
         Its name.
     objective : {"success", "arrivals", "survivors"}
-        What was maximised.
+        The maximised quantity.
     positions : (T+1, n, 2)
-        X(0..T): to the last arrival step, or to the horizon where a member does not arrive.
+        X(0..T): to the last arrival step, or to the horizon if a member does not arrive.
     velocities : (T, n, 2)
         V(0..T-1).
-    before : (n, 2)
-        V(-1), from which the acceleration of the first step counts.
+    initial_velocities : (n, 2)
+        V(-1), from which a_max bounds the first change.
     motion : Motion
         The limits of a member's step, and dt.
     arrivals : (n,) int
         First step at which each member is in the target, 0 for one that never is.
     value : float
-        What was maximised: exact, or the mean field's.
-    law : PlanDistribution or None
-        The exact law; None for swarms of more than `casswarm.planning.joint.solve.MAX_EXACT` members.
+        Value of the objective: exact, or the mean field's.
+    distribution : PlanDistribution or None
+        The exact distribution; None for swarms of more than `casswarm.planning.joint.MAX_EXACT`
+        members.
     solution : Solution
-        Of the start that this plan came from.
+        The solve that this plan results from.
     outcomes : tuple of SwarmOutcome
-        Of every start, failures included, in the order in which they were tried.
+        The outcome of every start, failures included, in the order of the search.
     bound : SuccessBound or None
-        What no policy whatever can exceed.
+        Upper bound on the success probability of every policy.
     min_distance : float or None
-        Between any two members from step 1 on, where it was asked for.
+        Required distance of any two members from step 1 on, if any.
     seconds : float
     """
 
@@ -96,13 +98,13 @@ class SwarmPlan:
     objective: str
     positions: FloatArray
     velocities: FloatArray
-    before: FloatArray
+    initial_velocities: FloatArray
     motion: Motion
     arrivals: IntArray
     value: float
-    law: PlanDistribution | None
+    distribution: PlanDistribution | None
     solution: Solution
-    outcomes: tuple[SwarmOutcome, ...] = field(default=(), repr=False)
+    outcomes: tuple[SwarmOutcome, ...] = ()
     bound: SuccessBound | None = None
     min_distance: float | None = None
     seconds: float = 0.0
@@ -118,38 +120,44 @@ class SwarmPlan:
         return len(self.velocities)
 
     @property
-    def success(self) -> tuple[float, float] | None:
-        """Bracket of the success probability, as wide as rounding; None for large swarms.
+    def success(self) -> Interval | None:
+        """The success probability, exact up to rounding; None for large swarms.
 
-        `casswarm.estimate` tells that of large ones.
+        Use `casswarm.estimate` for those.
         """
-        return None if self.law is None else self.law.success
+        return None if self.distribution is None else self.distribution.success
 
     @property
     def least_distance(self) -> float:
         """Least distance of any two members at steps 1..T; infinite for one member."""
         return least_distance(self.positions[1:])
 
+    def __repr__(self) -> str:
+        value = f"{self.objective}={self.value:.6f}"
+        return f"SwarmPlan({self.scenario!r}, n={self.n}, steps={self.steps}, {value})"
+
     def __str__(self) -> str:
-        arriving = self.arrivals[self.arrivals > 0]
         end = f"to step {self.steps}"
-        if len(arriving) < self.n:
-            end += f", {self.n - len(arriving)} of {self.n} members DO NOT ARRIVE"
-        if self.min_distance is not None and self.least_distance < self.min_distance * NEARLY:
-            end += f", members COME WITHIN {self.least_distance:.4g} of each other"
-        if self.law is None:
-            told = f"{self.objective} {self.value:.4f} by the mean field"
+        missing = self.n - int((self.arrivals > 0).sum())
+        if missing:
+            end += f", {missing} of {self.n} members DO NOT ARRIVE"
+        if self.min_distance is not None:
+            least = self.least_distance
+            if least < self.min_distance * (1 - DISTANCE_TOL):
+                end += f", members COME WITHIN {least:.4g} of each other"
+        if self.distribution is None:
+            value = f"{self.objective} {self.value:.4f} by the mean field"
         else:
-            failure = self.law.failure
-            told = f"success {1.0 - failure:.6f} (failure {failure:.3g})"
+            failure = self.distribution.failure
+            value = f"success {1.0 - failure:.6f} (failure {failure:.3g})"
             if self.objective != "success":
-                told += f", {self.value:.4f} {self.objective} in the mean"
+                value += f", mean number of {self.objective} {self.value:.4f}"
         bound = "" if self.bound is None else f"; {self.bound}"
-        return f"joint plan {end}: {told}{bound}"
+        return f"joint plan {end}: {value}{bound}"
 
 
 def least_distance(positions: FloatArray) -> float:
     """Least distance of any two members at the same step of positions (T, n, 2)."""
     i, j = np.triu_indices(positions.shape[1], 1)
-    apart = positions[:, i] - positions[:, j]
-    return float(np.hypot(apart[..., 0], apart[..., 1]).min(initial=np.inf))
+    difference = positions[:, i] - positions[:, j]
+    return float(np.hypot(difference[..., 0], difference[..., 1]).min(initial=np.inf))

@@ -1,50 +1,68 @@
-"""Planning again for the survivors: a tree of joint plans, grown as losses happen.
+"""Replanning for the survivors: a tree of joint plans that grows as members are lost.
 
-A run follows the root, the joint plan of everybody, until members are lost. Let exactly the members
-d be left at step t on the ways of a plan P that was made for more. In this situation, (P, t, d), a
-new plan for d alone is solved from there, started from what is left of P's ways, and taken where it
-is worth more, by its exact law. Whatever happens later, the survivors can still follow their plan
-to its end: by induction over the tree, to follow it with feedback succeeds at least as often as to
-follow the root blindly.
+A run follows the root, the joint plan of all members, until members are lost. Let exactly the
+members d be left at step t on the trajectories of a plan P for more members. In this situation,
+(P, t, d), a new plan for d is solved, with the rest of P's trajectories as initial guess, and
+adopted if its exact value is higher. The survivors can always follow their plan to its end instead:
+by induction over the tree, replanning succeeds at least as often as following the root open loop.
 
-Each situation is solved once. What may be solved is decided by the situation alone, so that the
-answer does not depend on which runs come first: the probability, along the plans that led there,
-that a run enters it straight from P's members all being alive must be at least `least_mass`. These
-events exclude each other, so in each generation at most 1 / least_mass plans are made.
+Each situation is solved once. Whether it is solved depends on the situation alone, so that results
+do not depend on the order of runs: the probability, along the plans that led there, that a run
+enters it directly from all of P's members being alive must be at least `min_probability`. These
+events are disjoint, so there are at most 1 / min_probability plans in each generation.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
 from ...errors import PolicyError
 from ...optimization.solvers import Solver
 from ...problems.joint import JointForm
-from ...problems.joint_hessian import MAX_ITERATIONS
+from ...problems.joint_hessian import MAX_MEMBERS
 from ...problems.joint_instances import JointTask
 from ...typing import FloatArray
 from .distribution import PlanDistribution
-from .initial_guesses import SwarmStart
-from .optimize import joint_task
+from .initial_guesses import InitialGuess
 from .plan import SwarmPlan
-from .solve import MAX_EXACT, JointProblem, first_steps, newton, quasi_newton
+from .solve import MAX_EXACT, JointProblem, first_arrivals, newton, quasi_newton
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
 
-LEAST_MASS = 1e-3
-"""Probability of a situation from which on it is planned for."""
+MIN_PROBABILITY = 1e-3
+"""Default probability of a situation from which it is planned for."""
 
 ITERATIONS = 60
-"""Of a plan for survivors, which starts near its end."""
+"""Of a plan for survivors, whose initial guess is good."""
 
-_PARTS = 4  # horizons of programs: quarters of the steps, so that few programs are built
+_HORIZONS = 4  # program horizons are multiples of a quarter of the steps: few programs are built
 
 Members: TypeAlias = tuple[int, ...]
-"""Indices of the living, ascending."""
+"""Indices of the living members, ascending."""
+
+Path: TypeAlias = tuple[tuple[int, Members], ...]
+"""Steps and survivors of the successive situations that lead to a plan."""
+
+
+class SurvivorStep(NamedTuple):
+    """Velocities of the survivors at a step, and how they were determined.
+
+    Parameters
+    ----------
+    velocities : (m, 2)
+    planned : bool
+        Whether a plan was made for this situation.
+    failed : bool
+        Whether the solve for it failed, so that the survivors continue as before.
+    """
+
+    velocities: FloatArray
+    planned: bool
+    failed: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,47 +72,48 @@ class Branch:
     Parameters
     ----------
     path : tuple of (step, members)
-        Of the situations that led here; empty for the root.
+        The situations that led here; empty for the root.
     step : int
-        At which it begins.
+        First step of the plan.
     members : tuple of int
-        For whom it is.
+        Members of the plan.
     positions, velocities : (T+1, m, 2), (T, m, 2)
         Of its members, from `step` on.
-    before : (m, 2)
-        Their velocities before it.
-    mass : float
-        Probability of the situation in which it was made, by the laws of the plans before.
-    law : PlanDistribution
+    initial_velocities : (m, 2)
+        Their velocities before `step`.
+    probability : float
+        Probability of the situation that it was made for, by the previous plans' distributions.
+    distribution : PlanDistribution
     """
 
-    path: tuple[tuple[int, Members], ...]
+    path: Path
     step: int
     members: Members
     positions: FloatArray
     velocities: FloatArray
-    before: FloatArray
-    mass: float
-    law: PlanDistribution
+    initial_velocities: FloatArray
+    probability: float
+    distribution: PlanDistribution
 
-    def places(self, step: int, members: Members) -> tuple[FloatArray, FloatArray]:
+    def state(self, step: int, members: Members) -> tuple[FloatArray, FloatArray]:
         """X(step), V(step-1) of some of its members, (m, 2) each."""
         rows, at = self._rows(members), step - self.step
-        previous_velocities = self.velocities[at - 1] if at else self.before
+        previous_velocities = self.velocities[at - 1] if at else self.initial_velocities
         return self.positions[at][rows], previous_velocities[rows]
 
-    def way(self, step: int, members: Members) -> FloatArray:
+    def remaining(self, step: int, members: Members) -> FloatArray:
         """Velocities (T', m, 2) of some of its members from a step on."""
         return self.velocities[step - self.step :][:, self._rows(members)]
 
     def entering(self, step: int, members: Members) -> float:
-        """Probability that a run is with all its members before a step and with these after it."""
+        """Probability that all its members are alive before a step and exactly these after it."""
         at = step - self.step - 1
-        if not 0 <= at < len(self.law.lost):
+        if not 0 <= at < len(self.distribution.lost):
             return 0.0
-        lost = self.law.lost[at][-1]
-        stays = np.isin(self.members, members)
-        return float(self.mass * self.law.masses[at, -1] * np.where(stays, 1 - lost, lost).prod())
+        lost = self.distribution.lost[at][-1]
+        survives = np.isin(self.members, members)
+        outcome = np.where(survives, 1 - lost, lost).prod()
+        return float(self.probability * self.distribution.masses[at, -1] * outcome)
 
     def _rows(self, members: Members) -> list[int]:
         return [self.members.index(member) for member in members]
@@ -102,62 +121,75 @@ class Branch:
 
 @dataclass
 class PlanTree:
-    """The plans made so far; grows as it is asked.
+    """A tree of plans, which is extended as new situations occur.
 
     Parameters
     ----------
     scenario : Scenario
     solver : Solver
-    least_mass : float
+    min_probability : float
     root : Branch
     objective : str
-        Of the joint plan, and so of those for survivors.
-    distance : float
-        That members keep; 0 where none was asked for.
+        Of the joint plan, and of those for survivors.
+    min_distance : float
+        Between members; 0 for none.
     solves, failures : int
-        Situations that were planned for so far, and those whose solve failed.
+        Number of situations planned for so far, and of those whose solve failed.
     """
 
     scenario: Scenario
     solver: Solver
-    least_mass: float
+    min_probability: float
     root: Branch
     objective: str = "success"
-    distance: float = 0.0
-    branches: dict[tuple[tuple[int, Members], ...], Branch] = field(default_factory=dict)
+    min_distance: float = 0.0
+    branches: dict[Path, Branch] = field(default_factory=dict)
     solves: int = 0
     failures: int = 0
-    _places: dict[tuple[int, int, bytes], list[Branch]] = field(default_factory=dict)
-    _failed: set[tuple[tuple[int, Members], ...]] = field(default_factory=set)
+    _by_position: dict[tuple[int, int, bytes], list[Branch]] = field(default_factory=dict)
+    _failed: set[Path] = field(default_factory=set)
 
     @classmethod
-    def of(
+    def from_plan(
         cls,
         scenario: Scenario,
         plan: SwarmPlan,
         solver: Solver | None = None,
-        least_mass: float = LEAST_MASS,
+        min_probability: float = MIN_PROBABILITY,
     ) -> PlanTree:
-        """A tree with a joint plan for its root.
+        """A tree with a joint plan as its root.
 
         Raises
         ------
         PolicyError
-            A swarm too large for an exact law, or a mass out of range.
+            A swarm too large for an exact distribution, or a probability out of range.
         """
-        law, everybody = plan.law, tuple(range(plan.n))
-        if law is None:
+        if plan.distribution is None:
             raise PolicyError(
-                f"planning again needs the plan's exact law, which is known for at most "
-                f"{MAX_EXACT} members; this swarm has {plan.n}: use the policy joint"
+                f"replanning needs the plan's exact distribution, which is available for at most "
+                f"{MAX_EXACT} members; this swarm has {plan.n}: use the policy joint",
+                policy="joint-replanning",
+                members=plan.n,
             )
-        if not 0 <= least_mass <= 1:
-            raise PolicyError(f"least_mass = {least_mass!r}; allowed: from 0 to 1")
-        root = Branch((), 0, everybody, plan.positions, plan.velocities, plan.before, 1.0, law)
+        if not 0 <= min_probability <= 1:
+            raise PolicyError(
+                f"min_probability = {min_probability!r}; allowed: from 0 to 1",
+                policy="joint-replanning",
+            )
+        root = Branch(
+            (),
+            0,
+            tuple(range(plan.n)),
+            plan.positions,
+            plan.velocities,
+            plan.initial_velocities,
+            1.0,
+            plan.distribution,
+        )
         tree = cls(
             scenario,
-            solver or (newton if plan.n <= MAX_ITERATIONS else quasi_newton)(ITERATIONS),
-            least_mass,
+            solver or (newton if plan.n <= MAX_MEMBERS else quasi_newton)(ITERATIONS),
+            min_probability,
             root,
             plan.objective,
             plan.min_distance or 0.0,
@@ -167,8 +199,8 @@ class PlanTree:
 
     def follow(
         self, step: int, members: Members, positions: FloatArray, previous_velocities: FloatArray
-    ) -> tuple[FloatArray, bool, bool] | None:
-        """What the living do at a step.
+    ) -> SurvivorStep | None:
+        """Velocities of the living members at a step; None for a state that no plan leads to.
 
         Parameters
         ----------
@@ -177,86 +209,83 @@ class PlanTree:
             The living.
         positions, previous_velocities : (m, 2)
             Their X(step), V(step-1).
-
-        Returns
-        -------
-        velocities : (m, 2)
-        planned : bool
-            Whether this situation was planned for anew.
-        failed : bool
-            Whether the solve for it failed, so that the survivors go on as before.
-
-        None where no plan has the members at these places.
         """
-        branch = self._found(step, members, positions, previous_velocities)
+        branch = self._find(step, members, positions, previous_velocities)
         if branch is None:
             return None
         planned = failed = False
         fewer = len(members) < len(branch.members)
-        if fewer and branch.entering(step, members) >= self.least_mass:
-            key = (*branch.path, (step, members))
-            if key not in self.branches:
-                self.branches[key] = self._planned(branch, step, members, key)
-            branch, planned, failed = self.branches[key], True, key in self._failed
-        way = branch.way(step, members)
-        return (way[0] if len(way) else np.zeros((len(members), 2))), planned, failed
+        if fewer and branch.entering(step, members) >= self.min_probability:
+            path = (*branch.path, (step, members))
+            if path not in self.branches:
+                self.branches[path] = self._plan(branch, step, members, path)
+            branch, planned, failed = self.branches[path], True, path in self._failed
+        velocities = branch.remaining(step, members)
+        first = velocities[0] if len(velocities) else np.zeros((len(members), 2))
+        return SurvivorStep(first, planned, failed)
 
-    def _found(
+    def _find(
         self, step: int, members: Members, positions: FloatArray, previous_velocities: FloatArray
     ) -> Branch | None:
-        """The plan whose way leads through these places."""
-        first = self._places.get((step, members[0], positions[0].tobytes()), [])
-        for branch in first:
-            if not set(members) <= set(branch.members):
-                continue
-            places, velocities = branch.places(step, members)
-            if np.array_equal(places, positions) and np.array_equal(
-                velocities, previous_velocities
+        """The plan whose trajectories lead through this state."""
+        state = (positions, previous_velocities)
+        for branch in self._by_position.get((step, members[0], positions[0].tobytes()), []):
+            if set(members) <= set(branch.members) and all(
+                map(np.array_equal, branch.state(step, members), state)
             ):
                 return branch
         return None
 
     def _add(self, branch: Branch) -> None:
-        """Make a plan known by the places that it leads through, those where it begins left out.
+        """Register a plan under its positions, except those where it begins.
 
-        There its members are still on the plan before. Of plans that share a way the first by
-        path comes first, whichever was made first.
+        There its members are still on the previous plan. Plans that share positions are ordered by
+        path, whichever was made first.
         """
         for at in range(1 if branch.path else 0, len(branch.positions)):
-            for member, place in zip(branch.members, branch.positions[at], strict=True):
-                known = self._places.setdefault((branch.step + at, member, place.tobytes()), [])
-                known.append(branch)
-                known.sort(key=lambda b: b.path)
+            for member, position in zip(branch.members, branch.positions[at], strict=True):
+                key = (branch.step + at, member, position.tobytes())
+                branches = self._by_position.setdefault(key, [])
+                branches.append(branch)
+                branches.sort(key=lambda b: b.path)
 
-    def _planned(
-        self, branch: Branch, step: int, members: Members, key: tuple[tuple[int, Members], ...]
-    ) -> Branch:
-        """A plan for the survivors; what is left of the one before where none is better."""
-        mass = branch.entering(step, members)
-        start, before = branch.places(step, members)
-        problem = JointProblem(self.scenario, *self._task(step, start, before))
-        rest = branch.way(step, members)
-        real = first_steps(self.scenario, problem.positions(rest))
-        found = problem.solved(SwarmStart("survivors", real, rest), self.solver)
+    def _plan(self, branch: Branch, step: int, members: Members, path: Path) -> Branch:
+        """A plan for the survivors; the rest of the previous one if that is at least as good."""
+        probability = branch.entering(step, members)
+        start, initial_velocities = branch.state(step, members)
+        problem = JointProblem(self.scenario, *self._task(step, start, initial_velocities))
+        rest = branch.remaining(step, members)
+        arrivals = first_arrivals(self.scenario, problem.positions(rest))
+        outcome = problem.solve(InitialGuess("survivors", arrivals, rest), self.solver)
         self.solves += 1
-        if not found.solution.status.success:
+        if not outcome.solution.status.success:
             self.failures += 1
-            self._failed.add(key)
-        if not found.apart or found.value <= problem.value(rest, real):
+            self._failed.add(path)
+        if not outcome.separated or outcome.value <= problem.value(rest, arrivals):
             return branch
-        positions = problem.positions(found.velocities)
-        law = PlanDistribution.of(self.scenario, positions)
-        made = Branch(key, step, members, positions, found.velocities, before, mass, law)
-        self._add(made)
-        return made
+        positions = problem.positions(outcome.velocities)
+        distribution = PlanDistribution.from_positions(self.scenario, positions)
+        replanned = Branch(
+            path,
+            step,
+            members,
+            positions,
+            outcome.velocities,
+            initial_velocities,
+            probability,
+            distribution,
+        )
+        self._add(replanned)
+        return replanned
 
     def _task(
-        self, step: int, start: FloatArray, before: FloatArray
+        self, step: int, start: FloatArray, initial_velocities: FloatArray
     ) -> tuple[JointTask, JointForm]:
+        """Task of the survivors from a step on, and the form of their program."""
         steps = self.scenario.n_steps
-        quarter = -(-steps // _PARTS)
+        quarter = -(-steps // _HORIZONS)
         horizon = min(steps, quarter * -(-(steps - step) // quarter))
-        task = replace(
-            joint_task(self.scenario, before, self.distance), start=start, steps=steps - step
-        )
-        return task, JointForm(len(start), horizon, True, self.objective, self.distance > 0)
+        task = JointTask.from_scenario(self.scenario, initial_velocities, self.min_distance)
+        task = replace(task, start=start, steps=steps - step)
+        form = JointForm(len(start), horizon, True, self.objective, self.min_distance > 0)
+        return task, form

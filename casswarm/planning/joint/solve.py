@@ -1,4 +1,4 @@
-"""One solve of a joint plan: what a solver makes of a start, flown and priced."""
+"""One solve of a joint plan: an initial guess, a solver's answer, and its exact value."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ import numpy as np
 
 from ...optimization.problem import Nlp
 from ...optimization.solvers import Ipopt, Solver
-from ...problems.formation import Motion
 from ...problems.joint import JointForm, joint_nlp
 from ...problems.joint_instances import JointTask, joint_instance
 from ...typing import FloatArray, IntArray
+from ..kinematics import integrate
 from .distribution import PlanDistribution
-from .initial_guesses import SwarmStart, follow
-from .plan import NEARLY, SwarmOutcome, least_distance
+from .initial_guesses import InitialGuess, track
+from .plan import DISTANCE_TOL, SwarmOutcome, least_distance
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
 
-_SECONDS = 3600.0  # of one solve: iterations end it, so that answers do not depend on the machine
+_TIME_LIMIT = 3600.0  # never reached: solves end by iterations, whatever the machine's speed
 
 MAX_EXACT = 10
-"""Members up to which plans are priced exactly."""
+"""Maximum number of members of plans with an exact distribution."""
 
 
 def newton(iterations: int) -> Ipopt:
-    """Ipopt with exact second derivatives, that stays near its start: for swarms of at most `MAX_ITERATIONS`.
+    """Ipopt with exact second derivatives that stays near its start, for small swarms.
 
     Log-odds to 1e-7 are relative differences in the probability of failure.
     """
     return Ipopt(
         tolerance=1e-7,
         max_iter=iterations,
-        time_limit=_SECONDS,
+        time_limit=_TIME_LIMIT,
         constraint_tolerance=1e-8,
         bound_push=1e-4,
         mu_init=1e-3,
@@ -43,11 +43,11 @@ def newton(iterations: int) -> Ipopt:
 
 
 def quasi_newton(iterations: int) -> Ipopt:
-    """Ipopt with a limited-memory Hessian: for larger swarms, and the mean field."""
+    """Ipopt with a limited-memory Hessian, for larger swarms and the mean field."""
     return Ipopt(
         tolerance=1e-5,
         max_iter=iterations,
-        time_limit=_SECONDS,
+        time_limit=_TIME_LIMIT,
         hessian="limited-memory",
         memory=20,
         mu_strategy="adaptive",
@@ -62,10 +62,10 @@ class JointProblem:
     Parameters
     ----------
     scenario : Scenario
-        For its hazard, target and limits; members and steps are those of the task.
+        For its hazard and target; members, limits and steps are those of the task.
     task : JointTask
     form : JointForm
-        Of a horizon of at least the task's steps.
+        With a horizon of at least the task's steps.
     """
 
     scenario: Scenario
@@ -74,80 +74,78 @@ class JointProblem:
 
     @property
     def nlp(self) -> Nlp:
-        """The program; built once for all problems of its form."""
+        """The program, which is built once for all problems of its form."""
         return joint_nlp(self.scenario.hazard, self.form)
 
-    def solved(self, start: SwarmStart, solver: Solver) -> SwarmOutcome:
-        """What a solver makes of a start, within all limits, and what it is worth."""
-        begun = time.perf_counter()
-        form, arrivals = self.form, start.arrivals
-        if form.outside:  # runs end at the first arrival: all at once
+    def solve(self, guess: InitialGuess, solver: Solver) -> SwarmOutcome:
+        """The solver's answer from an initial guess, within all limits, and its value."""
+        started = time.perf_counter()
+        form, arrivals = self.form, guess.arrivals
+        if form.outside:  # runs end at the first arrival, so all arrive together
             arrivals = np.where(arrivals > 0, arrivals.max(), 0)
-        instance = joint_instance(self.nlp, form, self.task, arrivals, start.velocities)
+        instance = joint_instance(self.nlp, form, self.task, arrivals, guess.velocities)
         solution = solver.solve(self.nlp, instance)[0]
         flat = self.nlp.variable("velocities", solution.x)
         last = int(arrivals.max()) if arrivals.all() else self.task.steps
-        wanted = self.task.v_max * flat.reshape(form.horizon, form.n, 2)[:last]
-        if not np.isfinite(wanted).all():
-            wanted = start.velocities[:last]
-        velocities = self.flown(wanted)
+        velocities = self.task.motion.v_max * flat.reshape(form.horizon, form.n, 2)[:last]
+        if not np.isfinite(velocities).all():
+            velocities = guess.velocities[:last]
+        velocities = self.feasible(velocities)
         value = self.value(velocities, arrivals)
-        seconds = time.perf_counter() - begun
-        nearest = least_distance(self.positions(velocities)[1:])
-        apart = nearest >= NEARLY * self.task.distance
-        return SwarmOutcome(start.origin, arrivals, velocities, value, solution, seconds, apart)
+        seconds = time.perf_counter() - started
+        distance = least_distance(self.positions(velocities)[1:])
+        separated = distance >= (1 - DISTANCE_TOL) * self.task.min_distance
+        return SwarmOutcome(guess.name, arrivals, velocities, value, solution, seconds, separated)
 
-    def again(self, outcome: SwarmOutcome) -> SwarmStart:
-        """A start from an outcome, at the steps at which its members really arrive."""
-        real = first_steps(self.scenario, self.positions(outcome.velocities))
-        arrivals = np.where((real > 0) & (outcome.arrivals > 0), real, outcome.arrivals)
+    def restart(self, outcome: SwarmOutcome) -> InitialGuess:
+        """An initial guess from an outcome, with the arrival steps that its members reach."""
+        reached = first_arrivals(self.scenario, self.positions(outcome.velocities))
+        arrivals = np.where((reached > 0) & (outcome.arrivals > 0), reached, outcome.arrivals)
         if self.form.outside:
             arrivals = outcome.arrivals
-        return SwarmStart(outcome.origin, arrivals, outcome.velocities)
+        return InitialGuess(outcome.start, arrivals, outcome.velocities)
 
-    def flown(self, wanted: FloatArray) -> FloatArray:
-        """Velocities within the limits, on to the target's centre where a member has not arrived.
+    def feasible(self, velocities: FloatArray) -> FloatArray:
+        """Velocities within the limits, continued to the target's centre without full arrival.
 
-        What a solver's tolerance leaves beyond a limit is taken away as the chain would.
+        Velocities that exceed a limit by a solver's tolerance are projected as in the chain.
         """
-        task, motion = self.task, Motion.from_scenario(self.scenario)
-        found = np.empty_like(wanted)
-        previous_velocities = task.before
-        for step, velocity in enumerate(wanted):
+        task, motion = self.task, self.task.motion
+        applied = np.empty_like(velocities)
+        previous_velocities = task.initial_velocities
+        for step, velocity in enumerate(velocities):
             sets = motion.sets(previous_velocities)
-            beyond = sets.violation(velocity) > 0
-            found[step] = np.where(beyond[:, None], sets.project(velocity), velocity)
-            previous_velocities = found[step]
-        reached = first_steps(self.scenario, self.positions(found))
+            violated = sets.violation(velocity) > 0
+            applied[step] = np.where(violated[:, None], sets.project(velocity), velocity)
+            previous_velocities = applied[step]
+        positions = self.positions(applied)
+        reached = first_arrivals(self.scenario, positions)
         if reached.all():
-            return found[: int(reached.max())]
-        left = task.steps - len(found)
-        if left <= 0:
-            return found
-        here = replace(task, start=self.positions(found)[-1], before=previous_velocities)
-        goals = np.broadcast_to(task.center, (left, self.form.n, 2))
-        return np.concatenate([found, follow(here, np.array(goals))])
+            return applied[: int(reached.max())]
+        remaining = task.steps - len(applied)
+        if remaining <= 0:
+            return applied
+        here = replace(task, start=positions[-1], initial_velocities=previous_velocities)
+        goals = np.broadcast_to(task.center, (remaining, self.form.n, 2))
+        return np.concatenate([applied, track(here, np.array(goals))])
 
     def positions(self, velocities: FloatArray) -> FloatArray:
         """X(0..T), (T+1, n, 2), as the chain computes them."""
-        found = np.empty((len(velocities) + 1, *self.task.start.shape))
-        found[0] = self.task.start
-        for step, velocity in enumerate(velocities):
-            found[step + 1] = found[step] + self.task.dt * velocity
-        return found
+        return integrate(self.task.start, velocities, self.task.motion.dt)
 
     def value(self, velocities: FloatArray, arrivals: IntArray) -> float:
-        """What is maximised, of velocities (T, n, 2): exactly where that can be."""
-        share = 1.0 if self.form.objective == "success" else self.form.n
+        """Value of the objective for velocities (T, n, 2), exact for small swarms."""
+        scale = 1.0 if self.form.objective == "success" else self.form.n
         if self.form.n <= MAX_EXACT:
-            law = PlanDistribution.of(self.scenario, self.positions(velocities))
-            return share * (1.0 - law.cost(self.form.objective))
+            positions = self.positions(velocities)
+            distribution = PlanDistribution.from_positions(self.scenario, positions)
+            return scale * (1.0 - distribution.cost(self.form.objective))
         instance = joint_instance(self.nlp, self.form, self.task, arrivals, velocities)
         odds = float(self.nlp.evaluate(instance.x0[0], instance.p[0])[0])
-        return share * float(1.0 / (1.0 + np.exp(odds)))
+        return scale * float(1.0 / (1.0 + np.exp(odds)))
 
 
-def first_steps(scenario: Scenario, positions: FloatArray) -> IntArray:
-    """First step at which each member (n,) of ways (T+1, n, 2) is in the target, 0 for never."""
+def first_arrivals(scenario: Scenario, positions: FloatArray) -> IntArray:
+    """First step (n,) of trajectories (T+1, n, 2) in the target, 0 for members that never are."""
     inside = scenario.target.contains(positions[1:])
     return np.where(inside.any(axis=0), inside.argmax(axis=0) + 1, 0)

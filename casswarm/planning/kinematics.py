@@ -1,0 +1,48 @@
+"""Kinematics of agents: integrated velocities, reachability, and velocities along polylines."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..typing import FloatArray
+
+
+def integrate(start: FloatArray, velocities: FloatArray, dt: float) -> FloatArray:
+    """Positions X(0..T), (T+1, ..., 2), of the dynamics X(t+1) = X(t) + dt V(t).
+
+    Parameters
+    ----------
+    start : (..., 2)
+        X(0), of one agent or of several.
+    velocities : (T, ..., 2)
+        V(0..T-1).
+    dt : float
+    """
+    positions = np.empty((len(velocities) + 1, *np.shape(start)))
+    positions[0] = start
+    for step, velocity in enumerate(velocities):  # rounds as the chain does
+        positions[step + 1] = positions[step] + dt * velocity
+    return positions
+
+
+def remaining_distance(
+    positions: FloatArray, goal: FloatArray, reach: float | NDArray[np.floating[Any]]
+) -> FloatArray:
+    """Distance (...) to `goal` after the best move of at most `reach` along each axis.
+
+    Velocities are bounded by component, so the reachable set of positions (..., 2) is a square.
+    """
+    missing = np.maximum(np.abs(goal - positions) - reach, 0.0)
+    return np.asarray(np.hypot(missing[..., 0], missing[..., 1]))
+
+
+def resample(polyline: FloatArray, steps: int, dt: float) -> FloatArray:
+    """Velocities (steps, 2) that follow a polyline (m, 2) at constant speed."""
+    lengths = np.hypot(*np.diff(polyline, axis=0).T)
+    distance = np.concatenate([[0.0], np.cumsum(lengths)])
+    targets = np.linspace(0.0, distance[-1], steps + 1)
+    path = np.stack([np.interp(targets, distance, polyline[:, axis]) for axis in (0, 1)], axis=1)
+    return np.diff(path, axis=0) / dt
