@@ -317,7 +317,7 @@ def test_rates_of_users_are_planned_for_too() -> None:
     assert best.success[0] <= law.success[0] <= best.success[1]
     assert best.bound is not None
     assert not best.bound.certified
-    assert "CustomHazard does not tell" in str(best)
+    assert "CustomHazard does not provide" in str(best)
 
 
 def test_large_swarms_are_planned_by_the_mean_field() -> None:

@@ -227,7 +227,7 @@ def test_rates_of_users_are_not_certified_and_say_why() -> None:
     bound = success_bound(scenario.with_hazard(patrolled, radars=[(1.4, 1.0)]))
     assert not bound.certified
     assert float(bound) == 1.0
-    assert "CustomHazard does not tell the least rate of a member among 1" in str(bound)
+    assert "CustomHazard does not provide the least rate of a member among 1" in str(bound)
 
 
 @pytest.mark.parametrize(
