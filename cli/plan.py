@@ -171,7 +171,9 @@ def _write(
     folder.table("guide", guide_table(guide))
     folder.table("candidates", candidate_table(guide))
     paths = {
-        f"{best.homotopy or 'path'} {number}": integrate(guide.positions[0], best.velocities, guide.dt)
+        f"{best.homotopy or 'path'} {number}": integrate(
+            guide.positions[0], best.velocities, guide.dt
+        )
         for number, best in enumerate(guide.best_per_homotopy_class())
     }
     guides = {} if baseline is None else {"projected gradient": guide, "global search": baseline}

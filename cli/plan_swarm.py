@@ -111,8 +111,8 @@ def _write(
     sampled: Estimate | None,
     inputs: dict[str, Any],
 ) -> dict[str, Any]:
-    from ..results.catalogue import swarm_plan_figures
     from ..planning.tables import joint_table, outcome_table
+    from ..results.catalogue import swarm_plan_figures
     from ..studies.tables import estimate_table
 
     folder.table("joint", joint_table(plan))

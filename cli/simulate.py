@@ -148,8 +148,8 @@ def simulate(
 def _write(
     folder: Folder, study: Study, bound: SuccessBound, inputs: dict[str, Any]
 ) -> dict[str, Any]:
-    from ..results.catalogue import simulation_figures
     from ..planning.tables import guide_table
+    from ..results.catalogue import simulation_figures
     from ..studies.tables import trace_table
 
     scenario, guide = study.scenario, study.guide

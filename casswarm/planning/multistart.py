@@ -88,13 +88,12 @@ class Multistart:
                 steps[_name(path)] = self._steps_near(path.arrival)
             steps[STRAIGHT] = self._coarse_steps(1 if is_long else 3)
         outcomes: dict[str, list[Candidate]] = {}
-        for number, (name, start) in enumerate(starts.items()):
-            self._report(name, number, len(starts))
+        for name, start in starts.items():
+            self._report(name)
             outcomes[name] = list(self._solve(name, start, steps[name]))
         if self.scenario.guide.arrival == "any":
-            names = self._most_promising(outcomes)
-            for number, name in enumerate(names):
-                self._report(name, number, len(names), " (arrival time)")
+            for name in self._most_promising(outcomes):
+                self._report(name, " (arrival time)")
                 self._refine(name, starts[name], outcomes[name])
         return [candidate for candidates in outcomes.values() for candidate in candidates]
 
@@ -122,16 +121,16 @@ class Multistart:
         nlp = penalised_guide_nlp(self.scenario.hazard, steps)
         line = resample(np.stack([task.start, task.center]), steps, task.dt)
         instance = penalised_guide_instance(nlp, task, self.scenario.guide.gamma, line)
-        self._report(STRAIGHT, 0, 1)
+        self._report(STRAIGHT)
         solution = self.solver.solve(nlp, instance)[0]
         velocities = nlp.variable("velocities", solution.x)
         return self._candidate(STRAIGHT, steps, velocities, solution)
 
-    def _report(self, name: str, done: int, total: int, detail: str = "") -> None:
+    def _report(self, name: str, detail: str = "") -> None:
         if self.progress is not None:
             others = {STRAIGHT: "straight line", GRID_PATH: GRID_PATH}
             start = others.get(name, f"homotopy class {name}")
-            self.progress(f"optimizing {start}{detail}", done, total)
+            self.progress(f"optimizing {start}{detail}", 0, None)
 
     def _solve(self, name: str, start: InitialPath, steps: Iterable[int]) -> Iterator[Candidate]:
         nlp = guide_nlp(self.scenario.hazard, self.scenario.n_steps)

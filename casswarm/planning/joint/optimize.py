@@ -270,7 +270,7 @@ class _Search:
 
     def _solve(self, guess: InitialGuess, final: bool = False) -> SwarmOutcome:
         if self.progress is not None:
-            self.progress(f"optimizing {guess.name}", len(self.outcomes), None)
+            self.progress(f"optimizing {guess.name}", 0, None)
         problem = self.problem if final else self.first_problem
         self.outcomes.append(problem.solve(guess, self.solvers[final]))
         return self.outcomes[-1]
