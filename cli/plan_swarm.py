@@ -164,8 +164,8 @@ def _text(scenario: Scenario, plan: SwarmPlan, sampled: Estimate | None) -> str:
         low, high = plan.success
         lines.append(
             f"exact success probability from {low:.12f} to {high:.12f}; on average "
-            f"{plan.distribution.survivors_mean:.3f} members alive and {plan.distribution.arrivals_mean:.3f} in the "
-            "target at the end of a run"
+            f"{plan.distribution.survivors_mean:.3f} members alive and "
+            f"{plan.distribution.arrivals_mean:.3f} in the target at the end of a run"
         )
     if sampled is not None:
         lines.append(str(sampled))

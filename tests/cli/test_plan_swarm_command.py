@@ -67,7 +67,7 @@ def test_evaluate_and_simulate_print_the_success_bound(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("--gap", "0.1"), "No such option"),
-        (("--min-distance", "2"), "members start 0.412311 apart; give less"),
+        (("--min-distance", "2"), "members start 0.412311 apart; choose a smaller distance"),
         (("--objective", "arrival"), "arrivals"),
     ],
 )

@@ -369,7 +369,7 @@ def test_wrong_words_are_refused(wrong: dict[str, object], message: str) -> None
     ("wrong", "message"),
     [
         ({"min_distance": 0.0}, "above 0"),
-        ({"min_distance": 0.6}, "members start 0.412311 apart; give less"),
+        ({"min_distance": 0.6}, "members start 0.412311 apart; choose a smaller distance"),
         ({"time_limit": 0.0}, "seconds above 0"),
     ],
 )
