@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import PolicyError
-from ..planning.joint import SwarmPlan
-from ..planning.joint import PlanTree
+from ..planning.joint import PlanTree, SwarmPlan
 from ..problems.formation import Motion
 from ..typing import BoolArray, FloatArray
 from .base import Decision, Policy

@@ -11,8 +11,7 @@ from ..errors import PolicyError
 from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 from ..planning.bounds.value_function import ValueFunction
 from ..planning.guide import Guide
-from ..planning.joint import plan_swarm
-from ..planning.joint import PlanTree
+from ..planning.joint import PlanTree, plan_swarm
 from ..planning.plan import initial_velocities, plan, plan_from
 from ..problems.formation import Motion
 from .base import Policy

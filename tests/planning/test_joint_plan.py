@@ -121,7 +121,9 @@ def test_policy_is_never_clipped_and_agrees_with_sampling(
     planned: tuple[Scenario, SwarmPlan],
 ) -> None:
     scenario, best = planned
-    study = simulate(scenario, [JointPolicy.from_plan(best)], runs=4000, seed=3, save_trajectories=0)
+    study = simulate(
+        scenario, [JointPolicy.from_plan(best)], runs=4000, seed=3, save_trajectories=0
+    )
     row = study.summary.iloc[0]
     assert row["saturated"] == 0
     assert best.success is not None

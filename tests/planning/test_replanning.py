@@ -140,7 +140,9 @@ def test_states_that_no_plan_leads_to_are_steered_back(planned: tuple[Scenario, 
     policy = feedback(planned)
     places = scenario.positions[None] + 0.3
     found = policy.decide(0, places, first.initial_velocities[None], np.ones((1, 3), bool))
-    blind = policy.open_loop.decide(0, places, first.initial_velocities[None], np.ones((1, 3), bool))
+    blind = policy.open_loop.decide(
+        0, places, first.initial_velocities[None], np.ones((1, 3), bool)
+    )
     np.testing.assert_array_equal(found.velocities, blind.velocities)
     assert found.fallbacks.sum() == policy.tree.solves == 0
 
