@@ -96,7 +96,11 @@ def cost_to_go_map(
     own step.
     """
     low, high = extent(scenario, [guide.positions, scenario.positions])
-    costs = value if isinstance(value, CostToGoMap) else CostToGoMap.from_value_function(value, low, high, step)
+    costs = (
+        value
+        if isinstance(value, CostToGoMap)
+        else CostToGoMap.from_value_function(value, low, high, step)
+    )
     fig, axes = single_panel()
     image = axes.imshow(
         np.where(costs.survival > 0, costs.survival, np.nan),
