@@ -63,15 +63,14 @@ def single_agent(scenario: Scenario, guide: Guide) -> float:
 def row(name: str, scenario: Scenario, options: dict[str, Any]) -> list[str]:
     """A scenario's survival of a single agent, and its policies' success."""
     guide = csw.plan(scenario, certify=False)
+    options = {"tolerance": 1e-4, "guide": guide, "aggregation_tol": 1e-6} | options
     cells = [name, f"{guide.survival:.3f}", f"{single_agent(scenario, guide):.3f}"]
     for policy in POLICIES:
         started = time.process_time()
-        exact = csw.evaluate(scenario, policy, guide=guide, aggregation_tol=1e-6, **options)
+        exact = csw.evaluate(scenario, policy, **options)
         (low, high), mark = exact.success, ""
         if high - low > WIDE:
-            estimate = csw.estimate(
-                scenario, policy, 2000, guide=guide, aggregation_tol=1e-6, **options
-            )
+            estimate = csw.estimate(scenario, policy, 2000, **options)
             (low, high), mark = estimate.success, "~ "
         cells.append(f"{mark}{low:.4f} to {high:.4f}")
         took = time.process_time() - started

@@ -25,8 +25,7 @@ from .planning.plan import plan
 from .policies import Decision, Policy, as_policy, make_policy
 from .scenario import Scenario, builtin_scenarios, load_scenario, save_scenario
 from .studies.evaluation import estimate, evaluate
-from .studies.pilot import runs_needed
-from .studies.simulation import Study, simulate
+from .studies.simulation import Study, runs_needed, simulate
 from .studies.sweep import Sweep, sweep
 from .typing import Interval, Progress
 

@@ -99,7 +99,7 @@ def plan_swarm(
         if swarm_plan.distribution is None:
             say(f"simulating: {_RUNS} runs", common.quiet)
             policy = JointPolicy.from_plan(swarm_plan)
-            sampled = estimate(chosen, policy, _RUNS, planning.seed, guide=guide)
+            sampled = estimate(chosen, policy, _RUNS, planning.seed, tolerance=1e-4, guide=guide)
         content = _write(folder, chosen, swarm_plan, sampled, asdict(planning))
     print_result(folder, content, _text(chosen, swarm_plan, sampled), common)
 

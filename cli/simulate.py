@@ -104,7 +104,7 @@ def simulate(
         chosen = load(scenario, common.settings, planning.values)
         from ..planning.bounds.success_bound import success_bound
         from ..planning.plan import plan
-        from ..studies.pilot import runs_needed
+        from ..studies.simulation import runs_needed
         from ..studies.simulation import simulate as run_study
 
         folder = open_folder("simulate", chosen, common, figures, RESUME)

@@ -110,7 +110,7 @@ def sweep(
             workers=stack.enter_context(executor(execution.workers, execution.dask)),
             checkpoint=folder.path,
             if_exists=execution.if_exists,
-            progress=progress and (lambda done, total: progress("sweep points", done, total)),
+            progress=progress,
         )
     inputs = {
         "settings": grid,

@@ -41,7 +41,7 @@ for name, scenario in scenarios.items():
     guide = csw.plan(scenario, certify=False)
     bound = csw.success_bound(scenario)
     for policy in POLICIES:
-        estimate = csw.estimate(scenario, policy, 4000, guide=guide)
+        estimate = csw.estimate(scenario, policy, 4000, tolerance=1e-4, guide=guide)
         rows.append(
             {
                 "scenario": name,

@@ -215,7 +215,9 @@ def row_of(values, thorough):
     row |= {"risk": guide.risk, "arrival": guide.arrival, "infeasible": exact.infeasible}
     collisions = second.with_values(values)
     for name in PAPER:
-        estimate = csw.estimate(collisions, name, 1000, max_states=3000, guide=guide)
+        estimate = csw.estimate(
+            collisions, name, 1000, max_states=3000, tolerance=1e-4, guide=guide
+        )
         row[f"II {name}"] = np.mean(estimate.success)
     if thorough:
         papers = csw.plan(scenario, "projected-gradient", certify=False)

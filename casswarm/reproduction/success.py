@@ -122,7 +122,9 @@ def _bracket(
     law = evaluate(scenario, policy, WIDTH, max_states=states, guide=guide)
     if law.complete:
         return *law.success, "proven", law.infeasible
-    found = estimate(scenario, policy, runs, seed, max_states=states // 15, guide=guide)
+    found = estimate(
+        scenario, policy, runs, seed, max_states=states // 15, tolerance=1e-4, guide=guide
+    )
     return *found.success, "95 %", found.enumerated.infeasible
 
 

@@ -34,7 +34,7 @@ def distributions_of(
                 residual_mass_before=tables["arrival"][f"{name}_residual_mass"].to_numpy(float),
                 residual_mass=float(row["residual_mass"]),
                 states=int(row["states"]),
-                infeasible=float(row["shortfalls_mean"]),
+                infeasible=float(row["infeasible_mean"]),
                 failures=float(row["solver_failures_mean"]),
                 tolerance=tolerance,
                 aggregation_tol=float(row["aggregation_tol"]),

@@ -1,4 +1,4 @@
-"""The runs of a study in jobs: shared out, and kept as they are done."""
+"""Runs of a study in batches: simulated by workers, saved in a checkpoint."""
 
 from __future__ import annotations
 
@@ -17,106 +17,108 @@ from ..typing import Progress
 from .checkpoint import Checkpoint, file_name
 
 BATCH = 20_000
-"""Runs that advance together at the most: bounds memory, changes no result."""
+"""Maximum number of runs that are simulated together: bounds memory, changes no result."""
 
-_SHARES = 8
-"""Jobs of a policy that an executor gets, twice: it does not tell how many it can do at once."""
+_EXECUTOR_SIZE = 8
+"""Assumed number of workers of an executor, which does not tell it."""
 
-Parts = dict[str, list[tuple[Runs, float]]]
-"""Runs that are done, by policy, and the seconds that they took."""
+BatchResults = dict[str, list[tuple[Runs, float]]]
+"""Simulated batches by policy, each with the seconds that it took."""
 
 
 @dataclass(frozen=True)
-class Job:
-    """Some runs of a policy; called, it samples them and tells the seconds that it took."""
+class Batch:
+    """Consecutive runs of a policy, as a job for a worker."""
 
     chain: Chain
     policy: Policy
     first: int
     runs: int
-    traces: int
+    save_trajectories: int
 
     def __call__(self, progress: Progress | None = None) -> tuple[Runs, float]:
-        """The runs, and the seconds that they took."""
+        """Simulate the runs; also return the seconds that they took."""
         started = time.perf_counter()
-        part = self.chain.run(self.policy, self.first, self.runs, self.traces, progress)
-        return part, time.perf_counter() - started
+        options = (self.first, self.runs, self.save_trajectories)
+        runs = self.chain.run(self.policy, *options, progress)
+        return runs, time.perf_counter() - started
 
     @property
     def name(self) -> str:
-        """Of the cell that keeps its outcome."""
+        """Name of the checkpoint record."""
         return f"{self.first:012d}-{self.runs:06d}-{file_name(self.policy.name)}"
 
 
-def jobs_left(
+def missing_batches(
     chain: Chain,
-    made: Sequence[Policy],
-    kept: Parts,
+    policies: Sequence[Policy],
+    results: BatchResults,
     runs: int,
-    traces: int,
+    save_trajectories: int,
     workers: Workers,
-) -> list[Job]:
-    """What is still to be done, in batches that keep the workers busy."""
-    number = int(workers) if isinstance(workers, Integral) else _SHARES
+) -> list[Batch]:
+    """Runs that `results` lacks, in batches of a size that keeps all workers busy."""
+    number = int(workers) if isinstance(workers, Integral) else _EXECUTOR_SIZE
     size = min(BATCH, runs if number == 1 else -(-runs // (2 * number)))
     return [
-        Job(chain, policy, first, min(size, end - first), max(0, min(size, traces - first)))
-        for policy in made
-        for start, end in _gaps(kept[policy.name], runs)
+        Batch(chain, policy, first, length, max(0, min(size, save_trajectories - first)))
+        for policy in policies
+        for start, end in _gaps(results[policy.name], runs)
         for first in range(start, end, size)
+        for length in [min(size, end - first)]
     ]
 
 
-def sample_jobs(
-    jobs: list[Job],
+def simulate_batches(
+    batches: list[Batch],
     workers: Workers,
-    parts: Parts,
+    results: BatchResults,
     progress: Progress | None,
     runs: int,
     store: Checkpoint | None,
 ) -> None:
-    """Add the outcome of every job to `parts`, and keep it, as soon as it is there."""
-    done = {name: sum(len(part.arrival) for part, _ in kept) for name, kept in parts.items()}
+    """Add every batch to `results`, and save it, as soon as it is finished."""
+    done = {name: sum(len(part.arrival) for part, _ in saved) for name, saved in results.items()}
 
-    def tell(policy: str, ended: float = 0, total: float | None = None) -> None:  # noqa: ARG001
+    def report(policy: str, finished: float = 0, total: float | None = None) -> None:  # noqa: ARG001
         if progress is not None:
-            progress(policy, done[policy] + ended, runs)
+            progress(policy, done[policy] + finished, runs)
 
-    for name, ended in done.items():
-        if ended:
-            tell(name)
-    calls: list[Callable[[], tuple[Runs, float]]] = (
-        [partial(job, tell) for job in jobs] if workers == 1 else list(jobs)
+    for name, finished in done.items():
+        if finished:
+            report(name)
+    jobs: list[Callable[[], tuple[Runs, float]]] = (
+        [partial(batch, report) for batch in batches] if workers == 1 else list(batches)
     )
-    for place, (part, seconds) in done_jobs(calls, workers):
-        job = jobs[place]
+    for index, (part, seconds) in done_jobs(jobs, workers):
+        batch = batches[index]
         if store is not None:
-            store.save(job.name, part.to_arrays() | {"seconds": np.array(seconds)})
-        parts[job.policy.name].append((part, seconds))
-        done[job.policy.name] += job.runs
-        tell(job.policy.name)
+            store.save(batch.name, part.to_arrays() | {"seconds": np.array(seconds)})
+        results[batch.policy.name].append((part, seconds))
+        done[batch.policy.name] += batch.runs
+        report(batch.policy.name)
 
 
-def kept_parts(store: Checkpoint | None, made: Sequence[Policy], runs: int) -> Parts:
-    """What an earlier study kept, without overlaps."""
-    parts: Parts = {policy.name: [] for policy in made}
+def saved_results(store: Checkpoint | None, policies: Sequence[Policy], runs: int) -> BatchResults:
+    """Batches of a checkpoint, without overlaps."""
+    results: BatchResults = {policy.name: [] for policy in policies}
     if store is None:
-        return parts
-    by_cell = {file_name(policy.name): policy.name for policy in made}
-    for name in store.names():  # by their first run
-        cell = store.load(name)
-        policy = by_cell.get(name.split("-", 2)[-1])
-        if cell is None or policy is None:
+        return results
+    by_file_name = {file_name(policy.name): policy.name for policy in policies}
+    for name in store.names():  # ordered by their first run
+        record = store.load(name)
+        policy = by_file_name.get(name.split("-", 2)[-1])
+        if record is None or policy is None:
             continue
-        part = Runs.from_arrays(cell)
-        end = parts[policy][-1][0].end if parts[policy] else 0
+        part = Runs.from_arrays(record)
+        end = results[policy][-1][0].end if results[policy] else 0
         if end <= part.first and part.end <= runs:
-            parts[policy].append((part, float(cell["seconds"])))
-    return parts
+            results[policy].append((part, float(record["seconds"])))
+    return results
 
 
-def _gaps(kept: Sequence[tuple[Runs, float]], runs: int) -> list[tuple[int, int]]:
-    """First and last + 1 of the stretches of runs that nobody has done."""
-    ends = [0, *(part.end for part, _ in kept)]
-    firsts = [*(part.first for part, _ in kept), runs]
+def _gaps(saved: Sequence[tuple[Runs, float]], runs: int) -> list[tuple[int, int]]:
+    """Ranges (first, last + 1) of runs that are not among the saved ones."""
+    ends = [0, *(part.end for part, _ in saved)]
+    firsts = [*(part.first for part, _ in saved), runs]
     return [(a, b) for a, b in zip(ends, firsts, strict=True) if a < b]

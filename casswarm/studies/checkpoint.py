@@ -102,8 +102,8 @@ class Checkpoint:
             raise
         except OSError as error:
             raise CheckpointError(
-                f"{self.folder} cannot be locked against other processes ({error}): choose a folder "
-                "on another file system",
+                f"{self.folder} cannot be locked against other processes ({error}): choose a "
+                "folder on another file system",
                 folder=self.folder,
             ) from None
         atomic_write(holder, f"process {os.getpid()} on {socket.gethostname()}")

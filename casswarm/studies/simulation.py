@@ -1,13 +1,12 @@
-"""A study: several policies simulated on one scenario, as tables."""
+"""Studies: several policies simulated on one scenario, with their tables."""
 
 from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass
 from importlib.metadata import version
 from numbers import Integral
 from pathlib import Path
@@ -15,18 +14,19 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from .._util.display import Displayed
 from .._util.parallel import Workers, checked_workers, require_sendable
+from ..chain.confidence import required_runs
 from ..chain.monte_carlo import Chain
 from ..chain.trajectories import RunTrajectory
-from ..errors import PolicyError
 from ..optimization.solvers import Solver
 from ..planning.guide import Guide
 from ..planning.plan import initial_velocities, plan
-from ..policies import as_policy, make_policy
 from ..policies.base import Policy
 from ..typing import Progress
-from .batches import Parts, jobs_left, kept_parts, sample_jobs
+from .batches import BatchResults, missing_batches, saved_results, simulate_batches
 from .checkpoint import Checkpoint, IfExists
+from .policy_list import policy_list, resolve_policy
 from .tables import paired_table, run_table, summarise
 
 if TYPE_CHECKING:
@@ -35,10 +35,15 @@ if TYPE_CHECKING:
 PAPER_POLICIES = ("naive", "constrained", "leader")
 """The three policies that the paper compares, in its order."""
 
+PILOT = 1000
+"""Runs of a pilot study."""
 
-@dataclass(frozen=True, eq=False)
-class Study:
-    """What simulating policies on a scenario gave.
+_PILOT_SEED = 1 << 40  # added to the seed: far from the seeds that people choose
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Study(Displayed):
+    """Results of simulating policies on a scenario.
 
     Parameters
     ----------
@@ -46,29 +51,38 @@ class Study:
     guide : Guide
     seed : int
     summary : DataFrame
-        A row a policy: policy, runs, successes, success with its Wilson 95 % interval
-        success_low and success_high, survivors_mean, arrival_step_mean, shortfalls,
-        solver_failures, resolved, clipped.
+        A row per policy: policy, runs, successes, success with its Wilson 95 % interval
+        success_low and success_high, survivors_mean, arrival_step_mean, infeasible (member-steps
+        whose soft constraint could not be met), solver_failures, fallbacks (steps solved again by
+        the fallback solver), saturated (velocities projected to the limits).
     paired : DataFrame
-        A row a pair of policies: their difference in success with its 95 % interval; see
+        A row per pair of policies: their difference in success with its 95 % interval; see
         `casswarm.studies.tables.paired_table`.
     runs : DataFrame
-        A row a run: policy, run, success, survivors, arrival_step (missing where no member
-        arrived), steps, shortfalls, solver_failures, resolved, clipped.
+        A row per run: policy, run, success, survivors, arrival_step (missing if no member
+        arrived), steps, infeasible, solver_failures, fallbacks, saturated.
     effort : DataFrame
-        A row a policy: distinct states in which it was asked, seconds. Not reproducible.
+        A row per policy: number of distinct states in which it was evaluated, seconds. Not
+        reproducible.
     trajectories : dict of policy name to tuple of RunTrajectory
         Trajectories of the first runs.
     """
 
-    scenario: Scenario = field(repr=False)
+    scenario: Scenario
     guide: Guide
     seed: int
     summary: pd.DataFrame
-    paired: pd.DataFrame = field(repr=False)
-    runs: pd.DataFrame = field(repr=False)
-    effort: pd.DataFrame = field(repr=False)
-    trajectories: dict[str, tuple[RunTrajectory, ...]] = field(repr=False)
+    paired: pd.DataFrame
+    runs: pd.DataFrame
+    effort: pd.DataFrame
+    trajectories: dict[str, tuple[RunTrajectory, ...]]
+
+    def __repr__(self) -> str:
+        success = ", ".join(
+            f"{row['policy']} {row['success']:.4f}" for row in self.summary.to_dict("records")
+        )
+        runs = int(self.summary["runs"].iloc[0])
+        return f"Study({self.scenario.name!r}, runs={runs}, seed={self.seed}, success: {success})"
 
     def __str__(self) -> str:
         return f"{self.guide}\n{self.summary.to_string(index=False)}"
@@ -76,7 +90,7 @@ class Study:
 
 def simulate(
     scenario: Scenario,
-    policies: Sequence[Any] = PAPER_POLICIES,
+    policies: Any = PAPER_POLICIES,
     runs: int = 1000,
     seed: int = 0,
     workers: Workers = 1,
@@ -97,26 +111,26 @@ def simulate(
     Parameters
     ----------
     scenario : Scenario
-    policies : sequence
-        Names, `Policy` objects, functions of (step, positions, previous_velocities, alive), or objects with
-        such a method ``velocities``. Their names must differ.
+    policies : sequence or a single policy
+        Names, `Policy` objects, functions of (step, positions, previous_velocities, alive), or
+        objects with such a method ``velocities``. Their names must differ.
     runs : int
-        Runs of every policy, at least 1.
+        Number of runs per policy, at least 1.
     seed : int
         At least 0.
     workers : int or executor
-        Processes that share the runs; 1 stays in this process. In a script, more than one needs
-        the guard ``if __name__ == "__main__":``, since workers import the script again. Or an
-        executor in the style of `concurrent.futures`, such as Dask's ``client.get_executor()``.
-        A process of ours that dies costs time, and no result.
+        Number of processes; 1 stays in this process. In a script, more than one needs the guard
+        ``if __name__ == "__main__":``, since workers import the script again. Or an executor in
+        the style of `concurrent.futures`, such as Dask's ``client.get_executor()``. If a process
+        dies, its runs are simulated again.
     guide : Guide, optional
         Planned from the scenario by default.
     solver : str or Solver
-        Of the formation problems of the policies that are given by name.
+        For the formation problems of the policies that are given by name.
     save_trajectories : int
         Number of runs per policy, the first ones, whose trajectories are saved.
     progress : callable, optional
-        Called with a policy's name, the number of its runs that have ended, and their total.
+        Called with a policy's name, the number of its finished runs, and their total.
     checkpoint : Path, optional
         Folder in which results are saved as they are computed.
     if_exists : {"error", "resume", "overwrite"}
@@ -153,38 +167,37 @@ def simulate(
             raise ValueError(f"{name} = {value}; allowed: whole numbers from {least}")
     checked_workers(workers)
     guide = plan(scenario) if guide is None else guide
-    named = partial(make_policy, scenario=scenario, guide=guide, solver=solver)
-    made: list[Policy] = distinct_policies(policies, named)
+    chosen = [resolve_policy(p, scenario, guide, solver) for p in policy_list(policies)]
     chain = Chain(scenario, initial_velocities(scenario, guide), seed)
     with ExitStack() as stack:
         store = None
         if checkpoint is not None:
-            inputs = _inputs(chain, guide, made, runs, save_trajectories, solver)
+            inputs = _inputs(chain, guide, chosen, runs, save_trajectories, solver)
             store = stack.enter_context(Checkpoint(checkpoint, inputs, if_exists))
-        parts = kept_parts(store, made, runs)
-        jobs = jobs_left(chain, made, parts, runs, save_trajectories, workers)
+        results = saved_results(store, chosen, runs)
+        batches = missing_batches(chain, chosen, results, runs, save_trajectories, workers)
         if workers != 1:
-            require_sendable({job.policy.name: job for job in jobs})
-        sample_jobs(jobs, workers, parts, progress, runs, store)
+            require_sendable({batch.policy.name: batch for batch in batches})
+        simulate_batches(batches, workers, results, progress, runs, store)
         if store is not None:
             store.finish()
-        return _study(scenario, guide, seed, parts)
+        return _study(scenario, guide, seed, results)
 
 
 def _inputs(
     chain: Chain,
     guide: Guide,
-    made: Sequence[Policy],
+    policies: Sequence[Policy],
     runs: int,
     save_trajectories: int,
     solver: str | Solver,
 ) -> dict[str, Any]:
-    """All that decides a study, for its folder."""
+    """All that determines a study, for its checkpoint."""
     return {
         "study": "simulate",
         "scenario": tomllib.loads(chain.scenario.to_toml()),
         "guide": hashlib.sha256(guide.positions.tobytes()).hexdigest(),
-        "policies": [policy.name for policy in made],
+        "policies": [policy.name for policy in policies],
         "runs": int(runs),
         "save_trajectories": int(save_trajectories),
         "seed": int(chain.seed),
@@ -193,40 +206,17 @@ def _inputs(
     }
 
 
-def distinct_policies(policies: Sequence[Any], named: Callable[[str], Any]) -> list[Any]:
-    """Policies of what users give: names by `named`, functions and methods by `as_policy`.
-
-    Raises
-    ------
-    PolicyError
-        No list, an empty one, or policies of one name.
-    """
-    if isinstance(policies, (str, Policy)):
-        raise PolicyError(f"policies must be a list; for a single one give [{policies!r}]")
-    made = [named(policy) if isinstance(policy, str) else as_policy(policy) for policy in policies]
-    names = [policy if isinstance(policy, str) else policy.name for policy in made]
-    repeated = sorted({name for name in names if names.count(name) > 1})
-    if repeated or not names:
-        raise PolicyError(
-            f"policies need names that differ; repeated: {', '.join(repeated)}; "
-            "as_policy(function, name) gives one a name"
-            if repeated
-            else "no policy given"
-        )
-    return made
-
-
-def _study(scenario: Scenario, guide: Guide, seed: int, parts: Parts) -> Study:
+def _study(scenario: Scenario, guide: Guide, seed: int, results: BatchResults) -> Study:
     tables, effort, trajectories = [], [], {}
-    for name, done in parts.items():
-        done.sort(key=lambda item: item[0].first)
-        tables.append(pd.concat([run_table(name, part) for part, _ in done], ignore_index=True))
-        trajectories[name] = tuple(trace for part, _ in done for trace in part.trajectories)
+    for name, batches in results.items():
+        batches.sort(key=lambda batch: batch[0].first)
+        tables.append(pd.concat([run_table(name, runs) for runs, _ in batches], ignore_index=True))
+        trajectories[name] = tuple(path for runs, _ in batches for path in runs.trajectories)
         effort.append(
             {
                 "policy": name,
-                "states": sum(part.states for part, _ in done),
-                "seconds": sum(seconds for _, seconds in done),
+                "states": sum(runs.states for runs, _ in batches),
+                "seconds": sum(seconds for _, seconds in batches),
             }
         )
     runs = pd.concat(tables, ignore_index=True)
@@ -240,3 +230,40 @@ def _study(scenario: Scenario, guide: Guide, seed: int, parts: Parts) -> Study:
         pd.DataFrame(effort),
         trajectories,
     )
+
+
+def runs_needed(
+    scenario: Scenario,
+    policies: Any = PAPER_POLICIES,
+    half_width: float = 0.005,
+    seed: int = 0,
+    *,
+    pilot: int = PILOT,
+    guide: Guide | None = None,
+    solver: str | Solver = "auto",
+) -> int:
+    """Number of runs for 95 % intervals of about +- `half_width`, from a pilot study.
+
+    The pilot study's random numbers differ from those of a study with the same seed.
+
+    Parameters
+    ----------
+    scenario, policies, seed, guide, solver
+        As in `simulate`.
+    half_width : float
+        Between 0 and 1/2.
+    pilot : int
+        Number of runs of the pilot study.
+
+    Raises
+    ------
+    ValueError
+        A half-width that is not between 0 and 1/2; and as `simulate`.
+    """
+    if not 0 < half_width < 0.5:
+        raise ValueError(f"half_width = {half_width}; allowed: between 0 and 0.5")
+    seed += _PILOT_SEED
+    study = simulate(
+        scenario, policies, pilot, seed, guide=guide, solver=solver, save_trajectories=0
+    )
+    return max(required_runs(half_width, int(n), pilot) for n in study.summary["successes"])

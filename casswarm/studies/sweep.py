@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import product
 from pathlib import Path
@@ -18,54 +18,57 @@ import pandas as pd
 from .._util.parallel import Workers, checked_workers, done_jobs, require_sendable
 from ..errors import ScenarioError
 from ..scenario.variations import DERIVED
+from ..typing import Progress
 from .checkpoint import Checkpoint, IfExists
-from .simulation import PAPER_POLICIES, distinct_policies
-from .sweep_points import Options, SweepPoint
+from .policy_list import policy_list
+from .simulation import PAPER_POLICIES
+from .sweep_points import SweepOptions, SweepPoint
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
-Progress = Callable[[int, int], None]
 
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Sweep:
-    """What a sweep gave.
+    """Results of a sweep.
 
     Parameters
     ----------
     scenario : Scenario
-        What the parameters were changed in.
+        The scenario whose parameters were changed.
     keys : tuple of str
         The parameters.
     table : DataFrame
-        A row a cell, in the order of the grid: a column a parameter, policy, method ("exact" or
-        "sampled"), the numbers of `MEASURES`, runs and successes or states, status ("ok" or
-        "failed") and reason.
+        A row per sweep point, in the order of the grid: a column per parameter, policy, method
+        ("exact" or "sampled"), the numbers of `MEASURES`, runs and successes or states, status
+        ("ok" or "failed") and reason.
     effort : DataFrame
-        Seconds of every cell. Not reproducible.
+        Seconds of every sweep point. Not reproducible.
     """
 
-    scenario: Scenario = field(repr=False)
+    scenario: Scenario
     keys: tuple[str, ...]
     table: pd.DataFrame
-    effort: pd.DataFrame = field(repr=False)
+    effort: pd.DataFrame
 
     @property
     def failures(self) -> int:
-        """Cells that failed."""
+        """Number of sweep points that failed."""
         return int((self.table["status"] != "ok").sum())
 
+    def __repr__(self) -> str:
+        keys = ", ".join(self.keys)
+        return f"Sweep({self.scenario.name!r} over {keys}: {len(self.table)} points)"
+
     def __str__(self) -> str:
-        return (
-            f"{self.scenario.name}: {len(self.table)} cells, {self.failures} failed\n{self.table}"
-        )
+        name, points = self.scenario.name, len(self.table)
+        return f"{name}: {points} sweep points, {self.failures} failed\n{self.table}"
 
 
 def sweep(
     scenario: Scenario,
     settings: Mapping[str, Sequence[Any]],
-    policies: Sequence[Any] = PAPER_POLICIES,
+    policies: Any = PAPER_POLICIES,
     *,
     runs: int | None = None,
     seed: int = 0,
@@ -78,9 +81,9 @@ def sweep(
     if_exists: IfExists = "error",
     progress: Progress | None = None,
 ) -> Sweep:
-    """Policies on every combination of parameter values.
+    """Evaluate policies on every combination of parameter values.
 
-    A cell that fails (no guide, wrong values) is a row with its reason; the others go on.
+    A sweep point that fails (no guide, wrong values) is a row with its reason; the others go on.
 
     Parameters
     ----------
@@ -89,23 +92,23 @@ def sweep(
         Dotted keys as `Scenario.with_values` takes them, such as ``"formation.rho"``; and two more:
         ``"spacing"`` scales the initial positions about their centroid until the nearest two
         members are so far apart, and ``"n"`` takes the first n members, or adds members at the
-        nearest free places of a triangular lattice about the centroid.
-    policies : sequence
+        nearest free positions of a triangular lattice about the centroid.
+    policies : sequence or a single policy
         As in `simulate`.
     runs : int, optional
-        Runs of every cell; without it, laws are exact, as by `evaluate`.
+        Number of runs per sweep point; without it, distributions are exact, as by `evaluate`.
     seed : int
-        Of the runs; every cell sees the same random numbers.
-    tolerance, max_states, merging
-        Of the laws; see `evaluate`.
+        Of the runs; all sweep points see the same random numbers.
+    tolerance, max_states, aggregation_tol
+        As in `evaluate`.
     solver : str
-        Of the formation problems.
+        For the formation problems.
     workers : int or executor
-        As in `simulate`; they share the cells.
+        As in `simulate`; the jobs are sweep points.
     checkpoint, if_exists
         As in `simulate`; every sweep point is saved when it is finished.
-    progress : callable, optional
-        Called with the number of cells that are done, and of all.
+    progress : Progress, optional
+        Receives "sweep points", the number of finished ones, and their total.
 
     Raises
     ------
@@ -115,46 +118,55 @@ def sweep(
         As in `simulate`.
     """
     checked_workers(workers)
-    settings = {key: _plain(values) for key, values in settings.items()}
+    settings = {key: _python_numbers(values) for key, values in settings.items()}
     _require_known(scenario, settings)
-    made = distinct_policies(policies, str)
     runs = None if runs is None else int(runs)
-    options = Options(runs, int(seed), tolerance, max_states, aggregation_tol, solver)
-    cells = [
+    options = SweepOptions(runs, int(seed), tolerance, max_states, aggregation_tol, solver)
+    listed = policy_list(policies)
+    points = [
         SweepPoint(scenario, dict(zip(settings, values, strict=True)), policy, options)
         for values in product(*settings.values())
-        for policy in made
+        for policy in listed
     ]
-    found: dict[int, dict[str, Any]] = {}
+    results: dict[int, dict[str, Any]] = {}
     with ExitStack() as stack:
         store = None
         if checkpoint is not None:
-            inputs = _inputs(scenario, settings, [cell.policy_name for cell in cells], options)
+            inputs = _inputs(scenario, settings, [point.policy_name for point in points], options)
             store = stack.enter_context(Checkpoint(checkpoint, inputs, if_exists))
-            found = dict(_kept(store, len(cells)))
-        left = [place for place in range(len(cells)) if place not in found]
-        if workers != 1 and left:
-            require_sendable({cell.policy_name: cell for cell in cells})
-        for index, row in done_jobs([cells[place] for place in left], workers):
-            found[left[index]] = row
+            results = dict(_saved(store, len(points)))
+        missing = [index for index in range(len(points)) if index not in results]
+        if workers != 1 and missing:
+            require_sendable({point.policy_name: point for point in points})
+        for job, result in done_jobs([points[index] for index in missing], workers):
+            results[missing[job]] = result
             if store is not None:
-                store.save(_name(left[index]), {"row": np.array(json.dumps(row))})
+                store.save_json(_record_name(missing[job]), result)
             if progress is not None:
-                progress(len(found), len(cells))
+                progress("sweep points", len(results), len(points))
         if store is not None:
             store.finish()
-    rows = [found[place] for place in range(len(cells))]
-    effort = pd.DataFrame({"cell": range(len(rows)), "seconds": [row["seconds"] for row in rows]})
+    return _sweep(scenario, tuple(settings), points, [results[k] for k in range(len(points))])
+
+
+def _sweep(
+    scenario: Scenario,
+    keys: tuple[str, ...],
+    points: Sequence[SweepPoint],
+    results: Sequence[Mapping[str, Any]],
+) -> Sweep:
     table = pd.DataFrame(
-        [cell.identity() | row["found"] for cell, row in zip(cells, rows, strict=True)]
+        [p.identity() | result["columns"] for p, result in zip(points, results, strict=True)]
     )
     for name in ("runs", "successes", "states"):
         table[name] = table[name].astype("Int64")
-    return Sweep(scenario, tuple(settings), table, effort)
+    seconds = [result["seconds"] for result in results]
+    effort = pd.DataFrame({"point": range(len(seconds)), "seconds": seconds})
+    return Sweep(scenario, keys, table, effort)
 
 
-def _plain(values: Sequence[Any]) -> Any:
-    """Values as Python's own numbers, so that they can be written as JSON."""
+def _python_numbers(values: Sequence[Any]) -> Any:
+    """Convert NumPy's numbers to Python's, so that they can be written as JSON."""
     if isinstance(values, str):
         return values
     return [value.item() if isinstance(value, np.generic) else value for value in values]
@@ -176,27 +188,29 @@ def _require_known(scenario: Scenario, settings: Mapping[str, Sequence[Any]]) ->
 
 
 def _inputs(
-    scenario: Scenario, settings: Mapping[str, Sequence[Any]], policies: list[str], given: Options
+    scenario: Scenario,
+    settings: Mapping[str, Sequence[Any]],
+    policies: list[str],
+    options: SweepOptions,
 ) -> dict[str, Any]:
     return {
         "study": "sweep",
         "scenario": tomllib.loads(scenario.to_toml()),
         "settings": {key: json.loads(json.dumps(list(values))) for key, values in settings.items()},
-        "keys": list(settings),  # their order is that of the cells
+        "keys": list(settings),  # their order is that of the sweep points
         "policies": list(dict.fromkeys(policies)),
-        "options": vars(given),
+        "options": vars(options),
         "casswarm": version("casswarm"),
     }
 
 
-def _kept(store: Checkpoint, cells: int) -> Iterator[tuple[int, dict[str, Any]]]:
-    for place in range(cells):
-        cell = store.load(_name(place))
-        if cell is not None:
-            row = json.loads(str(cell["row"]))
-            if row["found"]["status"] == "ok":  # what failed is tried again
-                yield place, row
+def _saved(store: Checkpoint, points: int) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Sweep points of a checkpoint; those that failed are computed again."""
+    for index in range(points):
+        result = store.load_json(_record_name(index))
+        if result is not None and result["columns"]["status"] == "ok":
+            yield index, result
 
 
-def _name(place: int) -> str:
-    return f"point-{place:06d}"
+def _record_name(index: int) -> str:
+    return f"point-{index:06d}"

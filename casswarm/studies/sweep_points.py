@@ -1,4 +1,4 @@
-"""One cell of a sweep: a policy on a scenario with some parameters, exact or sampled."""
+"""One point of a sweep: a policy on a scenario with changed parameters, exact or sampled."""
 
 from __future__ import annotations
 
@@ -15,28 +15,29 @@ from ..planning.guide import Guide
 from ..planning.plan import plan
 from ..scenario.variations import with_parameters
 from .evaluation import evaluate
+from .policy_list import policy_name
 from .simulation import simulate
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
 MEASURES = (
-    "success",
     "success_low",
     "success_high",
+    "success",
     "survivors_mean",
     "survivors_mean_low",
     "survivors_mean_high",
-    "shortfalls_mean",
+    "infeasible_mean",
     "solver_failures_mean",
     "guide_survival",
 )
-"""Numbers of a cell; those that do not apply are missing."""
+"""Numbers of a sweep point; those that do not apply are missing."""
 
 
 @dataclass(frozen=True)
-class Options:
-    """How all cells are done; as in `casswarm.studies.sweep.sweep`."""
+class SweepOptions:
+    """Options of all sweep points; as in `casswarm.studies.sweep.sweep`."""
 
     runs: int | None
     seed: int
@@ -48,20 +49,23 @@ class Options:
 
 @dataclass(frozen=True)
 class SweepPoint:
-    """One combination and one policy: a job that never raises what its inputs are to blame for."""
+    """A combination of parameter values and a policy, as a job for a worker.
+
+    Errors that its inputs cause become part of its result.
+    """
 
     scenario: Scenario
     values: Mapping[str, Any]
     policy: Any
-    options: Options
+    options: SweepOptions
 
     @property
     def policy_name(self) -> str:
         """Name of the policy."""
-        return self.policy if isinstance(self.policy, str) else str(self.policy.name)
+        return policy_name(self.policy)
 
     def identity(self) -> dict[str, Any]:
-        """The columns that tell which cell it is."""
+        """Columns that identify the point."""
         shown = {
             key: json.dumps(value) if isinstance(value, (list, tuple, dict)) else value
             for key, value in self.values.items()
@@ -69,70 +73,63 @@ class SweepPoint:
         return {**shown, "policy": self.policy_name}
 
     def __call__(self) -> dict[str, Any]:
-        """What was found, and the seconds that it took."""
+        """Compute the point: its other columns, and the seconds that it took."""
         started = time.perf_counter()
-        row: dict[str, Any] = dict.fromkeys(("method", *MEASURES, "runs", "successes", "states"))
-        row["reason"] = ""
+        exact = self.options.runs is None
+        row: dict[str, Any] = {"method": "exact" if exact else "sampled"}
         row |= dict.fromkeys(MEASURES, math.nan)
-        row["method"] = "exact" if self.options.runs is None else "sampled"
+        row |= {"runs": None, "successes": None, "states": None, "reason": ""}
         try:
             scenario = with_parameters(self.scenario, self.values)
-            guide = _planned(scenario)
+            guide = _guide(scenario)
             row["guide_survival"] = float(guide.survival)
-            row |= (
-                self._exact(scenario, guide)
-                if self.options.runs is None
-                else self._sampled(scenario, guide)
-            )
+            row |= self._exact(scenario, guide) if exact else self._sampled(scenario, guide)
             row["status"] = "ok"
         except (CasswarmError, ValueError, ArithmeticError, RuntimeError, MemoryError) as error:
             row |= {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
-        return {"found": row, "seconds": time.perf_counter() - started}
+        return {"columns": row, "seconds": time.perf_counter() - started}
 
     def _exact(self, scenario: Scenario, guide: Guide) -> dict[str, Any]:
-        given = self.options
-        law = evaluate(
+        options = self.options
+        distribution = evaluate(
             scenario,
             self.policy,
-            given.tolerance,
-            max_states=given.max_states,
-            aggregation_tol=given.aggregation_tol,
+            options.tolerance,
+            max_states=options.max_states,
+            aggregation_tol=options.aggregation_tol,
             guide=guide,
-            solver=given.solver,
+            solver=options.solver,
         )
-        (low, high), (fewest, most) = law.success, law.survivors_mean
+        success, survivors = distribution.success, distribution.survivors_mean
         return {
-            "success": 0.5 * (low + high),
-            "success_low": low,
-            "success_high": high,
-            "survivors_mean": 0.5 * (fewest + most),
-            "survivors_mean_low": fewest,
-            "survivors_mean_high": most,
-            "shortfalls_mean": law.infeasible,
-            "solver_failures_mean": law.failures,
-            "states": law.states,
-            "reason": law.advice,  # empty where the bracket is as narrow as was asked for
+            "success_low": success.low,
+            "success_high": success.high,
+            "success": success.midpoint,
+            "survivors_mean": survivors.midpoint,
+            "survivors_mean_low": survivors.low,
+            "survivors_mean_high": survivors.high,
+            "infeasible_mean": distribution.infeasible,
+            "solver_failures_mean": distribution.failures,
+            "states": distribution.states,
+            "reason": distribution.advice,  # empty if the bounds are as narrow as requested
         }
 
     def _sampled(self, scenario: Scenario, guide: Guide) -> dict[str, Any]:
-        runs = self.options.runs
+        runs, options = self.options.runs, self.options
         assert runs is not None
         study = simulate(
             scenario,
             [self.policy],
             runs,
-            self.options.seed,
+            options.seed,
             guide=guide,
-            solver=self.options.solver,
+            solver=options.solver,
             save_trajectories=0,
         )
         summary = study.summary.iloc[0]
-        return {
-            "success": float(summary["success"]),
-            "success_low": float(summary["success_low"]),
-            "success_high": float(summary["success_high"]),
-            "survivors_mean": float(summary["survivors_mean"]),
-            "shortfalls_mean": float(summary["infeasible"] / runs),
+        same = ("success_low", "success_high", "success", "survivors_mean")
+        return {name: float(summary[name]) for name in same} | {
+            "infeasible_mean": float(summary["infeasible"] / runs),
             "solver_failures_mean": float(summary["solver_failures"] / runs),
             "runs": runs,
             "successes": int(summary["successes"]),
@@ -140,6 +137,6 @@ class SweepPoint:
 
 
 @lru_cache(maxsize=32)
-def _planned(scenario: Scenario) -> Guide:
-    """The guide of a scenario, once for all of its policies."""
+def _guide(scenario: Scenario) -> Guide:
+    """Guide of a scenario, planned once for all policies."""
     return plan(scenario, certify=False)

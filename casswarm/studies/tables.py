@@ -56,7 +56,7 @@ def law_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:
             "complete": law.complete,
             "aggregation_tol": law.aggregation_tol,
             "states": law.states,
-            "shortfalls_mean": law.infeasible,
+            "infeasible_mean": law.infeasible,
             "solver_failures_mean": law.failures,
         }
         for law in laws

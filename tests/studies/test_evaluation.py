@@ -269,7 +269,7 @@ def test_estimates_cover_the_truth_as_often_as_they_say(runs):
 def test_estimate_is_narrower_than_plain_sampling_with_as_many_solves(name, policy):
     scenario = csw.load_scenario(name)
     guide = csw.plan(scenario, certify=False)
-    found = csw.estimate(scenario, policy, 2000, guide=guide)
+    found = csw.estimate(scenario, policy, 2000, tolerance=1e-4, guide=guide)
     runs, solved = 2000, 0
     while solved < found.states:  # distinct ones: plain runs meet equal states too
         plain = csw.simulate(scenario, [policy], runs, guide=guide, save_trajectories=0)

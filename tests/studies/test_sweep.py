@@ -86,7 +86,7 @@ def test_n_and_spacing_place_the_members() -> None:
 def test_a_sweep_that_was_stopped_is_resumed_to_the_same_table(tmp_path: Path) -> None:
     whole = csw.sweep(SMALL, GRID, [toward], runs=20)
 
-    def stop(done: int, total: int) -> None:
+    def stop(task: str, done: float, total: float | None) -> None:  # noqa: ARG001
         assert total == 6
         if done == 2:
             raise KeyboardInterrupt
@@ -105,7 +105,7 @@ def test_a_sweep_that_was_stopped_is_resumed_to_the_same_table(tmp_path: Path) -
         runs=20,
         checkpoint=tmp_path,
         if_exists="resume",
-        progress=lambda done, total: told.append(done),  # noqa: ARG005
+        progress=lambda task, done, total: told.append(done),  # noqa: ARG005
     )
     assert told == [3, 4, 5, 6]
     assert resumed.table.to_csv() == whole.table.to_csv()
@@ -191,7 +191,7 @@ def test_commands_that_were_stopped_are_resumed_to_the_same_bytes(
     assert begun.returncode != 0
     assert "Traceback" not in told
     if how == signal.SIGINT:
-        assert "go on with --resume" in told
+        assert "continue with --resume" in told
     kept = {path.name: path.stat().st_mtime_ns for path in records.glob("[0-9p]*.npz")}
     assert kept
     for more in (["--out", "cut", "--resume"], ["--out", "whole"]):

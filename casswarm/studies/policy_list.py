@@ -1,0 +1,68 @@
+"""Policies as users name them: one or several, by name or as objects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+from ..errors import PolicyError
+from ..optimization.solvers import Solver
+from ..planning.guide import Guide
+from ..policies import as_policy, make_policy
+from ..policies.base import Policy
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+
+def resolve_policy(policy: Any, scenario: Scenario, guide: Guide, solver: str | Solver) -> Policy:
+    """Policy of a name, or of a function or object by `as_policy`."""
+    if isinstance(policy, str):
+        return make_policy(policy, scenario, guide, solver)
+    return as_policy(policy)
+
+
+def policy_list(policies: Any) -> list[Any]:
+    """Names and `Policy` objects of a list of policies; a single policy is a list of one.
+
+    Raises
+    ------
+    PolicyError
+        An empty list, something that is not a policy, or several policies of the same name.
+    """
+    single = isinstance(policies, str) or hasattr(policies, "velocities")
+    listed = [policies] if single or not isinstance(policies, Iterable) else list(policies)
+    listed = [policy if isinstance(policy, str) else as_policy(policy) for policy in listed]
+    names = list(map(policy_name, listed))
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise PolicyError(
+            f"policies need different names; repeated: {', '.join(repeated)}; "
+            "as_policy(function, name) names a function",
+            policy=repeated[0],
+        )
+    if not names:
+        raise PolicyError("no policy given")
+    return listed
+
+
+def policy_name(policy: str | Policy) -> str:
+    """Name of a policy of a `policy_list`."""
+    return policy if isinstance(policy, str) else policy.name
+
+
+def single_policy(policy: Any) -> Any:
+    """The policy itself, or the only one of a list.
+
+    Raises
+    ------
+    PolicyError
+        A list of another length.
+    """
+    listed = policy_list(policy)
+    if len(listed) > 1:
+        raise PolicyError(
+            f"one policy is evaluated at a time, not {len(listed)}: "
+            f"{', '.join(map(policy_name, listed))}; call evaluate for each of them"
+        )
+    return listed[0]
