@@ -251,12 +251,12 @@ def test_sweep_draws_lines_and_a_heat_map_in_one_folder(tmp_path: Path) -> None:
     assert table["hazard.alpha_1"].tolist() == [1.0, 1.0, 10.0, 10.0, 100.0, 100.0]
     assert table["n"].tolist() == [1, 2] * 3
     assert (table["success_high"] - table["success_low"]).max() <= 0.01
-    assert "bracket" in done.stdout
+    assert "bounds" in done.stdout
 
 
 def test_a_sweep_in_which_every_cell_fails_has_failed(tmp_path: Path) -> None:
     done = run(tmp_path, "paper-1", "--set", "formation.rho=-1,-2", "--policy", "naive", code=1)
-    assert "every cell failed" in done.stderr
+    assert "every sweep point failed" in done.stderr
     assert "formation.rho is -2" in done.stdout
     assert (tmp_path / "results" / "sweep-paper-1" / "sweep.csv").exists()
 
