@@ -1,4 +1,4 @@
-"""The built-in scenarios."""
+"""Names of the built-in scenarios."""
 
 BUILTIN = [
     "alley",

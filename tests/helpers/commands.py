@@ -1,4 +1,4 @@
-"""The command line in a process of its own."""
+"""Commands in processes of their own."""
 
 import os
 import subprocess
@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 CASSWARM = Path(sys.executable).parent / "casswarm"
-PNG = b"\x89PNG\r\n\x1a\n"  # how such a file begins
+PNG = b"\x89PNG\r\n\x1a\n"  # first bytes of a PNG file
 
 
 def casswarm(folder, *arguments, code=0):

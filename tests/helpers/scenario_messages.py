@@ -1,4 +1,4 @@
-"""What errors about scenarios tell the user."""
+"""Messages of scenario errors."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from casswarm.errors import ScenarioError
 
 
 def message(action: Callable[..., object], *arguments: object, **keywords: object) -> str:
+    """Message of the error that a call raises."""
     with pytest.raises(ScenarioError) as caught:
         action(*arguments, **keywords)
     text = str(caught.value)

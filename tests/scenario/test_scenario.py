@@ -14,6 +14,7 @@ import pytest
 from builtin_names import BUILTIN
 from scenario_messages import message
 
+from casswarm.errors import ScenarioError
 from casswarm.hazard import Saturation, SaturationCollision
 from casswarm.scenario import (
     HazardTable,
@@ -26,16 +27,10 @@ from casswarm.scenario import (
     save_scenario,
 )
 
-
-@pytest.fixture
-def paper() -> Scenario:
-    return load_scenario("paper-1")
-
-
 # --- what a scenario holds
 
 
-def test_paper_1_has_the_numbers_of_table_1(paper: Scenario) -> None:
+def test_paper_1_has_the_values_of_table_1(paper: Scenario) -> None:
     assert (paper.n, paper.n_steps) == (5, 30)
     assert (paper.swarm.v_max, paper.swarm.a_max, paper.swarm.velocity) == (2.0, 0.5, "guide")
     assert (paper.guide.gamma, paper.guide.learning_rate, paper.guide.iterations) == (
@@ -53,7 +48,7 @@ def test_paper_1_has_the_numbers_of_table_1(paper: Scenario) -> None:
     assert paper.hazard == Saturation(radars=radars, alpha_1=4.0, alpha_2=3.0, alpha_3=4.0)
 
 
-def test_paper_2_is_paper_1_with_collisions(paper: Scenario) -> None:
+def test_paper_2_equals_paper_1_with_collisions(paper: Scenario) -> None:
     betas = {"hazard.kind": "saturation+collision", "hazard.beta_1": 0.2, "hazard.beta_2": 6}
     other = load_scenario("paper-2")
     names = {"name": other.name, "description": other.description}
@@ -62,7 +57,7 @@ def test_paper_2_is_paper_1_with_collisions(paper: Scenario) -> None:
 
 
 @pytest.mark.parametrize("name", BUILTIN)
-def test_every_builtin_loads_and_describes_itself(name: str) -> None:
+def test_builtin_scenario_loads_with_description(name: str) -> None:
     scenario = load_scenario(name)
     assert scenario.name == name
     assert len(scenario.description) > 20
@@ -72,13 +67,13 @@ def test_every_builtin_loads_and_describes_itself(name: str) -> None:
     assert (rates < 1).all()
 
 
-def test_the_list_of_builtins_is_their_descriptions() -> None:
+def test_builtin_scenarios_lists_descriptions() -> None:
     listed = builtin_scenarios()
     assert list(listed) == BUILTIN
     assert listed == {name: load_scenario(name).description for name in BUILTIN}
 
 
-def test_builtins_differ_in_what_they_show() -> None:
+def test_builtin_scenarios_cover_every_feature() -> None:
     assert load_scenario("single-agent").n == 1
     assert load_scenario("large-swarm").n == 50
     assert load_scenario("crossfire").hazard_table.strengths is not None
@@ -93,43 +88,43 @@ def test_steps_are_counted_without_rounding_errors(t_f: float, dt: float, steps:
     assert Time(t_f=t_f, dt=dt).steps == steps
 
 
-def test_guide_starts_at_the_member_nearest_to_the_centroid(paper: Scenario) -> None:
+def test_guide_start_is_member_nearest_to_centroid(paper: Scenario) -> None:
     moved = paper.with_values({"swarm.positions": [[0.5, 0], [0, 0.5], [0, 0], [-0.5, 0]]})
     assert moved.guide_start.tolist() == [0, 0]
 
 
-def test_the_first_of_equally_central_members_starts_the_guide(paper: Scenario) -> None:
+def test_guide_start_with_ties_is_first_member(paper: Scenario) -> None:
     # 0.1 + 0.2 is not 0.3: rounding alone would prefer one of the two
     pair = paper.with_values({"swarm.positions": [[0.1, 0.3], [0.1, 0.1]]})
     assert pair.guide_start.tolist() == [0.1, 0.3]
     assert paper.with_values({"swarm.positions": [[1, 1], [1, 1]]}).guide_start.tolist() == [1, 1]
 
 
-def test_guide_a_max_falls_back_to_the_members_and_to_infinity(paper: Scenario) -> None:
+def test_guide_a_max_defaults_to_that_of_members(paper: Scenario) -> None:
     assert paper.guide_a_max == 0.2
     assert paper.with_values({"guide.a_max": None}).guide_a_max == 0.5
     assert paper.with_values({"guide.acceleration_limited": False}).guide_a_max == math.inf
 
 
-def test_arrival_margin_is_the_corridor_but_at_most_half_the_target(paper: Scenario) -> None:
+def test_arrival_margin_is_corridor_or_half_target_radius(paper: Scenario) -> None:
     free = paper
     assert free.arrival_margin == math.sqrt(0.05)
     assert free.with_values({"formation.rho": 1.0}).arrival_margin == 0.25
     assert free.with_values({"target.radius": 0.2}).arrival_margin == 0.1
 
 
-def test_arrival_margin_of_a_lone_member_is_next_to_nothing(paper: Scenario) -> None:
+def test_arrival_margin_of_single_member_is_negligible(paper: Scenario) -> None:
     assert load_scenario("single-agent").arrival_margin == pytest.approx(5e-7)
     alone = paper.with_values({"guide.margin": None, "swarm.positions": [[0, 0]]})
     assert alone.arrival_margin == pytest.approx(1e-6 * paper.target.radius)
 
 
-def test_an_arrival_margin_that_is_given_is_kept(paper: Scenario) -> None:
+def test_arrival_margin_in_file_is_used(paper: Scenario) -> None:
     assert paper.guide.margin is None
     assert paper.with_values({"guide.margin": 0.05}).arrival_margin == 0.05
 
 
-def test_arrival_at_any_step_is_the_default_and_the_papers_is_the_horizon(paper: Scenario) -> None:
+def test_arrival_defaults_to_any_step(paper: Scenario) -> None:
     assert paper.guide.arrival == load_scenario("paper-2").guide.arrival == "horizon"
     assert paper.with_values({"guide.arrival": None}).guide.arrival == "any"
     assert load_scenario("wall").guide.arrival == "any"
@@ -141,14 +136,14 @@ def test_arrays_are_read_only(paper: Scenario) -> None:
             array[0] = 1.0
 
 
-def test_scenarios_are_frozen(paper: Scenario) -> None:
+def test_scenario_is_frozen(paper: Scenario) -> None:
     with pytest.raises(ValueError, match="frozen"):
         paper.name = "other"  # type: ignore[misc]
     with pytest.raises(ValueError, match="frozen"):
         paper.swarm.v_max = 1.0  # type: ignore[misc]
 
 
-def test_scenarios_can_be_built_in_python() -> None:
+def test_scenario_from_tables_has_default_options() -> None:
     scenario = Scenario(
         name="mine",
         swarm=Swarm(positions=np.zeros((2, 2)), v_max=np.float64(2), a_max=1),
@@ -162,7 +157,7 @@ def test_scenarios_can_be_built_in_python() -> None:
     assert "2 members, 1 radars, saturation hazard, 5 steps" in repr(scenario)
 
 
-def test_building_in_python_raises_the_same_errors() -> None:
+def test_table_with_wrong_values_lists_every_problem() -> None:
     text = message(Swarm, positions=[], v_max=-1.0, a_mx=3)
     assert text.splitlines() == [
         "invalid Swarm:",
@@ -174,14 +169,14 @@ def test_building_in_python_raises_the_same_errors() -> None:
     ]
 
 
-def test_every_key_is_described_in_the_schema() -> None:
+def test_schema_describes_every_key() -> None:
     schema = Scenario.model_json_schema()
     for table in [schema, *schema["$defs"].values()]:
         for key, entry in table["properties"].items():
             assert entry.get("description"), key
 
 
-def test_importing_scenarios_does_not_import_casadi() -> None:
+def test_scenario_import_does_not_import_casadi() -> None:
     code = "import sys, casswarm.scenario as s; s.builtin_scenarios(); s.load_scenario('paper-1')"
     check = f"{code}; sys.exit('casadi' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0
@@ -190,7 +185,7 @@ def test_importing_scenarios_does_not_import_casadi() -> None:
 # --- equality, copies, pickles
 
 
-def test_equal_values_make_equal_scenarios(paper: Scenario, tmp_path: Path) -> None:
+def test_scenarios_with_equal_values_are_equal(paper: Scenario, tmp_path: Path) -> None:
     save_scenario(paper, tmp_path / "my.toml")
     loaded = load_scenario(tmp_path / "my.toml")
     assert loaded == paper
@@ -199,7 +194,7 @@ def test_equal_values_make_equal_scenarios(paper: Scenario, tmp_path: Path) -> N
     assert paper != "paper-1"
 
 
-def test_scenarios_pickle_and_copy(paper: Scenario) -> None:
+def test_pickled_and_copied_scenarios_are_equal(paper: Scenario) -> None:
     _ = paper.hazard, paper.positions
     for other in (
         pickle.loads(pickle.dumps(paper)),
@@ -212,7 +207,7 @@ def test_scenarios_pickle_and_copy(paper: Scenario) -> None:
         assert other.positions.tolist() == paper.positions.tolist()
 
 
-def test_model_copy_derives_anew(paper: Scenario) -> None:
+def test_model_copy_updates_derived_attributes(paper: Scenario) -> None:
     _ = paper.hazard, paper.positions
     other = load_scenario("ring")
     changed = paper.model_copy(update={"hazard_table": other.hazard_table})
@@ -223,14 +218,14 @@ def test_model_copy_derives_anew(paper: Scenario) -> None:
 # --- with_values
 
 
-def test_with_values_changes_keys_and_keeps_the_rest(paper: Scenario) -> None:
+def test_with_values_changes_only_given_keys(paper: Scenario) -> None:
     changed = paper.with_values({"formation.rho": 0.1, "swarm.a_max": 1})
     assert (changed.formation.rho, changed.swarm.a_max) == (0.1, 1.0)
     assert changed.with_values({"formation.rho": 0.05, "swarm.a_max": 0.5}) == paper
     assert paper.formation.rho == 0.05
 
 
-def test_with_values_takes_numpy_and_whole_tables(paper: Scenario) -> None:
+def test_with_values_accepts_numpy_and_whole_tables(paper: Scenario) -> None:
     positions = np.array([[0.0, 1.0], [1.0, 1.0]])
     target = {"center": [3.0, 3.0], "radius": 1.0}
     changed = paper.with_values(
@@ -241,15 +236,59 @@ def test_with_values_takes_numpy_and_whole_tables(paper: Scenario) -> None:
     assert target["radius"] == 1.0
 
 
-def test_with_values_suggests_the_nearest_key(paper: Scenario) -> None:
+def test_with_values_of_unknown_key_suggests_closest(paper: Scenario) -> None:
     text = message(paper.with_values, {"formation.ro": 0.1, "swarm.vmax": 1.0})
     assert "unknown key 'formation.ro'; did you mean 'formation.rho'?" in text
     assert "unknown key 'swarm.vmax'; did you mean 'swarm.v_max'?" in text
     assert "'paper-1'" in text
 
 
-def test_with_values_names_the_wrong_key(paper: Scenario) -> None:
+def test_with_values_of_wrong_type_names_key(paper: Scenario) -> None:
     text = message(paper.with_values, {"formation.rho": "wide"})
     assert "formation.rho is 'wide'; it must be a number above 0" in text
     text = message(paper.with_values, {"swarm": 3, "swarm.v_max": 1.0})
     assert "swarm.v_max cannot be set: swarm is 3, not a table of keys" in text
+
+
+def test_with_values_of_unknown_table_suggests_closest(paper: Scenario) -> None:
+    text = message(paper.with_values, {"gide.xyz": 1})
+    assert "unknown key 'gide'; did you mean 'guide'?" in text
+
+
+# --- replace
+
+
+def test_replace_changes_only_given_keys(paper: Scenario) -> None:
+    changed = paper.replace(guide={"arrival": "any"}, formation={"rho": 0.1})
+    assert (changed.guide.arrival, changed.formation.rho) == ("any", 0.1)
+    assert changed == paper.with_values({"guide.arrival": "any", "formation.rho": 0.1})
+
+
+def test_replace_of_unknown_key_suggests_closest(paper: Scenario) -> None:
+    assert "did you mean 'formation.rho'?" in message(paper.replace, formation={"ro": 0.1})
+
+
+# --- errors
+
+
+def test_error_of_file_has_its_values(tmp_path: Path, paper: Scenario) -> None:
+    path = tmp_path / "wrong.toml"
+    path.write_text(paper.to_toml().replace("dt = 0.33", "dt = -1"))
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(path)
+    error = caught.value
+    assert (error.file, error.key, error.value) == (path, "time.dt", -1)
+    assert error.allowed.startswith("a number above 0")
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
+
+
+def test_error_of_several_keys_lists_problems(paper: Scenario) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        paper.with_values({"time.dt": -1, "swarm.v_max": 0})
+    assert {problem.key for problem in caught.value.problems} == {"time.dt", "swarm.v_max"}
+
+
+def test_error_of_contradicting_keys_has_key(paper: Scenario) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        paper.with_values({"guide.margin": 0.5})
+    assert caught.value.key == "guide.margin"

@@ -1,3 +1,5 @@
+"""Scenario files, loaded and saved."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -15,28 +17,7 @@ from casswarm.scenario import (
 from casswarm.scenario.validation import fields, subtable
 
 
-@pytest.fixture
-def paper() -> Scenario:
-    return load_scenario("paper-1")
-
-
-@pytest.fixture
-def file(tmp_path: Path, paper: Scenario) -> Callable[..., Path]:
-    """Write paper-1 with some text replaced."""
-
-    def write(*replacements: tuple[str, str]) -> Path:
-        text = paper.to_toml()
-        for old, new in replacements:
-            assert old in text
-            text = text.replace(old, new, 1)
-        path = tmp_path / "my.toml"
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
-
-
-def test_unknown_name_suggests_the_nearest_and_lists_all() -> None:
+def test_load_unknown_name_suggests_closest_and_lists_all() -> None:
     text = message(load_scenario, "paper1")
     assert "no scenario 'paper1': it is neither a built-in scenario nor a file" in text
     assert "did you mean 'paper-1'?" in text
@@ -44,21 +25,21 @@ def test_unknown_name_suggests_the_nearest_and_lists_all() -> None:
 
 
 @pytest.mark.parametrize("source", ["", "zzzzzz", "a\0b", "no/such/file.toml"])
-def test_a_name_like_no_other_lists_all(source: str) -> None:
+def test_load_unrelated_name_lists_all(source: str) -> None:
     text = message(load_scenario, source)
     assert "did you mean" not in text
     assert "crossfire" in text
 
 
-def test_a_path_is_never_a_builtin() -> None:
+def test_load_path_object_ignores_builtin_names() -> None:
     assert "no scenario 'paper-1'" in message(load_scenario, Path("paper-1"))
 
 
-def test_a_folder_is_no_scenario(tmp_path: Path) -> None:
+def test_load_folder_is_refused(tmp_path: Path) -> None:
     assert f"{tmp_path} is a folder; name a TOML file in it" in message(load_scenario, tmp_path)
 
 
-def test_a_file_that_the_system_refuses_says_why(
+def test_load_unreadable_file_reports_reason(
     file: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(_: Path) -> bytes:
@@ -69,7 +50,7 @@ def test_a_file_that_the_system_refuses_says_why(
     assert f"{path} cannot be read: Permission denied" in message(load_scenario, path)
 
 
-def test_a_binary_file_says_so(tmp_path: Path) -> None:
+def test_load_binary_file_reports_encoding(tmp_path: Path) -> None:
     path = tmp_path / "binary.toml"
     path.write_bytes(b"name = \xff\xfe\x00")
     text = message(load_scenario, path)
@@ -77,13 +58,13 @@ def test_a_binary_file_says_so(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "\n\n", "# nothing yet\n"])
-def test_an_empty_file_says_how_to_start(tmp_path: Path, text: str) -> None:
+def test_load_empty_file_suggests_template(tmp_path: Path, text: str) -> None:
     path = tmp_path / "empty.toml"
     path.write_text(text)
     assert f"{path} is empty; start from a built-in one" in message(load_scenario, path)
 
 
-def test_a_syntax_error_gives_line_and_column(file: Callable[..., Path]) -> None:
+def test_load_syntax_error_reports_line_and_column(file: Callable[..., Path]) -> None:
     path = file(("v_max = 2.0", "v_max = 2.0.0"))
     text = message(load_scenario, path)
     line = 1 + path.read_text()[: path.read_text().index("v_max")].count("\n")
@@ -92,31 +73,29 @@ def test_a_syntax_error_gives_line_and_column(file: Callable[..., Path]) -> None
 
 
 @pytest.mark.parametrize("value", ["1" * 5000, "[" * 100_000])
-def test_monstrous_values_are_refused(file: Callable[..., Path], value: str) -> None:
+def test_load_file_with_huge_value_is_refused(file: Callable[..., Path], value: str) -> None:
     path = file(("v_max = 2.0", f"v_max = {value}"))
     assert f"scenario file {path} cannot be read" in message(load_scenario, path)
 
 
-def test_a_byte_order_mark_and_windows_line_ends_are_read(
-    file: Callable[..., Path], paper: Scenario
-) -> None:
+def test_load_accepts_byte_order_mark_and_crlf(file: Callable[..., Path], paper: Scenario) -> None:
     path = file()
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
     assert load_scenario(path) == paper
 
 
-def test_unknown_key_suggests_the_nearest(file: Callable[..., Path]) -> None:
+def test_unknown_key_suggests_closest(file: Callable[..., Path]) -> None:
     text = message(load_scenario, file(("v_max =", "vmax =")))
     assert "unknown key 'swarm.vmax'; did you mean 'swarm.v_max'?" in text
 
 
-def test_key_in_the_wrong_table_suggests_the_right_one(file: Callable[..., Path]) -> None:
+def test_key_in_wrong_table_suggests_right_table(file: Callable[..., Path]) -> None:
     text = message(load_scenario, file(("[time]\ndt", "dt"), ("t_f", "[time]\nt_f")))
     assert "unknown key 'target.dt'; did you mean 'time.dt'?" in text
     assert "time.dt is missing; it must be a number above 0" in text
 
 
-def test_key_like_no_other_lists_the_keys_of_its_table(file: Callable[..., Path]) -> None:
+def test_unrelated_key_lists_keys_of_table(file: Callable[..., Path]) -> None:
     text = message(load_scenario, file(("rho", "zzz = 1\nrho")))
     assert (
         "unknown key 'formation.zzz'; the keys of [formation] are rho, learning_rate, iterations"
@@ -124,13 +103,13 @@ def test_key_like_no_other_lists_the_keys_of_its_table(file: Callable[..., Path]
     )
 
 
-def test_unknown_table_suggests_the_nearest(file: Callable[..., Path]) -> None:
+def test_unknown_table_suggests_closest(file: Callable[..., Path]) -> None:
     text = message(load_scenario, file(("[swarm]", "[swarms]")))
     assert "unknown key 'swarms'; did you mean 'swarm'?" in text
     assert "swarm is missing; it must be a table with the keys positions, velocity" in text
 
 
-def test_several_errors_are_listed_one_a_line(file: Callable[..., Path]) -> None:
+def test_several_problems_are_listed_one_per_line(file: Callable[..., Path]) -> None:
     path = file(("v_max = 2.0", 'v_max = "2"'), ("dt = 0.33", "dt = -1"), ("alpha_1 = 4.0\n", ""))
     assert message(load_scenario, path).splitlines() == [
         f"scenario file {path} is invalid:",
@@ -144,7 +123,7 @@ def test_several_errors_are_listed_one_a_line(file: Callable[..., Path]) -> None
 # --- files written
 
 
-def test_a_saved_file_reads_like_the_design(paper: Scenario) -> None:
+def test_saved_file_has_one_point_per_line(paper: Scenario) -> None:
     text = paper.to_toml()
     assert "    [0.0, 0.0],\n    [0.5, 0.0],\n" in text
     assert "center = [8.0, 6.5]" in text
@@ -152,21 +131,21 @@ def test_a_saved_file_reads_like_the_design(paper: Scenario) -> None:
     assert "parameters" not in text
 
 
-def test_a_file_that_cannot_be_written_says_so(paper: Scenario, tmp_path: Path) -> None:
+def test_save_to_missing_folder_reports_reason(paper: Scenario, tmp_path: Path) -> None:
     path = tmp_path / "no" / "such" / "folder.toml"
     text = message(save_scenario, paper, path)
     assert text == f"cannot write the scenario file {path}: No such file or directory"
 
 
 @pytest.mark.parametrize("name", BUILTIN)
-def test_comments_say_what_every_key_means_and_change_nothing(name: str, tmp_path: Path) -> None:
+def test_saved_comments_describe_every_key(name: str, tmp_path: Path) -> None:
     scenario = load_scenario(name)
-    save_scenario(scenario, tmp_path / "told.toml", comments=True)
-    assert load_scenario(tmp_path / "told.toml") == scenario
-    text = (tmp_path / "told.toml").read_text(encoding="utf-8")
+    save_scenario(scenario, tmp_path / "commented.toml", comments=True)
+    assert load_scenario(tmp_path / "commented.toml") == scenario
+    text = (tmp_path / "commented.toml").read_text(encoding="utf-8")
     lines = text.splitlines()
-    told = " ".join(line.removeprefix("# ") for line in lines if line.startswith("# "))
+    comments = " ".join(line.removeprefix("# ") for line in lines if line.startswith("# "))
     models = [Scenario, *filter(None, map(subtable, fields(Scenario).values()))]
     known = [item for model in models for item in fields(model).items()]
     for key in (line.split(" = ")[0] for line in lines if " = " in line and line[0] != "#"):
-        assert any(name == key and str(field.description) in told for name, field in known), key
+        assert any(name == key and str(field.description) in comments for name, field in known), key

@@ -1,3 +1,5 @@
+"""Hazards of scenarios: built-in kinds, functions and classes of users."""
+
 from __future__ import annotations
 
 import copy
@@ -29,31 +31,10 @@ def negative_rate(positions: Any, alive: Any) -> Any:  # noqa: ARG001
     return 0 * positions[:, 0] - 1
 
 
-@pytest.fixture
-def paper() -> Scenario:
-    return load_scenario("paper-1")
-
-
-@pytest.fixture
-def file(tmp_path: Path, paper: Scenario) -> Callable[..., Path]:
-    """Write paper-1 with some text replaced."""
-
-    def write(*replacements: tuple[str, str]) -> Path:
-        text = paper.to_toml()
-        for old, new in replacements:
-            assert old in text
-            text = text.replace(old, new, 1)
-        path = tmp_path / "my.toml"
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
-
-
 # --- functions of the user's own
 
 
-def test_a_function_of_a_module_is_stored_by_name(paper: Scenario, tmp_path: Path) -> None:
+def test_hazard_function_of_module_is_stored_by_name(paper: Scenario, tmp_path: Path) -> None:
     scenario = paper.with_hazard(constant_rate, rate=0.25)
     assert isinstance(scenario.hazard, CustomHazard)
     assert scenario.hazard.rates(scenario.positions).tolist() == [0.25] * 5
@@ -64,7 +45,7 @@ def test_a_function_of_a_module_is_stored_by_name(paper: Scenario, tmp_path: Pat
     assert scenario.with_values({"hazard.parameters.rate": 1}).hazard.rates([[0, 0]]) == [1]
 
 
-def test_a_lambda_works_but_cannot_be_saved(paper: Scenario, tmp_path: Path) -> None:
+def test_hazard_lambda_works_but_cannot_be_saved(paper: Scenario, tmp_path: Path) -> None:
     scenario = paper.with_hazard(lambda positions, alive: positions[:, 0] ** 2 * alive)
     assert scenario.hazard.rates([[3, 0]]).tolist() == [9]
     assert scenario.with_values({"formation.rho": 1}).hazard == scenario.hazard
@@ -74,7 +55,7 @@ def test_a_lambda_works_but_cannot_be_saved(paper: Scenario, tmp_path: Path) -> 
     assert not (tmp_path / "custom.toml").exists()
 
 
-def test_functions_without_an_importable_name_say_why(
+def test_hazard_function_without_name_reports_reason(
     paper: Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Rate:
@@ -96,7 +77,7 @@ def test_functions_without_an_importable_name_say_why(
         assert reason in message(paper.with_hazard(other).to_toml)
 
 
-def test_a_module_is_found_beside_the_scenario_file(
+def test_hazard_module_beside_file_is_imported(
     file: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "path", [*sys.path])
@@ -124,7 +105,7 @@ def test_a_module_is_found_beside_the_scenario_file(
         assert other.hazard.rates([[0, 0]]).tolist() == [50]
 
 
-def test_a_hazard_that_fails_names_the_file_and_the_key(file: Callable[..., Path]) -> None:
+def test_failing_hazard_names_file_and_key(file: Callable[..., Path]) -> None:
     path = file(('"saturation"', f'"{__name__}:constant_rate"'))
     text = message(load_scenario, path)
     assert f"scenario file {path} is invalid:" in text
@@ -141,7 +122,7 @@ def test_a_hazard_that_fails_names_the_file_and_the_key(file: Callable[..., Path
         assert reason in text
 
 
-def test_parameters_are_plain_values(paper: Scenario) -> None:
+def test_hazard_parameters_must_be_plain_values(paper: Scenario) -> None:
     text = message(paper.with_hazard, constant_rate, rate=object(), alive=1)
     assert "hazard.parameters.rate is <object object" in text
     assert "must be a table of numbers, texts, true or false, or lists of these" in text
@@ -154,13 +135,13 @@ def test_parameters_are_plain_values(paper: Scenario) -> None:
 # --- hazard tables
 
 
-def test_unknown_kind_suggests_the_nearest(paper: Scenario) -> None:
+def test_unknown_hazard_kind_suggests_closest(paper: Scenario) -> None:
     text = message(paper.with_values, {"hazard.kind": "satturation"})
     assert "hazard.kind is 'satturation'; it must be 'saturation', 'saturation+collision'" in text
     assert "did you mean 'saturation'?" in text
 
 
-def test_keys_of_another_kind_are_refused(paper: Scenario) -> None:
+def test_keys_of_another_hazard_kind_are_refused(paper: Scenario) -> None:
     text = message(paper.with_values, {"hazard.beta_1": 0.2})
     assert "hazard.beta_1 is not a key of kind 'saturation'; remove it, or choose kind" in text
     text = message(paper.with_values, {"hazard.parameters.a": 1})
@@ -168,28 +149,28 @@ def test_keys_of_another_kind_are_refused(paper: Scenario) -> None:
 
 
 @pytest.mark.parametrize("key", ["alpha_1", "alpha_2", "alpha_3", "beta_1", "beta_2"])
-def test_missing_constants_are_named(key: str) -> None:
+def test_missing_hazard_constant_is_named(key: str) -> None:
     text = message(load_scenario("paper-2").with_values, {f"hazard.{key}": None})
     assert f"hazard.{key} is missing; kind 'saturation+collision' needs it: a number" in text
 
 
 @pytest.mark.parametrize("radars", [[], None])
-def test_builtin_kinds_need_radars(paper: Scenario, radars: object) -> None:
+def test_builtin_hazard_without_radars_is_refused(paper: Scenario, radars: object) -> None:
     text = message(paper.with_values, {"hazard.radars": radars})
     assert "hazard.radars is missing or empty; kind 'saturation' needs [x, y] pairs" in text
 
 
-def test_strengths_are_as_many_as_radars(paper: Scenario) -> None:
+def test_strengths_of_wrong_number_are_refused(paper: Scenario) -> None:
     text = message(paper.with_values, {"hazard.strengths": [1, 2, 3]})
     assert "hazard.strengths has 3 numbers for 2 radars; give one for each radar" in text
 
 
-def test_collision_rates_that_overflow_are_refused() -> None:
+def test_overflowing_collision_rate_is_refused() -> None:
     text = message(load_scenario("paper-2").with_values, {"hazard.beta_2": 1000})
     assert "hazard.beta_2 is 1000 with beta_1 = 0.2: the rate of members that touch exceeds" in text
 
 
-def test_no_saturation_is_allowed(paper: Scenario) -> None:
+def test_hazard_without_saturation_is_allowed(paper: Scenario) -> None:
     assert paper.with_values({"hazard.alpha_2": 0}).hazard_table.alpha_2 == 0
 
 
@@ -213,9 +194,7 @@ class Gaussian(KernelHazard):
         return source + density + collision
 
 
-def test_a_class_of_hazards_is_made_of_radars_and_parameters(
-    paper: Scenario, tmp_path: Path
-) -> None:
+def test_hazard_class_gets_radars_and_parameters(paper: Scenario, tmp_path: Path) -> None:
     scenario = paper.with_hazard(Gaussian, radars=[(3, 4)], height=0.5, strengths=[2.0])
     assert scenario.hazard == Gaussian(radars=((3.0, 4.0),), strengths=(2.0,), height=0.5)
     assert scenario.hazard.rates([[3.0, 4.0]]).tolist() == [1.0]
@@ -224,13 +203,13 @@ def test_a_class_of_hazards_is_made_of_radars_and_parameters(
     assert load_scenario(tmp_path / "kernels.toml").hazard == scenario.hazard
 
 
-def test_a_class_that_cannot_be_made_says_why(paper: Scenario) -> None:
+def test_failing_hazard_class_reports_reason(paper: Scenario) -> None:
     text = message(paper.with_hazard, Gaussian, radars=[(3, 4)], width=2.0)
     assert "Gaussian cannot be made" in text
     assert "width" in text
     assert "radars are empty" in message(paper.with_hazard, Gaussian)
 
 
-def test_parameters_at_the_wrong_place_are_sent_to_the_right_one(file: Callable[..., Path]) -> None:
+def test_misplaced_hazard_parameter_names_its_table(file: Callable[..., Path]) -> None:
     path = file(('kind = "saturation"', 'kind = "mine:rates"\nwidth = 3'))
     assert "[hazard.parameters]" in message(load_scenario, path)

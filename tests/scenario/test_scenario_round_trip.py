@@ -1,3 +1,5 @@
+"""Scenarios that are saved load as equal scenarios."""
+
 from __future__ import annotations
 
 import math
@@ -83,7 +85,7 @@ def scenarios(draw: st.DrawFn) -> Scenario:
 
 @settings(deadline=None, max_examples=150)
 @given(scenario=scenarios())
-def test_loading_what_was_saved_gives_an_equal_scenario(
+def test_saved_scenario_loads_as_equal(
     scenario: Scenario, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "round-trip.toml"

@@ -1,3 +1,5 @@
+"""Wrong values of scenarios, and tables that contradict each other."""
+
 from __future__ import annotations
 
 import math
@@ -7,16 +9,10 @@ from scenario_messages import message
 
 from casswarm.scenario import (
     Scenario,
-    load_scenario,
 )
 
 
-@pytest.fixture
-def paper() -> Scenario:
-    return load_scenario("paper-1")
-
-
-def test_very_many_errors_are_cut(paper: Scenario) -> None:
+def test_many_problems_are_truncated(paper: Scenario) -> None:
     text = message(paper.with_values, {"swarm.positions": [["a", 0]] * 100})
     assert len(text.splitlines()) == 22
     assert "... and 80 more" in text
@@ -64,7 +60,7 @@ WRONG_VALUES = [
 @pytest.mark.parametrize(
     ("key", "value", "words"), WRONG_VALUES, ids=lambda item: item if isinstance(item, str) else ""
 )
-def test_wrong_values_say_what_is_allowed(
+def test_wrong_value_reports_allowed_values(
     paper: Scenario, key: str, value: object, words: str
 ) -> None:
     assert words in message(paper.with_values, {key: value})
@@ -73,22 +69,22 @@ def test_wrong_values_say_what_is_allowed(
 # --- tables that contradict each other
 
 
-def test_a_member_on_a_radar_is_named(paper: Scenario) -> None:
+def test_member_on_radar_is_named(paper: Scenario) -> None:
     text = message(paper.with_values, {"hazard.radars": [[3, 3], [0.5, 0.005]]})
     assert "swarm.positions[1] is [0.5, 0.0], on hazard.radars[1]; move one of them" in text
     assert "0.01 or more apart" in text
 
 
-def test_a_member_in_the_target_zone_is_named(paper: Scenario) -> None:
+def test_member_in_target_zone_is_named(paper: Scenario) -> None:
     text = message(paper.with_values, {"target.center": [0.9, 0.0]})
     assert "swarm.positions[1] is [0.5, 0.0], inside the target zone" in text
 
 
-def test_members_may_start_at_the_same_place(paper: Scenario) -> None:
+def test_members_at_same_position_are_allowed(paper: Scenario) -> None:
     assert paper.with_values({"swarm.positions": [[0, 0], [0, 0]]}).n == 2
 
 
-def test_less_than_one_step_is_refused(paper: Scenario) -> None:
+def test_horizon_below_one_step_is_refused(paper: Scenario) -> None:
     text = message(paper.with_values, {"time.t_f": 0.2})
     assert "time.t_f is 0.2 with dt = 0.33, less than one step; raise t_f to 0.33 or more" in text
 
@@ -98,7 +94,7 @@ def test_too_many_steps_are_refused(paper: Scenario) -> None:
     assert "1e+10 steps; at most 100000 are allowed, raise dt" in text
 
 
-def test_a_target_out_of_reach_says_how_far_and_how_long(paper: Scenario) -> None:
+def test_unreachable_target_reports_distance_and_steps(paper: Scenario) -> None:
     text = message(paper.with_values, {"target.center": [30.5, 0.0], "time": {"dt": 1, "t_f": 10}})
     assert "target.center is [30.5, 0.0], out of reach: from the guide's" in text
     assert (
@@ -108,7 +104,7 @@ def test_a_target_out_of_reach_says_how_far_and_how_long(paper: Scenario) -> Non
     assert "the fastest path takes 15 steps: raise time.t_f to 15 or more" in text
 
 
-def test_reach_is_a_square(paper: Scenario) -> None:
+def test_reachable_set_is_a_square(paper: Scenario) -> None:
     clock = {"time.dt": 1.0, "time.t_f": 5.0, "target.radius": 1.0}
     corner = 10 + math.sqrt(0.5)
     near, far = corner - 1e-6, corner + 1e-6
@@ -119,12 +115,12 @@ def test_reach_is_a_square(paper: Scenario) -> None:
     assert "takes 6 steps: raise time.t_f to 6 or more" in text
 
 
-def test_initial_velocity_is_at_most_v_max(paper: Scenario) -> None:
+def test_initial_velocity_above_v_max_is_refused(paper: Scenario) -> None:
     assert paper.with_values({"swarm.velocity": [2, -2]}).swarm.velocity == (2.0, -2.0)
     text = message(paper.with_values, {"swarm.velocity": [0.0, -2.5]})
     assert "swarm.velocity is [0.0, -2.5]; each component may be at most swarm.v_max = 2" in text
 
 
-def test_margin_is_below_the_radius(paper: Scenario) -> None:
+def test_margin_of_target_radius_is_refused(paper: Scenario) -> None:
     text = message(paper.with_values, {"guide.margin": 0.5})
     assert "guide.margin is 0.5; it must be below target.radius = 0.5" in text
