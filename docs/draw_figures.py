@@ -1,6 +1,9 @@
-"""Draw the pictures of docs/figures.md and the README, by the commands that docs/figures.md tells.
+"""Draw the pictures of the documentation with the commands of docs/figures.md.
 
-Run it where casswarm is installed: python docs/draw_figures.py. It takes about two minutes.
+    python docs/draw_figures.py                      # all of them, in a few minutes
+    python docs/draw_figures.py mpc evaluate-paper-1  # those of these results folders
+
+casswarm must be installed.
 """
 
 import shutil
@@ -9,28 +12,39 @@ import sys
 import tempfile
 from pathlib import Path
 
+import pandas as pd
+
+from casswarm.figures import save, success_chart
 from casswarm.results.folder import Saved
 
-IMAGES = Path(__file__).resolve().parent / "images"
+ROOT = Path(__file__).resolve().parents[1]
+IMAGES = ROOT / "docs" / "images"
 CASSWARM = Path(sys.executable).parent / "casswarm"
-SMALL = ("--dpi", "100", "--quiet")
 
-AHEAD = tuple(
-    word for name in ("leader", "leader-mpc-3", "leader-mpc-8") for word in ("--policy", name)
-)
-RUNS = (
-    ("plan", "paper-1", "--map"),
-    ("plan", "paper-1", "--solver", "projected-gradient", "--out", "results/descent"),
-    ("plan-swarm", "paper-1", "--out", "results/joint"),
-    ("simulate", "paper-1", "--save-trajectories", "100"),
-    ("simulate", "paper-2", "--policy", "leader", "--save-trajectories", "100", "--runs", "100"),
-    ("simulate", "wall", *AHEAD, "--runs", "500", "--out", "results/mpc"),
-    ("evaluate", "paper-1"),
-    ("sweep", "paper-1", "--set", "n=2,3,4,5,6", "--out", "results/sweep-n"),
-    ("sweep", "paper-1", "--set", "n=2,4,6", "--set", "spacing=0.2,0.5,1.0", "--runs", "300"),
-    ("compare", "--family", "quick", "--time-limit", "10"),
-)
-DRAWN = {
+MPC = [word for name in ("leader", "leader-mpc-3", "leader-mpc-8") for word in ("--policy", name)]
+COMMANDS = {
+    "plan-paper-1": ["plan", "paper-1", "--map"],
+    "descent": ["plan", "paper-1", "--solver", "projected-gradient"],
+    "joint": ["plan-swarm", "paper-1"],
+    "joint-paper-2": ["plan-swarm", "paper-2"],
+    "simulate-paper-1": ["simulate", "paper-1", "--save-trajectories", "100"],
+    "simulate-paper-2": [
+        *("simulate", "paper-2", "--policy", "leader"),
+        *("--save-trajectories", "100", "--runs", "100"),
+    ],
+    "one-run": ["simulate", "paper-1", "--policy", "leader", "--runs", "1", "--seed", "39"],
+    "mpc": ["simulate", "wall", *MPC, "--runs", "500"],
+    "evaluate-paper-1": ["evaluate", "paper-1"],
+    "sweep-n": ["sweep", "paper-1", "--set", "n=2,3,4,5,6"],
+    "sweep-paper-1": [
+        *("sweep", "paper-1", "--set", "n=2,4,6", "--set", "spacing=0.2,0.5,1.0"),
+        *("--runs", "300"),
+    ],
+    "compare": ["compare", "--family", "quick", "--time-limit", "10"],
+}
+"""Commands by the name of their results folder."""
+
+FIGURES = {
     "plan-paper-1": ("guide", "cost-to-go"),
     "descent": ("comparison",),
     "joint": ("joint",),
@@ -48,47 +62,56 @@ DRAWN = {
     "sweep-paper-1": ("over-spacing", "heat-map"),
     "compare": ("profile-formations-cold",),
 }
-"""What is shown of which results folder."""
+"""Figures of each results folder; the images are named FOLDER-FIGURE.png."""
+
+OTHERS = {"joint-paper-2": ("joint", "joint.png"), "one-run": ("run-leader", "leader.png")}
+"""Figures with images of other names, for the README and other pages."""
+
+ANIMATED = ("simulate-paper-1", "simulate-paper-2")
 
 
 def run(folder: Path, *arguments: str) -> None:
-    """A command in a folder."""
+    """Run casswarm in a folder."""
     print("casswarm", *arguments, flush=True)
     subprocess.run([CASSWARM, *arguments], cwd=folder, check=True, stdout=subprocess.DEVNULL)
 
 
-def telling_run(folder: Path, policy: str = "leader") -> int:
-    """The first kept run in which leaders are lost and some members arrive; else the longest."""
-    kept = Saved.of(folder).trajectories[policy]
-    for number, trace in enumerate(kept):
-        leaders = len(set(trace.leaders))
-        alive = int(trace.alive[-1].sum())
-        if leaders > 1 and 2 <= alive < trace.alive.shape[1] - 1:
+def representative_run(folder: Path, policy: str = "leader") -> int:
+    """First saved run in which leaders are lost and some members arrive; else the longest."""
+    runs = Saved.of(folder).trajectories[policy]
+    for number, trajectory in enumerate(runs):
+        leaders = len(set(trajectory.leaders))
+        alive = int(trajectory.alive[-1].sum())
+        if leaders > 1 and 2 <= alive < trajectory.alive.shape[1] - 1:
             return number
-    return max(range(len(kept)), key=lambda number: len(kept[number].alive))
+    return max(range(len(runs)), key=lambda number: len(runs[number].alive))
+
+
+def draw(folder: Path, source: str) -> None:
+    """Run the command of a results folder, and draw its images."""
+    run(folder, *COMMANDS[source], "--quiet", "--out", source)
+    simulated = COMMANDS[source][0] == "simulate"
+    chosen = ["--run", str(representative_run(folder / source))] if simulated else []
+    images = {figure: f"{source}-{figure}.png" for figure in FIGURES.get(source, ())}
+    images |= dict([OTHERS[source]]) if source in OTHERS else {}
+    names = [word for figure in images for word in ("--figure", figure)]
+    dpi = "150" if source in OTHERS else "100"
+    run(folder, "plot", source, *names, *chosen, "--dpi", dpi, "--quiet", "--out", "drawn")
+    for figure, image in images.items():
+        shutil.copy(folder / "drawn" / f"{figure}.png", IMAGES / image)
+    if source in ANIMATED:
+        options = ["--policy", "leader", *chosen, "--dpi", "90", "--quiet"]
+        run(folder, "animate", source, *options, "--out", str(IMAGES / f"{source}.gif"))
 
 
 def main() -> None:
-    """Run all commands in a temporary folder and keep the pictures."""
+    """Draw the images of the results folders given as arguments, by default of all."""
     with tempfile.TemporaryDirectory() as name:
-        work = Path(name)
-        for arguments in RUNS:
-            run(work, *arguments, "--quiet")
-        for source, figures in DRAWN.items():
-            results = work / "results" / source
-            chosen = [part for figure in figures for part in ("--figure", figure)]
-            kept = ("--run", str(telling_run(results))) if source.startswith("simulate") else ()
-            run(work, "plot", f"results/{source}", *chosen, *kept, *SMALL, "--out", source)
-            for figure in figures:
-                shutil.copy(work / source / f"{figure}.png", IMAGES / f"{source}-{figure}.png")
-        for source in ("simulate-paper-1", "simulate-paper-2"):
-            number = str(telling_run(work / "results" / source))
-            gif = IMAGES / f"{source}.gif"
-            options = ("--policy", "leader", "--run", number, "--dpi", "90", "--quiet")
-            run(work, "animate", f"results/{source}", *options, "--out", str(gif))
-        one = ("--runs", "1", "--seed", "39", "--dpi", "150")
-        run(work, "simulate", "paper-1", "--policy", "leader", *one)
-        shutil.copy(work / "results" / "simulate-paper-1" / "run-leader.png", IMAGES / "leader.png")
+        for source in sys.argv[1:] or COMMANDS:
+            draw(Path(name), source)
+    if not sys.argv[1:]:
+        policies = pd.read_csv(ROOT / "results" / "policies" / "policies.csv")
+        save(success_chart(policies), IMAGES / "policies.png", dpi=130)
 
 
 if __name__ == "__main__":

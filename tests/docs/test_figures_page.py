@@ -28,7 +28,7 @@ def test_pictures_are_drawn_by_the_script():
     script = runpy.run_path(str(ROOT / "docs" / "draw_figures.py"), run_name="read")
     drawn = {
         f"images/{source}-{figure}.png"
-        for source, figures in script["DRAWN"].items()
+        for source, figures in script["FIGURES"].items()
         for figure in figures
     }
     drawn |= {"images/simulate-paper-1.gif", "images/simulate-paper-2.gif"}
