@@ -60,7 +60,8 @@ def package_fingerprint() -> str:
 
 
 # Sphinx reads sources below docs/ only
-shutil.copytree(ROOT / "notebooks", HERE / "notebooks", dirs_exist_ok=True)
+shutil.rmtree(HERE / "notebooks", ignore_errors=True)
+shutil.copytree(ROOT / "notebooks", HERE / "notebooks")
 nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:percent"}]}
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(HERE / "_build" / ".jupyter_cache" / package_fingerprint())
@@ -96,12 +97,12 @@ def setup(app: Sphinx) -> None:
     app.connect("missing-reference", public_name)
 
 
-# --- links: looked up by `sphinx-build -b linkcheck`, which needs the network
+# --- links: `sphinx-build -b linkcheck` checks them, which needs the network
 
 linkcheck_timeout = 20
 linkcheck_retries = 2
 
-# --- looks
+# --- theme
 
 html_theme = "furo"
 html_title = f"casswarm {version}"
