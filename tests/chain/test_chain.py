@@ -1,4 +1,4 @@
-"""The chain: against enumeration by hand, against the plan's own number, and its laws."""
+"""Simulated chain: against enumeration by hand and the guide's survival; its invariants."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def pair() -> Scenario:
 
 
 def hurry_alone(step: int, positions: Array, previous_velocities: Array, alive: Flags) -> Array:  # noqa: ARG001
-    """In line and unhurried together, fast and to the south alone."""
+    """Slow and in line while both live; fast and to the south when only one does."""
     alone = alive.sum(axis=1) == 1
     together = np.array([[1.4, 0.0], [1.5, 0.1]])
     return np.where(alone[:, None, None], [1.9, -0.2], together)
@@ -40,7 +40,7 @@ def hurry_alone(step: int, positions: Array, previous_velocities: Array, alive: 
 
 @cache
 def idle_guide() -> Guide:
-    """For policies that follow none."""
+    """Guide for policies that do not use one."""
     return plan(small([(0.0, 0.0)], (1.0, 0.0), [(9.0, 9.0)], 3, guide__search="local"))
 
 
@@ -61,17 +61,19 @@ def study(
     )
 
 
-def law_by_hand(positions: Array, alive: tuple[bool, ...], step: int) -> dict[Outcome, float]:
-    """Probabilities of all outcomes from a state, over the 2^n sets of survivors of each step."""
+def distribution_by_hand(
+    positions: Array, alive: tuple[bool, ...], step: int
+) -> dict[Outcome, float]:
+    """Probabilities of all outcomes from a state, over the 2^n survival patterns of each step."""
     velocity = [(1.9, -0.2)] * 2 if sum(alive) == 1 else [(1.4, 0.0), (1.5, 0.1)]
     moved = positions + DT * np.array(velocity)
     survival = [
         math.exp(-DT * rate_by_hand(i, moved, alive, RADARS)) if alive[i] else 0.0 for i in (0, 1)
     ]
-    law: dict[Outcome, float] = defaultdict(float)
+    distribution: dict[Outcome, float] = defaultdict(float)
     for survivors in product((True, False), repeat=2):
-        fates = [s if living else 1 - s for s, living in zip(survival, survivors, strict=True)]
-        chance = math.prod(fates)
+        chances = [s if living else 1 - s for s, living in zip(survival, survivors, strict=True)]
+        chance = math.prod(chances)
         if chance == 0:
             continue
         arrived = any(
@@ -79,11 +81,11 @@ def law_by_hand(positions: Array, alive: tuple[bool, ...], step: int) -> dict[Ou
             for x, living in zip(moved, survivors, strict=True)
         )
         if arrived or not any(survivors) or step + 1 == STEPS:
-            law[(step + 1 if arrived else -1, sum(survivors))] += chance
+            distribution[(step + 1 if arrived else -1, sum(survivors))] += chance
         else:
-            for outcome, probability in law_by_hand(moved, survivors, step + 1).items():
-                law[outcome] += chance * probability
-    return law
+            for outcome, probability in distribution_by_hand(moved, survivors, step + 1).items():
+                distribution[outcome] += chance * probability
+    return distribution
 
 
 def outcomes(runs: pd.DataFrame) -> list[Outcome]:
@@ -96,26 +98,26 @@ def assert_likely(successes: int, runs: int, probability: float) -> None:
     assert interval.low <= probability <= interval.high
 
 
-# --- against what is known
+# --- known answers
 
 
-def test_two_member_chain_has_the_law_of_enumeration_by_hand() -> None:
-    law = law_by_hand(pair().positions, (True, True), 0)
-    assert sum(law.values()) == pytest.approx(1, abs=1e-12)
-    assert {arrival for arrival, _ in law} == {-1, 3, 4}
+def test_two_member_chain_matches_enumeration_by_hand() -> None:
+    distribution = distribution_by_hand(pair().positions, (True, True), 0)
+    assert sum(distribution.values()) == pytest.approx(1, abs=1e-12)
+    assert {arrival for arrival, _ in distribution} == {-1, 3, 4}
     sampled = outcomes(study(pair(), hurry_alone, runs=20_000, seed=0).runs)
-    assert set(sampled) <= set(law)
-    for outcome, probability in law.items():
+    assert set(sampled) <= set(distribution)
+    for outcome, probability in distribution.items():
         assert_likely(sampled.count(outcome), 20_000, probability)
-    success = sum(probability for (arrival, _), probability in law.items() if arrival > 0)
+    success = sum(probability for (arrival, _), probability in distribution.items() if arrival > 0)
     assert 0.15 < success < 0.85
     assert_likely(sum(arrival > 0 for arrival, _ in sampled), 20_000, success)
     for survivors in range(3):
-        exact = sum(probability for (_, k), probability in law.items() if k == survivors)
+        exact = sum(probability for (_, k), probability in distribution.items() if k == survivors)
         assert_likely(sum(k == survivors for _, k in sampled), 20_000, exact)
 
 
-def test_member_survives_a_step_if_its_number_is_below_exp_of_minus_dt_rate() -> None:
+def test_member_survives_if_draw_is_below_survival_probability() -> None:
     """The rate at X(t+1), with those alive at t."""
     draws = np.stack([uniforms(7, t, 0, 200, 2) for t in range(STEPS)], axis=1)
     deaths = 0
@@ -132,10 +134,8 @@ def test_member_survives_a_step_if_its_number_is_below_exp_of_minus_dt_rate() ->
 
 
 @pytest.mark.parametrize(("steps", "a_max"), [(12, 0.5), (20, 0.05), (12, 0.02), (20, 0.01)])
-def test_survival_that_plan_prints_is_that_of_one_member_along_the_guide(
-    steps: int, a_max: float
-) -> None:
-    """Also where its limits leave the member no room to correct what rounding does."""
+def test_single_member_survival_equals_guide_survival(steps: int, a_max: float) -> None:
+    """Also where the limits leave no slack to correct rounding errors."""
     scenario = small([(0.0, 0.0)], (4.0, 0.5), [(2.0, 0.3)], steps, swarm__a_max=a_max)
     guide = plan(scenario)
     found = simulate(scenario, ["leader"], runs=4000, seed=1, guide=guide, save_trajectories=100)
@@ -150,7 +150,7 @@ def test_survival_that_plan_prints_is_that_of_one_member_along_the_guide(
     assert found.summary["infeasible"][0] == found.summary["saturated"][0] == 0
 
 
-def test_runs_in_equal_states_share_a_decision() -> None:
+def test_runs_in_equal_states_share_decision() -> None:
     alone = small([(0.0, 0.0)], TARGET, RADARS, STEPS, swarm__velocity=[1.5, 0.0])
     asked: list[int] = []
 
@@ -165,7 +165,7 @@ def test_runs_in_equal_states_share_a_decision() -> None:
     assert found.effort["states"][0] <= 1 + 3 + 3 * 3 + 3 * 3 * 3
 
 
-# --- the destroyed
+# --- destroyed members
 
 
 @cache
@@ -182,7 +182,7 @@ def wander(step: int, positions: Array, previous_velocities: Array, alive: Flags
     return np.full_like(positions, [0.8, 0.1 * step - 0.2])
 
 
-def test_destroyed_never_return_and_never_move() -> None:
+def test_destroyed_members_never_return_or_move() -> None:
     destroyed = 0
     for trace in traces():
         assert (trace.alive[1:] <= trace.alive[:-1]).all()
@@ -195,8 +195,8 @@ def test_destroyed_never_return_and_never_move() -> None:
     assert destroyed > 200
 
 
-def test_destroyed_never_influence_the_living() -> None:
-    """The survivors of a pair have the rates of lone members from the next step on."""
+def test_destroyed_members_do_not_influence_rates() -> None:
+    """The survivor of a pair has the rate of an isolated agent from the next step on."""
     draws = np.stack([uniforms(7, t, 0, 500, 2) for t in range(STEPS)], axis=1)
     alone = 0
     for run, trace in enumerate(
@@ -210,10 +210,10 @@ def test_destroyed_never_influence_the_living() -> None:
     assert alone > 50
 
 
-# --- how runs end
+# --- end of runs
 
 
-def test_run_ends_at_first_arrival_or_last_destruction_or_the_horizon() -> None:
+def test_run_ends_at_arrival_destruction_or_horizon() -> None:
     found = study(pair(), hurry_alone, save_trajectories=500)
     ends = defaultdict(int)
     for row, trace in zip(found.runs.itertuples(), found.trajectories["hurry_alone"], strict=True):
@@ -245,7 +245,7 @@ def overdrive(step: int, positions: Array, previous_velocities: Array, alive: Fl
     return np.full_like(positions, [100.0, -100.0])
 
 
-def test_velocities_beyond_the_limits_are_clipped_and_counted() -> None:
+def test_velocities_beyond_limits_are_saturated_and_counted() -> None:
     found = study(pair(), overdrive, save_trajectories=300, runs=300)
     saturated = 0
     for trace in found.trajectories["overdrive"]:
@@ -266,7 +266,7 @@ def test_velocities_beyond_the_limits_are_clipped_and_counted() -> None:
     np.testing.assert_allclose(first / DT, [[2.0, -0.5]] * 2, atol=5e-3)
 
 
-def test_velocities_within_the_limits_are_left_alone() -> None:
+def test_velocities_within_limits_are_unchanged() -> None:
     found = study(pair(), hurry_alone, save_trajectories=20)
     assert found.runs["saturated"].sum() == 0
     for trace in found.trajectories["hurry_alone"]:
@@ -277,7 +277,7 @@ def test_velocities_within_the_limits_are_left_alone() -> None:
 # --- common random numbers
 
 
-def test_identical_policies_of_different_names_give_identical_runs() -> None:
+def test_identical_policies_give_identical_runs() -> None:
     def copied(step: int, positions: Array, previous_velocities: Array, alive: Flags) -> Array:
         return hurry_alone(step, positions, previous_velocities, alive)
 

@@ -1,4 +1,4 @@
-"""The chain's parts: random numbers that belong to their run, and the grouping of equal states."""
+"""Random streams of runs, and the grouping of equal states."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ sizes = st.integers(1, 7)
 
 @given(st.integers(0, 2**70), st.integers(0, 10**9), sizes, sizes, st.lists(sizes, min_size=1))
 @settings(max_examples=60, deadline=None)
-def test_a_run_s_numbers_do_not_depend_on_the_batch_it_is_drawn_in(
+def test_uniforms_are_independent_of_batches(
     seed: int, first: int, step: int, members: int, batches: list[int]
 ) -> None:
     whole = uniforms(seed, step, first, sum(batches), members)
@@ -29,13 +29,13 @@ def test_a_run_s_numbers_do_not_depend_on_the_batch_it_is_drawn_in(
     np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 
-def test_numbers_of_runs_steps_and_seeds_differ() -> None:
+def test_uniforms_differ_between_runs_steps_and_seeds() -> None:
     seeds = (0, 1, 2, 2**64, 2**64 + 1)
     several = np.stack([uniforms(seed, step, 0, 50, 5) for seed in seeds for step in range(3)])
     assert len(np.unique(several)) == several.size
 
 
-def test_numbers_are_uniform_over_runs_over_steps_and_over_members() -> None:
+def test_uniforms_are_uniform_and_uncorrelated() -> None:
     numbers = np.stack([uniforms(3, step, 1000, 4000, 3) for step in range(5)], axis=1)
     assert numbers.min() >= 0
     assert numbers.max() < 1
@@ -48,7 +48,7 @@ def test_numbers_are_uniform_over_runs_over_steps_and_over_members() -> None:
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.integers(1, 3))
 @settings(max_examples=100, deadline=None)
-def test_distinct_states_group_exactly_the_equal_rows(seed: int, rows: int, n: int) -> None:
+def test_distinct_states_groups_exactly_equal_rows(seed: int, rows: int, n: int) -> None:
     rng = np.random.default_rng(seed)
     positions = rng.integers(0, 2, (rows, n, 2)) * np.pi
     alive = rng.random((rows, n)) < 0.5
@@ -60,7 +60,7 @@ def test_distinct_states_group_exactly_the_equal_rows(seed: int, rows: int, n: i
 
 
 @pytest.mark.parametrize("apart", [2.0**-52, 1e-300])
-def test_states_that_differ_in_the_last_bit_are_distinct(apart: float) -> None:
+def test_distinct_states_separates_last_bits(apart: float) -> None:
     base = 1.0 if apart > 1e-20 else 0.0
     positions = np.array([[[base, 0.0]], [[base + apart, 0.0]], [[base, 0.0]]])
     first, back = distinct_states(positions)

@@ -13,7 +13,7 @@ from scipy.stats import binom, binomtest
 from casswarm.chain.confidence import Paired, clopper_pearson, effective_runs, required_runs, wilson
 
 
-def test_newcombes_interval_is_that_of_the_literature() -> None:
+def test_paired_interval_matches_literature() -> None:
     """Cavo et al. (2012), as Fagerland, Lydersen and Laake (2017, chapter 8) evaluate it.
 
     Their R package contingencytables gives -0.1186 to -0.0046.
@@ -24,7 +24,7 @@ def test_newcombes_interval_is_that_of_the_literature() -> None:
 
 
 @given(*[st.integers(0, 200)] * 4, st.sampled_from([0.9, 0.95, 0.99]))
-def test_interval_holds_the_difference_and_turns_with_the_order(
+def test_paired_interval_contains_difference_and_is_antisymmetric(
     both: int, first: int, second: int, neither: int, level: float
 ) -> None:
     if both + first + second + neither == 0:
@@ -36,12 +36,12 @@ def test_interval_holds_the_difference_and_turns_with_the_order(
     assert turned.p_value == pytest.approx(pair.p_value)
 
 
-def test_mcnemar_is_the_binomial_test_of_discordant_runs() -> None:
+def test_paired_p_value_is_binomial_test_of_discordant_runs() -> None:
     assert Paired(50, 1, 7, 42).p_value == pytest.approx(2 * (1 + 8) / 2**8)
     assert Paired(50, 0, 0, 42).p_value == 1.0
 
 
-def test_variance_ratio_is_that_of_the_formula_for_differences() -> None:
+def test_paired_variance_ratio_matches_formula() -> None:
     """Var(X - Y) / (Var X + Var Y), from the table itself."""
     x = np.repeat([1, 1, 0, 0], [30, 5, 8, 57])
     y = np.repeat([1, 0, 1, 0], [30, 5, 8, 57])
@@ -51,7 +51,7 @@ def test_variance_ratio_is_that_of_the_formula_for_differences() -> None:
     assert math.isnan(Paired(9, 0, 0, 0).variance_ratio)
 
 
-def test_paired_interval_covers_as_it_says() -> None:
+def test_paired_interval_has_nominal_coverage() -> None:
     generator = np.random.default_rng(5)
     p, q, shared = 0.7, 0.6, generator.random((2000, 150))
     wins, others = (shared < p).sum(axis=1), (shared < q).sum(axis=1)
@@ -64,9 +64,7 @@ def test_paired_interval_covers_as_it_says() -> None:
 
 
 @pytest.mark.parametrize(("successes", "half_width"), [(500, 0.005), (10, 0.01), (0, 0.01)])
-def test_runs_from_a_pilot_make_the_interval_narrow_enough(
-    successes: int, half_width: float
-) -> None:
+def test_required_runs_reach_half_width(successes: int, half_width: float) -> None:
     runs = required_runs(half_width, successes, 1000)
     low, high = wilson(round(successes / 1000 * runs), runs)
     assert high - low <= 2 * half_width * (1 + 1e-3)
@@ -76,7 +74,7 @@ def test_runs_from_a_pilot_make_the_interval_narrow_enough(
         assert runs < 1.96**2 / 4 / half_width**2
 
 
-def test_clopper_pearson_has_known_values() -> None:
+def test_clopper_pearson_matches_known_values() -> None:
     """0 of 10 ends at 1 - 0.025^(1/10); 13 of 16 as in Fagerland et al. (2017, chapter 2)."""
     assert clopper_pearson(0, 10) == pytest.approx((0.0, 1 - 0.025**0.1))
     assert clopper_pearson(13, 16) == pytest.approx((0.5435, 0.9595), abs=5e-5)
@@ -85,13 +83,13 @@ def test_clopper_pearson_has_known_values() -> None:
 # --- strata
 
 
-def test_wilsons_interval_is_scipys() -> None:
+def test_wilson_matches_scipy() -> None:
     for successes, runs in ((0, 10), (3, 10), (10, 10), (517, 1000)):
         interval = binomtest(successes, runs).proportion_ci(0.95, method="wilson")
         assert wilson(successes, runs) == pytest.approx((interval.low, interval.high), abs=1e-14)
 
 
-def test_effective_runs_of_a_case_by_hand() -> None:
+def test_effective_runs_match_calculation_by_hand() -> None:
     """Ten strata, five that succeed and five that do not: one pair differs, one more is added."""
     outcomes = np.array([True] * 5 + [False] * 5)
     assert effective_runs(outcomes) == pytest.approx(10 * 0.25 / (2 / 10))
@@ -101,7 +99,7 @@ def test_effective_runs_of_a_case_by_hand() -> None:
 
 
 @pytest.mark.parametrize("runs", [50, 401])
-def test_intervals_of_strata_cover_as_often_as_they_say(runs: int) -> None:
+def test_stratified_interval_has_nominal_coverage(runs: int) -> None:
     draws, chances = np.random.default_rng(1), np.linspace(0.02, 0.6, runs) ** 2
     covered, narrower = 0, 0.0
     for _ in range(2000):

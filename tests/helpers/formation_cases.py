@@ -1,4 +1,4 @@
-"""Formation problems of states as they occur."""
+"""Formation problems of typical states."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from casswarm.problems.formation import (
 
 
 def formations(name: str, count: int) -> list[Formation]:
-    """Problems of states as they occur: behind the guide's next point, some members destroyed."""
+    """Problems of typical states: behind the guide's next point, some members destroyed."""
     scenario, rng = load_scenario(name), np.random.default_rng(0)
     goal = np.array([2.0, 1.5])
     alive = rng.random((count, 5)) < 0.8

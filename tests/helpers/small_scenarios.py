@@ -1,4 +1,4 @@
-"""Scenarios small enough for brute force, and the paper's rates written out once more."""
+"""Scenarios small enough for brute force, and independent implementations of the rates."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ def rate_by_hand(
     return strength / (1 + ALPHA[1] * density)
 
 
-def lone_rate_by_hand(x: float, y: float, radars: Sequence[Point]) -> float:
-    """Rate of a lone member: equation (8) with the density of the member itself, h = 1."""
+def single_agent_rate_by_hand(x: float, y: float, radars: Sequence[Point]) -> float:
+    """Rate of an isolated agent: equation (8) with the density of the agent itself, h = 1."""
     return sum(ALPHA[0] / (1 + ALPHA[1]) / math.dist((x, y), radar) ** 2 for radar in radars)
 
 
@@ -70,7 +70,7 @@ def patrolled(
     radars: Sequence[Point] = (),
     background: float = 0.1,
 ) -> ca.MX:
-    """A rate everywhere, which makes time cost something, and a hump at every radar."""
+    """Background rate, which penalises time, with a peak at every radar."""
     humps = sum(
         1 / (0.1 + (positions[:, 0] - x) ** 2 + (positions[:, 1] - y) ** 2) for x, y in radars
     )
@@ -83,7 +83,7 @@ def grid_bounds(
     """Bounds of the least risk around one radar, by dynamic programming over time on a grid.
 
     W_t = min over the cells within reach of (dt rate + W_{t+1}), 0 in the target, with `cells`
-    cells to the way of a step. The upper bound is the risk of a path along cell centres; for the
+    cells to the length of a step. The upper bound is the risk of a path along cell centres; for the
     lower one every cell has its least rate, one cell more is within reach, and any touch arrives.
     """
     h = DT * V_MAX / cells
@@ -109,5 +109,5 @@ TWO = [(3.0, 4.0), (7.0, 6.0)]
 
 
 def free(target: Point, radars: list[Point], steps: int, **values: object) -> Scenario:
-    """Without limits of acceleration."""
+    """Scenario without limits of acceleration."""
     return small(MEMBER, target, radars, steps, guide__acceleration_limited=False, **values)

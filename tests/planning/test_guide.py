@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_scenarios import Array, lone_rate_by_hand
+from small_scenarios import Array, single_agent_rate_by_hand
 
 from casswarm import Candidate, Guide, Residuals, Saturation, Solution, Status
 from casswarm.optimization.problem import Instances, Nlp
@@ -73,7 +73,7 @@ def test_path_follows_the_dynamics_to_the_last_bit() -> None:
 
 def test_guide_pays_the_lone_rate_at_every_point_but_the_first() -> None:
     guide = guide_along(walk(7, 1))
-    rates = [lone_rate_by_hand(x, y, RADARS) for x, y in guide.positions[1:]]
+    rates = [single_agent_rate_by_hand(x, y, RADARS) for x, y in guide.positions[1:]]
     np.testing.assert_allclose(guide.rates, rates, rtol=1e-12)
     assert guide.risk == pytest.approx(0.33 * sum(rates), rel=1e-12)
     assert guide.survival == pytest.approx(math.prod(math.exp(-0.33 * r) for r in rates))
@@ -174,7 +174,7 @@ def test_program_is_the_paper_s_with_every_formula_written_out() -> None:
     x = nlp.pack_variables(positions=X, velocities=V)[0]
     objective, g = (np.asarray(part).ravel() for part in nlp.evaluate(x, instance.p[0]))
 
-    risk = sum(0.33 * lone_rate_by_hand(*X[t], RADARS) for t in range(4))
+    risk = sum(0.33 * single_agent_rate_by_hand(*X[t], RADARS) for t in range(4))
     assert objective[0] == pytest.approx(risk, rel=1e-12)
     places, speeds = [TASK.start, *X], [TASK.initial_velocity, *V]
     dynamics = [places[t + 1] - places[t] - 0.33 * V[t] for t in range(6)]
@@ -244,7 +244,7 @@ def penalised_by_hand(velocities: Array, gamma: float = 10.0) -> float:
     for vx, vy in velocities:
         x, y = x + 0.33 * vx, y + 0.33 * vy
         if not arrived:
-            risk += 0.33 * lone_rate_by_hand(x, y, RADARS)
+            risk += 0.33 * single_agent_rate_by_hand(x, y, RADARS)
         arrived = arrived or math.dist((x, y), TASK.center) <= 0.5
     return -math.exp(-risk) + gamma * max(0.0, math.dist((x, y), TASK.center) - 0.5)
 

@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from small_scenarios import DT, V_MAX, grid_bounds, lone_rate_by_hand, patrolled, small
+from small_scenarios import DT, V_MAX, grid_bounds, patrolled, single_agent_rate_by_hand, small
 
 from casswarm import Guide, PlanningError, Scenario, SolverError, Status, load_scenario, plan
 from casswarm.optimization.problem import Instances, Nlp
@@ -120,7 +120,7 @@ def test_guide_obeys_dynamics_limits_and_zone(values: dict[str, object]) -> None
     distances = np.hypot(*(X - [6.0, 4.0]).T)
     assert (distances[:-1] > 0.5).all()  # it ends at its first arrival
     assert distances[-1] <= 0.5 - scenario.arrival_margin
-    rates = [lone_rate_by_hand(x, y, scenario.hazard_table.radars) for x, y in X[1:]]
+    rates = [single_agent_rate_by_hand(x, y, scenario.hazard_table.radars) for x, y in X[1:]]
     assert guide.risk == pytest.approx(DT * sum(rates), rel=1e-12)
 
 

@@ -15,7 +15,7 @@ from small_scenarios import (
     Point,
     free,
     grid_bounds,
-    lone_rate_by_hand,
+    single_agent_rate_by_hand,
 )
 
 from casswarm import Saturation, Scenario, plan
@@ -199,7 +199,7 @@ def random_guides(scenario: Scenario, count: int, seed: int) -> list[float]:
         assert np.abs(np.diff([task.start, *path], axis=0)).max() <= limit * (1 + 1e-12)
         risks.append(
             scenario.time.dt
-            * sum(lone_rate_by_hand(*place, scenario.hazard_table.radars) for place in path)
+            * sum(single_agent_rate_by_hand(*place, scenario.hazard_table.radars) for place in path)
         )
     return risks
 

@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_scenarios import ALPHA, DT, V_MAX, Array, Point, lone_rate_by_hand, patrolled, small
+from small_scenarios import (
+    ALPHA,
+    DT,
+    V_MAX,
+    Array,
+    Point,
+    patrolled,
+    single_agent_rate_by_hand,
+    small,
+)
 
 from casswarm import (
     Saturation,
@@ -137,7 +146,7 @@ def test_bound_is_attained_where_all_risk_is_in_one_step() -> None:
     rim = np.array([0.9, 0.0]) + 0.5 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     inside = rim[(np.abs(rim) <= reach).all(axis=1)]
     corners = np.array([(reach, -math.sqrt(0.25 - (0.9 - reach) ** 2)), *inside])
-    rates = np.array([lone_rate_by_hand(x, y, [radar]) for x, y in corners])
+    rates = np.array([single_agent_rate_by_hand(x, y, [radar]) for x, y in corners])
     place = corners[rates.argmin()]
     success = 1 - (1 - math.exp(-DT * SHARE * rates.min())) ** 3
     assert success <= bound.value <= success + 1e-4

@@ -1,4 +1,4 @@
-"""Policies with feedback: their ways on, against loops by hand, and what they are worth."""
+"""Feedback policies: best steps against enumeration, decisions, and success."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from small_scenarios import DT, Array, lone_rate_by_hand, small
+from small_scenarios import DT, Array, single_agent_rate_by_hand, small
 
 from casswarm import Scenario, evaluate, make_policy, plan, simulate
 from casswarm.optimization.feasible_sets.planar import PlanarSets
@@ -25,7 +25,7 @@ from casswarm.planning.plan import plan_from
 from casswarm.policies.feedback import FeedbackPolicy
 
 RADARS = [(2.0, 1.2), (3.0, -1.0)]
-PLACES = [(0.0, 0.0), (0.8, -0.9), (-0.7, 0.7), (-0.6, -0.8)]  # apart: off any one guide
+POSITIONS = [(0.0, 0.0), (0.8, -0.9), (-0.7, 0.7), (-0.6, -0.8)]  # apart: off any one guide
 NAMES = ("leader-feedback", "constrained-feedback")
 STOPS = 3 + math.ceil(2.0 / math.sqrt(0.5))  # steps of a manoeuvre
 
@@ -34,8 +34,8 @@ Flags = NDArray[np.bool_]
 
 @cache
 def scenario(**values: object) -> Scenario:
-    """Four members apart, two radars across the way."""
-    return small(PLACES, (5.0, 0.5), RADARS, 16, guide__search="global", **values)
+    """Four dispersed members, two radars between start and target."""
+    return small(POSITIONS, (5.0, 0.5), RADARS, 16, guide__search="global", **values)
 
 
 @cache
@@ -46,7 +46,7 @@ def policy(name: str) -> FeedbackPolicy:
 
 
 def states(batch: int, seed: int) -> tuple[Array, Array, Flags]:
-    """Swarms anywhere between the start and the target, the entries of the destroyed zero."""
+    """States between start and target, with zero entries of the destroyed."""
     rng = np.random.default_rng(seed)
     alive = rng.random((batch, 4)) < 0.7
     alive[:, 0] |= ~alive.any(axis=1)
@@ -56,21 +56,21 @@ def states(batch: int, seed: int) -> tuple[Array, Array, Flags]:
     return positions * living, previous_velocities * living, alive
 
 
-# --- the way on
+# --- best steps
 
 
-def test_way_on_is_the_best_of_all_manoeuvres_one_by_one() -> None:
-    step, place, before = 4, np.array([0.7, -0.4]), np.array([1.1, -0.6])
+def test_best_step_equals_enumeration_of_manoeuvres() -> None:
+    step, position, before = 4, np.array([0.7, -0.4]), np.array([1.1, -0.6])
     found = policy("leader-feedback")
-    best = (math.inf, place)
+    best = (math.inf, position)
     for aim in itertools.product(np.linspace(-2, 2, 9), repeat=2):
-        x, v, risk, first = place, before, 0.0, place
+        x, v, risk, first = position, before, 0.0, position
         for k in range(1, STOPS + 1):
             missing = np.array(aim) - v
             v = v + missing * min(1.0, math.sqrt(0.5) / max(math.hypot(*missing), 1e-300))
             x = x + DT * v
             first = x if k == 1 else first
-            cost = DT * lone_rate_by_hand(*x, RADARS)
+            cost = DT * single_agent_rate_by_hand(*x, RADARS)
             if k == STOPS:
                 risk += float(found.value.after(step + k, x))  # its own cost and what follows
                 break
@@ -78,21 +78,21 @@ def test_way_on_is_the_best_of_all_manoeuvres_one_by_one() -> None:
             if math.dist(x, (5.0, 0.5)) <= 0.5:
                 break
         best = min(best, (risk, first), key=lambda pair: pair[0])
-    points, risks = found.best_steps(step, place[None], before[None])
+    points, risks = found.best_steps(step, position[None], before[None])
     assert risks[0] == pytest.approx(best[0], rel=1e-12)
     np.testing.assert_allclose(points[0], best[1], atol=1e-12)
 
 
-def test_without_time_to_arrive_the_way_is_straight_to_the_target() -> None:
-    place, before = np.array([[-1.0, 0.5]]), np.array([[1.9, 0.0]])
-    points, risks = policy("leader-feedback").best_steps(14, place, before)
+def test_best_step_without_time_to_arrive_heads_straight_to_target() -> None:
+    position, before = np.array([[-1.0, 0.5]]), np.array([[1.9, 0.0]])
+    points, risks = policy("leader-feedback").best_steps(14, position, before)
     assert np.isinf(risks).all()
     assert points[0] == pytest.approx([-1.0 + DT * 2.0, 0.5])
 
 
-def followed(places: Array, previous_velocities: Array) -> Array:
-    """Risks of lone agents that follow the feedback guide from step 0; infinite if one is late."""
-    task, x, v = scenario(), places, previous_velocities
+def followed(positions: Array, previous_velocities: Array) -> Array:
+    """Risks of isolated agents that follow the feedback guide; infinite without arrival."""
+    task, x, v = scenario(), positions, previous_velocities
     risk, arrived = np.zeros(len(x)), np.zeros(len(x), bool)
     for step in range(task.n_steps):
         y = policy("leader-feedback").best_steps(step, x, v)[0]
@@ -105,7 +105,7 @@ def followed(places: Array, previous_velocities: Array) -> Array:
     return np.where(arrived, risk, np.inf)
 
 
-def test_feedback_guide_arrives_from_wherever_there_is_time_for_it() -> None:
+def test_feedback_guide_with_time_left_arrives() -> None:
     rng = np.random.default_rng(5)
     x, v = rng.uniform((-0.5, -0.5), (1.0, 0.5), (100, 2)), rng.uniform(-2, 2, (100, 2))
     assert np.isfinite(policy("leader-feedback").best_steps(0, x, v)[1]).all()
@@ -114,22 +114,23 @@ def test_feedback_guide_arrives_from_wherever_there_is_time_for_it() -> None:
     assert (ValueFunction.from_scenario(scenario()).bounds(0, x)[0] <= risks).all()
 
 
-def test_feedback_guide_costs_at_most_half_more_risk_than_the_best_guide() -> None:
+def test_feedback_guide_risk_is_within_factor_of_best_guide() -> None:
     x = np.array([[0.0, 0.0], [0.4, -0.4], [0.0, 0.8], [-0.4, -0.2]])
     v = np.array([[0.0, 1.0], [1.0, 1.0], [-0.5, 0.5], [0.0, 0.0]])
-    best = [plan_from(scenario(), place, initial_velocity=u).risk for place, u in zip(x, v, strict=True)]
+    starts = zip(x, v, strict=True)
+    best = [plan_from(scenario(), position, initial_velocity=u).risk for position, u in starts]
     ratios = followed(x, v) / best
     assert (ratios >= 1 - 1e-6).all()
     assert ratios.max() < 1.5
 
 
-def test_lone_agent_s_law_is_its_feedback_guide() -> None:
-    alone = small(PLACES[:1], (5.0, 0.5), RADARS, 16, guide__search="global")
+def test_single_agent_distribution_matches_feedback_guide() -> None:
+    alone = small(POSITIONS[:1], (5.0, 0.5), RADARS, 16, guide__search="global")
     guide = plan(alone, certify=False)
-    law = evaluate(alone, "leader-feedback", guide=guide)
+    distribution = evaluate(alone, "leader-feedback", guide=guide)
     risk = followed(np.zeros((1, 2)), guide.velocities[:1])
-    assert law.success[0] == pytest.approx(math.exp(-risk[0]), rel=1e-9)
-    assert law.success[1] < plan(alone, gap=1e-3).survival_bound
+    assert distribution.success[0] == pytest.approx(math.exp(-risk[0]), rel=1e-9)
+    assert distribution.success[1] < plan(alone, gap=1e-3).survival_bound
 
 
 # --- decisions
@@ -138,7 +139,7 @@ def test_lone_agent_s_law_is_its_feedback_guide() -> None:
 @pytest.mark.parametrize("name", NAMES)
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=8, deadline=None)
-def test_decisions_do_not_depend_on_the_other_states_of_a_batch(name: str, seed: int) -> None:
+def test_decision_of_a_state_is_independent_of_batch(name: str, seed: int) -> None:
     positions, previous_velocities, alive = states(30, seed)
     whole = policy(name).decide(3, positions, previous_velocities, alive)
     for rows in (slice(0, 1), slice(7, 20)):
@@ -148,7 +149,7 @@ def test_decisions_do_not_depend_on_the_other_states_of_a_batch(name: str, seed:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_decisions_do_not_depend_on_the_destroyed_or_the_order_of_members(name: str) -> None:
+def test_decision_ignores_destroyed_and_order_of_members(name: str) -> None:
     positions, previous_velocities, alive = states(30, 2)
     expected = policy(name).decide(3, positions, previous_velocities, alive).velocities
     order = [2, 0, 3, 1]
@@ -164,7 +165,7 @@ def test_decisions_do_not_depend_on_the_destroyed_or_the_order_of_members(name: 
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_pathfinder_is_alive_and_reaches_the_best_next_point(name: str) -> None:
+def test_lead_agent_is_alive_and_reaches_best_next_point(name: str) -> None:
     positions, previous_velocities, alive = states(200, 3)
     first, goals = policy(name).lead_agents(2, positions, previous_velocities, alive)
     rows = np.arange(len(first))
@@ -183,20 +184,20 @@ def test_pathfinder_is_alive_and_reaches_the_best_next_point(name: str) -> None:
     assert decision.failures.sum() == 0
 
 
-def test_the_rest_of_the_corridor_is_around_the_pathfinder_or_counted() -> None:
+def test_corridor_members_stay_near_lead_agent_or_count_infeasible() -> None:
     positions, previous_velocities, alive = states(200, 4)
     found = policy("constrained-feedback")
     first, goals = found.lead_agents(2, positions, previous_velocities, alive)
     decision = found.decide(2, positions, previous_velocities, alive)
     ends = positions + DT * decision.velocities
     away = np.hypot(*np.moveaxis(ends - goals[:, None], -1, 0))
-    physical = PlanarSets(  # within their limits, the nearest that members can be to the centre
+    hard = PlanarSets(  # velocities within the limits, closest to the centre
         np.full(2, -2.0),
         np.full(2, 2.0),
         previous_velocities[..., None, :],
         np.full(1, math.sqrt(0.5)),
     )
-    nearest = positions + DT * physical.project((goals[:, None] - positions) / DT)
+    nearest = positions + DT * hard.project((goals[:, None] - positions) / DT)
     distance = np.hypot(*np.moveaxis(nearest - goals[:, None], -1, 0))
     able = alive & (distance < math.sqrt(0.05) * 0.999)
     assert able.sum() > len(able)
@@ -208,7 +209,7 @@ def test_the_rest_of_the_corridor_is_around_the_pathfinder_or_counted() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_policies_with_feedback_pickle_and_need_no_guide(name: str) -> None:
+def test_feedback_policies_pickle_and_need_no_guide(name: str) -> None:
     again = pickle.loads(pickle.dumps(policy(name)))
     state = states(5, 6)
     np.testing.assert_array_equal(
@@ -217,11 +218,11 @@ def test_policies_with_feedback_pickle_and_need_no_guide(name: str) -> None:
     assert again.name == name
 
 
-# --- what they are worth
+# --- success
 
 
 @pytest.mark.parametrize("name", ["leader", "constrained"])
-def test_feedback_brings_more_swarms_through_where_members_start_apart(name: str) -> None:
+def test_feedback_improves_success_of_dispersed_swarm(name: str) -> None:
     guide = plan(scenario(), certify=False)
     options = {"tolerance": 0.02, "aggregation_tol": 1e-6, "guide": guide}
     fixed = evaluate(scenario(), name, **options)
@@ -229,17 +230,17 @@ def test_feedback_brings_more_swarms_through_where_members_start_apart(name: str
     assert feedback.success[0] > fixed.success[1]
 
 
-def test_sampled_runs_agree_with_the_exact_law() -> None:
+def test_feedback_samples_agree_with_exact_distribution() -> None:
     guide = plan(scenario(), certify=False)
-    law = evaluate(scenario(), "leader-feedback", 1e-3, aggregation_tol=1e-6, guide=guide)
+    distribution = evaluate(scenario(), "leader-feedback", 1e-3, aggregation_tol=1e-6, guide=guide)
     study = simulate(scenario(), ["leader-feedback"], runs=1000, seed=7, guide=guide)
     row = study.summary.iloc[0]
-    assert row.success_low <= law.success[1]
-    assert law.success[0] <= row.success_high
+    assert row.success_low <= distribution.success[1]
+    assert distribution.success[0] <= row.success_high
     assert row.solver_failures == 0
 
 
-def test_simulate_takes_them_by_name(tmp_path: Path) -> None:
+def test_simulate_command_accepts_feedback_policies(tmp_path: Path) -> None:
     words = "simulate single-agent --policy leader-feedback --policy constrained-feedback"
     command = [Path(sys.executable).parent / "casswarm", *words.split(), "--runs", "20", "--json"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)

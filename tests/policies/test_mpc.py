@@ -1,4 +1,4 @@
-"""Look-ahead policies: the paper's method at one step, limits, laws, names, what they buy."""
+"""Receding-horizon policies: one-step equivalence, limits, invariances, names, success."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from casswarm.problems.formation import (
 
 
 def paths_of(problem: Formation, data: Step) -> Array:
-    """Advances (B, H, n, 2) by the batch solver, every one converged; those given as they are."""
+    """Displacements (B, H, n, 2) by the batch solver, all converged; prescribed ones unchanged."""
     batch, n = data.alive.shape
     rows = np.flatnonzero(problem.free.any(axis=1))
     found = problem.instances.x0.copy()
@@ -45,20 +45,20 @@ def velocities_of(advances: Array) -> Array:
     return np.diff(advances, axis=1, prepend=np.zeros_like(advances[:, :1]))
 
 
-# --- one step: the paper's method
+# --- a horizon of one step
 
 
 @pytest.mark.parametrize("name", ["leader", "constrained"])
-def test_a_look_ahead_of_one_step_gives_the_one_step_policy_bit_for_bit(name: str) -> None:
+def test_horizon_of_one_step_equals_one_step_policy(name: str) -> None:
     scenario = csw.load_scenario("paper-1")
     guide = csw.plan(scenario, certify=False)
     paper = make_policy(name, scenario, guide)
     assert type(make_policy(name, scenario, guide, horizon=1)) is type(paper)
     assert type(make_policy(f"{name}-mpc-1", scenario, guide)) is type(paper)
-    ahead = replace(make_policy(name, scenario, guide, horizon=4), horizon=1)  # type: ignore[type-var]
+    mpc = replace(make_policy(name, scenario, guide, horizon=4), horizon=1)  # type: ignore[type-var]
     last = make_policy(name, scenario, guide, horizon=4)
     rng = np.random.default_rng(1)
-    for step, policies in ((0, [ahead]), (9, [ahead]), (guide.arrival - 1, [ahead, last])):
+    for step, policies in ((0, [mpc]), (9, [mpc]), (guide.arrival - 1, [mpc, last])):
         alive = rng.random((6, 5)) > 0.3
         alive[:, 0] = True
         X = (guide.reference(step) + rng.normal(0, 0.2, (6, 5, 2))) * alive[..., None]
@@ -70,16 +70,16 @@ def test_a_look_ahead_of_one_step_gives_the_one_step_policy_bit_for_bit(name: st
             np.testing.assert_array_equal(found.infeasible, expected.infeasible)
 
 
-def test_window_of_one_step_has_the_one_step_answer_by_the_other_solver() -> None:
+def test_mpc_formation_of_one_step_matches_spg_solution() -> None:
     data = window(40, 4, 1, seed=2)
     step = Step(
         HAZARD, MOTION, data.positions, data.previous_velocities, data.alive, data.goals[:1]
     )
     leaders = leaders_of(data)
     pairs = ((leader_formation(step, leaders), 0.0), (corridor_formation(step, RHO), MARGIN))
-    for ahead, (one, margin) in zip(both(data), pairs, strict=True):
+    for mpc, (one, margin) in zip(both(data), pairs, strict=True):
         found, paper = (
-            applied_decision(data, ahead, InteriorPoint()),
+            applied_decision(data, mpc, InteriorPoint()),
             one.instances.lbx.reshape(40, 4, 2).copy(),
         )
         rows = np.flatnonzero(one.free.any(axis=1))
@@ -88,21 +88,21 @@ def test_window_of_one_step_has_the_one_step_answer_by_the_other_solver() -> Non
         paper[rows] = solution.x.reshape(-1, 4, 2)
         assert not found.failures.any()
         np.testing.assert_array_equal(found.infeasible, one.infeasible.sum(axis=1))
-        # who misses the corridor has the margin's room, which moves the others a little
+        # members outside the corridor have the slack of the margin, which moves the others slightly
         calm = ~one.infeasible.any(axis=1, keepdims=True) | (margin == 0.0)
         met = data.alive & calm
         np.testing.assert_allclose(found.velocities[met], paper[met], atol=2e-4)
         reached = data.positions + DT * found.velocities, data.positions + DT * paper
-        far, near = (np.hypot(*(place - GOAL).transpose(2, 0, 1)) for place in reached)
+        far, near = (np.hypot(*(position - GOAL).transpose(2, 0, 1)) for position in reached)
         lost = data.alive & one.infeasible
         assert (far[lost] <= near[lost] + margin * math.sqrt(RHO) + 1e-6).all()
 
 
-# --- laws
+# --- limits, counts and invariances
 
 
 @pytest.mark.parametrize("steps", [2, 4])
-def test_limits_hold_along_the_path_and_to_rounding_in_what_is_applied_decision(steps: int) -> None:
+def test_limits_hold_along_path_and_in_applied_velocities(steps: int) -> None:
     data = window(30, 4, steps, seed=11, spread=0.6)
     for problem in both(data):
         v = velocities_of(paths_of(problem, data))[problem.free.any(axis=1)]
@@ -121,18 +121,18 @@ def test_limits_hold_along_the_path_and_to_rounding_in_what_is_applied_decision(
         assert (first[~data.alive] == 0).all()
 
 
-def test_shortfalls_are_counted_where_the_next_wish_is_missed() -> None:
+def test_infeasible_counts_members_that_miss_next_soft_constraint() -> None:
     data = window(40, 4, 3, seed=12)
     led, kept = both(data)
-    for problem, wished, radius in (
+    for problem, constrained, radius in (
         (led, np.arange(4) == leaders_of(data)[:, None], 0.0),
         (kept, data.alive, math.sqrt(RHO)),
     ):
         decision = applied_decision(data, problem, make_solver("auto"))
         away = data.positions + DT * decision.velocities - data.goals[0]
         missed = np.hypot(away[..., 0], away[..., 1]) > radius + 1e-6 * MOTION.v_max * DT
-        np.testing.assert_array_equal(decision.infeasible, (missed & wished).sum(axis=1))
-        assert 0 < decision.infeasible.sum() < wished.sum()
+        np.testing.assert_array_equal(decision.infeasible, (missed & constrained).sum(axis=1))
+        assert 0 < decision.infeasible.sum() < constrained.sum()
 
 
 def decisions(data: Step) -> list[Array]:
@@ -141,7 +141,7 @@ def decisions(data: Step) -> list[Array]:
     ]
 
 
-def test_permutation_of_members_permutes_the_answer() -> None:
+def test_permutation_of_members_permutes_mpc_velocities() -> None:
     data = window(6, 5, 3, seed=13)
     order = np.array([3, 0, 4, 1, 2])
     permuted = replace(
@@ -159,7 +159,7 @@ def test_permutation_of_members_permutes_the_answer() -> None:
         np.testing.assert_allclose(again, found[:, order], atol=1e-4)
 
 
-def test_translation_of_everything_moves_nothing() -> None:
+def test_mpc_velocities_are_invariant_under_translation() -> None:
     data, shift = window(6, 4, 3, seed=14), np.array([7.0, -3.0])
     moved = replace(
         data,
@@ -172,7 +172,7 @@ def test_translation_of_everything_moves_nothing() -> None:
 
 
 @pytest.mark.parametrize("hazard", [HAZARD, COLLIDING], ids=["saturation", "collision"])
-def test_destroyed_never_move_the_result(hazard: Saturation) -> None:
+def test_mpc_velocities_ignore_destroyed_members(hazard: Saturation) -> None:
     data = replace(window(8, 4, 3, seed=15), hazard=hazard)
     dead = ~data.alive[..., None]
     elsewhere = replace(
@@ -184,7 +184,7 @@ def test_destroyed_never_move_the_result(hazard: Saturation) -> None:
         np.testing.assert_allclose(a, b, atol=1e-7)
 
 
-def test_batch_equals_one_by_one() -> None:
+def test_mpc_batch_equals_single_states() -> None:
     data = window(7, 4, 3, seed=16)
     whole = decisions(data)
     for b in range(7):
@@ -198,22 +198,22 @@ def test_batch_equals_one_by_one() -> None:
             np.testing.assert_array_equal(all_[b : b + 1], alone)
 
 
-def test_lone_members_and_lone_leaders_are_decided_too() -> None:
+def test_mpc_of_single_member_is_feasible() -> None:
     data = window(5, 1, 3, seed=17, deaths=0.0)
     for velocities in decisions(data):
         assert np.isfinite(velocities).all()
         assert np.abs(velocities).max() <= MOTION.v_max
 
 
-def test_the_corridor_is_met_where_it_can_be_and_a_plan_s_rest_fits_the_next_window() -> None:
-    """Flown window after window, members who have met every corridor go on to do so."""
+def test_corridor_once_feasible_stays_feasible_in_next_horizon() -> None:
+    """Members that have met every corridor continue to do so in closed loop."""
     data = window(20, 3, 4, seed=18, spread=0.05, deaths=0.0)
     met = np.ones(20, bool)
     pace = 1.4 * np.stack([np.cos(0.25 * np.arange(12)), np.sin(0.25 * np.arange(12))], axis=1)
-    way = GOAL + DT * np.concatenate([np.zeros((1, 2)), np.cumsum(pace[1:], axis=0)])
+    path = GOAL + DT * np.concatenate([np.zeros((1, 2)), np.cumsum(pace[1:], axis=0)])
     short = []
     for t in range(8):
-        now = replace(data, goals=way[t : t + 4])
+        now = replace(data, goals=path[t : t + 4])
         decision = applied_decision(now, corridor_mpc_formation(now, RHO), make_solver("auto"))
         X = data.positions + DT * decision.velocities
         data = replace(data, positions=X, previous_velocities=decision.velocities)
@@ -223,10 +223,10 @@ def test_the_corridor_is_met_where_it_can_be_and_a_plan_s_rest_fits_the_next_win
     assert sum(short[4:]).sum() == 0
 
 
-# --- rates that are no kernels, solvers, pickling, names
+# --- custom rates, solvers, pickling, names
 
 
-def test_rates_that_are_no_kernels_are_solved_by_ipopt() -> None:
+def test_mpc_with_custom_rates_is_solved_by_ipopt() -> None:
     scenario = csw.load_scenario("paper-1").with_values(
         {
             "hazard": {"kind": "small_scenarios:patrolled", "radars": [[4.4, 4.6]]},
@@ -241,7 +241,7 @@ def test_rates_that_are_no_kernels_are_solved_by_ipopt() -> None:
     assert not decision.fallbacks.any()
 
 
-def test_solvers_of_other_problems_say_that_they_cannot() -> None:
+def test_unsuitable_solver_raises_solver_error() -> None:
     problem = both(window(2, 3, 2, seed=19))[0]
     with pytest.raises(SolverError, match=r"spectral cannot take mpc-formation\["):
         make_solver("spectral").solve_batch(problem.nlp, problem.instances)
@@ -252,7 +252,7 @@ def test_solvers_of_other_problems_say_that_they_cannot() -> None:
         InteriorPoint().solve_batch(formation.nlp, formation.instances)
 
 
-def test_policies_and_problems_pickle() -> None:
+def test_mpc_policy_pickles() -> None:
     scenario = csw.load_scenario("paper-1")
     guide = csw.plan(scenario, certify=False)
     policy = make_policy("leader-mpc-3", scenario, guide)
@@ -273,18 +273,18 @@ def test_policies_and_problems_pickle() -> None:
         ("leader-mpc-3", 2, "includes its horizon"),
         ("leader-mpc-H", 1, "'leader-mpc-H' is unknown; .*leader-mpc-3"),
         ("leader-mpc-", 1, "unknown"),
-        ("naive-ahead-3", 1, "unknown"),
+        ("naive-mpc-3", 1, "unknown"),
     ],
 )
-def test_wrong_look_aheads_are_told(name: str, horizon: int, words: str) -> None:
+def test_invalid_horizon_raises_policy_error(name: str, horizon: int, words: str) -> None:
     with pytest.raises(PolicyError, match=words):
         make_policy(name, csw.load_scenario("paper-1"), horizon=horizon)
 
 
-# --- what it buys
+# --- effect of the horizon
 
 
-def test_looking_ahead_avoids_most_shortfalls_of_the_corridor() -> None:
+def test_horizon_avoids_most_infeasible_corridor_steps() -> None:
     scenario = csw.load_scenario("paper-1")
     guide = csw.plan(scenario, certify=False)
     study = csw.simulate(scenario, ["constrained", "constrained-mpc-5"], 40, guide=guide)
@@ -293,19 +293,19 @@ def test_looking_ahead_avoids_most_shortfalls_of_the_corridor() -> None:
     assert not study.summary["solver_failures"].any()
 
 
-def test_leader_ahead_is_a_leader() -> None:
+def test_leader_with_horizon_keeps_leader_selection() -> None:
     scenario = csw.load_scenario("paper-1")
     policy = make_policy("leader", scenario, leader_selection="first", horizon=2)
     assert isinstance(policy, LeaderPolicy)
     assert policy.leader_selection == "first"
 
 
-def test_commands_take_several_look_aheads_side_by_side(tmp_path: Path) -> None:
+def test_commands_accept_several_horizons(tmp_path: Path) -> None:
     names = ["leader", "leader-mpc-2", "constrained-mpc-3"]
     policies = [word for name in names for word in ("--policy", name)]
-    told = casswarm(tmp_path, "simulate", "paper-1", *policies, "--runs", 20, "--quiet").stdout
-    assert all(f"\n{name} " in told for name in names)
-    told = casswarm(
+    output = casswarm(tmp_path, "simulate", "paper-1", *policies, "--runs", 20, "--quiet").stdout
+    assert all(f"\n{name} " in output for name in names)
+    output = casswarm(
         tmp_path,
         "evaluate",
         "paper-1",
@@ -315,13 +315,13 @@ def test_commands_take_several_look_aheads_side_by_side(tmp_path: Path) -> None:
         "--aggregation-tol",
         1e-6,
     ).stdout
-    assert "leader-mpc-2 " in told
-    assert "constrained-mpc-3 " in told
+    assert "leader-mpc-2 " in output
+    assert "constrained-mpc-3 " in output
     words = ("simulate", "paper-1", "--policy", "leader-mpc-x", "--runs", 5)
     assert "leader-mpc-3" in casswarm(tmp_path, *words, code=2).stderr
 
 
-def test_chart_has_success_above_and_shortfalls_below_for_every_scenario() -> None:
+def test_mpc_chart_shows_success_and_infeasible_per_scenario() -> None:
     table = pd.DataFrame(
         {
             "scenario": ["a", "a", "b", "b"],

@@ -1,4 +1,4 @@
-"""Policies: what each one does, who leads, and what a user's own must return."""
+"""Policies by name: decisions, leader selection, solver failures, errors."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from casswarm.policies import LEADER_SELECTION, POLICIES, member_guides
 from casswarm.problems.formation import Motion, Step
 
 Flags = NDArray[np.bool_]
-PLACES = [(0.0, 0.0), (0.4, -0.3), (-0.3, 0.35), (0.1, 0.6)]
+POSITIONS = [(0.0, 0.0), (0.4, -0.3), (-0.3, 0.35), (0.1, 0.6)]
 
 
 @cache
 def scenario() -> Scenario:
-    """Four members and a radar beside the way; the guide bends around it."""
-    return small(PLACES, (4.0, 1.5), [(2.0, 0.2)], 14, guide__search="local", guide__a_max=0.3)
+    """Four members and a radar near the straight line; the guide turns around it."""
+    return small(POSITIONS, (4.0, 1.5), [(2.0, 0.2)], 14, guide__search="local", guide__a_max=0.3)
 
 
 @cache
@@ -46,7 +46,7 @@ def guide() -> Guide:
 
 
 def states(batch: int, seed: int, step: int = 2) -> tuple[Array, Array, Flags]:
-    """Swarms around the guide at a step, the entries of the destroyed zero."""
+    """States around the guide at a step, with zero entries of the destroyed."""
     rng = np.random.default_rng(seed)
     alive = rng.random((batch, 4)) < 0.7
     alive[:, 0] |= ~alive.any(axis=1)
@@ -65,11 +65,11 @@ def decided(name: str, state: tuple[Array, ...], step: int = 2, **options: Any) 
     return policy(name, **options).decide(step, *state)
 
 
-# --- every policy given by name
+# --- every policy
 
 
 @pytest.mark.parametrize("name", POLICIES)
-def test_decision_respects_the_physical_limits_and_leaves_the_destroyed(name: str) -> None:
+def test_decision_respects_hard_constraints(name: str) -> None:
     positions, previous_velocities, alive = states(40, seed=0)
     velocities = decided(name, (positions, previous_velocities, alive)).velocities
     assert velocities.shape == positions.shape
@@ -80,7 +80,7 @@ def test_decision_respects_the_physical_limits_and_leaves_the_destroyed(name: st
 
 
 @pytest.mark.parametrize("name", POLICIES)
-def test_deciding_a_batch_is_deciding_every_state_alone(name: str) -> None:
+def test_decision_of_batch_equals_single_states(name: str) -> None:
     state = states(9, seed=1)
     together = decided(name, state)
     for b in range(9):
@@ -91,7 +91,7 @@ def test_deciding_a_batch_is_deciding_every_state_alone(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", POLICIES)
-def test_velocities_are_those_of_the_decision(name: str) -> None:
+def test_velocities_equal_those_of_decision(name: str) -> None:
     state = states(5, seed=2)
     found = policy(name).velocities(3, *state)
     np.testing.assert_array_equal(found, decided(name, state, step=3).velocities)
@@ -99,14 +99,31 @@ def test_velocities_are_those_of_the_decision(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", POLICIES)
-def test_policies_pickle(name: str) -> None:
+def test_single_state_equals_batch_of_one(name: str) -> None:
+    state = tuple(part[0] for part in states(1, seed=5))
+    batch = decided(name, tuple(part[None] for part in state))
+    assert policy(name).velocities(2, *state).shape == (4, 2)
+    np.testing.assert_array_equal(policy(name).velocities(2, *state), batch.velocities[0])
+    np.testing.assert_array_equal(decided(name, state).velocities, batch.velocities)
+
+
+def test_state_of_wrong_shape_raises_policy_error_with_shapes() -> None:
+    positions, previous_velocities, alive = states(3, seed=5)
+    with pytest.raises(PolicyError, match=r"expected \(n, 2\), \(n, 2\), \(n,\)") as caught:
+        policy("naive").decide(4, positions, previous_velocities, alive[0])
+    assert (caught.value.policy, caught.value.step) == ("naive", 4)
+    assert caught.value.shapes == [(3, 4, 2), (3, 4, 2), (4,)]
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_policy_pickles(name: str) -> None:
     state = states(5, seed=3)
     again = pickle.loads(pickle.dumps(policy(name)))
     np.testing.assert_array_equal(again.velocities(2, *state), policy(name).velocities(2, *state))
 
 
 @pytest.mark.parametrize("name", ["leader", "constrained"])
-def test_after_the_guide_s_arrival_the_target_s_centre_is_the_goal(name: str) -> None:
+def test_goal_after_guide_arrival_is_target_centre(name: str) -> None:
     rng = np.random.default_rng(4)
     center = np.array([4.0, 1.5])
     positions = center + rng.normal(0, 0.1, (5, 4, 2))
@@ -122,16 +139,16 @@ def test_after_the_guide_s_arrival_the_target_s_centre_is_the_goal(name: str) ->
 # --- naive
 
 
-def test_members_guides_start_where_and_as_the_members_start() -> None:
+def test_member_guides_start_at_members_states() -> None:
     guides = member_guides(scenario(), guide())
-    assert [tuple(g.positions[0]) for g in guides] == PLACES
+    assert [tuple(g.positions[0]) for g in guides] == POSITIONS
     before = guide().velocities[0]
     for g in guides:
         assert ((g.velocities[0] - before) ** 2).sum() <= 0.5 + 1e-6
         assert g.arrives
 
 
-def test_naive_members_follow_their_own_guides_and_ignore_the_others() -> None:
+def test_naive_members_follow_own_guides() -> None:
     guides = policy("naive").guides
     positions = np.array([[g.positions[2] for g in guides]] * 3)
     previous_velocities = np.array([[g.velocities[1] for g in guides]] * 3)
@@ -143,7 +160,7 @@ def test_naive_members_follow_their_own_guides_and_ignore_the_others() -> None:
     assert decision.infeasible.tolist() == [0, 0, 0]
 
 
-def test_naive_member_off_its_guide_counts_as_a_shortfall_while_alive() -> None:
+def test_naive_member_off_its_guide_counts_infeasible_while_alive() -> None:
     guides = policy("naive").guides
     positions = np.array([[g.positions[2] for g in guides]] * 2)
     previous_velocities = np.array([[g.velocities[1] for g in guides]] * 2)
@@ -152,7 +169,7 @@ def test_naive_member_off_its_guide_counts_as_a_shortfall_while_alive() -> None:
     assert decided("naive", (positions, previous_velocities, alive)).infeasible.tolist() == [1, 0]
 
 
-def test_swarm_starts_with_the_guide_s_first_velocity_or_the_given_one() -> None:
+def test_initial_velocities_are_guides_first_or_scenarios() -> None:
     np.testing.assert_array_equal(
         initial_velocities(scenario(), guide()), np.tile(guide().velocities[0], (4, 1))
     )
@@ -163,7 +180,7 @@ def test_swarm_starts_with_the_guide_s_first_velocity_or_the_given_one() -> None
 # --- leader
 
 
-def test_leader_stays_on_the_guide_while_alive() -> None:
+def test_leader_stays_on_guide_while_alive() -> None:
     study = simulate(scenario(), ["leader"], runs=60, seed=1, guide=guide(), save_trajectories=60)
     led = 0
     for trace in study.trajectories["leader"]:
@@ -175,10 +192,10 @@ def test_leader_stays_on_the_guide_while_alive() -> None:
     assert {trace.alive[-1, 0] for trace in study.trajectories["leader"]} == {True, False}
 
 
-def test_nearest_survivor_leads_after_the_leader_s_death() -> None:
-    place = guide().positions[2]
+def test_nearest_survivor_leads_after_loss_of_leader() -> None:
+    position = guide().positions[2]
     offsets = np.array([[0.0, 0.0], [0.2, 0.0], [0.0, 0.1], [0.0, 0.15]])
-    positions = (place + offsets)[None]
+    positions = (position + offsets)[None]
     previous_velocities = np.tile(guide().velocities[2], (1, 4, 1))
     goal = guide().positions[3]
     for alive, leader in [([1] * 4, 0), ([0, 1, 1, 1], 2), ([0, 1, 0, 1], 3), ([0, 1, 0, 0], 1)]:
@@ -198,7 +215,7 @@ def leaders(rule: str, positions: Array, alive: list[list[int]]) -> list[int]:
     return [int(i) for i in LEADER_SELECTION[rule](step, np.zeros(2))]
 
 
-def test_succession_goes_by_its_rule_and_ties_go_to_the_lower_index() -> None:
+def test_leader_selection_follows_rule_and_breaks_ties_by_index() -> None:
     # distances from the guide 1, 1, 1/2, 2; the radar is nearest to member 3, then to 0 and 1
     positions = np.array([[1.0, 0.0], [0.0, 1.0], [-0.5, 0.0], [2.0, 0.0]])
     alive = [[1, 1, 1, 1], [1, 1, 0, 1], [0, 1, 0, 1], [0, 0, 0, 1]]
@@ -208,7 +225,7 @@ def test_succession_goes_by_its_rule_and_ties_go_to_the_lower_index() -> None:
     assert leaders("safest", positions, [[1, 1, 0, 0], [0, 1, 0, 1], [0, 0, 0, 1]]) == [0, 1, 3]
 
 
-def test_ties_are_ties_in_spite_of_rounding() -> None:
+def test_leader_selection_ties_tolerate_rounding() -> None:
     positions = np.array([[0.1 + 0.2, 0.0], [0.0, 0.3], [0.3, 0.0], [5.0, 5.0]])
     assert leaders("nearest", positions, [[1, 1, 1, 1], [0, 1, 1, 1]]) == [0, 1]
 
@@ -216,7 +233,7 @@ def test_ties_are_ties_in_spite_of_rounding() -> None:
 # --- constrained
 
 
-def test_constrained_members_stay_in_the_corridor_unless_they_cannot() -> None:
+def test_constrained_members_stay_in_corridor_if_feasible() -> None:
     positions, previous_velocities, alive = states(30, seed=6)
     decision = decided("constrained", (positions, previous_velocities, alive))
     following = positions + DT * decision.velocities
@@ -225,11 +242,11 @@ def test_constrained_members_stay_in_the_corridor_unless_they_cannot() -> None:
     assert 0 < decision.infeasible.sum() < alive.sum() / 2
 
 
-# --- solvers that fail
+# --- solver failures
 
 
 class Broken(Solver):
-    """Fails in every other state: with NaN, with an answer far outside, or with an admission."""
+    """Fails in every second state: with NaN, with an infeasible point, or by its status."""
 
     name = "broken"
 
@@ -254,7 +271,7 @@ class Broken(Solver):
     [(np.nan, Status.SOLVED), (9.0, Status.SOLVED), (1.0, Status.ITERATION_LIMIT)],
 )
 @pytest.mark.parametrize("name", ["leader", "constrained"])
-def test_solver_failure_is_counted_and_its_fallback_feasible(
+def test_solver_failure_is_counted_and_fallback_is_feasible(
     name: str, x: float, status: Status
 ) -> None:
     positions, previous_velocities, _ = states(6, seed=7)
@@ -273,7 +290,7 @@ def test_solver_failure_is_counted_and_its_fallback_feasible(
         assert kept[1::2].tolist() == [3] * 3
 
 
-def test_solver_failures_reach_the_tables() -> None:
+def test_solver_failures_appear_in_tables() -> None:
     study = simulate(
         scenario(), ["constrained"], runs=20, guide=guide(), solver=Broken(np.nan, Status.FAILED)
     )
@@ -291,13 +308,18 @@ def test_solver_failures_reach_the_tables() -> None:
         ("leader", {"leader_selection": "neerest"}, "did you mean 'nearest'"),
     ],
 )
-def test_unknown_name_gets_the_nearest_known_one(
+def test_unknown_policy_name_suggests_nearest(
     name: str, options: dict[str, str], message: str
 ) -> None:
     with pytest.raises(PolicyError, match=message):
         make_policy(name, scenario(), guide(), **options)
 
 
-def test_unknown_solver_of_a_policy_is_a_solver_error() -> None:
+def test_solver_options_reach_the_solver() -> None:
+    made = make_policy("leader", scenario(), guide(), "ipopt", solver_options={"max_iter": 7})
+    assert made.solver.max_iter == 7  # type: ignore[attr-defined]
+
+
+def test_unknown_solver_of_policy_raises_solver_error() -> None:
     with pytest.raises(SolverError, match="did you mean 'ipopt'"):
         make_policy("leader", scenario(), guide(), solver="ipop")

@@ -1,4 +1,4 @@
-"""Policies that users write: three forms, ten lines each, and clear errors."""
+"""User policies: functions, objects and subclasses, and errors of invalid ones."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ def study_of(*policies: Any) -> pd.DataFrame:
     return simulate(scenario(), policies, runs=200, seed=3, guide=guide()).runs
 
 
-# --- a user's policy, written three times
+# --- the same policy in three forms
 
 
 def straight_on(step: int, positions: Array, previous_velocities: Array, alive: Flags) -> Array:  # noqa: ARG001
-    """As a function: everybody to the target, as fast as the limits allow."""
+    """Function: all members move to the target, as fast as the limits allow."""
     return np.clip((CENTER - positions) / DT, -2.0, 2.0)
 
 
 class StraightOn:
-    """As an object with a method, which is all that is asked of it."""
+    """Object with a method `velocities`."""
 
     def velocities(
         self, step: int, positions: Array, previous_velocities: Array, alive: Flags
@@ -52,7 +52,7 @@ class StraightOn:
 
 
 class StraightOnPolicy(Policy):
-    """As a policy, which also accounts for what it could not do."""
+    """Subclass of `Policy`, which also reports counts."""
 
     name = "subclass"
 
@@ -64,7 +64,7 @@ class StraightOnPolicy(Policy):
         return Decision(velocities, none.infeasible + 2, none.failures + 1, none.fallbacks)
 
 
-def test_three_forms_of_one_policy_simulate_alike() -> None:
+def test_function_object_and_subclass_simulate_alike() -> None:
     runs = study_of(straight_on, StraightOn(), StraightOnPolicy())
     names = ["straight_on", "StraightOn", "subclass"]
     assert runs["policy"].drop_duplicates().tolist() == names
@@ -79,7 +79,7 @@ def test_three_forms_of_one_policy_simulate_alike() -> None:
         pd.testing.assert_frame_equal(table, tables[0])
 
 
-def test_account_of_a_policy_reaches_the_tables() -> None:
+def test_decision_counts_appear_in_tables() -> None:
     runs = study_of(StraightOnPolicy(), straight_on)
     own = runs[runs["policy"] == "subclass"]
     assert (own["infeasible"] == 2 * own["steps"]).all()
@@ -88,12 +88,12 @@ def test_account_of_a_policy_reaches_the_tables() -> None:
     assert plain["infeasible"].sum() == plain["solver_failures"].sum() == 0
 
 
-def test_user_s_policy_stands_beside_those_given_by_name() -> None:
+def test_simulate_mixes_user_and_named_policies() -> None:
     runs = study_of("leader", straight_on)
     assert set(runs["policy"]) == {"leader", "straight_on"}
 
 
-def test_name_is_the_given_one_or_that_of_the_function_or_class() -> None:
+def test_as_policy_name_defaults_to_function_or_class() -> None:
     named = SimpleNamespace(name="mine", velocities=straight_on)
     assert as_policy(straight_on).name == "straight_on"
     assert as_policy(StraightOn()).name == "StraightOn"
@@ -101,12 +101,12 @@ def test_name_is_the_given_one_or_that_of_the_function_or_class() -> None:
     assert as_policy(straight_on, "other").name == "other"
 
 
-def test_policy_is_taken_as_it_is() -> None:
+def test_as_policy_returns_policy_unchanged() -> None:
     policy = StraightOnPolicy()
     assert as_policy(policy) is policy
 
 
-# --- what must not be returned
+# --- invalid velocities and policies
 
 Spoil = Callable[[Array], Any]
 
@@ -127,7 +127,7 @@ WRONG: dict[str, tuple[Spoil, str]] = {
 
 @pytest.mark.parametrize("form", ["function", "subclass"])
 @pytest.mark.parametrize(("spoil", "message"), WRONG.values(), ids=WRONG.keys())
-def test_wrong_velocities_are_an_error_that_names_policy_and_step(
+def test_invalid_velocities_raise_error_with_policy_and_step(
     form: str, spoil: Spoil, message: str
 ) -> None:
     def spoiled(step: int, positions: Array, previous_velocities: Array, alive: Flags) -> Array:
@@ -142,35 +142,36 @@ def test_wrong_velocities_are_an_error_that_names_policy_and_step(
         ) -> Decision:
             return Decision.plain(spoiled(step, positions, previous_velocities, alive))
 
-    with pytest.raises(PolicyError, match="policy 'spoiled' .*" + message):
+    with pytest.raises(PolicyError, match="policy 'spoiled' .*" + message) as caught:
         study_of(spoiled if form == "function" else Spoiled())
+    assert (caught.value.policy, caught.value.step) == ("spoiled", 3)
 
 
-def test_velocities_of_the_destroyed_may_be_anything() -> None:
+def test_velocities_of_destroyed_are_ignored() -> None:
     def careless(step: int, positions: Array, previous_velocities: Array, alive: Flags) -> Array:
         velocities = straight_on(step, positions, previous_velocities, alive)
         velocities[~alive] = np.nan
         return velocities
 
     runs = study_of(careless, straight_on).drop(columns="policy")
-    assert (runs["survivors"] == 1).any()  # somebody was destroyed on the way
+    assert (runs["survivors"] == 1).any()  # a member was destroyed before the end
     first, second = runs[:200], runs[200:].reset_index(drop=True)
     pd.testing.assert_frame_equal(first, second)
 
 
 @pytest.mark.parametrize("nonsense", [3, None, {"velocities": 1}, SimpleNamespace(velocities=1)])
-def test_what_is_no_policy_is_an_error_that_says_what_is_one(nonsense: object) -> None:
+def test_as_policy_of_other_object_raises_policy_error(nonsense: object) -> None:
     with pytest.raises(PolicyError, match="expected a name, a function of"):
         as_policy(nonsense)
 
 
-def test_class_instead_of_its_instance_is_an_error_that_says_so() -> None:
+def test_as_policy_of_class_asks_for_instance() -> None:
     for policy in (StraightOn, StraightOnPolicy):
         with pytest.raises(PolicyError, match=rf"pass an instance: {policy.__name__}\(\)"):
             as_policy(policy)
 
 
-def test_policy_without_a_name_is_an_error_that_says_so() -> None:
+def test_policy_without_name_raises_policy_error() -> None:
     class Nameless(Policy):
         decide_batch = StraightOnPolicy.decide_batch
 
@@ -178,7 +179,7 @@ def test_policy_without_a_name_is_an_error_that_says_so() -> None:
         study_of(Nameless())
 
 
-def test_function_s_velocities_are_checked_without_a_simulation_too() -> None:
+def test_user_policy_checks_velocities_in_decide() -> None:
     policy = UserPolicy(lambda *_: np.zeros((1, 2)), "short")
     state = (np.zeros((4, 2, 2)), np.zeros((4, 2, 2)), np.ones((4, 2), bool))
     with pytest.raises(PolicyError, match=r"'short' .* \(1, 2\) at step 7; expected \(4, 2, 2\)"):

@@ -1,4 +1,4 @@
-"""The formation problems: closed forms, brute force, laws, and wishes that cannot be fulfilled."""
+"""Formation problems: closed forms, brute force, invariances, infeasible soft constraints."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ EXACT = ["ipopt", "auto"]
 
 
 def swarm(batch: int, n: int, seed: int, spread: float = 0.35, deaths: float = 0.3) -> Step:
-    """States of members on their way to the goal, some of them destroyed."""
+    """States of members moving to the goal, some of them destroyed."""
     rng = np.random.default_rng(seed)
     alive = rng.random((batch, n)) >= deaths
     alive[:, 0] |= ~alive.any(axis=1)
@@ -44,7 +44,7 @@ def leaders_of(step: Step) -> NDArray[np.intp]:
 
 
 def velocities(formation: Formation, solver: str = "ipopt") -> Array:
-    """Velocities (B, n, 2) of problems that must all be solved."""
+    """Solutions (B, n, 2) of problems, which must all be solved."""
     found = formation.instances.lbx.reshape(*formation.free.shape, 2).copy()
     rows = np.flatnonzero(formation.free.any(axis=1))
     solutions = make_solver(solver).solve(formation.nlp, formation.instances[rows])
@@ -57,9 +57,9 @@ def both(step: Step, leaders: NDArray[np.intp], rho: float = RHO) -> list[Format
     return [leader_formation(step, leaders), corridor_formation(step, rho)]
 
 
-def nearest_allowed(wish: Array, previous_velocities: Array) -> Array:
+def nearest_allowed(target: Array, previous_velocities: Array) -> Array:
     """Projection on the box and the disc of a_max, by Dykstra's alternating algorithm."""
-    x, corrections = wish.copy(), np.zeros((2, 2))
+    x, corrections = target.copy(), np.zeros((2, 2))
     for _ in range(1000):
         for k in range(2):
             y = x + corrections[k]
@@ -84,10 +84,10 @@ def allowed(previous_velocities: Array, position: Array | None = None, cells: in
     return points[((position + DT * points - GOAL) ** 2).sum(axis=1) <= RHO]
 
 
-# --- the program
+# --- the nonlinear program
 
 
-def test_program_is_the_paper_s_with_every_formula_written_out() -> None:
+def test_formation_nlp_matches_formulas_by_hand() -> None:
     step = swarm(1, 4, seed=0)
     nlp = formation_nlp(HAZARD, 4, corridor=True)
     weights, v = np.array([1.0, 0.0, 0.5, 1.0]), np.random.default_rng(1).normal(size=(4, 2))
@@ -110,15 +110,15 @@ def test_program_is_the_paper_s_with_every_formula_written_out() -> None:
     np.testing.assert_allclose(g, [*turns, *corridor], rtol=1e-12)
 
 
-def test_leader_problem_weighs_the_leader_alone_and_corridor_problem_all_the_living() -> None:
+def test_objective_weighs_leader_or_all_living_members() -> None:
     step = swarm(6, 5, seed=2)
     leaders = leaders_of(step)
     v = np.random.default_rng(3).normal(size=(6, 5, 2))
-    for formation, everybody in zip(both(step, leaders), (False, True), strict=True):
+    for formation, all_living in zip(both(step, leaders), (False, True), strict=True):
         for b in range(6):
             value = formation.nlp.evaluate(v[b].ravel(), formation.instances.p[b])[0]
             following = step.positions[b] + DT * v[b]
-            counted = np.flatnonzero(step.alive[b]) if everybody else [leaders[b]]
+            counted = np.flatnonzero(step.alive[b]) if all_living else [leaders[b]]
             rates = [rate_by_hand(i, following, step.alive[b], RADARS) for i in counted]
             assert float(value) == pytest.approx(sum(rates), rel=1e-12)
 
@@ -126,37 +126,37 @@ def test_leader_problem_weighs_the_leader_alone_and_corridor_problem_all_the_liv
 # --- known answers
 
 
-def test_toward_is_the_nearest_velocity_that_the_limits_allow() -> None:
+def test_toward_returns_nearest_allowed_velocity() -> None:
     step = swarm(10, 3, seed=4)
     found = MOTION.toward(step.positions, step.previous_velocities, GOAL)
     for index in np.ndindex(10, 3):
-        wish = (GOAL - step.positions[index]) / DT
-        expected = nearest_allowed(wish, step.previous_velocities[index])
+        target = (GOAL - step.positions[index]) / DT
+        expected = nearest_allowed(target, step.previous_velocities[index])
         np.testing.assert_allclose(found[index], expected, atol=1e-7)
 
 
 @pytest.mark.parametrize("solver", EXACT)
-def test_followers_come_as_near_to_the_leader_s_next_place_as_their_limits_allow(
+def test_followers_approach_leader_as_closely_as_allowed(
     solver: str,
 ) -> None:
-    """In scenario I nearness is all that protects, whatever the radars."""
+    """In scenario I only distances between members matter, not the radars."""
     step = swarm(12, 4, seed=5)
     leaders = leaders_of(step)
     found = velocities(leader_formation(step, leaders), solver)
     for b, leader in enumerate(leaders):
-        wish = (GOAL - step.positions[b, leader]) / DT
-        lead = nearest_allowed(wish, step.previous_velocities[b, leader])
+        target = (GOAL - step.positions[b, leader]) / DT
+        lead = nearest_allowed(target, step.previous_velocities[b, leader])
         np.testing.assert_allclose(found[b, leader], lead, atol=1e-7)
-        place = step.positions[b, leader] + DT * lead
+        position = step.positions[b, leader] + DT * lead
         for i in np.flatnonzero(step.alive[b]):
-            wish = (place - step.positions[b, i]) / DT
-            expected = nearest_allowed(wish, step.previous_velocities[b, i])
+            target = (position - step.positions[b, i]) / DT
+            expected = nearest_allowed(target, step.previous_velocities[b, i])
             np.testing.assert_allclose(found[b, i], expected, atol=2e-4)
 
 
 @pytest.mark.parametrize("solver", EXACT)
 @pytest.mark.parametrize("n", [1, 2])
-def test_no_other_velocities_in_the_corridor_have_a_lower_total_rate(n: int, solver: str) -> None:
+def test_corridor_solution_has_least_total_rate(n: int, solver: str) -> None:
     step = swarm(6, n, seed=6, spread=0.08, deaths=0)
     formation = corridor_formation(step, RHO)
     assert not formation.infeasible.any()
@@ -175,7 +175,7 @@ def test_no_other_velocities_in_the_corridor_have_a_lower_total_rate(n: int, sol
         assert least == pytest.approx(brute, rel=2e-2)  # feasible, so not far below either
 
 
-def test_projected_gradient_comes_to_ipopt_s_answer_where_it_converges() -> None:
+def test_projected_gradient_converges_to_ipopt_solution() -> None:
     step = swarm(8, 3, seed=7, spread=0.2)
     for formation in both(step, leaders_of(step)):
         rows = np.flatnonzero(formation.free.any(axis=1))
@@ -191,7 +191,7 @@ def test_projected_gradient_comes_to_ipopt_s_answer_where_it_converges() -> None
 
 
 @pytest.mark.parametrize("hazard", ["saturation", "collision"])
-def test_fifty_members_are_solved(hazard: str) -> None:
+def test_formation_of_fifty_members_is_solved(hazard: str) -> None:
     scenario = load_scenario("large-swarm")
     rates = scenario.hazard
     if hazard == "collision":
@@ -206,11 +206,11 @@ def test_fifty_members_are_solved(hazard: str) -> None:
     assert rates.rates(X + DT * velocities(kept))[0].sum() < before.sum()
 
 
-# --- laws
+# --- limits, counts and invariances
 
 
 @pytest.mark.parametrize("hazard", [HAZARD, COLLIDING], ids=["saturation", "collision"])
-def test_destroyed_stay_and_never_move_the_result(hazard: Saturation) -> None:
+def test_destroyed_members_do_not_change_solution(hazard: Saturation) -> None:
     step = replace(swarm(8, 4, seed=9), hazard=hazard)
     rng = np.random.default_rng(10)
     dead = ~step.alive[..., None]
@@ -230,7 +230,7 @@ def test_destroyed_stay_and_never_move_the_result(hazard: Saturation) -> None:
         assert not here.infeasible[~step.alive].any()
 
 
-def test_permutation_of_members_permutes_the_answer() -> None:
+def test_permutation_of_members_permutes_velocities() -> None:
     step = swarm(6, 5, seed=11)
     order = np.array([3, 0, 4, 1, 2])
     permuted = replace(
@@ -246,7 +246,7 @@ def test_permutation_of_members_permutes_the_answer() -> None:
         assert (there.infeasible == here.infeasible[:, order]).all()
 
 
-def test_translation_of_everything_changes_no_velocity() -> None:
+def test_translation_does_not_change_velocities() -> None:
     step, shift = swarm(6, 3, seed=12), np.array([-7.0, 3.0])
     shifted = replace(
         step,
@@ -259,10 +259,10 @@ def test_translation_of_everything_changes_no_velocity() -> None:
         np.testing.assert_allclose(velocities(there), velocities(here), atol=1e-5)
 
 
-# --- wishes that cannot be fulfilled
+# --- infeasible soft constraints
 
 
-def test_member_that_cannot_reach_the_corridor_goes_as_near_as_it_can_and_is_counted() -> None:
+def test_member_outside_corridor_approaches_it_and_counts_infeasible() -> None:
     step = swarm(10, 3, seed=13, spread=0.3)
     formation = corridor_formation(step, RHO)
     found = velocities(formation)
@@ -289,13 +289,13 @@ def test_member_that_cannot_reach_the_corridor_goes_as_near_as_it_can_and_is_cou
     assert 5 <= formation.infeasible[step.alive].sum() <= step.alive.sum() - 5
 
 
-def test_members_who_fall_short_have_no_choice_left_and_the_others_have() -> None:
+def test_infeasible_members_are_not_free() -> None:
     step = swarm(10, 3, seed=13, spread=0.3)
     formation = corridor_formation(step, RHO)
     assert (formation.free == (step.alive & ~formation.infeasible)).all()
 
 
-def test_leader_that_cannot_reach_its_place_is_the_one_shortfall() -> None:
+def test_leader_that_misses_goal_is_only_infeasible_member() -> None:
     step = swarm(20, 4, seed=14)
     leaders = leaders_of(step)
     formation = leader_formation(step, leaders)
