@@ -42,7 +42,7 @@ smartquotes = False  # else --runs becomes a dash and a word
 # --- pages
 
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
-highlight_language = "none"  # of blocks that name none: what commands print
+highlight_language = "none"  # blocks without a language show printed output
 myst_heading_anchors = 3  # links to sections, as GitHub names them
 copybutton_prompt_text = r"\$ |>>> |\.\.\. "
 copybutton_prompt_is_regexp = True
