@@ -1,7 +1,7 @@
-"""What solvers are compared on: the problems that planning and simulation pose to their solver.
+"""Benchmark problems: those that planning and simulation pose to their solver.
 
-Nothing is made up for the comparison. A solver that listens is given to `plan` and `simulate` on
-random scenarios, hands every question on to casswarm's own solver, and keeps some of them.
+A recording solver is passed to `plan` and `simulate` on random scenarios; it delegates every problem
+to casswarm's own solver and records some of them.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from ..optimization.solvers import Answer, Auto, Ipopt, Solver
 from ..planning.plan import plan, plan_from
 from ..scenario import Scenario
 from ..studies.simulation import simulate
-from ..typing import FloatArray
+from ..typing import FloatArray, Progress
 
 HORIZONS = (30, 100, 300)
-"""Steps of the guides; the same ten units of time, in finer and finer steps."""
+"""Numbers of steps of the guides, each of ten units of time."""
 
 SIZES = {5: (20, 0.05), 20: (6, 0.12), 50: (2, 0.25)}
-"""Members of the formations; the runs that their states come from, and rho."""
+"""Runs that the states come from, and rho, by the number of members."""
 
 NOISE = 0.05
 """Standard deviation by which a guide's warm start is off the solution, in steps at v_max."""
@@ -37,7 +37,7 @@ NOISE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A problem, and where solvers start on it. Problems pickle.
+    """A benchmark problem and its initial guesses. Problems pickle.
 
     Parameters
     ----------
@@ -46,10 +46,9 @@ class Problem:
         Problems of a family, and of a kind of start, share tables and profiles.
     nlp : Nlp
     starts : mapping of str to Instances
-        A single instance for every kind of start, such as cold and warm; they differ in their start
-        alone.
+        A single instance for every kind of start, such as cold and warm; they differ only in x0.
     traits : mapping
-        Plain values that describe it, for tables.
+        Plain values that describe the problem, for tables.
     """
 
     name: str
@@ -82,9 +81,9 @@ def make_problems(
     family: str,
     count: int | None = None,
     seed: int = 0,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> list[Problem]:
-    """Problems of a family, the same for the same numbers.
+    """Problems of a family; the same seed gives the same problems.
 
     Parameters
     ----------
@@ -94,8 +93,7 @@ def make_problems(
         Guides of every horizon, or states of every kind of formation; by default those of
         `FAMILIES`.
     seed : int
-    progress : callable, optional
-        Called with a line on what is being made.
+    progress : Progress, optional
 
     Raises
     ------
@@ -104,23 +102,25 @@ def make_problems(
     """
     if family not in FAMILIES:
         raise ComparisonError(f"family {family!r} is unknown{did_you_mean(family, FAMILIES)}")
-    made, default = FAMILIES[family][:2]
+    generate, default = FAMILIES[family][:2]
     count = default if count is None else count
     if count < 1:
         raise ComparisonError(f"problems = {count}; allowed: whole numbers from 1")
-    return list(made(count, seed, progress or (lambda _: None)))
+    made: list[Problem] = []
+    for problem in generate(count, seed):
+        if progress is not None:
+            progress(f"making problems ({problem.name})", len(made), None)
+        made.append(problem)
+    return made
 
 
 # --- guides
 
 
-def _guides(
-    count: int, seed: int, progress: Callable[[str], None], horizons: Sequence[int] = HORIZONS
-) -> Iterator[Problem]:
+def _guides(count: int, seed: int, horizons: Sequence[int] = HORIZONS) -> Iterator[Problem]:
     for number, horizon in product(range(count), horizons):
         rng = np.random.default_rng([seed, 1, number])  # the same field at every horizon
         radars = _field(rng, 2 + (2 * number) % 5)
-        progress(f"guide {number}, {horizon} steps")
         yield _guide(f"guide-{horizon}-{number}", radars, horizon, rng)
 
 
@@ -129,10 +129,10 @@ def _guide(name: str, radars: FloatArray, horizon: int, rng: np.random.Generator
     scenario = _scenario(
         name, [(0.0, 0.0)], radars, {"kind": "saturation", "alpha_1": 4.0}, dt, 2.0 * dt**2
     ).with_values({"guide.arrival": "horizon"})
-    listener = _Listener(Ipopt())
-    plan_from(scenario, scenario.guide_start, listener, search="local")
-    nlp, instances, found = listener.heard[0]
-    near = np.where(np.isfinite(found), found, instances.x0)
+    recorder = _Recorder(Ipopt())
+    plan_from(scenario, scenario.guide_start, recorder, search="local")
+    nlp, instances, x = recorder.records[0]
+    near = np.where(np.isfinite(x), x, instances.x0)
     near = near + NOISE * rng.normal(size=near.shape)
     traits = {"radars": len(radars), "horizon": horizon}
     return _problem(
@@ -144,24 +144,20 @@ def _guide(name: str, radars: FloatArray, horizon: int, rng: np.random.Generator
 
 
 def _formations(
-    count: int,
-    seed: int,
-    progress: Callable[[str], None],
-    sizes: Mapping[int, tuple[int, float]] = SIZES,
+    count: int, seed: int, sizes: Mapping[int, tuple[int, float]] = SIZES
 ) -> Iterator[Problem]:
     for n, (runs, rho) in sizes.items():
         rng = np.random.default_rng([seed, 2, n])
         scenario = _swarm(n, rho, _field(rng, int(rng.integers(2, 7))))
         guide = plan(scenario, search="local", check=False)
         for rate, policy in product(_RATES, ("leader", "constrained")):
-            progress(f"states of {n} members, {policy}, {rate}")
-            listener = _Listener(Auto())
+            recorder = _Recorder(Auto())
             variant = scenario.with_values({f"hazard.{k}": v for k, v in _RATES[rate].items()})
             simulate(
-                variant, [policy], runs, seed, guide=guide, solver=listener, save_trajectories=0
+                variant, [policy], runs, seed, guide=guide, solver=recorder, save_trajectories=0
             )
-            for number, (nlp, instances) in enumerate(listener.chosen(count, rng)):
-                zero = np.zeros_like(instances.x0)  # where the paper starts
+            for number, (nlp, instances) in enumerate(recorder.sample(count, rng)):
+                zero = np.zeros_like(instances.x0)  # the paper's initial guess
                 yield _problem(
                     f"{policy}-{n}-{rate}-{number}",
                     "formations",
@@ -172,7 +168,7 @@ def _formations(
 
 
 def _from_previous(nlp: Nlp, instances: Instances) -> Instances:
-    """Started from the previous velocities, made feasible; a policy may know better."""
+    """The instances from the previous velocities, projected onto the feasible set."""
     sets = instances.feasible_set
     assert isinstance(sets, PlanarSets)
     sizes = [block.numel() for block in nlp.parameters.values()]
@@ -189,24 +185,25 @@ _RATES: dict[str, dict[str, object]] = {
 
 
 def _swarm(n: int, rho: float, radars: FloatArray) -> Scenario:
-    """n members on the places of a square grid that are nearest to its middle."""
+    """Scenario of n members at the points of a square grid that are closest to its centre."""
     axis = 0.3 * np.arange(-8, 9)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     order = np.argsort((grid**2).sum(axis=1), kind="stable")
-    places = [(float(x), float(y)) for x, y in grid[order[:n]]]
-    hazard = {"kind": "saturation", "alpha_1": 0.8 * n}  # or a large swarm would lose nobody
+    positions = [(float(x), float(y)) for x, y in grid[order[:n]]]
+    hazard = {"kind": "saturation", "alpha_1": 0.8 * n}  # otherwise a large swarm would lose no member
     values = {"guide.a_max": 0.2, "formation.rho": rho, "guide.arrival": "horizon"}
-    return _scenario(f"swarm-{n}", places, radars, hazard, 0.33, 0.5).with_values(values)
+    return _scenario(f"swarm-{n}", positions, radars, hazard, 0.33, 0.5).with_values(values)
 
 
-# --- what both share
+# --- shared by both families
 
 
 def _field(rng: np.random.Generator, number: int) -> FloatArray:
-    """Radars (number, 2) on both sides of the way from the origin to the target."""
-    along, beside = rng.uniform(0.2, 0.85, number), rng.uniform(-0.3, 0.3, number)
-    way = np.array(_TARGET)
-    return np.asarray(along[:, None] * way + beside[:, None] * np.array([-way[1], way[0]]))
+    """Radars (number, 2) on both sides of the line from the origin to the target."""
+    along, lateral = rng.uniform(0.2, 0.85, number), rng.uniform(-0.3, 0.3, number)
+    line = np.array(_TARGET)
+    normal = np.array([-line[1], line[0]])
+    return np.asarray(along[:, None] * line + lateral[:, None] * normal)
 
 
 _TARGET = (8.0, 6.5)
@@ -214,7 +211,7 @@ _TARGET = (8.0, 6.5)
 
 def _scenario(
     name: str,
-    places: Sequence[tuple[float, float]],
+    positions: Sequence[tuple[float, float]],
     radars: FloatArray,
     hazard: Mapping[str, object],
     dt: float,
@@ -223,7 +220,7 @@ def _scenario(
     return Scenario.from_data(
         {
             "name": name,
-            "swarm": {"positions": places, "v_max": 2.0, "a_max": a_max},
+            "swarm": {"positions": positions, "v_max": 2.0, "a_max": a_max},
             "target": {"center": _TARGET, "radius": 0.5},
             "time": {"dt": dt, "t_f": 10.0 + dt / 2},
             "hazard": {"radars": radars.tolist(), "alpha_2": 3.0, "alpha_3": 4.0, **hazard},
@@ -244,51 +241,51 @@ def _problem(
 
 
 @dataclass(frozen=True, eq=False)
-class _Listener(Solver):
-    """Hands every question on to another solver, and keeps it with the answer's x."""
+class _Recorder(Solver):
+    """Delegates to another solver, and records every problem with the answer's x."""
 
     inner: Solver
-    heard: list[tuple[Nlp, Instances, FloatArray]] = field(default_factory=list)
+    records: list[tuple[Nlp, Instances, FloatArray]] = field(default_factory=list)
 
-    name: ClassVar[str] = "listener"
-    summary: ClassVar[str] = "keeps what another solver is asked"
+    name: ClassVar[str] = "recorder"
+    summary: ClassVar[str] = "records the problems of another solver"
 
     def prepare(self, nlp: Nlp) -> None:
         self.inner.prepare(nlp)
 
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         answers = self.inner.timed_answers(nlp, instances)[1]
-        self.heard.append((nlp, instances, np.stack([answer.x for answer in answers])))
+        self.records.append((nlp, instances, np.stack([answer.x for answer in answers])))
         return answers
 
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
-        """The inner solver's."""
-        found = self.inner.solve_batch(nlp, instances)
-        self.heard.append((nlp, instances, found.x))
-        return found
+        """See `Solver.solve_batch`."""
+        batch = self.inner.solve_batch(nlp, instances)
+        self.records.append((nlp, instances, batch.x))
+        return batch
 
-    def chosen(self, count: int, rng: np.random.Generator) -> Iterator[tuple[Nlp, Instances]]:
-        """Single instances, of steps that are spread over the runs."""
-        steps = np.linspace(0, len(self.heard), count + 2)[1:-1].astype(int)
+    def sample(self, count: int, rng: np.random.Generator) -> Iterator[tuple[Nlp, Instances]]:
+        """Single instances of steps that are spread over the runs."""
+        steps = np.linspace(0, len(self.records), count + 2)[1:-1].astype(int)
         for step in steps:
-            nlp, instances, _ = self.heard[step]
+            nlp, instances, _ = self.records[step]
             row = int(rng.integers(len(instances)))
             yield nlp, instances[row : row + 1]
 
 
-def _quick(count: int, seed: int, progress: Callable[[str], None]) -> Iterator[Problem]:
-    yield from _guides(count, seed, progress, (10,))
-    yield from _formations(count, seed, progress, {3: (4, 0.05)})
+def _quick(count: int, seed: int) -> Iterator[Problem]:
+    yield from _guides(count, seed, (10,))
+    yield from _formations(count, seed, {3: (4, 0.05)})
 
 
 FAMILIES: dict[str, tuple[Callable[..., Iterator[Problem]], int, str]] = {
-    "guides": (_guides, 3, "a lone agent's way among 2 to 6 random radars, 30, 100 and 300 steps"),
+    "guides": (_guides, 3, "paths of a single agent among 2 to 6 random radars, 30, 100 and 300 steps"),
     "formations": (
         _formations,
         3,
-        "states of 5, 20 and 50 members in simulated runs; both policies, with collisions and "
-        "without",
+        "states of 5, 20 and 50 members in simulated runs; two policies, with and without "
+        "collisions",
     ),
     "quick": (_quick, 1, "one guide of 10 steps and four states of 3 members, for a first look"),
 }
-"""What makes the problems of a family, how many by default, and what they are."""
+"""Generator, default number and description of the problems of every family."""

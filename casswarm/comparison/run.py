@@ -1,103 +1,118 @@
-"""A comparison of solvers: every solver on every problem from every start, whatever happens."""
+"""Comparison of solvers: every solver on every problem from every start."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
+from importlib.metadata import version
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from .._util.display import Displayed
 from ..errors import ComparisonError
 from ..optimization.solvers import SOLVERS, Isolated, Solver, make_solver
-from .cells import run_cell
-from .journal import Journal, surroundings
+from ..studies.checkpoint import Checkpoint, IfExists, file_name
+from ..typing import Progress
+from .benchmark import benchmark
 from .problems import Problem, make_problems
-from .verification import Tolerances, judged, summary
+from .verification import Tolerances, summary, verify
 
 DEFAULT = ("guides", "formations")
-"""Families that are compared if none is named."""
+"""Families that are compared by default."""
 
-SECONDS = 2.0
-"""Limit of a solve by default: several times what Ipopt needs for the largest problem."""
+TIME_LIMIT = 2.0
+"""Default time limit in seconds: several times what Ipopt needs for the largest problem."""
 
-_OWN_SHARE = 0.9  # of the limit; with what is left a solver that stops by itself can say so
+_OWN_FRACTION = 0.9  # of the time limit, so that a solver can stop by itself and report its status
+_LIBRARIES = ("casswarm", "casadi", "numpy", "scipy", "numba")
 
-Progress = Callable[[int, int, str], None]
 
-
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """What comparing solvers gave.
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Displayed):
+    """Result of comparing solvers.
 
     Parameters
     ----------
-    cells : DataFrame
-        A row a (problem, start, solver): see `casswarm.comparison.cells.run_cell` and
-        `casswarm.comparison.verification.judged`.
+    runs : DataFrame
+        A row per (problem, start, solver): see `casswarm.comparison.benchmark.benchmark` and
+        `casswarm.comparison.verification.verify`.
     problems : DataFrame
-        A row a problem: family, problem, and its traits.
+        A row per problem: family, problem, and its traits.
     inputs : dict
-        All that made the cells: families, seed, solvers, seconds, machine, versions, and a
-        fingerprint of every problem. Plain values.
+        All that determines the runs: families, seed, solvers, time limit, machine, versions, and a
+        fingerprint of every problem, as plain values.
     tolerances : Tolerances
     """
 
-    cells: pd.DataFrame = field(repr=False)
-    problems: pd.DataFrame = field(repr=False)
-    inputs: dict[str, Any] = field(repr=False)
+    runs: pd.DataFrame
+    problems: pd.DataFrame
+    inputs: dict[str, Any]
     tolerances: Tolerances
 
     @cached_property
     def summary(self) -> pd.DataFrame:
-        """A row a (family, start, solver); see `casswarm.comparison.verification.summary`."""
-        return summary(self.cells, float(self.inputs["seconds"]))
+        """Summary by (family, start, solver); see `casswarm.comparison.verification.summary`."""
+        return summary(self.runs, float(self.inputs["time_limit"]))
+
+    def __repr__(self) -> str:
+        solvers, problems = len(self.inputs["solvers"]), self.runs["problem"].nunique()
+        solved = int(self.runs["solved"].sum())
+        return (
+            f"<Comparison of {solvers} solvers on {problems} problems: "
+            f"{solved} of {len(self.runs)} runs solved>"
+        )
 
     def __str__(self) -> str:
         return self.summary.to_string(index=False)
 
 
 def compare(
-    families: Sequence[str | Problem] = DEFAULT,
-    solvers: Sequence[str | Solver] | Mapping[str, str | Solver] | None = None,
+    families: str | Problem | Sequence[str | Problem] = DEFAULT,
+    solvers: str | Solver | Sequence[str | Solver] | Mapping[str, str | Solver] | None = None,
     *,
     problems: int | None = None,
     seed: int = 0,
-    seconds: float = SECONDS,
+    time_limit: float = TIME_LIMIT,
     tolerances: Tolerances | None = None,
-    folder: str | Path | None = None,
+    checkpoint: str | Path | None = None,
+    if_exists: IfExists = "error",
     progress: Progress | None = None,
 ) -> Comparison:
     """Compare solvers on families of problems, each solver in a process of its own.
 
     A solver that raises, hangs or kills its process gets a row that says so, and the comparison
-    goes on. Every answer is judged in this process by residuals recomputed from the problem. In a
-    script this needs the guard ``if __name__ == "__main__":``.
+    continues. Every answer is verified in this process by residuals recomputed from the problem. A
+    script has to call this under ``if __name__ == "__main__":``.
 
     Parameters
     ----------
-    families : sequence of str or Problem
+    families : str, Problem, or sequence of these
         Names of `casswarm.comparison.FAMILIES`, or problems of your own.
-    solvers : sequence of str or Solver, or mapping of label to these, optional
-        By default all of `casswarm.optimization.solvers.SOLVERS` that can run here. A mapping compares the same
-        solver with different options.
+    solvers : str, Solver, sequence of these, or mapping of label to these, optional
+        By default all of `casswarm.optimization.solvers.SOLVERS` that can run here. A mapping
+        compares the same solver with different options.
     problems : int, optional
-        How many of every kind in a family; each has its own default.
+        Number of problems of every kind in a family; each has its own default.
     seed : int
-        Same seed, same problems.
-    seconds : float
-        Limit for building and solving a problem once. Solvers that know a limit of time are given
-        nine tenths of it as their own, so that they can tell how far they came; the process of a
-        solver that takes longer is ended.
+        The same seed gives the same problems.
+    time_limit : float
+        Seconds for building and solving a problem once. Solvers that have a time limit of their
+        own get nine tenths of it, so that they can report their status; the process of a solver
+        that takes longer is ended.
     tolerances : Tolerances, optional
         What counts as solved.
-    folder : path, optional
-        Where every cell is kept as soon as it is finished. Started again with the same folder and
-        inputs, a comparison goes on where it ended.
-    progress : callable, optional
-        Called with the number of finished cells, their total, and what is done next.
+    checkpoint : path, optional
+        Folder in which every finished run is saved.
+    if_exists : {"error", "resume", "overwrite"}
+        What to do if that folder holds an unfinished comparison.
+    progress : Progress, optional
 
     Returns
     -------
@@ -106,151 +121,146 @@ def compare(
     Raises
     ------
     ComparisonError
-        An unknown family, solvers or problems of the same name, or a folder of other inputs.
+        An unknown family, or solvers or problems of the same name.
+    CheckpointError
+        The folder holds a comparison with other inputs, or an unfinished one.
     SolverError
         An unknown solver, or one that cannot be sent to another process.
     """
-    if not seconds > 0:
-        raise ComparisonError(f"seconds = {seconds!r}; allowed: above zero")
-    say = progress or _silent
-    chosen = {name: _limited(solver, seconds) for name, solver in _solvers(solvers).items()}
-    posed = _problems(families, problems, seed, lambda what: say(0, 0, what))
-    inputs = _inputs(families, posed, chosen, problems, seed, seconds)
-    journal = Journal(None if folder is None else Path(folder), inputs)
-    isolated = {label: Isolated(solver, seconds) for label, solver in chosen.items()}
+    if not time_limit > 0:
+        raise ComparisonError(f"time_limit = {time_limit!r}; allowed: above zero")
+    families = [families] if isinstance(families, str | Problem) else list(families)
+    limited = {label: _limited(s, time_limit) for label, s in _solvers(solvers).items()}
+    posed = _problems(families, problems, seed, progress)
+    inputs = {
+        "families": [family for family in families if isinstance(family, str)],
+        "problems_each": problems,
+        "seed": seed,
+        "time_limit": time_limit,
+        "solvers": {label: repr(solver) for label, solver in limited.items()},
+        "unavailable": _unavailable(),
+        "problems": {problem.name: problem.fingerprint() for problem in posed},
+        **_environment(),
+    }
+    tolerances = Tolerances() if tolerances is None else tolerances
+    isolated = {label: Isolated(solver, time_limit) for label, solver in limited.items()}
+    store = nullcontext() if checkpoint is None else Checkpoint(Path(checkpoint), inputs, if_exists)
     try:
-        _finish(journal, posed, isolated, say)
+        with store as records:
+            rows = _benchmarks(posed, isolated, records, progress)
     finally:
         for solver in isolated.values():
             solver.close()
-    tolerances = Tolerances() if tolerances is None else tolerances
     return Comparison(
-        cells=judged(_in_order(journal, posed, list(chosen)), tolerances),
+        runs=verify(pd.DataFrame(rows), tolerances),
         problems=pd.DataFrame([{"family": p.family, "problem": p.name, **p.traits} for p in posed]),
         inputs=inputs | {"tolerances": asdict(tolerances)},
         tolerances=tolerances,
     )
 
 
-def _inputs(
-    families: Sequence[str | Problem],
-    posed: Sequence[Problem],
-    solvers: Mapping[str, Solver],
-    count: int | None,
-    seed: int,
-    seconds: float,
-) -> dict[str, Any]:
-    """All that makes the cells, as plain values."""
-    return {
-        "families": [family for family in families if isinstance(family, str)],
-        "problems_each": count,
-        "seed": seed,
-        "seconds": seconds,
-        "solvers": {label: repr(solver) for label, solver in solvers.items()},
-        "absent": _absent(),
-        "problems": {problem.name: problem.fingerprint() for problem in posed},
-        **surroundings(),
-    }
-
-
-def _silent(done: int, total: int, what: str) -> None:
-    """Progress that nobody watches."""
-
-
-def _finish(
-    journal: Journal,
+def _benchmarks(
     problems: Sequence[Problem],
     solvers: Mapping[str, Isolated],
-    say: Progress,
-) -> None:
-    """Run the cells that are not in the journal: solvers in turn, so that they share the noise."""
-    done = {(row["problem"], row["start"], row["solver"]) for row in journal.rows}
-    cells = [
+    checkpoint: Checkpoint | None,
+    progress: Progress | None,
+) -> list[dict[str, Any]]:
+    """Rows of all runs: saved ones, and the others in turn, so that solvers share the noise."""
+    runs = [
         (problem, start, label)
         for problem in problems
-        for start in problem.starts
-        for label in solvers
+        for start, label in product(problem.starts, solvers)
     ]
-    builds: dict[tuple[str, int], float] = {}
-    for problem, start, label in cells:
-        if (problem.name, start, label) in done:
-            continue
-        say(len(journal.rows), len(cells), f"{problem.name}, {start}, {label}")
-        solvers[label].start()
-        row = run_cell(problem, start, label, solvers[label])
-        # built once for all cells that share a program
-        row["build_seconds"] = builds.setdefault((label, id(problem.nlp)), row["build_seconds"])
-        journal.add(row)
-    say(len(journal.rows), len(cells), "")
+    rows: list[dict[str, Any]] = []
+    build_seconds: dict[tuple[str, int], float] = {}  # a solver builds a program once
+    for problem, start, label in runs:
+        if progress is not None:
+            progress(f"comparing ({problem.name}, {start}, {label})", len(rows), len(runs))
+        name = file_name(f"{problem.name}-{start}-{label}")
+        row = None if checkpoint is None else checkpoint.load_json(name)
+        if row is None:
+            solvers[label].start()
+            row = benchmark(problem, start, label, solvers[label])
+            row["build_seconds"] = build_seconds.setdefault(
+                (label, id(problem.nlp)), row["build_seconds"]
+            )
+            if checkpoint is not None:
+                checkpoint.save_json(name, row)
+        rows.append(row)
+    if checkpoint is not None:
+        checkpoint.finish()
+    if progress is not None:
+        progress("comparing", len(rows), len(runs))
+    return rows
 
 
-def _in_order(journal: Journal, problems: Sequence[Problem], labels: Sequence[str]) -> pd.DataFrame:
-    table = pd.DataFrame(journal.rows)
-    orders = {"problem": [p.name for p in problems], "solver": list(labels)}
-    ranks = {key: {name: i for i, name in enumerate(names)} for key, names in orders.items()}
-    starts = {start: i for p in problems for i, start in enumerate(p.starts)}
-    key = pd.DataFrame(
-        {
-            "problem": table["problem"].map(ranks["problem"]),
-            "start": table["start"].map(starts),
-            "solver": table["solver"].map(ranks["solver"]),
-        }
-    )
-    return table.loc[key.sort_values(["problem", "start", "solver"]).index].reset_index(drop=True)
-
-
-def _absent() -> dict[str, str]:
+def _unavailable() -> dict[str, str]:
     """Known solvers that cannot run in this installation, and why."""
-    reasons = {name: getattr(kind, "unavailable", lambda: "")() for name, kind in SOLVERS.items()}
+    reasons = {name: solver.unavailable() for name, solver in SOLVERS.items()}
     return {name: reason for name, reason in reasons.items() if reason}
 
 
 def _solvers(
-    solvers: Sequence[str | Solver] | Mapping[str, str | Solver] | None,
+    solvers: str | Solver | Sequence[str | Solver] | Mapping[str, str | Solver] | None,
 ) -> dict[str, Solver]:
-    if isinstance(solvers, (str, Solver)):
-        raise ComparisonError(f"solvers must be a list; for a single one give [{solvers!r}]")
     if isinstance(solvers, Mapping):
         return {label: make_solver(solver) for label, solver in solvers.items()}
-    absent = _absent() if solvers is None else {}
-    names_or_solvers = [s for s in SOLVERS if s not in absent] if solvers is None else solvers
-    made = [make_solver(solver) for solver in names_or_solvers]
-    names = [solver.name for solver in made]
-    repeated = sorted({name for name in names if names.count(name) > 1})
-    if repeated or not names:
-        raise ComparisonError(
-            f"solvers of the same name: {', '.join(repeated)}; give a mapping of labels to solvers"
-            if repeated
-            else "no solver given"
-        )
-    return dict(zip(names, made, strict=True))
+    if solvers is None:
+        unavailable = _unavailable()
+        solvers = [name for name in SOLVERS if name not in unavailable]
+    listed = [solvers] if isinstance(solvers, str | Solver) else solvers
+    chosen = [make_solver(solver) for solver in listed]
+    names = [solver.name for solver in chosen]
+    _require_distinct("solver", names, "; give a mapping of labels to solvers")
+    return dict(zip(names, chosen, strict=True))
 
 
-def _limited(solver: Solver, seconds: float) -> Solver:
-    """The same solver, but for its own limit of time where that is longer."""
-    own, most = getattr(solver, "time_limit", 0.0), _OWN_SHARE * seconds
-    if not solver.capabilities.time_limit or own <= most:
+def _limited(solver: Solver, time_limit: float) -> Solver:
+    """The same solver, with a time limit of its own that is shorter than that of the process."""
+    limit = _OWN_FRACTION * time_limit
+    if not solver.capabilities.time_limit or getattr(solver, "time_limit", 0.0) <= limit:
         return solver
-    return replace(solver, time_limit=most)  # type: ignore[type-var]
+    return replace(solver, time_limit=limit)  # type: ignore[type-var]
 
 
 def _problems(
-    families: Sequence[str | Problem],
-    count: int | None,
-    seed: int,
-    say: Callable[[str], None],
+    families: Sequence[str | Problem], count: int | None, seed: int, progress: Progress | None
 ) -> list[Problem]:
-    if isinstance(families, (str, Problem)):
-        raise ComparisonError(f"families must be a list; for a single one give [{families!r}]")
     posed: list[Problem] = []
     for family in families:
-        posed += (
-            [family] if isinstance(family, Problem) else make_problems(family, count, seed, say)
-        )
-    names = [problem.name for problem in posed]
-    repeated = sorted({name for name in names if names.count(name) > 1})
-    if repeated or not names:
-        raise ComparisonError(
-            f"problems of the same name: {', '.join(repeated)}" if repeated else "no family given"
-        )
+        if isinstance(family, Problem):
+            posed.append(family)
+        else:
+            posed += make_problems(family, count, seed, progress)
+    _require_distinct("problem", [problem.name for problem in posed])
     return posed
+
+
+def _require_distinct(kind: str, names: Sequence[str], advice: str = "") -> None:
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise ComparisonError(f"{kind}s of the same name: {', '.join(repeated)}{advice}")
+    if not names:
+        raise ComparisonError(f"no {kind} given")
+
+
+def _environment() -> dict[str, Any]:
+    """Machine and versions: times of different ones do not belong in one table."""
+    return {
+        "machine": {
+            "processor": _processor(),
+            "cores": os.cpu_count(),
+            "system": platform.platform(),
+            "python": platform.python_version(),
+        },
+        "versions": {name: version(name) for name in _LIBRARIES},
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, "") or platform.processor() or platform.machine()
