@@ -66,7 +66,7 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: FigureOpt
 
     Reports success rate, speed and reliability. Each solver runs in a process of its own: one that
     crashes or hangs is a row of the tables. Every solution is verified by residuals recomputed from
-    the problem. Prints a summary and writes report.html and report.md, the tables cells.csv (a row
+    the problem. Prints a summary and writes report.html and report.md, the tables runs.csv (a row
     per problem, start and solver), summary.csv, problems.csv and failures.csv, profiles as figures
     (in report.html always PNG), and run.json.
 
@@ -90,10 +90,10 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: FigureOpt
                 selection.solvers or None,
                 problems=selection.problems,
                 seed=selection.seed,
-                seconds=selection.time_limit,
-                folder=folder.path,
-                progress=progress
-                and (lambda done, total, _: total and progress("comparing", done, total)),
+                time_limit=selection.time_limit,
+                checkpoint=folder.path,
+                if_exists="resume",
+                progress=progress,
             )
         except KeyboardInterrupt:
             raise Failure(
@@ -105,7 +105,6 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: FigureOpt
 
 
 def _write(folder: Folder, comparison: Comparison) -> dict[str, Any]:
-    from ..comparison.journal import CELLS, INPUTS
     from ..comparison.report import make_report
     from ..figures import theme
 
@@ -119,7 +118,6 @@ def _write(folder: Folder, comparison: Comparison) -> dict[str, Any]:
     drawn = report.figures if folder.ending == "png" else ()  # not to draw them twice
     images = {name: (folder.path / f"{name}.png").read_bytes() for name in drawn}
     folder.text("report.html", report.html(images))
-    folder.files += [INPUTS, CELLS]
     result = {
         "summary": comparison.summary.to_dict("records"),
         "failures": report.tables["failures"].to_dict("records"),
@@ -144,8 +142,8 @@ def summary_text(summary: pd.DataFrame) -> str:
             (
                 str(row["solver"]),
                 f"{100 * row['solved']:.0f} %",
-                f"{100 * row['found']:.0f} %",
-                f"{row['said_not_true']}",
+                f"{100 * row['best_known']:.0f} %",
+                f"{row['false_positives']}",
                 f"{row['mean_ms']:.3g}",
                 f"{row['build_ms']:.3g}",
                 f"{row['iterations']:g}",

@@ -45,7 +45,7 @@ solvers = {
     "spectral": "spectral",
     "projected-gradient": ProjectedGradient(max_iter=500),
 }
-comparison = csw.compare(["quick"], solvers, problems=2, seconds=10)
+comparison = csw.compare(["quick"], solvers, problems=2, time_limit=10)
 comparison.summary
 
 # %% [markdown]
@@ -65,13 +65,13 @@ comparison.tolerances
 # with a constant step:
 
 # %%
-failures(comparison.cells)
+failures(comparison.runs)
 
 # %% [markdown]
 # One row per problem: the fastest solver, and how far the objectives differ.
 
 # %%
-by_problem(comparison.cells)
+by_problem(comparison.runs)
 
 # %% [markdown]
 # ## Performance profiles
@@ -84,8 +84,8 @@ by_problem(comparison.cells)
 # solver is the fastest on nearly every problem, and Ipopt is equally reliable but slower.
 
 # %%
-times = costs(comparison.cells, "formations", "cold", "solve_seconds")
-best = costs(comparison.cells, "formations", "cold", "solve_seconds", "found")
+times = costs(comparison.runs, "formations", "cold", "solve_seconds")
+best = costs(comparison.runs, "formations", "cold", "solve_seconds", "best_known")
 profile = performance_profile(times)
 profile_chart(
     {"solved": profile, "and the best known objective": performance_profile(best)},
@@ -119,7 +119,7 @@ win_chart(pairwise_wins(times), "formations, cold start")
 # linear algebra in each iteration, a projected gradient method hardly any.
 
 # %%
-evaluations = costs(comparison.cells, "formations", "cold", "evaluations")
+evaluations = costs(comparison.runs, "formations", "cold", "evaluations")
 profile_chart({"formations, cold start": data_profile(evaluations)}, "evaluations")
 
 # %% [markdown]

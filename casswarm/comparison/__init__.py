@@ -1,4 +1,4 @@
-"""Comparing solvers: problems, cells, verdicts, profiles, and a report of it all."""
+"""Comparison of solvers: benchmark problems, runs, verification, profiles and a report."""
 
 from .problems import FAMILIES, Problem, make_problems
 from .run import DEFAULT, Comparison, compare

@@ -1,7 +1,7 @@
 """Benchmark problems: those that planning and simulation pose to their solver.
 
-A recording solver is passed to `plan` and `simulate` on random scenarios; it delegates every problem
-to casswarm's own solver and records some of them.
+A recording solver is passed to `plan` and `simulate` on random scenarios; it delegates every
+problem to casswarm's own solver and records some of them.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def make_problems(
     made: list[Problem] = []
     for problem in generate(count, seed):
         if progress is not None:
-            progress(f"making problems ({problem.name})", len(made), None)
+            progress("making problems", len(made), None)
         made.append(problem)
     return made
 
@@ -190,7 +190,10 @@ def _swarm(n: int, rho: float, radars: FloatArray) -> Scenario:
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     order = np.argsort((grid**2).sum(axis=1), kind="stable")
     positions = [(float(x), float(y)) for x, y in grid[order[:n]]]
-    hazard = {"kind": "saturation", "alpha_1": 0.8 * n}  # otherwise a large swarm would lose no member
+    hazard = {
+        "kind": "saturation",
+        "alpha_1": 0.8 * n,
+    }  # otherwise a large swarm would lose no member
     values = {"guide.a_max": 0.2, "formation.rho": rho, "guide.arrival": "horizon"}
     return _scenario(f"swarm-{n}", positions, radars, hazard, 0.33, 0.5).with_values(values)
 
@@ -279,7 +282,11 @@ def _quick(count: int, seed: int) -> Iterator[Problem]:
 
 
 FAMILIES: dict[str, tuple[Callable[..., Iterator[Problem]], int, str]] = {
-    "guides": (_guides, 3, "paths of a single agent among 2 to 6 random radars, 30, 100 and 300 steps"),
+    "guides": (
+        _guides,
+        3,
+        "paths of a single agent among 2 to 6 random radars, 30, 100 and 300 steps",
+    ),
     "formations": (
         _formations,
         3,

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from markupsafe import Markup
+from matplotlib.figure import Figure
 
 from .._util.documents import data_uri, render
 from ..figures import pair_chart, profile_chart, win_chart
@@ -137,16 +137,16 @@ def _tag(family: str, start: str) -> str:
 # --- figures
 
 
-def _group_figures(
-    comparison: Comparison, family: str, start: str
-) -> Iterator[tuple[str, Figure]]:
+def _group_figures(comparison: Comparison, family: str, start: str) -> Iterator[tuple[str, Figure]]:
     runs, order = comparison.runs, list(comparison.inputs["solvers"])
     part, tag = _summary_of(comparison, family, start), _tag(family, start)
     number = int(part["problems"].iloc[0])
     title = f"{family}, {start} start, {number} problem{'s' if number > 1 else ''}"
     times = costs(runs, family, start, "solve_seconds")
     best_times = costs(runs, family, start, "solve_seconds", "best_known")
-    best_label = f"solved, and within {comparison.tolerances.objective:g} of the best known objective"
+    best_label = (
+        f"solved, and within {comparison.tolerances.objective:g} of the best known objective"
+    )
     profiles = {
         "solved (reported and verified)": performance_profile(times),
         best_label: performance_profile(best_times),

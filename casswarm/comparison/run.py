@@ -6,7 +6,7 @@ import os
 import platform
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
 from itertools import product
@@ -175,7 +175,7 @@ def _benchmarks(
     build_seconds: dict[tuple[str, int], float] = {}  # a solver builds a program once
     for problem, start, label in runs:
         if progress is not None:
-            progress(f"comparing ({problem.name}, {start}, {label})", len(rows), len(runs))
+            progress("comparing", len(rows), len(runs))
         name = file_name(f"{problem.name}-{start}-{label}")
         row = None if checkpoint is None else checkpoint.load_json(name)
         if row is None:

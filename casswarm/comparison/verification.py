@@ -57,7 +57,7 @@ def verify(runs: pd.DataFrame, tolerances: Tolerances) -> pd.DataFrame:
     Parameters
     ----------
     runs : DataFrame
-        A row per (problem, start, solver), as `casswarm.comparison.benchmark.benchmark` returns them.
+        A row per (problem, start, solver): see `casswarm.comparison.benchmark.benchmark`.
     tolerances : Tolerances
 
     Returns

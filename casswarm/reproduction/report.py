@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import pandas as pd
 
-from ..comparison.rendering import Block, Heading, Table, Text, markdown
+from .._util.documents import markdown_table
 from ..planning.guide import rounded_up
 from .paper import PAPER_RUNS
 from .reproduce import TABLES, Reproduction
@@ -18,9 +18,9 @@ def page(found: Reproduction, ending: str = "png") -> str:
 
     Figures are links to files NAME.ENDING in its folder.
     """
-    blocks: list[Block] = [
-        Heading("The paper reproduced", 1),
-        Text(
+    blocks: list[str] = [
+        "# The paper reproduced",
+        (
             "Written by `casswarm reproduce`, which makes everything here again. What it means is "
             "told in `docs/paper.md`. The paper shows the places of radars, target and members as "
             "a picture only: those used here are a calibration, not the paper's figure."
@@ -30,40 +30,40 @@ def page(found: Reproduction, ending: str = "png") -> str:
         *_convergence(found, ending),
         *_empty(found, ending),
         *_beyond(found, ending),
-        Heading("Slips and silences"),
-        Text(f"{TABLES['readings']}. *Letter*: how to have what the paper writes instead."),
-        Table(found.tables["readings"]),
+        "## Slips and silences",
+        (f"{TABLES['readings']}. *Letter*: how to have what the paper writes instead."),
+        markdown_table(found.tables["readings"]),
     ]
-    return markdown(blocks)
+    return "\n\n".join(blocks) + "\n"
 
 
-def _picture(ending: str, name: str, caption: str) -> Text:
+def _picture(ending: str, name: str, caption: str) -> str:
     """A figure in a file beside the page, with how to read it."""
-    return Text(f"![{name}]({name}.{ending})\n\n*{caption}*")
+    return f"![{name}]({name}.{ending})\n\n*{caption}*"
 
 
-def _tables(found: Reproduction, ending: str) -> list[Block]:
+def _tables(found: Reproduction, ending: str) -> list[str]:
     inside = found.tables["table-2"]["inside"]
     return [
-        Heading("Table I"),
-        Text(f"{TABLES['table-1']} (`table-1.csv`)."),
-        Table(_shown(found.tables["table-1"], {"paper": "{:g}", "used": "{:g}"})),
-        Text(f"{TABLES['geometry']} (`geometry.csv`)."),
-        Table(_shown(found.tables["geometry"], {"x": "{:g}", "y": "{:g}"})),
-        Heading("Table II"),
-        Text(
+        "## Table I",
+        (f"{TABLES['table-1']} (`table-1.csv`)."),
+        markdown_table(_shown(found.tables["table-1"], {"paper": "{:g}", "used": "{:g}"})),
+        (f"{TABLES['geometry']} (`geometry.csv`)."),
+        markdown_table(_shown(found.tables["geometry"], {"x": "{:g}", "y": "{:g}"})),
+        "## Table II",
+        (
             f"{TABLES['table-2']} (`table-2.csv`). Intervals are Wilson's, of 95 %; exact brackets "
             f"are proven. {int(inside.sum())} of the {len(inside)} brackets lie in the paper's "
             "interval."
         ),
-        Table(table_2_words(found.tables["table-2"], found.runs)),
+        markdown_table(table_2_words(found.tables["table-2"], found.runs)),
         _picture(
             ending,
             "table-2",
             f"Table II: the paper's numbers with the interval that {PAPER_RUNS} runs leave, as "
             "many runs of casswarm, more of them, and the exact values.",
         ),
-        Text(
+        (
             f"{TABLES['sensitivity']} (`sensitivity.csv`): the exact values, brackets at most 0.01 "
             "wide, and the risk and arrival step of the guide."
         ),
@@ -77,7 +77,7 @@ def _tables(found: Reproduction, ending: str) -> list[Block]:
     ]
 
 
-def _paper_figures(ending: str) -> list[Block]:
+def _paper_figures(ending: str) -> list[str]:
     told = {
         "figure-1": "Figure 1: leader protection. The leader follows the guide through the gate "
         "between the radars, the others close up to it.",
@@ -88,8 +88,8 @@ def _paper_figures(ending: str) -> list[Block]:
         "least risky path that a local search finds from the straight line.",
     }
     return [
-        Heading("Figures 1 to 4"),
-        Text(
+        "## Figures 1 to 4",
+        (
             "The runs shown are the first that succeed and lose two members, as the paper tells of "
             "its own; where none does among 200, the first that succeeds."
         ),
@@ -97,7 +97,7 @@ def _paper_figures(ending: str) -> list[Block]:
     ]
 
 
-def _convergence(found: Reproduction, ending: str) -> list[Block]:
+def _convergence(found: Reproduction, ending: str) -> list[str]:
     last = found.tables["formation-convergence"].groupby("problems", sort=False).tail(1)
     columns = {
         "gap_median": "{:.2g}",
@@ -107,20 +107,20 @@ def _convergence(found: Reproduction, ending: str) -> list[Block]:
     }
     guide = found.tables["guide-convergence"].iloc[-1]
     return [
-        Heading("Convergence of the projected gradient"),
-        Text(
+        "## Convergence of the projected gradient",
+        (
             f"{TABLES['guide-convergence']} (`guide-convergence.csv`): after "
             f"{guide['iteration']:.0f} iterations at the paper's learning rate the path survives "
             f"with {guide['survival']:.2g}; Ipopt's from the same straight line, within a_max, "
             f"with {found.guide.survival:.2g}. The objective exp(-risk) is flat where the risk is "
             "large."
         ),
-        Text(
+        (
             f"{TABLES['formation-convergence']} (`formation-convergence.csv`), at the learning "
             "rate of Table I, after its last iteration, over the steps of the run in which nobody "
             "is lost. *Gap*: of the objective, relative to the default solver's."
         ),
-        Table(_shown(last, columns)),
+        markdown_table(_shown(last, columns)),
         _picture(
             ending,
             "convergence",
@@ -130,10 +130,10 @@ def _convergence(found: Reproduction, ending: str) -> list[Block]:
     ]
 
 
-def _empty(found: Reproduction, ending: str) -> list[Block]:
+def _empty(found: Reproduction, ending: str) -> list[str]:
     return [
-        Heading("Empty constraint sets"),
-        Text(
+        "## Empty constraint sets",
+        (
             f"{TABLES['infeasible']} (`infeasible.csv`): a member at the edge of the corridor with "
             "the wrong velocity cannot stay in it, and a leader that was elsewhere cannot be on "
             "the guide at once. casswarm then moves it as near as v_max and a_max allow."
@@ -144,25 +144,25 @@ def _empty(found: Reproduction, ending: str) -> list[Block]:
             "Members alive (line), and how many of them have an empty constraint set (bars), in "
             "500 runs of scenario I.",
         ),
-        Text(
+        (
             f"{TABLES['empty-sets']} (`empty-sets.csv`): success where a_max and rho are larger, "
             "along the same guide. Brackets are proven; shortfalls are means of a run."
         ),
-        Table(_bracketed(found.tables["empty-sets"])),
+        markdown_table(_bracketed(found.tables["empty-sets"])),
     ]
 
 
-def _beyond(found: Reproduction, ending: str) -> list[Block]:
+def _beyond(found: Reproduction, ending: str) -> list[str]:
     table = found.tables["beyond"]
     sides = "sides: on which side of the guide each radar lies, left or right"
     return [
-        Heading("Beyond the paper"),
-        Text(
+        "## Beyond the paper",
+        (
             f"{TABLES['beyond']} (`beyond.csv`). The guide's survival is that of a lone member; "
             f"{sides}. Where the law needs too many states its head is proven and the rest "
             "sampled: a 95 % interval."
         ),
-        Table(_bracketed(_shown(table, {"guide_survival": "{:.4f}"}))),
+        markdown_table(_bracketed(_shown(table, {"guide_survival": "{:.4f}"}))),
         _picture(
             ending,
             "beyond",

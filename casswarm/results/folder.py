@@ -152,7 +152,7 @@ class Saved:
 
         inputs = dict(self._part("inputs"))
         tolerances = Tolerances(**inputs["tolerances"])
-        return Comparison(self.table("cells"), pd.DataFrame(), inputs, tolerances)
+        return Comparison(self.table("runs"), pd.DataFrame(), inputs, tolerances)
 
     def figures(self, run: int = 0) -> FigureCatalogue:
         """The figures that the command left; of simulated runs, number `run`.
@@ -174,9 +174,9 @@ class Saved:
         from . import catalogue
 
         if self.command == "compare":
-            from ..comparison.report import pictures
+            from ..comparison.report import figures
 
-            return {name: partial(_same, fig) for name, fig in pictures(self.comparison).items()}
+            return {name: partial(_same, fig) for name, fig in figures(self.comparison).items()}
         if self.command == "plan":
             return catalogue.plan_figures(self.scenario, self.guide, *self._plan())
         if self.command == "plan-swarm":

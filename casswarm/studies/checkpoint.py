@@ -159,7 +159,8 @@ class Checkpoint:
 
     def _require_equal(self, earlier: Any) -> None:
         then, now = _flat(earlier), _flat(self._inputs)
-        keys = sorted(key for key in then.keys() | now.keys() if then.get(key) != now.get(key))
+        different = {key for key in then.keys() | now.keys() if then.get(key) != now.get(key)}
+        keys = sorted(different, key=lambda key: (key.count("."), key))  # settings, then details
         if keys:
             lines = [
                 f"  {key}: {_shortened(then.get(key))} there, {_shortened(now.get(key))} now"

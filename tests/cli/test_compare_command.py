@@ -1,4 +1,4 @@
-"""casswarm compare, as a user runs it: stopped by Ctrl-C, gone on with, and read."""
+"""The command casswarm compare: interrupted by Ctrl-C, resumed, and its report."""
 
 import json
 import os
@@ -16,59 +16,58 @@ OPTIONS += ("--time-limit", "30")  # where the machine is busy
 
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory):
-    """A folder, the number of cells when Ctrl-C came, what was said then, and the second run."""
+    """Folder, number of runs saved at Ctrl-C, the error printed then, and the resumed run."""
     folder = tmp_path_factory.mktemp("compare")
-    cells = folder / "results" / "compare" / "cells.jsonl"
+    records = folder / "results" / "compare" / "checkpoint"
     running = subprocess.Popen(
         [CASSWARM, *OPTIONS], cwd=folder, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     deadline = time.monotonic() + 100
-    while not (cells.exists() and cells.read_bytes()) and time.monotonic() < deadline:
+    while not list(records.glob("*.npz")) and time.monotonic() < deadline:
         time.sleep(0.005)
     os.kill(running.pid, signal.SIGINT)
     _, error = running.communicate(timeout=60)
     assert running.returncode == 1, error
-    kept = len(cells.read_bytes().splitlines())
-    return folder, kept, error, casswarm(folder, *OPTIONS)
+    saved = len(list(records.glob("*.npz")))
+    return folder, saved, error, casswarm(folder, *OPTIONS)
 
 
-def test_ctrl_c_leaves_what_is_finished_and_the_same_command_goes_on(compared):
-    folder, kept, error, _ = compared
+def test_compare_continues_after_ctrl_c(compared):
+    folder, saved, error, _ = compared
     assert "repeat the same command" in error
     assert "Traceback" not in error
-    assert 0 < kept < 20
-    lines = (folder / "results" / "compare" / "cells.jsonl").read_text().splitlines()
-    cells = [json.loads(line) for line in lines]
-    assert len({(c["problem"], c["start"], c["solver"]) for c in cells}) == len(cells) == 20
+    assert 0 < saved < 20
+    runs = pd.read_csv(folder / "results" / "compare" / "runs.csv")
+    assert len(runs[["problem", "start", "solver"]].drop_duplicates()) == len(runs) == 20
 
 
-def test_summary_is_printed_a_table_a_family_and_start(compared):
+def test_compare_prints_table_per_family_and_start(compared):
     out = compared[3].stdout
     for title in ("guides, cold", "guides, warm", "formations, cold", "formations, warm"):
         assert f"{title} start" in out
-    assert "spectral" not in out.split("formations")[0]  # which cannot take a guide
+    assert "spectral" not in out.split("formations")[0]  # not applicable to guides
 
 
-def test_folder_holds_tables_figures_report_and_record(compared):
+def test_compare_folder_contains_tables_figures_and_report(compared):
     results = compared[0] / "results" / "compare"
     record = json.loads((results / "run.json").read_text())
     names = {path.name for path in results.iterdir()}
-    assert names == set(record["files"])
-    assert {"cells.csv", "summary.csv", "problems.csv", "failures.csv"} <= names
-    assert {"report.md", "report.html", "cells.jsonl", "inputs.json"} <= names
+    assert names - {"checkpoint"} == set(record["files"])
+    assert {"runs.csv", "summary.csv", "problems.csv", "failures.csv"} <= names
+    assert {"report.md", "report.html"} <= names
     assert "profile-formations-cold.png" in names
     assert record["inputs"]["seed"] == 0
     assert record["inputs"]["machine"]["cores"] >= 1
     assert "casadi" in record["versions"]
-    cells = pd.read_csv(results / "cells.csv")
-    assert len(cells) == 20
-    taken = cells[cells["taken"]]
-    assert len(taken) == 18
-    assert (taken["violation"] <= 1e-6).all()
-    assert taken["solved"].all()
+    runs = pd.read_csv(results / "runs.csv")
+    assert len(runs) == 20
+    applicable = runs[runs["applicable"]]
+    assert len(applicable) == 18
+    assert (applicable["violation"] <= 1e-6).all()
+    assert applicable["solved"].all()
 
 
-def test_figures_are_drawn_again_from_the_cells(compared, tmp_path):
+def test_plot_draws_figure_of_comparison_again(compared, tmp_path):
     results = compared[0] / "results" / "compare"
     done = casswarm(tmp_path, "plot", results, "--figure", "data-guides-cold", "--out", "here")
     assert done.stdout == "here/data-guides-cold.png\n"
@@ -77,14 +76,14 @@ def test_figures_are_drawn_again_from_the_cells(compared, tmp_path):
     ).read_bytes()
 
 
-def test_report_can_be_read_by_somebody_who_was_not_there(compared):
+def test_compare_report_is_self_contained(compared):
     results = compared[0] / "results" / "compare"
     text = (results / "report.md").read_text()
     for words in (
-        "5 problems, 2 solvers, 20 cells",
+        "5 problems, 2 solvers, 20 runs",
         "Ipopt(tolerance=1e-08",
         "spectral cannot take guide[10]",
-        "What counts as solved",
+        "A solver has solved a problem if",
         "shift of 1 ms",
         "Gould",
     ):
@@ -97,10 +96,10 @@ def test_report_can_be_read_by_somebody_who_was_not_there(compared):
     assert "<script" not in page
 
 
-def test_another_comparison_is_refused_in_the_folder(compared):
+def test_compare_rejects_folder_of_other_inputs(compared):
     done = casswarm(compared[0], *OPTIONS, "--seed", 5, code=2)
-    assert "holds another comparison" in done.stderr
-    assert "seed: 0 there, 5 here" in done.stderr
+    assert "belongs to other inputs" in done.stderr
+    assert "seed: 0 there, 5 now" in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -111,7 +110,7 @@ def test_another_comparison_is_refused_in_the_folder(compared):
         (("--time-limit", "0"), "--time-limit"),
     ],
 )
-def test_wrong_input_is_exit_code_2(tmp_path, options, words):
+def test_compare_invalid_option_exits_with_2(tmp_path, options, words):
     assert words in casswarm(tmp_path, "compare", *options, code=2).stderr
 
 

@@ -16,7 +16,7 @@ from small_scenarios import small
 
 import casswarm as csw
 from casswarm.comparison import Problem
-from casswarm.errors import ComparisonError, SolverError
+from casswarm.errors import CheckpointError, SolverError
 from casswarm.optimization.solution import Status
 from casswarm.optimization.solvers import Ipopt, Isolated
 from casswarm.policies import formation
@@ -167,34 +167,34 @@ def problems(count=2):
 def study():
     solvers = {fault: Faulty(fault, above=2.0) for fault in FAULTS if fault != "build"}
     solvers |= {"build": Faulty("build"), "ipopt": Ipopt()}
-    return csw.compare(problems(), solvers, seconds=2.0)
+    return csw.compare(problems(), solvers, time_limit=2.0)
 
 
 def test_every_fault_is_a_row_with_its_reason_and_the_comparison_goes_on(study):
-    cells = study.cells.set_index(["solver", "problem"])
-    assert len(cells) == 2 * (len(FAULTS) + 1)
+    runs = study.runs.set_index(["solver", "problem"])
+    assert len(runs) == 2 * (len(FAULTS) + 1)
     for fault in FAULTS:
-        bad = cells.loc[fault, "goal-1"]
+        bad = runs.loc[fault, "goal-1"]
         assert not bad["solved"]
         assert bad["status"] == ("time limit" if fault == "hang" else bad["status"])
-        assert WORDS.get(fault, "") in bad["words"]
+        assert WORDS.get(fault, "") in bad["message"]
         assert bad["reason"]
-        assert cells.loc[fault, "goal-0"]["solved"] == (fault != "build")
-    assert cells.loc["ipopt"]["solved"].all()
+        assert runs.loc[fault, "goal-0"]["solved"] == (fault != "build")
+    assert runs.loc["ipopt"]["solved"].all()
 
 
 def test_lies_are_counted_as_lies(study):
-    cells = study.cells[study.cells["problem"] == "goal-1"].set_index("solver")
+    runs = study.runs[study.runs["problem"] == "goal-1"].set_index("solver")
     for lie in ("nan", "infeasible lie", "feasible lie"):
-        assert cells.loc[lie, "said"]
-        assert not cells.loc[lie, "true"]
-        assert cells.loc[lie, "reason"].startswith("called solved, but ")
-    assert "stationarity" in cells.loc["feasible lie", "reason"]
-    assert "violation" in cells.loc["infeasible lie", "reason"]
+        assert runs.loc[lie, "reported_success"]
+        assert not runs.loc[lie, "verified"]
+        assert runs.loc[lie, "reason"].startswith("reported as solved, but ")
+    assert "stationarity" in runs.loc["feasible lie", "reason"]
+    assert "violation" in runs.loc["infeasible lie", "reason"]
     counts = study.summary.set_index("solver")
-    assert counts.loc["feasible lie", "said_not_true"] == 1
+    assert counts.loc["feasible lie", "false_positives"] == 1
     assert counts.loc["feasible lie", "solved"] == 0.5
-    assert counts.loc["hang", "neither"] == 1
+    assert counts.loc["hang", "unsolved"] == 1
 
 
 # --- in a simulation
@@ -258,59 +258,40 @@ def test_a_solver_that_hangs_or_kills_its_process_costs_a_simulation_nothing_but
     assert reason in caplog.text
 
 
-# --- a folder that is gone back to
+# --- checkpoints of a comparison
 
 
-def test_a_comparison_goes_on_where_it_ended_and_forgives_a_cut_line(tmp_path):
-    first = csw.compare(problems(), ["ipopt"], folder=tmp_path, seconds=20.0)
-    lines = (tmp_path / "cells.jsonl").read_bytes().splitlines(keepends=True)
-    assert len(lines) == 2
-    (tmp_path / "cells.jsonl").write_bytes(lines[0] + lines[1][:20])
-    told = []
+def test_compare_resumes_where_it_stopped(tmp_path):
+    options = {"checkpoint": tmp_path, "if_exists": "resume", "time_limit": 20.0}
+    first = csw.compare(problems(), ["ipopt"], **options)
+    (record, _) = sorted(tmp_path.rglob("*.npz"))
+    record.write_bytes(record.read_bytes()[:20])  # damaged
+    reports = []
     again = csw.compare(
-        problems(),
-        ["ipopt"],
-        folder=tmp_path,
-        seconds=20.0,
-        progress=lambda *words: told.append(words),
+        problems(), ["ipopt"], progress=lambda *report: reports.append(report), **options
     )
-    assert [(done, total) for done, total, _ in told] == [(1, 2), (2, 2)]
+    assert reports == [("comparing", done, 2) for done in (0, 1, 2)]
     same = ["problem", "objective", "status"]
-    assert first.cells[same].equals(again.cells[same])
-    assert first.cells["solve_seconds"][0] == again.cells["solve_seconds"][0]
-    assert len((tmp_path / "cells.jsonl").read_bytes().splitlines()) == 2
+    assert first.runs[same].equals(again.runs[same])
+    assert first.runs["solve_seconds"][1] == again.runs["solve_seconds"][1]
+    assert first.runs["solve_seconds"][0] != again.runs["solve_seconds"][0]
+    assert len(list(tmp_path.rglob("*.npz"))) == 2
 
 
 @pytest.mark.parametrize(
-    ("changed", "words"),
+    ("changed", "difference"),
     [
-        ({"seed": 3}, "seed: 0 there, 3 here"),
-        ({"seconds": 5.0}, "seconds: 10.0 there, 5.0 here"),
-        ({"solvers": [Ipopt(tolerance=1e-4)]}, "Ipopt(tolerance=1e-08"),
-        ({"solvers": {"ipopt": Ipopt(), "other": Ipopt()}}, "solvers.other is not there"),
-        ({"families": problems(1)}, "problems.goal-1 is there alone"),
+        ({"seed": 3}, "seed: 0 there, 3 now"),
+        ({"time_limit": 5.0}, "time_limit: 10.0 there, 5.0 now"),
+        ({"solvers": [Ipopt(tolerance=1e-4)]}, "Ipopt(tolerance=0.0001"),
+        ({"solvers": {"ipopt": Ipopt(), "other": Ipopt()}}, "solvers.other: nothing there"),
+        ({"families": problems(1)}, "problems.goal-1: "),
     ],
 )
-def test_a_folder_of_other_inputs_is_refused_and_the_difference_named(tmp_path, changed, words):
-    from casswarm.comparison.journal import Journal
-    from casswarm.comparison.run import _inputs, _solvers
-
-    usual = {"families": problems(), "solvers": ["ipopt"], "seed": 0, "seconds": 10.0}
-    now = usual | changed
-
-    def inputs(families, solvers, seed, seconds):
-        return _inputs(families, families, _solvers(solvers), None, seed, seconds)
-
-    Journal(tmp_path, inputs(**usual))
-    with pytest.raises(ComparisonError) as caught:
-        Journal(tmp_path, inputs(**now))
-    assert words in str(caught.value)
+def test_compare_rejects_checkpoint_of_other_inputs(tmp_path, changed, difference):
+    usual = {"families": problems(), "solvers": ["ipopt"], "seed": 0, "time_limit": 10.0}
+    csw.compare(**usual, checkpoint=tmp_path)
+    with pytest.raises(CheckpointError) as caught:
+        csw.compare(**usual | changed, checkpoint=tmp_path, if_exists="resume")
+    assert difference in str(caught.value)
     assert "choose another folder" in str(caught.value)
-
-
-def test_a_damaged_line_inside_is_an_error_that_names_it(tmp_path):
-    csw.compare(problems(1), ["ipopt"], folder=tmp_path)
-    cells = tmp_path / "cells.jsonl"
-    cells.write_bytes(b"nonsense\n" + cells.read_bytes())
-    with pytest.raises(ComparisonError, match="damaged at line 1"):
-        csw.compare(problems(1), ["ipopt"], folder=tmp_path)
