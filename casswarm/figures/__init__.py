@@ -8,10 +8,10 @@ from .convergence import convergence_chart
 from .distributions import arrival_chart, population_chart, survival_chart
 from .formations import formation_chart
 from .frames import player, save_gif
-from .maps import comparison_map, cost_to_go_map, guide_map
-from .member_maps import joint_map, member_guides_map, swarm_map
+from .maps import cost_to_go_map, guide_map
 from .mpc import mpc_chart
 from .paper import infeasible_chart, sensitivity_chart, table_2_chart
+from .path_maps import comparison_map, joint_map, swarm_map
 from .performance_profiles import pair_chart, profile_chart, win_chart
 from .style import THEMES, save, theme
 from .success import difference_chart, success_chart
@@ -29,7 +29,6 @@ __all__ = [
     "guide_map",
     "infeasible_chart",
     "joint_map",
-    "member_guides_map",
     "mpc_chart",
     "pair_chart",
     "player",

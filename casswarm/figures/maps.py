@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from ..planning.bounds import CostToGoMap, ValueFunction
-from ..planning.guide import Candidate, Guide, rounded_up
+from ..planning.guide import Candidate, Guide
 from ..planning.kinematics import integrate
 from ..scenario import Scenario
 from ..typing import FloatArray
@@ -17,7 +17,6 @@ from .base_map import add_corridor, add_landmarks, add_start, base_map, extent, 
 from .style import (
     BLUE,
     INK,
-    MEMBERS,
     VERMILION,
     add_legend,
     add_title,
@@ -61,28 +60,6 @@ def guide_map(
     add_start(axes, scenario.positions, "initial positions" if scenario.n > 1 else "start")
     add_legend(fig, axes)
     add_title(fig, scenario.name, f"guide, single-agent survival {guide.survival:.3g}")
-    return fig
-
-
-@themed
-def comparison_map(scenario: Scenario, guides: Mapping[str, Guide]) -> Figure:
-    """Several guides, with their single-agent survival, on the hazard rates."""
-    fig, axes = base_map(scenario, [guide.positions for guide in guides.values()])
-    colors = (MEMBERS[1], MEMBERS[0], *MEMBERS[2:])
-    for number, (name, guide) in enumerate(guides.items()):
-        axes.plot(
-            *guide.positions.T,
-            color=colors[number % len(colors)],
-            marker="os^Dv"[number % 5],
-            markersize=scaled(3.4),
-            linewidth=scaled(1.6),
-            zorder=4,
-            label=f"{name},\nsurvival {guide.survival:.3g}",
-        )
-    add_legend(fig, axes)
-    bounds = [g.survival_bound for g in guides.values() if g.survival_bound is not None]
-    bound = f"; upper bound {rounded_up(min(bounds)):.4f}" if bounds else ""
-    add_title(fig, scenario.name, f"single-agent survival of guides{bound}")
     return fig
 
 

@@ -12,9 +12,9 @@ import pandas as pd
 from ..chain.confidence import wilson
 from ..chain.trajectories import RunTrajectory
 from ..figures import (
+    comparison_map,
     convergence_chart,
     infeasible_chart,
-    member_guides_map,
     sensitivity_chart,
     success_chart,
     swarm_map,
@@ -179,7 +179,8 @@ def paper_figures(
         title, kept = f"{words}, run {number}", policy == "constrained"
         figures[name] = partial(swarm_map, scenario, trace, guide, title, corridors=kept)
     title = "naive, every member's own guide: its survival alone and arrival"
-    figures["figure-4"] = partial(member_guides_map, first, member_guides(first, guide), title)
+    guides = {f"member {k}": own for k, own in enumerate(member_guides(first, guide), start=1)}
+    figures["figure-4"] = partial(comparison_map, first, guides, title)
     return figures
 
 

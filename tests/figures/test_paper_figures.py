@@ -16,7 +16,6 @@ from casswarm.figures import (
     convergence_chart,
     infeasible_chart,
     joint_map,
-    member_guides_map,
     mpc_chart,
     sensitivity_chart,
     success_chart,
@@ -85,7 +84,6 @@ HORIZONS = pd.DataFrame(
     ]
 )
 FIGURES: dict[str, Callable[[], Figure]] = {
-    "guides": lambda: member_guides_map(SCENARIO, [GUIDE, GUIDE], "mine"),
     "joint": lambda: joint_map(SCENARIO, np.repeat(GUIDE.positions[:, None], 3, axis=1)),
     "table 2": lambda: table_2_chart(TABLE_2, 100),
     "scenarios": lambda: success_chart(BEYOND),

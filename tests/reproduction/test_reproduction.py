@@ -9,9 +9,9 @@ from reproduced import CHECKED_IN, checked_in
 import casswarm as csw
 from casswarm.chain.confidence import wilson
 from casswarm.figures import (
+    comparison_map,
     convergence_chart,
     infeasible_chart,
-    member_guides_map,
     sensitivity_chart,
     success_chart,
     table_2_chart,
@@ -231,7 +231,7 @@ def test_charts_are_drawn_from_what_is_checked_in(guide):
         convergence_chart(
             checked_in("guide-convergence"), checked_in("formation-convergence"), {"best": 0.7}
         ),
-        member_guides_map(FIRST, member_guides(FIRST, guide)),
+        comparison_map(FIRST, dict(enumerate(member_guides(FIRST, guide)))),
     ]
     assert [len(figure.axes) for figure in figures] == [1, 1, 2, 2, 4, 2]
     marks = [line for line in figures[1].axes[0].lines if line.get_marker() not in ("None", "")]

@@ -1,8 +1,8 @@
-"""Maps of members: the paths of a run, of a joint plan, or of every member's own guide."""
+"""Maps with several paths: of the members of a run or a joint plan, or of guides."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,7 +10,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from ..chain.trajectories import RunTrajectory
-from ..planning.guide import Guide
+from ..planning.guide import Guide, rounded_up
 from ..scenario import Scenario
 from ..typing import FloatArray
 from .base_map import add_corridor, add_start, base_map
@@ -42,7 +42,7 @@ def swarm_map(
     """
     ends = trajectory.last_steps()
     paths = [trajectory.positions[: end + 1, member] for member, end in enumerate(ends)]
-    fig, axes = _members_map(scenario, paths, contents=[] if guide is None else [guide.positions])
+    fig, axes = _paths_map(scenario, paths, contents=[] if guide is None else [guide.positions])
     if guide is not None:
         if corridors:
             add_corridor(axes, guide.positions, scenario.formation.rho)
@@ -55,16 +55,22 @@ def swarm_map(
 
 
 @themed
-def member_guides_map(scenario: Scenario, guides: Sequence[Guide], title: str = "") -> Figure:
-    """Every member's own guide, with its survival and arrival."""
+def comparison_map(scenario: Scenario, guides: Mapping[str, Guide], title: str = "") -> Figure:
+    """Several guides with their single-agent survival and arrival, by name.
+
+    The title is by default the best known upper bound on survival.
+    """
     labels = [
-        f"member {member}: {guide.survival:.3f},\nstep {guide.arrival}"
-        for member, guide in enumerate(guides, start=1)
+        f"{name},\nsurvival {guide.survival:.3g}, step {guide.arrival}"
+        for name, guide in guides.items()
     ]
-    fig, axes = _members_map(scenario, [guide.positions for guide in guides], labels)
-    add_start(axes, np.array([guide.positions[0] for guide in guides]))
+    paths = [guide.positions for guide in guides.values()]
+    fig, axes = _paths_map(scenario, paths, labels)
+    add_start(axes, np.unique([path[0] for path in paths], axis=0))
     add_legend(fig, axes)
-    add_title(fig, scenario.name, title or "every member's own guide, its survival and arrival")
+    bounds = [g.survival_bound for g in guides.values() if g.survival_bound is not None]
+    bound = f"; upper bound {rounded_up(min(bounds)):.4f}" if bounds else ""
+    add_title(fig, scenario.name, title or f"single-agent survival of guides{bound}")
     return fig
 
 
@@ -89,23 +95,23 @@ def joint_map(
     if survival is not None:
         alive = [survival[: len(path), member] for member, path in enumerate(paths)]
         labels = [f"{labels[k]},\nsurvival {alive[k][-1]:.3f}" for k in members]
-    fig, axes = _members_map(scenario, paths, labels, alive, [positions.reshape(-1, 2)])
+    fig, axes = _paths_map(scenario, paths, labels, alive, [positions.reshape(-1, 2)])
     add_start(axes, positions[0])
     add_legend(fig, axes)
     add_title(fig, scenario.name, title)
     return fig
 
 
-def _members_map(
+def _paths_map(
     scenario: Scenario,
     paths: Sequence[FloatArray],
     labels: Sequence[str] | None = None,
     survival: Sequence[FloatArray] | None = None,
     contents: Sequence[FloatArray] = (),
 ) -> tuple[Figure, Axes]:
-    """Base map with a path (T_k+1, 2) per member, as wide as its `survival` (T_k+1,) is likely.
+    """Base map with paths (T_k+1, 2), by default of members, as wide as `survival` (T_k+1,).
 
-    Members often share a path: the first is drawn widest and lowest, so that all stay visible.
+    Paths often coincide: the first is drawn widest and lowest, so that all stay visible.
     """
     fig, axes = base_map(scenario, [*paths, *contents])
     few = len(paths) <= len(MEMBERS)
