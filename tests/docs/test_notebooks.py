@@ -19,24 +19,24 @@ RUN = f"""
 exec(compile(open({str(NOTEBOOK)!r}, encoding="utf-8").read(), "solver_comparison", "exec"))
 import numpy as np
 
-cells, summary = comparison.cells, comparison.summary
-assert len(cells) == 2 * 5 * 2 * len(solvers), "problems of a kind, kinds, starts"
-taken = cells[cells["taken"]]
-assert set(cells.loc[~cells["taken"], "family"]) == {{"guides"}}, "which are no product sets"
+runs, summary = comparison.runs, comparison.summary
+assert len(runs) == 2 * 5 * 2 * len(solvers), "problems of a kind, kinds, starts"
+applicable = runs[runs["applicable"]]
+assert set(runs.loc[~runs["applicable"], "family"]) == {{"guides"}}, "which are no product sets"
 
 # claims of the text
-best = taken[taken["solver"].isin(["ipopt", "spectral"])]
+best = applicable[applicable["solver"].isin(["ipopt", "spectral"])]
 assert best["solved"].all(), best["reason"].tolist()
-assert not summary["said_not_true"].any(), "no false claims"
+assert not summary["false_positives"].any(), "no false claims"
 assert summary["solved"].min() < 1, "failures to be shown"
-assert (summary["found"] < summary["solved"]).any(), "minima that are local"
+assert (summary["best_known"] < summary["solved"]).any(), "minima that are local"
 assert (profile.iloc[-1] == np.isfinite(times).mean()).all(), "the right end is reliability"
 assert share_at(profile, 1.0)["spectral"] > 0.9, "the left end is speed"
 mean = times.where(np.isfinite(times)).mean()
 assert mean["spectral"] < mean["ipopt"], "evaluations are not time"
-assert set(failures(cells)["solver"]) >= {{"projected-gradient"}}
-assert "In short" in report.markdown()
-print("done", len(cells))
+assert set(failures(runs)["solver"]) >= {{"projected-gradient"}}
+assert "## Summary" in report.markdown()
+print("done", len(runs))
 """
 
 
