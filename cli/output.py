@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from ..results.catalogue import FigureCatalogue
     from ..scenario import Scenario
+    from ..typing import Progress
 
 _LIBRARIES = ("casadi", "numpy", "scipy", "pandas", "matplotlib")
 
@@ -193,11 +194,10 @@ def success_text(row: Mapping[Any, Any]) -> str:
 
 
 @contextmanager
-def progress_report(quiet: bool) -> Iterator[Any]:
-    """What reports progress on standard error: a bar where a number is known, else a line.
+def progress_report(quiet: bool) -> Iterator[Progress | None]:
+    """Report progress on standard error: with a bar where a total is known, else with a line.
 
-    It is called as `casswarm.typing.Progress` says, and is None where nothing should be reported.
-    Bars are drawn on terminals only.
+    Yields None where nothing should be reported. Bars are drawn on terminals only.
     """
     if quiet:
         yield None
@@ -207,7 +207,7 @@ def progress_report(quiet: bool) -> Iterator[Any]:
     bars: dict[str, Any] = {}
     with ExitStack() as stack:
 
-        def report(task: str, done: float = 0, total: float | None = None) -> None:
+        def report(task: str, done: float, total: float | None) -> None:
             if total is None and not done:
                 say(task)
                 return

@@ -1,4 +1,4 @@
-"""Runs that move: frames, colours, sizes, and players that load nothing."""
+"""Animations of runs: frames, colours, sizes, and players that load nothing."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from browser import opened, references
 from commands import casswarm
-from figure_cases import GUIDE, SCENARIO, RUN
+from figure_cases import GUIDE, RUN, SCENARIO
 from matplotlib.animation import FuncAnimation
 from matplotlib.colors import to_rgb
 from PIL import Image
@@ -25,7 +25,7 @@ FRAMES = 4
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A results folder of two policies, made by hand."""
+    """Results folder of two policies."""
     folder = tmp_path_factory.mktemp("animate")
     trace_table({"naive": (RUN,), "leader": (RUN, RUN)}).to_csv(folder / "traces.csv", index=False)
     guide_table(GUIDE).to_csv(folder / "guide.csv", index=False)
@@ -38,7 +38,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def gif(folder):
-    """The default animation of that folder."""
+    """Default animation of that folder."""
     done = casswarm(folder.parent, "animate", folder.name, "--fps", 5)
     assert done.stdout == f"{folder.name}/animation-leader-0.gif\n"
     assert f"{FRAMES} frames" in done.stderr
@@ -52,7 +52,7 @@ def page():
     return player(moving, 60, title="a <run>", page=True)
 
 
-def test_a_gif_has_a_frame_a_step_repeats_and_rests_at_the_end(gif):
+def test_gif_has_a_frame_per_step_and_repeats(gif):
     with Image.open(gif) as image:
         assert image.n_frames == FRAMES
         assert image.info["loop"] == 0
@@ -65,7 +65,7 @@ def test_a_gif_has_a_frame_a_step_repeats_and_rests_at_the_end(gif):
     assert "animation-leader-0.gif" in (gif.parent / "run.json").read_text()
 
 
-def test_colours_of_members_stay_what_they_are(gif):
+def test_gif_keeps_member_colours(gif):
     wanted = np.round(255 * np.array([to_rgb(color) for color in MEMBERS[:3]]))
     with Image.open(gif) as image:
         pixels = np.asarray(image.convert("RGB")).reshape(-1, 3)
@@ -73,7 +73,7 @@ def test_colours_of_members_stay_what_they_are(gif):
         assert (np.abs(pixels - color).max(axis=1) <= 1).any()
 
 
-def test_frames_differ_and_what_stays_does_not_flicker(gif):
+def test_gif_frames_differ_only_where_things_move(gif):
     frames = []
     with Image.open(gif) as image:
         for number in range(FRAMES):
@@ -85,7 +85,7 @@ def test_frames_differ_and_what_stays_does_not_flicker(gif):
         np.testing.assert_array_equal(frame[int(0.8 * height) :], frames[0][int(0.8 * height) :])
 
 
-def test_a_stage_shows_rates_members_leaders_and_the_lost_of_a_step():
+def test_stage_shows_rates_members_and_losses_of_a_step():
     stage = RunFigure(SCENARIO, RUN, GUIDE, "mine")
     limits = stage.image.get_clim()
     for step in (0, 3, 1, 2):
@@ -103,7 +103,7 @@ def test_a_stage_shows_rates_members_leaders_and_the_lost_of_a_step():
     assert len(stage.map.get_lines()) == 2 + 2 * 3  # guide and radar, ways and members
 
 
-def test_animate_returns_what_notebooks_know():
+def test_animate_returns_a_matplotlib_animation():
     moving = csw.animate(SCENARIO, RUN, GUIDE)
     assert isinstance(moving, FuncAnimation)
     assert moving.event_source.interval == 250
@@ -113,21 +113,21 @@ def test_animate_returns_what_notebooks_know():
         csw.animate(SCENARIO, RUN, frames_per_second=0)
 
 
-def test_an_animation_without_a_guide_or_leaders_is_one_too(tmp_path):
+def test_animate_without_guide_or_leaders_writes_all_frames(tmp_path):
     nobody = type(RUN)(RUN.positions, RUN.alive, np.full(3, -1))
     path = save_gif(csw.animate(SCENARIO, nobody), tmp_path / "run.gif", 40)
     with Image.open(path) as image:
         assert image.n_frames == FRAMES
 
 
-def test_a_player_holds_its_frames_and_loads_nothing(page):
+def test_player_embeds_frames_and_loads_nothing(page):
     assert page.count("data:image/png;base64,") == FRAMES + 1  # the first is shown from the start
     assert references(page) == []
     assert "a &lt;run&gt;" in page
     assert "<run>" not in page
 
 
-def test_references_are_found_where_there_are_any():
+def test_references_finds_every_kind_of_reference():
     for text in (
         '<img src="a.png">',
         "<img src=b.png>",
@@ -141,7 +141,7 @@ def test_references_are_found_where_there_are_any():
     assert not references('<img src="data:image/png;base64,AA=="><a href="#top">top</a>')
 
 
-def test_a_player_plays_in_a_browser(page, tmp_path):
+def test_player_plays_in_a_browser(page, tmp_path):
     script = """
       const slider = document.querySelector("input");
       document.querySelector("[data-do=on]").click();
@@ -151,14 +151,14 @@ def test_a_player_plays_in_a_browser(page, tmp_path):
       const third = [slider.value, document.querySelector("img").src];
       window.answer = [second[0], third[0], second[1] !== third[1]];
     """
-    found = opened(page, tmp_path, script)
-    assert found["mistakes"] == []
-    assert found["requests"] == []
-    assert found["answer"] == ["1", "2", True]
-    assert [image[0] > 100 for image in found["images"]] == [True]
+    outcome = opened(page, tmp_path, script)
+    assert outcome["mistakes"] == []
+    assert outcome["requests"] == []
+    assert outcome["answer"] == ["1", "2", True]
+    assert [image[0] > 100 for image in outcome["images"]] == [True]
 
 
-def test_a_page_of_the_command_is_one_file(folder, tmp_path):
+def test_animate_with_html_writes_one_file(folder, tmp_path):
     options = ("--html", "--policy", "naive", "--dpi", 40, "--quiet", "--out", "run.html")
     assert casswarm(tmp_path, "animate", folder, *options).stdout == "run.html\n"
     text = (tmp_path / "run.html").read_text()
@@ -174,11 +174,11 @@ def test_a_page_of_the_command_is_one_file(folder, tmp_path):
         (("--out", "run.gif", "--html"), "must end in .html"),
     ],
 )
-def test_wrong_wishes_are_answered_with_code_2(folder, options, words):
+def test_animate_with_wrong_options_is_explained(folder, options, words):
     assert words in casswarm(folder.parent, "animate", folder.name, *options, code=2).stderr
 
 
-def test_only_folders_of_simulate_hold_runs(tmp_path):
+def test_animate_of_another_command_is_refused(tmp_path):
     (tmp_path / "run.json").write_text('{"command": "plan"}')
     done = casswarm(tmp_path, "animate", ".", code=2)
     assert "casswarm plan, which keeps no runs: give one that casswarm simulate left" in done.stderr

@@ -1,11 +1,11 @@
-"""casswarm evaluate, as a user runs it."""
+"""casswarm evaluate as a user runs it."""
 
 import pandas as pd
 import pytest
 from commands import PNG, casswarm
 
 
-def test_evaluate_brackets_every_policy_and_leaves_tables(tmp_path):
+def test_evaluate_bounds_every_policy_and_writes_tables(tmp_path):
     done = casswarm(
         tmp_path, "evaluate", "paper-1", "--policy", "naive", "--policy", "leader", "--quiet"
     )
@@ -22,14 +22,14 @@ def test_evaluate_brackets_every_policy_and_leaves_tables(tmp_path):
     assert arrival["leader"].sum() == pytest.approx(laws["success_low"][1], rel=1e-9)
 
 
-def test_evaluate_says_when_states_were_too_few(tmp_path):
+def test_evaluate_with_few_states_gives_advice(tmp_path):
     done = casswarm(
         tmp_path, "evaluate", "paper-1", "--policy", "leader", "--max-states", "10", "--quiet"
     )
     assert "allow more of them (--max-states" in done.stdout
 
 
-def test_evaluate_samples_what_the_states_leave(tmp_path):
+def test_evaluate_with_runs_samples_residual_mass(tmp_path):
     done = casswarm(
         tmp_path,
         "evaluate",
@@ -42,11 +42,11 @@ def test_evaluate_samples_what_the_states_leave(tmp_path):
         50,
     )
     assert "with 95% confidence; proven:" in done.stdout
-    found = pd.read_csv(tmp_path / "results" / "evaluate-paper-1" / "estimates.csv").iloc[0]
-    assert found["enumerated_low"] <= found["success_low"] < found["success_high"]
-    assert found["success_high"] <= found["enumerated_high"]
+    estimate = pd.read_csv(tmp_path / "results" / "evaluate-paper-1" / "estimates.csv").iloc[0]
+    assert estimate["enumerated_low"] <= estimate["success_low"] < estimate["success_high"]
+    assert estimate["success_high"] <= estimate["enumerated_high"]
 
 
-def test_evaluate_refuses_to_enumerate_a_large_swarm(tmp_path):
+def test_evaluate_large_swarm_with_zero_tolerance_is_refused(tmp_path):
     done = casswarm(tmp_path, "evaluate", "large-swarm", "--tolerance", 0, code=2)
     assert "give a tolerance" in done.stderr

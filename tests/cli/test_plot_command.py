@@ -1,4 +1,4 @@
-"""casswarm plot: figures again from what is saved, the same or of another size; refusals."""
+"""casswarm plot as a user runs it, and results folders that are read back."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ RHO = "formation.rho=0.05,0.1"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A folder with the results of a small simulation."""
+    """Folder with the results of a small simulation."""
     folder = tmp_path_factory.mktemp("plot")
     options = ("--runs", 30, "--seed", 5, "--save-trajectories", 2, "--quiet")
     policies = ("--policy", "naive", "--policy", "leader")
@@ -33,7 +33,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture
 def simulated(folder, tmp_path):
-    """A copy of it that may be spoilt."""
+    """Copy of that folder that a test may change."""
     shutil.copytree(folder / RESULTS, tmp_path / RESULTS)
     return tmp_path / RESULTS / "simulate-paper-1"
 
@@ -42,7 +42,7 @@ def figures(folder):
     return {path.name: path.read_bytes() for path in folder.glob("*.png")}
 
 
-def test_figures_of_a_simulation_come_out_as_the_simulation_drew_them(simulated):
+def test_plot_of_simulate_draws_same_figures(simulated):
     before = figures(simulated)
     assert set(before) == {
         "success.png",
@@ -78,7 +78,7 @@ def test_figures_of_a_simulation_come_out_as_the_simulation_drew_them(simulated)
     ],
     ids=["plan", "evaluate", "sweep"],
 )
-def test_figures_of_other_commands_come_out_the_same_too(tmp_path, command, names):
+def test_plot_of_other_commands_draws_same_figures(tmp_path, command, names):
     casswarm(tmp_path, *command, "--quiet", "--out", "here")
     before = figures(tmp_path / "here")
     assert set(before) == {f"{name}.png" for name in names}
@@ -89,7 +89,7 @@ def test_figures_of_other_commands_come_out_the_same_too(tmp_path, command, name
     assert figures(tmp_path / "there") == before
 
 
-def test_width_resolution_run_and_names_are_choices(simulated):
+def test_plot_options_choose_run_figure_and_size(simulated):
     where = simulated.parent
     options = ("--run", 1, "--figure", "run-leader", "--width", "column", "--out", "small")
     casswarm(where, "plot", simulated.name, *options, "--dpi", 100)
@@ -98,7 +98,7 @@ def test_width_resolution_run_and_names_are_choices(simulated):
     assert {path.name for path in (where / "small").iterdir()} == {"run-leader.png"}
 
 
-def test_what_plot_adds_goes_when_the_folder_is_made_anew(simulated):
+def test_simulate_removes_figures_added_by_plot(simulated):
     where = simulated.parent
     casswarm(where, "plot", simulated.name, "--format", "pdf", "--figure", "success")
     assert "success.pdf" in json.loads((simulated / "run.json").read_text())["files"]
@@ -119,13 +119,13 @@ def test_what_plot_adds_goes_when_the_folder_is_made_anew(simulated):
         (lambda folder: (folder / "guide.csv").write_text("a,b\n1,2\n"), "one of them is damaged"),
     ],
 )
-def test_folders_that_are_no_results_are_refused(simulated, spoil, words):
+def test_plot_of_damaged_folder_is_refused(simulated, spoil, words):
     spoil(simulated)
     with pytest.raises(CheckpointError, match=words):
         Saved.of(simulated).figures()
 
 
-def test_wrong_folders_runs_and_names_are_answered_with_the_right_ones(simulated):
+def test_plot_with_wrong_options_is_explained(simulated):
     where = simulated.parent
     assert "is no folder: give one that plan" in casswarm(where, "plot", "nowhere", code=2).stderr
     with pytest.raises(
@@ -136,7 +136,7 @@ def test_wrong_folders_runs_and_names_are_answered_with_the_right_ones(simulated
     assert "did you mean 'success'" in done.stderr
 
 
-def test_what_is_read_back_is_what_was_saved(tmp_path):
+def test_saved_results_are_read_back_unchanged(tmp_path):
     from casswarm.planning.tables import guide_table
     from casswarm.studies.tables import (
         arrival_table,

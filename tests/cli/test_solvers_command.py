@@ -1,4 +1,4 @@
-"""casswarm solvers: what is there, what cannot run here, what was left out, each with a reason."""
+"""casswarm solvers: available, unavailable and unsupported solvers, with reasons."""
 
 from __future__ import annotations
 
@@ -30,41 +30,43 @@ def without_uno(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
-def test_json_tells_every_ability_and_reason() -> None:
-    told = json.loads(listed("--json").output)
-    assert [row["name"] for row in told["solvers"]] == list(SOLVERS)
-    for row in told["solvers"]:
+def test_solvers_json_lists_capabilities_and_reasons() -> None:
+    content = json.loads(listed("--json").output)
+    assert [row["name"] for row in content["solvers"]] == list(SOLVERS)
+    for row in content["solvers"]:
         capabilities = SOLVERS[row["name"]].capabilities
         assert row["problems"] == capabilities.problems
-        for ability in ("batch", "multipliers", "time_limit"):
-            assert row[ability] is getattr(capabilities, ability)
+        for capability in ("batch", "multipliers", "time_limit"):
+            assert row[capability] is getattr(capabilities, capability)
         assert row["unavailable"] == ""
-    assert told["left_out"] == UNSUPPORTED
+    assert content["unsupported"] == UNSUPPORTED
 
 
-def test_a_solver_that_cannot_run_here_is_listed_with_the_reason(without_uno: None) -> None:  # noqa: ARG001
+def test_unavailable_solver_is_listed_with_reason(without_uno: None) -> None:  # noqa: ARG001
     text = listed().output
-    assert "Not usable in this installation:\nuno  the nlpsol plugin 'uno' is not in this" in text
+    assert (
+        "Not available in this installation:\nuno  the nlpsol plugin 'uno' is not in this" in text
+    )
     rows = {row["name"]: row for row in json.loads(listed("--json").output)["solvers"]}
     assert "plugin 'uno'" in rows["uno"]["unavailable"]
     with pytest.raises(SolverError, match="'uno' cannot run here: the nlpsol plugin 'uno'"):
         make_solver("uno")
 
 
-def test_a_comparison_of_all_goes_on_without_what_cannot_run(without_uno: None) -> None:  # noqa: ARG001
+def test_compare_of_all_omits_unavailable_solver(without_uno: None) -> None:  # noqa: ARG001
     assert set(_absent()) == {"uno"}
     assert set(_solvers(None)) == set(SOLVERS) - {"uno"}
 
 
 @pytest.mark.parametrize("name", UNSUPPORTED)
-def test_asking_for_what_was_left_out_is_answered_with_the_reason(name: str) -> None:
+def test_unsupported_solver_is_refused_with_reason(name: str) -> None:
     with pytest.raises(SolverError) as caught:
         make_solver(name)
     assert str(caught.value) == f"solver {name!r} is left out: {UNSUPPORTED[name]}"
     assert f"{name} " in listed().output
 
 
-def test_every_nlpsol_of_the_wheel_is_taken_or_left_out_with_a_reason() -> None:
+def test_every_nlpsol_plugin_is_supported_or_has_reason() -> None:
     files = Path(casadi.__file__).parent.glob("*casadi_nlpsol_*")
     adaptors = {file.name.partition("casadi_nlpsol_")[2].partition(".")[0] for file in files}
     taken = {getattr(kind, "plugin", "") for kind in SOLVERS.values()}
