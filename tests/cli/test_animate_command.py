@@ -144,7 +144,7 @@ def test_references_finds_every_kind_of_reference():
 def test_player_plays_in_a_browser(page, tmp_path):
     script = """
       const slider = document.querySelector("input");
-      document.querySelector("[data-do=on]").click();
+      document.querySelector("[data-do=next]").click();
       const second = [slider.value, document.querySelector("img").src];
       document.querySelector(".casswarm-player").dispatchEvent(
         new KeyboardEvent("keydown", {key: "ArrowRight"}));
