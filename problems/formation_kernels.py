@@ -15,22 +15,18 @@ from ..hazard.kernels import differentiated_kernels
 from ..optimization.problem import CompiledObjective
 
 _EVALUATE = '''
-@compiled
-def evaluate(x, p, shared, gradient, scratch):
-    """Objective of `x` (2n,) and its gradient, for positions, alive and weights in `p`.
-
-    `scratch` (n (n + 8),) is overwritten. Every pair of members is evaluated once.
-    """
+@objective
+def evaluate(x, p, constants, gradient, scratch):
     n = x.size // 2
-    radars = int(shared[0])
-    parameters = shared[1 + 3 * radars :]
+    radars = int(constants[0])
+    parameters = constants[1 + 3 * radars :]
     dt = p[6 * n + 2]
-    crowd, crash, pairs = 2 * n, 3 * n, 4 * n  # where these begin in `scratch`
+    density_sums, collision_sums, slopes = 2 * n, 3 * n, 4 * n  # where these begin in `scratch`
     for c in range(2 * n):
         scratch[c] = p[c] + dt * x[c]
-        scratch[crowd + c] = 0.0
+        scratch[density_sums + c] = 0.0
         gradient[c] = 0.0
-    k = pairs
+    k = slopes
     for i in range(n):
         if p[5 * n + i] == 0.0:
             continue
@@ -41,16 +37,16 @@ def evaluate(x, p, shared, gradient, scratch):
                 continue
             de, dn = east - scratch[2 * j], north - scratch[2 * j + 1]
             squared = de * de + dn * dn
-            near, scratch[k] = density(squared, parameters)
-            hit, scratch[k + 1] = collision(squared, parameters)
-            scratch[crowd + i] += near
-            scratch[crash + i] += hit
+            pair_density, scratch[k] = density(squared, parameters)
+            pair_collision, scratch[k + 1] = collision(squared, parameters)
+            scratch[density_sums + i] += pair_density
+            scratch[collision_sums + i] += pair_collision
             if weighted:
-                scratch[crowd + j] += near
-                scratch[crash + j] += hit
+                scratch[density_sums + j] += pair_density
+                scratch[collision_sums + j] += pair_collision
             k += 2
     total = 0.0
-    alone = density(0.0, parameters)[0]  # a member counts in its own crowd
+    own_density = density(0.0, parameters)[0]
     for i in range(n):
         weight = p[5 * n + i]
         if weight == 0.0:
@@ -58,20 +54,20 @@ def evaluate(x, p, shared, gradient, scratch):
         east, north = scratch[2 * i], scratch[2 * i + 1]
         risk, risk_east, risk_north = 0.0, 0.0, 0.0
         for r in range(1, 1 + 3 * radars, 3):
-            de, dn, strength = east - shared[r], north - shared[r + 1], shared[r + 2]
+            de, dn, strength = east - constants[r], north - constants[r + 1], constants[r + 2]
             value, slope = source(de * de + dn * dn, parameters)
             risk += strength * value
             risk_east += strength * slope * de
             risk_north += strength * slope * dn
-        rate, by_risk, by_crowd, by_crash = combine(
-            risk, scratch[crowd + i] + alone, scratch[crash + i], parameters
+        rate, by_risk, by_density, by_collision = combine(
+            risk, scratch[density_sums + i] + own_density, scratch[collision_sums + i], parameters
         )
         total += weight * rate
         gradient[2 * i] += 2.0 * dt * weight * by_risk * risk_east
         gradient[2 * i + 1] += 2.0 * dt * weight * by_risk * risk_north
-        scratch[crowd + i] = 2.0 * dt * weight * by_crowd
-        scratch[crash + i] = 2.0 * dt * weight * by_crash
-    k = pairs
+        scratch[density_sums + i] = 2.0 * dt * weight * by_density
+        scratch[collision_sums + i] = 2.0 * dt * weight * by_collision
+    k = slopes
     for i in range(n):
         if p[5 * n + i] == 0.0:
             continue
@@ -79,8 +75,8 @@ def evaluate(x, p, shared, gradient, scratch):
         for j in range(n):
             if p[4 * n + j] == 0.0 or j == i or (p[5 * n + j] != 0.0 and j < i):
                 continue
-            slope = (scratch[crowd + i] + scratch[crowd + j]) * scratch[k]
-            slope += (scratch[crash + i] + scratch[crash + j]) * scratch[k + 1]
+            slope = (scratch[density_sums + i] + scratch[density_sums + j]) * scratch[k]
+            slope += (scratch[collision_sums + i] + scratch[collision_sums + j]) * scratch[k + 1]
             de, dn = slope * (east - scratch[2 * j]), slope * (north - scratch[2 * j + 1])
             gradient[2 * i] += de
             gradient[2 * i + 1] += dn
@@ -89,12 +85,18 @@ def evaluate(x, p, shared, gradient, scratch):
             k += 2
     return total
 '''
+"""Objective of `x` (2n,) and its gradient, for positions, alive and weights in `p`.
+
+Every pair of members is evaluated once. `scratch` (n (n + 8),) is overwritten. Text, because the
+kernels that it calls are generated: compiled in one module with them, they are inlined.
+"""
 
 
 def formation_objective(hazard: Hazard) -> CompiledObjective | None:
-    """The objective's source, and the hazard's numbers that it reads: radars and parameters.
+    """The compiled objective; None for hazards that are not compositions of kernels.
 
-    None for rates that are no composition of kernels, or whose kernels have no such source.
+    It is None, too, where a kernel uses an operation that has no counterpart in Python. The
+    constants are the hazard's radars, strengths and parameters.
     """
     if not isinstance(hazard, KernelHazard):
         return None
@@ -103,5 +105,5 @@ def formation_objective(hazard: Hazard) -> CompiledObjective | None:
     except HazardError:
         return None
     radars = np.column_stack([hazard.radar_positions, hazard.radar_strengths])
-    shared = np.concatenate([[len(radars)], radars.ravel(), parameters])
-    return CompiledObjective(f"{source}\n{_EVALUATE}", shared)
+    constants = np.concatenate([[len(radars)], radars.ravel(), parameters])
+    return CompiledObjective(f"{source}\n{_EVALUATE}", constants)

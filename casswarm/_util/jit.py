@@ -1,7 +1,8 @@
-"""Generated Python modules, compiled by Numba once and kept on disk.
+"""Numba: the decorators of compiled functions, and generated modules of them.
 
-Numba keeps what it compiles beside the module's file, so a generated module must be a file that
-stays: it is written to the user's cache folder under the hash of its text.
+Numba keeps compiled code beside the file of a function, or in its own cache folder where that
+cannot be written. A generated module must therefore be a file that stays: it is written to the
+user's cache folder under the hash of its text.
 """
 
 from __future__ import annotations
@@ -12,9 +13,12 @@ import logging
 import os
 import sys
 import tempfile
+from collections.abc import Callable
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
+from typing import Any, TypeVar
 
 from platformdirs import user_cache_path
 
@@ -22,38 +26,84 @@ from .files import atomic_write
 
 LOG = logging.getLogger(__name__)
 
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+_PACKAGE = Path(__file__).parent.parent
+
+_OBJECTIVE = "float64(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])"
 _HEADER = """\
 import math
-import numba
+
 import numpy as np
 from math import inf, nan
 
-compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
+from casswarm._util.jit import kernel, objective
+
 
 """
 
 
+def kernel(function: _Function) -> _Function:
+    """Compile a function when it is first called; the result is kept on disk.
+
+    A kernel may make views of arrays, but neither allocate nor return them: Numba does without
+    reference counts then, which halves the time of small problems.
+    """
+    return _compiled(function, _nrt=False)
+
+
+def allocating_kernel(function: _Function) -> _Function:
+    """Compile a function like `kernel`, which may also allocate and return arrays."""
+    return _compiled(function)
+
+
+def _compiled(function: _Function, **options: bool) -> _Function:
+    import numba
+
+    compiled = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+    with suppress(AttributeError):  # Numba's own file alone decides whether code is outdated, otherwise
+        file = compiled._cache._cache_file
+        file._source_stamp = (file._source_stamp, _stamp())
+    return compiled  # type: ignore[no-any-return]
+
+
+def objective(function: _Function) -> _Function:
+    """Compile ``f(x, p, constants, gradient, scratch)`` to a value that kernels take as argument.
+
+    The arguments are contiguous vectors. All objectives have one type, so that a solver is compiled
+    once for all of them.
+    """
+    import numba
+
+    compiled = numba.cfunc(_OBJECTIVE, cache=True, error_model="numpy", _nrt=False)(function)
+    return compiled  # type: ignore[no-any-return]
+
+
+@lru_cache(maxsize=1)
+def _stamp() -> bytes:
+    """Hash of all kernels: a change of one must compile those that call it again."""
+    files = sorted(_PACKAGE.rglob("*_kernels.py"))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).digest()
+
+
+def announce(compiled: Any) -> None:
+    """Log a warning if a kernel is going to be compiled, which takes seconds."""
+    folder, name = Path(compiled.stats.cache_path), compiled.__module__.rpartition(".")[2]
+    if not compiled.signatures and not any(folder.glob(f"{name}.{compiled.__name__}-*.nbi")):
+        LOG.warning("compiling once, for some seconds; the result is kept in %s", folder)
+
+
 def cache_folder() -> Path:
-    """Where generated modules are kept: $CASSWARM_CACHE, or the user's cache folder."""
-    given = os.environ.get("CASSWARM_CACHE")
-    return Path(given) if given else user_cache_path("casswarm", appauthor=False)
+    """Folder of generated modules: $CASSWARM_CACHE, or the user's cache folder."""
+    folder = os.environ.get("CASSWARM_CACHE")
+    return Path(folder) if folder else user_cache_path("casswarm", appauthor=False)
 
 
 @lru_cache(maxsize=64)
-def compiled_module(*parts: str) -> ModuleType:
-    """Module of the joined texts, in which ``@compiled`` functions are compiled when first called.
-
-    Parameters
-    ----------
-    parts : str
-        Python texts, in order; they share one namespace with `math`, `np` and `compiled`.
-    """
-    text = _HEADER + "\n\n".join(parts)
+def generated_module(source: str) -> ModuleType:
+    """Module of a Python text that uses the names `math`, `np`, `kernel` and `objective`."""
+    text = _HEADER + source
     name = f"casswarm_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
-    path = _kept(name, text)
-    if not any(path.parent.glob(f"__pycache__/{name}.*.nbi")):  # Numba's index of what is compiled
-        LOG.warning("compiling, once and for some seconds; it is kept in %s", path.parent)
-    spec = importlib.util.spec_from_file_location(name, path)
+    spec = importlib.util.spec_from_file_location(name, _file(name, text))
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -62,12 +112,12 @@ def compiled_module(*parts: str) -> ModuleType:
     return module
 
 
-def _kept(name: str, text: str) -> Path:
-    """Write the text where it stays; where that cannot be, for this process only."""
+def _file(name: str, text: str) -> Path:
+    """Write the text to the cache folder, or to a temporary one where that is impossible."""
     try:
         return _written(cache_folder(), name, text)
     except OSError as error:
-        LOG.warning("%s: what is compiled now is for this process only", error)
+        LOG.warning("%s: compiled code is for this process only", error)
         return _written(Path(tempfile.mkdtemp(prefix="casswarm-")), name, text)
 
 

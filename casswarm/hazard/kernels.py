@@ -217,4 +217,4 @@ def _kernel_sources(hazard: KernelHazard, parameters: Expr) -> str:
         (hazard.combine, 3, "combine"),
     )
     texts = (differentiated_source(k, inputs, name, parameters) for k, inputs, name in kernels)
-    return "\n\n".join(f"@compiled\n{text}" for text in texts)
+    return "\n\n".join(f"@kernel\n{text}" for text in texts)

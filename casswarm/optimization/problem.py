@@ -11,28 +11,34 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._util.jit import generated_module
 from ..errors import SolverError
 from ..typing import Expr, FloatArray
 from .feasible_sets.planar import PlanarSets
-from .feasible_sets.trajectory import PathSets
+from .feasible_sets.trajectory import TrajectorySets
 
 
 @dataclass(frozen=True, eq=False)
 class CompiledObjective:
-    """An objective and its gradient as source, for solvers that compile their inner loop.
+    """An objective and its gradient as Python source, for solvers with a compiled inner loop.
 
     Parameters
     ----------
     source : str
-        Python text of ``evaluate(x, p, shared, gradient)`` and what it calls, each decorated with
-        ``@compiled``: returns f(x; p) and writes the gradient. The same text serves all problems
-        of a kind.
-    shared : (s,)
-        Numbers that all instances share, such as the places of radars.
+        Text of ``evaluate(x, p, constants, gradient, scratch)``, decorated with ``@objective``, and
+        of the ``@kernel`` functions that it calls: it returns f(x; p) and writes the gradient. All
+        problems of a kind have the same source, which is compiled once.
+    constants : (s,)
+        Numbers that all instances share, such as the positions of radars.
     """
 
     source: str
-    shared: FloatArray
+    constants: FloatArray
+
+    @property
+    def evaluate(self) -> Any:
+        """The compiled function, to be passed to kernels."""
+        return generated_module(self.source).evaluate
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,10 +217,10 @@ class Instances:
         Bounds on x.
     lbg, ubg : (B, ng)
         Bounds on g.
-    feasible_set : PlanarSets of shape (B, nx / 2) or PathSets of B states, optional
+    feasible_set : PlanarSets of shape (B, nx / 2) or TrajectorySets of B states, optional
         The set that lbx, ubx, lbg and ubg describe, where it has a structure that special solvers
         exploit: a product of simple sets in the plane, onto which one can project, or paths within
-        limits of speed and acceleration. With `PathSets`, x are the displacements per step, and the
+        limits of speed and acceleration. With `TrajectorySets`, x are the displacements per step, and the
         objective is the sum of `Nlp.compiled` over the steps.
     scale : (B, 2), optional
         A typical length of x and a typical value of f: what tolerances are relative to.
@@ -226,7 +232,7 @@ class Instances:
     ubx: FloatArray
     lbg: FloatArray
     ubg: FloatArray
-    feasible_set: PlanarSets | PathSets | None = None
+    feasible_set: PlanarSets | TrajectorySets | None = None
     scale: FloatArray | None = None
 
     def __post_init__(self) -> None:

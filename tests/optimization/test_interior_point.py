@@ -14,8 +14,14 @@ from window_cases import COLLIDING, DT, GOAL, HAZARD, MOTION, RADARS, RHO, both,
 from casswarm import make_solver
 from casswarm.optimization.kkt import kkt_residuals
 from casswarm.optimization.solvers.batch.interior_point import InteriorPoint
+<<<<<<< HEAD
 from casswarm.policies.formation import applied_decision
 from casswarm.policies.mpc_instances import leader_mpc_formation, path_limits
+=======
+from casswarm.optimization.solvers.batch.nearest_trajectories import nearest_trajectories
+from casswarm.policies.mpc import flown
+from casswarm.policies.mpc_instances import leader_mpc
+>>>>>>> 93b68db (Make kernels ordinary Numba functions that take the objective as an argument)
 from casswarm.problems.formation import (
     Motion,
     Step,
@@ -103,7 +109,7 @@ def test_nearest_paths_on_a_line_are_those_of_bounded_least_squares(steps: int) 
     limits = replace(path_limits(data), speed=50.0)  # out of reach
     before = np.stack([rng.normal(0, 1, 30), np.zeros(30)], axis=1)
     goals = np.cumsum(rng.normal(0, 2, (30, steps)), axis=1)
-    paths, failed = limits.following(before, np.stack([goals, 0 * goals], axis=-1), np.zeros(steps))
+    paths, failed = nearest_trajectories(limits, before, np.stack([goals, 0 * goals], axis=-1), np.zeros(steps))
     assert not failed.any()
     total = np.tril(np.ones((steps, steps)))
     for b in range(30):
@@ -122,7 +128,7 @@ def test_nearest_paths_are_those_of_ipopt(radius: float) -> None:
     before = rng.uniform(-1.9, 1.9, (12, 2))
     goals = np.cumsum(before[:, None] + rng.normal(0, 0.8, (12, 4, 2)), axis=1)
     goals += rng.normal(0, 0.7, (12, 1, 2))
-    paths, failed = limits.following(before, goals, np.full(4, radius))
+    paths, failed = nearest_trajectories(limits, before, goals, np.full(4, radius))
     assert not failed.any()
     for b in range(12):
         exact = _nearest_by_ipopt(before[b], goals[b], radius, limits.speed, limits.change)

@@ -28,18 +28,14 @@ sqrt(e). Magnitudes should lie between 1e-140 and 1e140 (or be zero).
 
 from __future__ import annotations
 
-import inspect
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
-from types import ModuleType
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..._util.jit import compiled_module
 from ...typing import BoolArray, FloatArray
-from . import planar_kernels
 
 Index: TypeAlias = int | np.integer[Any] | slice | NDArray[np.bool_] | NDArray[np.integer[Any]]
 
@@ -143,7 +139,9 @@ class PlanarSets:
         """Largest distance (...) to the box or a disc; 0 inside, NaN for a point not finite."""
         flat, sets, shape = self._paired(points)
         largest = np.empty(len(flat))
-        _compiled().excess_batch(flat, sets.packed, largest)
+        from .planar_kernels import violation_batch  # Numba takes a second to import
+
+        violation_batch(flat, sets.packed, largest)
         return largest.reshape(shape)
 
     def contains(self, points: ArrayLike, tolerance: float) -> BoolArray:
@@ -218,11 +216,8 @@ def _anchors(sets: PlanarSets) -> FloatArray:
 
 def _search(points: FloatArray, sets: PlanarSets) -> tuple[FloatArray, BoolArray]:
     """Nearest points (M, 2), and whether there is one (M,); NaN stays NaN and counts as found."""
-    nearest, found = np.empty(points.shape), np.empty(len(points), dtype=bool)
-    _compiled().nearest_batch(points, sets.packed, nearest, found)
-    return nearest, found
+    from .planar_kernels import nearest_batch  # Numba takes a second to import
 
-
-@cache
-def _compiled() -> ModuleType:
-    return compiled_module(inspect.getsource(planar_kernels))
+    nearest, exists = np.empty(points.shape), np.empty(len(points), dtype=bool)
+    nearest_batch(points, sets.packed, nearest, exists)
+    return nearest, exists

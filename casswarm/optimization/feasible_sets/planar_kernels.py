@@ -1,36 +1,35 @@
-"""Nearest point of a box and up to two discs in the plane: plain Python that Numba compiles.
+"""Nearest point of a box and up to two discs in the plane, one point and one set at a time.
 
-The cases of `casswarm.optimization.feasible_sets.planar`, which proves them, for one point and one set. A set is a row of ten
-numbers (`casswarm.optimization.feasible_sets.planar.PlanarSets.packed`)::
+The cases are those of `casswarm.optimization.feasible_sets.planar`, which proves them. A set is a
+row of ten numbers (`casswarm.optimization.feasible_sets.planar.PlanarSets.packed`)::
 
     lower x, lower y, upper x, upper y, center x, center y, radius, center x, center y, radius
 
-where an infinite radius means that the disc is absent. `casswarm._util.jit` joins this text with
-others into a module in which ``compiled`` is Numba's decorator. Imported as it stands, nothing is
-compiled, and the functions run as Python.
+where an infinite radius means that the disc is absent.
 """
 
-# mypy: ignore-errors
+from __future__ import annotations
+
 import math
+from typing import TypeAlias
+
+from ..._util.jit import kernel
+from ...typing import BoolArray, FloatArray
 
 ROUNDING = 2.0**-46  # 64 units of rounding, 1.4e-14
 DISCS = (4, 7)  # where a row's discs begin
 
-if "compiled" not in globals():
-
-    def compiled(function):
-        """Leave a function as it is."""
-        return function
+Candidate: TypeAlias = tuple[float, float, bool]
 
 
-@compiled
-def clip(value, low, high):
-    """The nearest number from low to high."""
+@kernel
+def clip(value: float, low: float, high: float) -> float:
+    """Nearest number to `value` between `low` and `high`."""
     return min(max(value, low), high)
 
 
-@compiled
-def within(x, y, sets, i):
+@kernel
+def within(x: float, y: float, sets: FloatArray, i: int) -> bool:
     """Whether a point lies in all discs of set i, up to rounding; False for NaN."""
     for k in DISCS:
         cx, cy, r = sets[i, k], sets[i, k + 1], sets[i, k + 2]
@@ -43,9 +42,11 @@ def within(x, y, sets, i):
     return True
 
 
-@compiled
-def nearer(x, y, px, py, sets, i, best):
-    """The point (x, y), clipped, if it lies in set i and is nearer to (px, py) than `best`."""
+@kernel
+def nearer(
+    x: float, y: float, px: float, py: float, sets: FloatArray, i: int, best: Candidate
+) -> Candidate:
+    """The point (x, y), clipped, if it lies in set i and nearer to (px, py) than `best`; or `best`."""
     x, y = clip(x, sets[i, 0], sets[i, 2]), clip(y, sets[i, 1], sets[i, 3])
     if within(x, y, sets, i):
         # |p - q|^2 - |p - x|^2 without the cancellation that spoils it far from the set
@@ -57,18 +58,18 @@ def nearer(x, y, px, py, sets, i, best):
     return best
 
 
-@compiled
-def half_chord(line, center, r):
-    """Half the length of a circle's part of a line, 0 where they touch up to rounding, or -1."""
+@kernel
+def half_chord(line: float, center: float, r: float) -> float:
+    """Half the chord that a circle cuts from a line: 0 where they touch up to rounding, or -1."""
     away = abs(line - center)
     if r - away > -ROUNDING * (abs(line) + abs(center) + r):
         return math.sqrt(max(r - away, 0.0)) * math.sqrt(r + away)
     return -1.0
 
 
-@compiled
-def nearest(px, py, sets, i):
-    """Nearest point of set i to (px, py), and whether there is one: (x, y, found)."""
+@kernel
+def nearest(px: float, py: float, sets: FloatArray, i: int) -> Candidate:
+    """Nearest point of set i to (px, py), and whether there is one: (x, y, exists)."""
     x, y = clip(px, sets[i, 0], sets[i, 2]), clip(py, sets[i, 1], sets[i, 3])
     if within(x, y, sets, i):
         return x, y, True
@@ -85,9 +86,9 @@ def nearest(px, py, sets, i):
     return nearest_crossing(px, py, sets, i)
 
 
-@compiled
-def nearest_crossing(px, py, sets, i):
-    """The same among the points where circles cross lines of the box or each other."""
+@kernel
+def nearest_crossing(px: float, py: float, sets: FloatArray, i: int) -> Candidate:
+    """Nearest feasible crossing of circles with lines of the box or with each other."""
     best = (px, py, False)
     for k in DISCS:
         cx, cy, r = sets[i, k], sets[i, k + 1], sets[i, k + 2]
@@ -123,8 +124,8 @@ def nearest_crossing(px, py, sets, i):
     return best
 
 
-@compiled
-def excess(x, y, sets, i):
+@kernel
+def violation(x: float, y: float, sets: FloatArray, i: int) -> float:
     """Largest distance of a point to the box or a disc of set i; 0 inside, NaN for NaN."""
     dx = x - clip(x, sets[i, 0], sets[i, 2])
     dy = y - clip(y, sets[i, 1], sets[i, 3])
@@ -137,18 +138,21 @@ def excess(x, y, sets, i):
     return largest + 0.0 * (x + y)
 
 
-@compiled
-def nearest_batch(points, sets, out, found):
-    """Nearest points (M, 2) of sets (M, 10), and whether there are any (M,); NaN stays NaN."""
+@kernel
+def nearest_batch(
+    points: FloatArray, sets: FloatArray, projections: FloatArray, exists: BoolArray
+) -> None:
+    """Write the nearest points (M, 2) of sets (M, 10), and whether they exist (M,); NaN stays NaN."""
     for i in range(points.shape[0]):
         if math.isfinite(points[i, 0]) and math.isfinite(points[i, 1]):
-            out[i, 0], out[i, 1], found[i] = nearest(points[i, 0], points[i, 1], sets, i)
+            x, y, exists[i] = nearest(points[i, 0], points[i, 1], sets, i)
+            projections[i, 0], projections[i, 1] = x, y
         else:
-            out[i, 0], out[i, 1], found[i] = math.nan, math.nan, True
+            projections[i, 0], projections[i, 1], exists[i] = math.nan, math.nan, True
 
 
-@compiled
-def excess_batch(points, sets, out):
-    """Largest distance (M,) of points (M, 2) to the box or a disc of sets (M, 10)."""
+@kernel
+def violation_batch(points: FloatArray, sets: FloatArray, distances: FloatArray) -> None:
+    """Write the largest distance (M,) of points (M, 2) to the box or a disc of sets (M, 10)."""
     for i in range(points.shape[0]):
-        out[i] = excess(points[i, 0], points[i, 1], sets, i)
+        distances[i] = violation(points[i, 0], points[i, 1], sets, i)

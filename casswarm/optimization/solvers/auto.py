@@ -12,8 +12,9 @@ from ...typing import FloatArray
 from ..problem import Instances, Nlp
 from ..solution import BatchSolution
 from .base import Answer, Capabilities, Solver
-from .batch.interior_point import InteriorPoint, InteriorPointRun
-from .batch.spg import Run, SpectralProjectedGradient
+from .batch.engine import BatchRun, BatchSolver
+from .batch.interior_point import InteriorPoint
+from .batch.spg import SpectralProjectedGradient
 from .ipopt import Ipopt
 
 
@@ -51,7 +52,11 @@ class Auto(Solver):
         """See `Solver.run`."""
         batch = self._batch(nlp, instances)
         if batch is None:
+<<<<<<< HEAD
             return self.fallback.timed_answers(nlp, instances)[1]
+=======
+            return self.judge._answers(nlp, instances)
+>>>>>>> 93b68db (Make kernels ordinary Numba functions that take the objective as an argument)
         run = batch.run_batch(nlp, instances)
         found = self._accepted(run)
         answers = run.answers()
@@ -64,7 +69,11 @@ class Auto(Solver):
         """Solve every instance; `BatchSolution.used_fallback` tells which needed Ipopt."""
         batch = self._batch(nlp, instances)
         if batch is None:
+<<<<<<< HEAD
             return self.fallback.solve_batch(nlp, instances)
+=======
+            return self.judge.solve_batch(nlp, instances)
+>>>>>>> 93b68db (Make kernels ordinary Numba functions that take the objective as an argument)
         found = self._accepted(batch.run_batch(nlp, instances))
         left = np.flatnonzero(~found.success)
         if not left.size:
@@ -72,17 +81,15 @@ class Auto(Solver):
         again = self.fallback.solve_batch(nlp, _restarted(instances[left], found.x[left]))
         return found.with_rows(left, replace(again, used_fallback=np.ones(left.size, bool)))
 
-    def _batch(
-        self, nlp: Nlp, instances: Instances
-    ) -> SpectralProjectedGradient | InteriorPoint | None:
+    def _batch(self, nlp: Nlp, instances: Instances) -> BatchSolver | None:
         """The batch solver that can take the problem, None where none can."""
         if self.batch.can_take(nlp, instances):
             return self.batch
         return self.paths if self.paths.can_take(nlp, instances) else None
 
-    def _accepted(self, run: Run | InteriorPointRun) -> BatchSolution:
+    def _accepted(self, run: BatchRun) -> BatchSolution:
         """The batch's answers, a success where the residuals are small, whatever it says."""
-        return run.solution(run.judged[:, 2] <= self.stationarity)
+        return run.solution(run.verified[:, 2] <= self.stationarity)
 
 
 def _restarted(instances: Instances, x: FloatArray) -> Instances:

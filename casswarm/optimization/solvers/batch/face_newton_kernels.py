@@ -1,72 +1,133 @@
-"""Newton steps on a face of a product of planar sets: plain Python that Numba compiles.
+"""Newton steps on the active face of a product of planar sets, state by state.
 
-The face that x lies on: every member is free (in the plane), on one boundary (free along it), or
-held in a corner. On the face the Lagrangian is minimised by conjugate gradients, its Hessian times
-a vector taken from differences of gradients, so that a step costs O(n) gradients at most and needs
-no more source than the objective's. A circle of radius r whose multiplier is m adds the curvature
-m / r along it. See `casswarm._util.jit` for ``compiled`` and ``evaluate``.
+On the face of x every member is free (in the plane), on one boundary (free along it), or fixed in
+a corner. On the face the Lagrangian is minimised by conjugate gradients, its Hessian times a vector
+taken from differences of gradients, so that a step costs O(n) gradients at most and needs no more
+than the objective's gradient. A circle of radius r with multiplier m adds the curvature m / r along
+it.
 """
 
-# mypy: ignore-errors
+from __future__ import annotations
+
 import math
+from typing import Any, NamedTuple
 
-if "compiled" not in globals():
-    from casswarm.optimization.feasible_sets.planar_kernels import DISCS, compiled, nearest
+from ...._util.jit import kernel
+from ....typing import FloatArray, IntArray
+from ...feasible_sets.planar_kernels import DISCS, nearest
 
-ACTIVE = 1e-10  # a boundary is active that is nearer, in units of x
-HELD = 1e-9  # a member is held that the projected gradient moves less, in units of x
+ACTIVE = 1e-10  # a boundary nearer than this is active, in units of x
+FIXED = 1e-9  # a member whose projected gradient is shorter is fixed, in units of x
 DIFFERENCE = 1e-7  # length of the gradient's differences, in units of x
-FORCING = 1e-3  # residual at which the conjugate gradients stop, as a part of the first
-MAX_ITERATIONS = 30  # of their steps
-REACH = 0.1  # the longest component of a step, in units of x
-TRIALS = 4  # of its length
-SUFFICIENT = 1e-4  # decrease, as a part of what the gradient promises
+FORCING = 1e-3  # residual at which the conjugate gradients stop, relative to the first
+MAX_ITERATIONS = 30  # of the conjugate gradients
+MAX_STEP = 0.1  # the longest component of a step, in units of x
+TRIALS = 4  # of a step's length
+SUFFICIENT = 1e-4  # sufficient decrease, as a fraction of what the slope predicts
+
+GRADIENT, DIRECTION, TRIAL, TRIAL_GRADIENT, STEP, RESIDUAL, CONJUGATE, PRODUCT = range(8)
+"""Rows of `Workspace.vectors`."""
 
 
-@compiled
-def tangent(i, x, gradient, direction, sets, unit):
-    """What member i may do on its face: (degrees of freedom, tx, ty, curvature).
+class Problem(NamedTuple):
+    """One state's problem: an objective over a product of n planar sets.
 
-    Of the active boundaries, those count that the negative gradient presses on.
+    Parameters
+    ----------
+    evaluate : objective
+        See `casswarm._util.jit.objective`.
+    p, constants : vectors
+        Parameters of the state, and numbers that all states share.
+    sets : (n, 10)
+        See `casswarm.optimization.feasible_sets.planar_kernels`.
+    scale : (2,)
+        Units of x and of the objective.
+    scratch : vector
+        Overwritten by `evaluate`.
     """
+
+    evaluate: Any
+    p: FloatArray
+    constants: FloatArray
+    sets: FloatArray
+    scale: FloatArray
+    scratch: FloatArray
+
+
+class Workspace(NamedTuple):
+    """Arrays that a solve overwrites.
+
+    Parameters
+    ----------
+    vectors : (8, 2n)
+        Rows `GRADIENT` to `PRODUCT`.
+    step_sizes : (n,)
+        Spectral step size of every member.
+    history : vector
+        The last objective values.
+    face : (n, 4)
+        What `tangent` returns of every member.
+    """
+
+    vectors: FloatArray
+    step_sizes: FloatArray
+    history: FloatArray
+    face: FloatArray
+
+
+@kernel
+def evaluate(problem: Problem, x: FloatArray, gradient: FloatArray) -> float:
+    """Objective at x; its gradient is written."""
+    return problem.evaluate(x, problem.p, problem.constants, gradient, problem.scratch)  # type: ignore[no-any-return]
+
+
+@kernel
+def tangent(
+    i: int, x: FloatArray, gradient: FloatArray, direction: FloatArray, problem: Problem
+) -> tuple[int, float, float, float]:
+    """Tangent space of member i's face: (degrees of freedom, tx, ty, curvature).
+
+    Only the active boundaries that the negative gradient presses on count.
+    """
+    sets, unit = problem.sets, problem.scale[0]
     gx, gy = gradient[2 * i], gradient[2 * i + 1]
     px, py = x[2 * i], x[2 * i + 1]
     dx, dy = direction[2 * i], direction[2 * i + 1]
-    moves = math.sqrt(dx * dx + dy * dy)
-    pressed, tx, ty, curvature, steepest = 0, 0.0, 0.0, 0.0, 0.0
+    displacement = math.sqrt(dx * dx + dy * dy)
+    pressed, tx, ty, curvature, largest = 0, 0.0, 0.0, 0.0, 0.0
     for side in range(4):  # the box's normals: -x, -y, +x, +y
         if abs((px if side % 2 == 0 else py) - sets[i, side]) <= ACTIVE * unit:
             sign = -1.0 if side < 2 else 1.0
-            push = -sign * (gx if side % 2 == 0 else gy)
-            if push > 0.0:
+            multiplier = -sign * (gx if side % 2 == 0 else gy)
+            if multiplier > 0.0:
                 pressed += 1
-                if push > steepest:
-                    steepest, curvature = push, 0.0
+                if multiplier > largest:
+                    largest, curvature = multiplier, 0.0
                     tx, ty = (0.0, 1.0) if side % 2 == 0 else (1.0, 0.0)
     for k in DISCS:
         r = sets[i, k + 2]
         if r < math.inf:
             nx, ny = px - sets[i, k], py - sets[i, k + 1]
-            away = math.sqrt(nx * nx + ny * ny)
-            if away > 0.0 and abs(away - r) <= ACTIVE * unit:
-                nx, ny = nx / away, ny / away
-                push = -(gx * nx + gy * ny)
-                if push > 0.0:
+            distance = math.sqrt(nx * nx + ny * ny)
+            if distance > 0.0 and abs(distance - r) <= ACTIVE * unit:
+                nx, ny = nx / distance, ny / distance
+                multiplier = -(gx * nx + gy * ny)
+                if multiplier > 0.0:
                     pressed += 1
-                    if push > steepest:
-                        steepest, curvature = push, push / r
+                    if multiplier > largest:
+                        largest, curvature = multiplier, multiplier / r
                         tx, ty = -ny, nx
     if pressed == 0:
         return 2, 0.0, 0.0, 0.0
-    fixed = sets[i, 0] == sets[i, 2] and sets[i, 1] == sets[i, 3]
-    if fixed or (pressed > 1 and moves <= HELD * unit):
+    point = sets[i, 0] == sets[i, 2] and sets[i, 1] == sets[i, 3]
+    if point or (pressed > 1 and displacement <= FIXED * unit):
         return 0, 0.0, 0.0, 0.0
     return 1, tx, ty, curvature
 
 
-@compiled
-def reduced(vector, face, out):
-    """Write the part of a vector that lies in the face's tangent space; its squared length."""
+@kernel
+def project_on_face(vector: FloatArray, face: FloatArray, out: FloatArray) -> float:
+    """Write the part of a vector in the face's tangent space; return its squared length."""
     total = 0.0
     for i in range(vector.size // 2):
         vx, vy = vector[2 * i], vector[2 * i + 1]
@@ -80,8 +141,8 @@ def reduced(vector, face, out):
     return total
 
 
-@compiled
-def largest_of(vector):
+@kernel
+def largest_component(vector: FloatArray) -> float:
     """Largest magnitude of a component."""
     largest = 0.0
     for c in range(vector.size):
@@ -89,48 +150,51 @@ def largest_of(vector):
     return largest
 
 
-@compiled
-def longest_of(vector):
-    """Length of the longest member's part."""
+@kernel
+def longest_displacement(vector: FloatArray) -> float:
+    """Largest length of a member's part."""
     longest = 0.0
     for i in range(vector.size // 2):
         longest = max(longest, vector[2 * i] ** 2 + vector[2 * i + 1] ** 2)
     return math.sqrt(longest)
 
 
-@compiled
-def blocking_length(x, step, sets, unit):
-    """Length of a step at which a first boundary is met that is not active at x."""
+@kernel
+def blocking_length(x: FloatArray, step: FloatArray, problem: Problem) -> float:
+    """Length of a step at which it meets the first boundary that is not active at x."""
+    sets, unit = problem.sets, problem.scale[0]
     shortest = math.inf
     for i in range(sets.shape[0]):
         sx, sy = step[2 * i], step[2 * i + 1]
         for side in range(4):
-            ahead = sets[i, side] - (x[2 * i] if side % 2 == 0 else x[2 * i + 1])
-            pace = sx if side % 2 == 0 else sy
-            if abs(ahead) > ACTIVE * unit and ahead * pace > 0.0:
-                shortest = min(shortest, ahead / pace)
+            distance = sets[i, side] - (x[2 * i] if side % 2 == 0 else x[2 * i + 1])
+            rate = sx if side % 2 == 0 else sy
+            if abs(distance) > ACTIVE * unit and distance * rate > 0.0:
+                shortest = min(shortest, distance / rate)
         for k in DISCS:
             wx, wy, r = x[2 * i] - sets[i, k], x[2 * i + 1] - sets[i, k + 1], sets[i, k + 2]
             if r < math.inf and math.sqrt(wx * wx + wy * wy) < r - ACTIVE * unit:
                 inside = r * r - wx * wx - wy * wy
                 outward, square = wx * sx + wy * sy, sx * sx + sy * sy
-                pace = outward + math.sqrt(outward * outward + square * inside)
-                if pace > 0.0:
-                    shortest = min(shortest, inside / pace)
+                rate = outward + math.sqrt(outward * outward + square * inside)
+                if rate > 0.0:
+                    shortest = min(shortest, inside / rate)
     return shortest
 
 
-@compiled
-def curvature_along(x, q, p, shared, unit, work, face, scratch):
-    """Write the reduced Hessian of the Lagrangian times q into row 9 of `work`; q'Hq."""
-    gradient, moved, changed, product = work[0], work[2], work[3], work[9]
-    short = DIFFERENCE * unit / largest_of(q)
+@kernel
+def hessian_product(x: FloatArray, problem: Problem, work: Workspace) -> float:
+    """Write the reduced Hessian of the Lagrangian times q = `CONJUGATE`; return q'Hq."""
+    q, product, gradient = work.vectors[CONJUGATE], work.vectors[PRODUCT], work.vectors[GRADIENT]
+    trial, trial_gradient = work.vectors[TRIAL], work.vectors[TRIAL_GRADIENT]
+    face = work.face
+    length = DIFFERENCE * problem.scale[0] / largest_component(q)
     for c in range(x.size):
-        moved[c] = x[c] + short * q[c]
-    evaluate(moved, p, shared, changed, scratch)
+        trial[c] = x[c] + length * q[c]
+    evaluate(problem, trial, trial_gradient)
     for c in range(x.size):
-        product[c] = (changed[c] - gradient[c]) / short
-    reduced(product, face, product)
+        product[c] = (trial_gradient[c] - gradient[c]) / length
+    project_on_face(product, face, product)
     total = 0.0
     for c in range(x.size):
         product[c] += face[c // 2, 3] * q[c]
@@ -138,61 +202,73 @@ def curvature_along(x, q, p, shared, unit, work, face, scratch):
     return total
 
 
-@compiled
-def newton_step(x, f, p, shared, sets, units, work, face, scratch, counts):
-    """Try a Newton step from x: (f there, whether it is accepted).
-
-    Rows of `work`: 0 the gradient at x, 1 its projected step, and written: 2 the new point, 3 its
-    gradient, 4 the step, 5 the residual, 6 the conjugate direction, 9 the Hessian times it.
-    """
-    gradient, following, gradient_then = work[0], work[2], work[3]
-    step, residual, q, product = work[4], work[5], work[6], work[9]
-    size, unit = x.size, units[0]
-    for i in range(sets.shape[0]):
-        face[i, 0], face[i, 1], face[i, 2], face[i, 3] = tangent(
-            i, x, gradient, work[1], sets, unit
-        )
-    square = reduced(gradient, face, residual)
-    first = square
+@kernel
+def conjugate_gradients(
+    x: FloatArray, problem: Problem, work: Workspace, counts: IntArray
+) -> bool:
+    """Write the Newton step on the face; return whether there is one."""
+    residual, step = work.vectors[RESIDUAL], work.vectors[STEP]
+    q, product = work.vectors[CONJUGATE], work.vectors[PRODUCT]
+    first = square = project_on_face(work.vectors[GRADIENT], work.face, residual)
     if not 0.0 < first < math.inf:
-        return f, False
-    for c in range(size):
+        return False
+    for c in range(x.size):
         step[c] = 0.0
         residual[c] = -residual[c]
         q[c] = residual[c]
     for _ in range(MAX_ITERATIONS):
-        curved = curvature_along(x, q, p, shared, unit, work, face, scratch)
+        curvature = hessian_product(x, problem, work)
         counts[1] += 1
-        if not curved > 0.0:
-            along = REACH * unit / largest_of(q)
-            for c in range(size):  # downhill all the way, as far as one may go
-                step[c] += along * q[c]
+        if not curvature > 0.0:
+            length = MAX_STEP * problem.scale[0] / largest_component(q)
+            for c in range(x.size):  # unbounded below along q: the longest step that is allowed
+                step[c] += length * q[c]
             break
-        length = square / curved
-        now = 0.0
-        for c in range(size):
+        length = square / curvature
+        next_square = 0.0
+        for c in range(x.size):
             step[c] += length * q[c]
             residual[c] -= length * product[c]
-            now += residual[c] * residual[c]
-        if now <= FORCING * FORCING * first:
+            next_square += residual[c] * residual[c]
+        if next_square <= FORCING * FORCING * first:
             break
-        for c in range(size):
-            q[c] = residual[c] + now / square * q[c]
-        square = now
+        for c in range(x.size):
+            q[c] = residual[c] + next_square / square * q[c]
+        square = next_square
+    return True
+
+
+@kernel
+def newton_step(
+    x: FloatArray, f: float, problem: Problem, work: Workspace, counts: IntArray
+) -> tuple[float, bool]:
+    """Try a Newton step from x: (f at `trial`, whether it is accepted).
+
+    Reads the vectors `GRADIENT` and `DIRECTION`; writes `TRIAL` and `TRIAL_GRADIENT`.
+    """
+    sets, unit, face = problem.sets, problem.scale[0], work.face
+    gradient, direction = work.vectors[GRADIENT], work.vectors[DIRECTION]
+    step, trial = work.vectors[STEP], work.vectors[TRIAL]
+    for i in range(sets.shape[0]):
+        face[i, 0], face[i, 1], face[i, 2], face[i, 3] = tangent(
+            i, x, gradient, direction, problem
+        )
+    if not conjugate_gradients(x, problem, work, counts):
+        return f, False
     slope = 0.0
-    for c in range(size):
+    for c in range(x.size):
         slope += gradient[c] * step[c]
     if not slope < 0.0:
         return f, False
-    length = min(1.0, REACH * unit / largest_of(step))
-    blocked = blocking_length(x, step, sets, unit)
-    for trial in range(TRIALS):
+    length = min(1.0, MAX_STEP * unit / largest_component(step))
+    blocked = blocking_length(x, step, problem)
+    for attempt in range(TRIALS):
         for i in range(sets.shape[0]):
             px, py = x[2 * i] + length * step[2 * i], x[2 * i + 1] + length * step[2 * i + 1]
-            following[2 * i], following[2 * i + 1], _found = nearest(px, py, sets, i)
-        f_then = evaluate(following, p, shared, gradient_then, scratch)
+            trial[2 * i], trial[2 * i + 1], _exists = nearest(px, py, sets, i)
+        trial_f = evaluate(problem, trial, work.vectors[TRIAL_GRADIENT])
         counts[1] += 1
-        if f_then <= f + SUFFICIENT * length * slope + 2.0**-50 * abs(f):
-            return f_then, True
-        length = blocked if trial == 0 and blocked < length else 0.25 * length
+        if trial_f <= f + SUFFICIENT * length * slope + 2.0**-50 * abs(f):
+            return trial_f, True
+        length = blocked if attempt == 0 and blocked < length else 0.25 * length
     return f, False

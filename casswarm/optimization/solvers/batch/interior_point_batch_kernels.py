@@ -1,213 +1,259 @@
-"""Batches of states for the barrier method: starts, units, verdicts; Python that Numba compiles.
+"""Batches of states for the interior-point method: starts, units, verification."""
 
-`casswarm._util.jit` joins this text with `casswarm.optimization.solvers.batch.interior_point_kernels` and what that needs.
-"""
+from __future__ import annotations
 
-# mypy: ignore-errors
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
-if "compiled" not in globals():
-    from casswarm.optimization.feasible_sets.planar_kernels import compiled
-    from casswarm.optimization.feasible_sets.trajectory_kernels import add_pulled, longest, slacks
-    from casswarm.optimization.solvers.batch.interior_point_kernels import (
-        NO_INSIDE,
-        NOT_FINITE,
-        clear,
-        copy,
-        gather,
-        minimise,
-        residuals,
-        total,
-    )
+from ...._util.jit import allocating_kernel, kernel
+from ....typing import BoolArray, FloatArray, IntArray
+from ...feasible_sets.trajectory_kernels import (
+    ROWS,
+    Constraints,
+    add_jacobian_transpose,
+    max_step_length,
+    slacks,
+)
+from .engine import NO_INTERIOR, NOT_FINITE, Results
+from .interior_point_kernels import (
+    Objective,
+    Schedule,
+    clear,
+    copy,
+    gather,
+    minimise,
+    residuals,
+    total,
+)
 
-FIRST = 1e-2  # barrier parameter at the beginning, in units of the objective
+MU_INIT = 1e-2  # barrier parameter at the beginning, in units of the objective
 COARSE = 1e-4  # barrier parameter at which starts are compared
-KEPT = 0.1  # part of every slack that is kept on the way to a start
+MARGIN = 0.1  # fraction of every slack that a start keeps
 
 
-@compiled
-def in_units(who, before, centers, radii, limits):
-    """The limits of the members `who` as `path_core` has them: velocities in units of the first."""
-    k, steps = who.size, radii.shape[1]
-    began, middle, wide = np.empty((k, 2)), np.empty((k, steps, 2)), np.empty((k, steps))
+class Batch(NamedTuple):
+    """B states of n members over H steps.
+
+    Parameters
+    ----------
+    starts : (B, S, H, 2n)
+    inside : (B, H, 2n)
+        Trajectories strictly within the limits; those of members that are not free are fixed.
+    free : (B, n) bool
+    initial_velocities : (B, n, 2)
+    limits : (2,)
+        Bounds of a velocity's components and of its change in a step.
+    centers, radii : (B, n, H, 2), (B, n, H)
+    p : (B, 1 or H, np)
+    constants : vector
+    scale : (B, 2)
+        Units of x, the first of `limits`, and of the objective.
+    """
+
+    starts: FloatArray
+    inside: FloatArray
+    free: BoolArray
+    initial_velocities: FloatArray
+    limits: FloatArray
+    centers: FloatArray
+    radii: FloatArray
+    p: FloatArray
+    constants: FloatArray
+    scale: FloatArray
+
+
+class Options(NamedTuple):
+    """Barrier parameter at the end, tolerance, and the limit of iterations."""
+
+    mu_final: float
+    tolerance: float
+    max_iter: int
+
+
+@allocating_kernel
+def scaled_constraints(batch: Batch, row: int, active: IntArray) -> Constraints:
+    """Constraints of the active members, with velocities in units of their bound."""
+    limits, centers, radii = batch.limits, batch.centers[row], batch.radii[row]
+    k, steps = active.size, radii.shape[1]
+    scaled = Constraints(
+        np.empty((k, 2)),
+        (limits[1] / limits[0]) ** 2,
+        np.empty((k, steps, 2)),
+        np.empty((k, steps)),
+    )
     for a in range(k):
         for axis in range(2):
-            began[a, axis] = before[who[a], axis] / limits[0]
+            velocity = batch.initial_velocities[row, active[a], axis]
+            scaled.initial_velocities[a, axis] = velocity / limits[0]
         for s in range(steps):
             for axis in range(2):
-                middle[a, s, axis] = centers[who[a], s, axis] / limits[0]
-            wide[a, s] = (radii[who[a], s] / limits[0]) ** 2
-    return began, (limits[1] / limits[0]) ** 2, middle, wide
+                scaled.centers[a, s, axis] = centers[active[a], s, axis] / limits[0]
+            scaled.radii[a, s] = (radii[active[a], s] / limits[0]) ** 2
+    return scaled
 
 
-@compiled
-def take(u, who, speed, y):
-    """Write the paths of the members `who` from u (H, 2n)."""
-    k = who.size
+@kernel
+def read(u: FloatArray, active: IntArray, unit: float, y: FloatArray) -> None:
+    """Write the trajectories of the active members from u (H, 2n)."""
+    k = active.size
     for s in range(u.shape[0]):
         for a in range(k):
             for axis in range(2):
-                y[2 * (s * k + a) + axis] = u[s, 2 * who[a] + axis] / speed
+                y[2 * (s * k + a) + axis] = u[s, 2 * active[a] + axis] / unit
 
 
-@compiled
-def approach(inside, guess, path, slack, way):
-    """Move every member's path in `guess` towards `inside`, until its slacks are well above zero.
+@kernel
+def write(y: FloatArray, active: IntArray, unit: float, u: FloatArray) -> None:
+    """Write the trajectories of the active members to u (H, 2n)."""
+    k = active.size
+    for s in range(u.shape[0]):
+        for a in range(k):
+            for axis in range(2):
+                u[s, 2 * active[a] + axis] = unit * y[2 * (s * k + a) + axis]
 
-    The limits are a product over members: one who can move little does not hold the others.
+
+@allocating_kernel
+def move_inside(inside: FloatArray, guess: FloatArray, constraints: Constraints) -> None:
+    """Move every member's trajectory in `guess` towards `inside`, until its slacks are well above 0.
+
+    The limits are a product over members: one that can move little does not restrict the others.
     """
-    began, square, middle, wide = path
-    members, steps = wide.shape
-    slacks(inside, began, square, middle, wide, slack)
+    members, steps = constraints.radii.shape
+    slack, step = np.empty(3 * guess.size), np.empty(guess.size)
+    slacks(inside, constraints, slack)
     for a in range(members):
-        clear(way)
+        clear(step)
         for s in range(steps):
             for axis in range(2):
                 c = 2 * (s * members + a) + axis
-                way[c] = guess[c] - inside[c]
-        reach = longest(inside, way, 1.0 - KEPT, slack, began, middle, members, steps)
+                step[c] = guess[c] - inside[c]
+        length = max_step_length(inside, step, 1.0 - MARGIN, slack, constraints)
         for s in range(steps):
             for axis in range(2):
                 c = 2 * (s * members + a) + axis
-                guess[c] = inside[c] + reach * way[c]
+                guess[c] = inside[c] + length * step[c]
 
 
-@compiled
-def judge(u, z, who, path, p, shared, units, scratch):
-    """f, violation and residual of an answer, anew, in units; nothing of a solve enters.
-
-    The violation is a distance; the residual is the larger of stationarity and complementarity.
-    """
-    before, square, centers, squares = path
-    members, steps = squares.shape
-    gradients, slack = np.empty((steps, u.shape[1])), np.empty(z.size)
-    y, pulled = np.empty(z.size // 3), np.empty(z.size // 3)
-    take(u, who, units[0], y)
-    value = total(y, u, who, p, shared, units, gradients, scratch)
-    slacks(y, before, square, centers, squares, slack)
-    gather(gradients, who, units, pulled)
-    add_pulled(y, z, before, centers, members, steps, pulled)
-    violation, least = 0.0, 0.0
-    for row in range(z.size):
-        least = min(least, z[row])
+@kernel
+def largest_violation(slack: FloatArray, constraints: Constraints) -> float:
+    """Largest violation of a constraint as a distance, in units."""
+    members, violation = constraints.radii.shape[0], 0.0
+    for row in range(slack.size):
         if slack[row] < 0.0:
             bound = 0.0
-            if row % 6 == 4:
-                bound = math.sqrt(square)
-            elif row % 6 == 5:
-                bound = math.sqrt(squares[row // 6 % members, row // (6 * members)])
-            out = math.sqrt(bound * bound - slack[row]) - bound if row % 6 > 3 else -slack[row]
+            if row % ROWS == 4:
+                bound = math.sqrt(constraints.acceleration)
+            elif row % ROWS == 5:
+                bound = math.sqrt(constraints.radii[row // ROWS % members, row // (ROWS * members)])
+            out = math.sqrt(bound * bound - slack[row]) - bound if row % ROWS > 3 else -slack[row]
             violation = max(violation, out)
-    largest, apart = residuals(pulled, z, slack, 0.0)
-    if not (math.isfinite(value) and math.isfinite(largest)) or least < 0.0:
-        return value * units[1], math.inf, math.nan
-    return value * units[1], violation, max(largest, apart)
+    return violation
 
 
-@compiled
-def minimise_state(
-    u, starts, who, path, p, shared, unit, finest, tolerance, iterations, scratch, z, counts
-):
-    """Solve a state from every start (S, H, 2n), with multipliers z: how it ended.
+@allocating_kernel
+def verify(
+    z: FloatArray, objective: Objective, constraints: Constraints
+) -> tuple[float, float, float]:
+    """Objective, violation and residual of the answer `u`, recomputed from the problem alone.
 
-    `u` (H, 2n) begins strictly inside, and ends as the answer.
+    The violation is a distance, in units; the residual is the larger of stationarity and
+    complementarity.
     """
-    tries, size = starts.shape[0], z.size // 3
-    inside, y, best, way = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
+    slack, y, lagrangian = np.empty(z.size), np.empty(z.size // 3), np.empty(z.size // 3)
+    read(objective.u, objective.active, objective.scale[0], y)
+    value = total(y, objective)
+    slacks(y, constraints, slack)
+    gather(objective, lagrangian)
+    add_jacobian_transpose(y, z, constraints, lagrangian)
+    violation, least = largest_violation(slack, constraints), 0.0
+    for row in range(z.size):
+        least = min(least, z[row])
+    stationarity, complementarity = residuals(lagrangian, z, slack, 0.0)
+    if not (math.isfinite(value) and math.isfinite(stationarity)) or least < 0.0:
+        return value * objective.scale[1], math.inf, math.nan
+    return value * objective.scale[1], violation, max(stationarity, complementarity)
+
+
+@allocating_kernel
+def minimise_state(
+    starts: FloatArray,
+    z: FloatArray,
+    objective: Objective,
+    constraints: Constraints,
+    options: Options,
+    counts: IntArray,
+) -> int:
+    """Solve a state from every start (S, H, 2n), with multipliers z; return the outcome.
+
+    `objective.u` begins strictly inside, and ends as the answer.
+    """
+    trials, active, unit = starts.shape[0], objective.active, objective.scale[0]
+    tolerance, mu_final = options.tolerance, options.mu_final
+    inside, y, best = np.empty(z.size // 3), np.empty(z.size // 3), np.empty(z.size // 3)
     slack, best_z = np.empty(z.size), np.zeros(z.size)
-    take(u, who, unit[0], inside)
+    read(objective.u, active, unit, inside)
     copy(inside, best)
-    least, how = math.inf, NO_INSIDE
-    if not slacks(inside, path[0], path[1], path[2], path[3], slack) > 0.0:
-        return how
-    for t in range(tries + 1 if tries > 1 else 1):
-        rough = t < tries and tries > 1
-        if t < tries:
-            take(starts[t], who, unit[0], y)
-            approach(inside, y, path, slack, way)
+    least, outcome = math.inf, NO_INTERIOR
+    if not slacks(inside, constraints, slack) > 0.0:
+        return outcome
+    for t in range(trials + 1 if trials > 1 else 1):
+        coarse = t < trials and trials > 1
+        if t < trials:
+            read(starts[t], active, unit, y)
+            move_inside(inside, y, constraints)
             clear(z)
         else:
             copy(best, y)
             copy(best_z, z)
-        begin = max(FIRST if t < tries else COARSE, finest)
-        end = max(COARSE, finest) if rough else finest
-        close = max(COARSE, tolerance) if rough else tolerance
-        f, how = minimise(
-            y, z, u, who, path, p, shared, unit, begin, end, close, iterations, scratch, counts
+        schedule = Schedule(
+            max(MU_INIT if t < trials else COARSE, mu_final),
+            max(COARSE, mu_final) if coarse else mu_final,
+            max(COARSE, tolerance) if coarse else tolerance,
+            options.max_iter,
         )
-        if not rough or (how != NOT_FINITE and f < least):
-            least = f
+        value, outcome = minimise(y, z, objective, constraints, schedule, counts)
+        if not coarse or (outcome != NOT_FINITE and value < least):
+            least = value
             copy(y, best)
             copy(z, best_z)
-    copy(best, y)
     copy(best_z, z)
-    for s in range(u.shape[0]):
-        for a in range(who.size):
-            for axis in range(2):
-                u[s, 2 * who[a] + axis] = unit[0] * best[2 * (s * who.size + a) + axis]
-    return how
+    write(best, active, unit, objective.u)
+    return outcome
 
 
-@compiled
+@allocating_kernel
 def minimise_batch(
-    first,
-    last,
-    starts,
-    insides,
-    free,
-    before,
-    limits,
-    centers,
-    radii,
-    parameters,
-    shared,
-    units,
-    finest,
-    tolerance,
-    iterations,
-    x,
-    multipliers,
-    judged,
-    outcome,
-    counts,
-):
-    """Solve the states `first` to `last` - 1 from every start (B, S, H, 2n), and judge the answers.
+    rows: tuple[int, int],
+    evaluate: Any,
+    batch: Batch,
+    options: Options,
+    multipliers: FloatArray,
+    results: Results,
+) -> None:
+    """Solve the states ``rows[0]`` to ``rows[1] - 1`` and verify the answers.
 
-    `insides` (B, H, 2n) are strictly within the limits; what is not free is kept. `limits` are the
-    bounds of a velocity's components and of its change; units (B, 2) those of x, the first of the
-    limits, and of f. Writes x (B, H, 2n), multipliers (B, H, n, 6), judged (B, 3): f, violation,
-    residual; outcome (B,); counts (B, 2).
+    Writes x (B, H, 2n) and multipliers (B, H, n, 6).
     """
-    steps, n = x.shape[1], free.shape[1]
-    scratch = np.empty(n * (n + 8))
-    for state in range(first, last):
-        who, u = np.flatnonzero(free[state]), x[state]
-        path = in_units(who, before[state], centers[state], radii[state], limits)
-        z, unit, p = np.zeros(6 * who.size * steps), units[state], parameters[state]
+    steps, n = batch.inside.shape[1], batch.free.shape[1]
+    scratch, gradients = np.empty(n * (n + 8)), np.empty((steps, 2 * n))
+    for row in range(rows[0], rows[1]):
+        active, u = np.flatnonzero(batch.free[row]), results.x[row]
+        objective = Objective(
+            evaluate, batch.p[row], batch.constants, batch.scale[row], active, u, gradients, scratch
+        )
+        constraints = scaled_constraints(batch, row, active)
+        z = np.zeros(ROWS * active.size * steps)
         for s in range(steps):
             for c in range(2 * n):
-                u[s, c] = insides[state, s, c]
-        outcome[state] = minimise_state(
-            u,
-            starts[state],
-            who,
-            path,
-            p,
-            shared,
-            unit,
-            finest,
-            tolerance,
-            iterations,
-            scratch,
-            z,
-            counts[state],
+                u[s, c] = batch.inside[row, s, c]
+        results.outcome[row] = minimise_state(
+            batch.starts[row], z, objective, constraints, options, results.counts[row]
         )
-        judged[state, 0], judged[state, 1], judged[state, 2] = judge(
-            u, z, who, path, p, shared, unit, scratch
-        )
+        verified = results.verified[row]
+        verified[0], verified[1], verified[2] = verify(z, objective, constraints)
         for s in range(steps):
-            for a in range(who.size):
-                for row in range(6):
-                    multipliers[state, s, who[a], row] = z[6 * (s * who.size + a) + row]
+            for a in range(active.size):
+                for c in range(ROWS):
+                    multipliers[row, s, active[a], c] = z[ROWS * (s * active.size + a) + c]

@@ -1,120 +1,186 @@
-"""A primal-dual barrier method for paths within limits: plain Python that Numba compiles.
+"""A primal-dual interior-point method for trajectories within limits, one state at a time.
 
-Minimise sum over steps s of evaluate(u_s; p_s) over paths u that keep the limits of
-`casswarm.optimization.feasible_sets.trajectory_kernels`. ``evaluate(x, p, shared, gradient, scratch)`` returns a step's objective for
-the places x (2n,) of all n members and writes its gradient. The limits are convex and have an
-inside, and every iterate is strictly within them. A step is the Newton step of the primal-dual
-equations, condensed to a banded matrix, made shorter until no slack shrinks too much and the
-barrier function decreases. Where the limits cut it, it is bent along the curvature of their discs
-first, for which the same factor serves; without that, iterates zigzag between thin slivers of
-discs. Where the matrix is not positive definite, a multiple of the identity is added.
+Minimise the sum over steps s of evaluate(u_s; p_s) over trajectories u within the limits of
+`casswarm.optimization.feasible_sets.trajectory_kernels`, where u_s (2n,) are the displacements of
+all n members. The limits are convex and have an interior, and every iterate is strictly within
+them. A step is the Newton step of the primal-dual equations, condensed to a banded matrix, and
+shortened until no slack shrinks too much and the barrier function decreases. Where the limits cut
+it, a second-order correction follows the curvature of their discs first, with the same factor;
+without it, iterates zigzag between thin slivers of discs. Where the matrix is not positive
+definite, a multiple of the identity is added.
 
-A step's block of the objective's Hessian is taken from differences of gradients: the places of a
-step enter no other step's objective. `casswarm._util.jit` joins this text with `casswarm.optimization.feasible_sets.trajectory_kernels`
-and that of an objective.
+A step's block of the objective's Hessian is taken from differences of gradients: the displacements
+of a step enter no other step's objective.
 """
 
-# mypy: ignore-errors
+from __future__ import annotations
+
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
-if "compiled" not in globals():
-    from casswarm.optimization.feasible_sets.planar_kernels import compiled
-    from casswarm.optimization.feasible_sets.trajectory_kernels import (
-        add_curvature,
-        add_pulled,
-        bends,
-        factor,
-        longest,
-        pushed,
-        slacks,
-        solve,
-    )
+from ...._util.jit import allocating_kernel, kernel
+from ....typing import FloatArray, IntArray
+from ...feasible_sets.trajectory_kernels import (
+    Constraints,
+    add_curvature,
+    add_jacobian_transpose,
+    factor,
+    jacobian_product,
+    max_step_length,
+    second_order_terms,
+    slacks,
+    solve,
+)
+from .engine import CONVERGED, EXHAUSTED, NO_INTERIOR, NOT_FINITE, STALLED
 
-DIFFERENCE = 1e-7  # length of the gradient's differences
-SUFFICIENT = 1e-4  # decrease, as a part of what the slope promises
+DIFFERENCE = 1e-7  # length of the gradient's differences, in units of x
+SUFFICIENT = 1e-4  # sufficient decrease, as a fraction of what the slope predicts
 TRIALS = 40  # of a step's length
-CONVERGED, EXHAUSTED, STALLED, NOT_FINITE, NO_INSIDE = 0, 1, 2, 3, 4
+REGULARISATIONS = 30  # attempts to make the Newton matrix positive definite
 
 
-@compiled
-def copy(source, target):
-    """As slices would, which take Numba seconds to compile for the sake of their error message."""
+class Objective(NamedTuple):
+    """A state's objective as a function of the displacements y of its active members.
+
+    Parameters
+    ----------
+    evaluate : objective
+        See `casswarm._util.jit.objective`.
+    p : (1 or H, np)
+        Parameters, for all steps or for each.
+    constants : vector
+    scale : (2,)
+        Units of x and of the objective.
+    active : (k,) int
+        Members whose trajectories are variables.
+    u, gradients : (H, 2n)
+        Displacements of all members at the last y, and the gradients there.
+    scratch : vector
+        Overwritten by `evaluate`.
+    """
+
+    evaluate: Any
+    p: FloatArray
+    constants: FloatArray
+    scale: FloatArray
+    active: IntArray
+    u: FloatArray
+    gradients: FloatArray
+    scratch: FloatArray
+
+
+class Schedule(NamedTuple):
+    """The barrier parameter, from `mu_init` to `mu_final`; the tolerance at the end."""
+
+    mu_init: float
+    mu_final: float
+    tolerance: float
+    max_iter: int
+
+
+class Workspace(NamedTuple):
+    """Vectors of slacks (6 k H,) and of variables (2 k H,), matrices of a Newton step, and a gradient (2n,)."""
+
+    slack: FloatArray
+    trial_slack: FloatArray
+    rows: FloatArray
+    gradient: FloatArray
+    residual: FloatArray
+    step: FloatArray
+    correction: FloatArray
+    trial: FloatArray
+    band: FloatArray
+    saved_band: FloatArray
+    block: FloatArray
+    changed: FloatArray
+
+
+@kernel
+def copy(source: FloatArray, target: FloatArray) -> None:
+    """Copy without slices, whose error messages take Numba seconds to compile."""
     for c in range(source.size):
         target[c] = source[c]
 
 
-@compiled
-def copy_rows(source, target):
-    """The same of a matrix."""
+@kernel
+def copy_matrix(source: FloatArray, target: FloatArray) -> None:
+    """Copy a matrix without slices."""
     for r in range(source.shape[0]):
         for c in range(source.shape[1]):
             target[r, c] = source[r, c]
 
 
-@compiled
-def clear(target):
+@kernel
+def clear(target: FloatArray) -> None:
     """Write zeros."""
     for c in range(target.size):
         target[c] = 0.0
 
 
-@compiled
-def clear_rows(target):
-    """Write zeros into a matrix."""
-    for r in range(target.shape[0]):
-        for c in range(target.shape[1]):
-            target[r, c] = 0.0
-
-
-@compiled
-def total(y, u, who, p, shared, units, gradients, scratch):
-    """Objective at y in units, with the places u (H, 2n) and gradients (H, 2n) written."""
-    members, value = who.size, 0.0
+@kernel
+def total(y: FloatArray, objective: Objective) -> float:
+    """Objective at y, in its unit; `u` and `gradients` are written."""
+    u, p, active, scale = objective.u, objective.p, objective.active, objective.scale
+    members, value = active.size, 0.0
     for s in range(u.shape[0]):
         for a in range(members):
             c = 2 * (s * members + a)
-            u[s, 2 * who[a]] = units[0] * y[c]
-            u[s, 2 * who[a] + 1] = units[0] * y[c + 1]
-        value += evaluate(u[s], p[min(s, p.shape[0] - 1)], shared, gradients[s], scratch)
-    return value / units[1]
+            u[s, 2 * active[a]] = scale[0] * y[c]
+            u[s, 2 * active[a] + 1] = scale[0] * y[c + 1]
+        value += objective.evaluate(
+            u[s],
+            p[min(s, p.shape[0] - 1)],
+            objective.constants,
+            objective.gradients[s],
+            objective.scratch,
+        )
+    return value / scale[1]  # type: ignore[no-any-return]
 
 
-@compiled
-def gather(gradients, who, units, out):
+@kernel
+def gather(objective: Objective, out: FloatArray) -> None:
     """Write the gradient with respect to y, in units."""
-    members = who.size
-    for s in range(gradients.shape[0]):
-        for a in range(members):
+    active, scale = objective.active, objective.scale
+    for s in range(objective.gradients.shape[0]):
+        for a in range(active.size):
             for axis in range(2):
-                pull = gradients[s, 2 * who[a] + axis]
-                out[2 * (s * members + a) + axis] = pull * units[0] / units[1]
+                derivative = objective.gradients[s, 2 * active[a] + axis]
+                out[2 * (s * active.size + a) + axis] = derivative * scale[0] / scale[1]
 
 
-@compiled
-def add_hessian(u, who, p, shared, units, gradients, band, block, changed, scratch):
-    """Add the objective's Hessian, in units, to the band; `block` (2k, 2k) is overwritten."""
-    size, last = 2 * who.size, band.shape[1] - 1
-    short = DIFFERENCE * units[0]
-    factor_ = units[0] * units[0] / (units[1] * short)
+@kernel
+def add_hessian(objective: Objective, work: Workspace) -> None:
+    """Add the objective's Hessian, in units, to the band; `block` and `changed` are overwritten."""
+    u, p, active, scale = objective.u, objective.p, objective.active, objective.scale
+    gradients, band, block, changed = objective.gradients, work.band, work.block, work.changed
+    size, last = 2 * active.size, band.shape[1] - 1
+    length = DIFFERENCE * scale[0]
+    unit = scale[0] * scale[0] / (scale[1] * length)
     for s in range(u.shape[0]):
         for c in range(size):
-            place = 2 * who[c // 2] + c % 2
-            kept = u[s, place]
-            u[s, place] = kept + short
-            evaluate(u[s], p[min(s, p.shape[0] - 1)], shared, changed, scratch)
-            u[s, place] = kept
+            column = 2 * active[c // 2] + c % 2
+            original = u[s, column]
+            u[s, column] = original + length
+            objective.evaluate(
+                u[s],
+                p[min(s, p.shape[0] - 1)],
+                objective.constants,
+                changed,
+                objective.scratch,
+            )
+            u[s, column] = original
             for r in range(size):
-                row = 2 * who[r // 2] + r % 2
-                block[r, c] = (changed[row] - gradients[s, row]) * factor_
+                row = 2 * active[r // 2] + r % 2
+                block[r, c] = (changed[row] - gradients[s, row]) * unit
         for r in range(size):
             for c in range(r + 1):
                 band[s * size + r, last + c - r] += 0.5 * (block[r, c] + block[c, r])
 
 
-@compiled
-def barrier(value, slack, mu):
+@kernel
+def barrier(value: float, slack: FloatArray, mu: float) -> float:
     """The barrier function."""
     for row in range(slack.size):
         if slack[row] < math.inf:
@@ -122,152 +188,235 @@ def barrier(value, slack, mu):
     return value
 
 
-@compiled
-def shrinking(slack, slack_then):
-    """The largest part that a slack has lost; 2 where one is not a number."""
+@kernel
+def largest_shrinkage(slack: FloatArray, trial_slack: FloatArray) -> float:
+    """Largest fraction that a slack loses; 2 where one is not a number."""
     largest = 0.0
     for row in range(slack.size):
         if slack[row] < math.inf:
-            lost = 1.0 - slack_then[row] / slack[row]
+            lost = 1.0 - trial_slack[row] / slack[row]
             largest = max(largest, lost if lost <= 2.0 else 2.0)
     return largest
 
 
-@compiled
-def residuals(pulled, z, slack, mu):
+@kernel
+def residuals(
+    lagrangian: FloatArray, z: FloatArray, slack: FloatArray, mu: float
+) -> tuple[float, float]:
     """Largest components of the Lagrangian's gradient, and of z slack - mu."""
-    largest, apart = 0.0, 0.0
-    for c in range(pulled.size):
-        largest = max(largest, abs(pulled[c]))
+    stationarity, complementarity = 0.0, 0.0
+    for c in range(lagrangian.size):
+        stationarity = max(stationarity, abs(lagrangian[c]))
     for row in range(z.size):
         if slack[row] < math.inf:
-            apart = max(apart, abs(z[row] * slack[row] - mu))
-    return largest, apart
+            complementarity = max(complementarity, abs(z[row] * slack[row] - mu))
+    return stationarity, complementarity
 
 
-@compiled
-def newton_direction(pulled, band, kept, ridge, step):
-    """Write the step that `band` gives for `pulled`: the ridge that it took, negative for none."""
-    most = 0.0
+@kernel
+def newton_direction(work: Workspace, regularisation: float) -> float:
+    """Write the Newton step; return the regularisation that it needed, negative for failure."""
+    band, step, diagonal = work.band, work.step, work.band.shape[1] - 1
+    largest = 0.0
     for r in range(band.shape[0]):
-        most = max(most, abs(band[r, band.shape[1] - 1]))
-    copy_rows(band, kept)
-    add = 0.0
-    for _ in range(30):
+        largest = max(largest, abs(band[r, diagonal]))
+    copy_matrix(band, work.saved_band)
+    added = 0.0
+    for _ in range(REGULARISATIONS):
         if factor(band):
             for c in range(step.size):
-                step[c] = -pulled[c]
+                step[c] = -work.residual[c]
             solve(band, step)
-            return add
-        add = max(ridge / 3.0, 2.0**-48 * most, 1e-8) if add == 0.0 else 8.0 * add
-        copy_rows(kept, band)
+            return added
+        added = max(regularisation / 3.0, 2.0**-48 * largest, 1e-8) if added == 0.0 else 8.0 * added
+        copy_matrix(work.saved_band, band)
         for r in range(band.shape[0]):
-            band[r, band.shape[1] - 1] += add
+            band[r, diagonal] += added
     return -1.0
 
 
-@compiled
-def minimise(
-    y, z, u, who, path, p, shared, units, mu, finest, tolerance, iterations, scratch, counts
-):
-    """Improve `y`, strictly inside, in place, with multipliers z: (f, outcome).
+@allocating_kernel
+def workspace(members: int, steps: int, n: int) -> Workspace:
+    """Arrays for problems of k of n members over H steps."""
+    size = 2 * members * steps
+    slack, vectors = np.empty((3, 3 * size)), np.empty((5, size))
+    band = np.empty((2, size, 4 * members + 2))
+    return Workspace(
+        slack[0],
+        slack[1],
+        slack[2],
+        vectors[0],
+        vectors[1],
+        vectors[2],
+        vectors[3],
+        vectors[4],
+        band[0],
+        band[1],
+        np.empty((2 * members, 2 * members)),
+        np.empty(2 * n),
+    )
 
-    The barrier parameter goes from `mu` to `finest`; multipliers that are 0 begin at mu / slack.
-    `path` holds before, square, centers, squares of `casswarm.optimization.feasible_sets.trajectory_kernels`; counts: steps and
-    evaluations.
+
+@kernel
+def next_mu(
+    mu: float, z: FloatArray, schedule: Schedule, work: Workspace
+) -> tuple[float, bool]:
+    """Reduce the barrier parameter where its equations are solved: (mu, whether converged).
+
+    `residual` holds the Lagrangian's gradient.
     """
-    before, square, centers, squares = path
-    members, steps = squares.shape
-    size = y.size
-    slack, slack_then, pull, push = np.empty((4, 3 * size))
-    gradient, pulled, step, trial, bent = np.empty((5, size))
-    band, kept = np.empty((2, size, 4 * members + 2))
-    gradients, changed = np.empty((steps, u.shape[1])), np.empty(u.shape[1])
-    block = np.empty((2 * members, 2 * members))
-    if not slacks(y, before, square, centers, squares, slack) > 0.0:
-        return math.nan, NO_INSIDE
-    ridge = 0.0
+    stationarity, complementarity = residuals(work.residual, z, work.slack, mu)
+    while (
+        mu > schedule.mu_final
+        and stationarity <= max(10.0 * mu, schedule.tolerance)
+        and complementarity <= 10.0 * mu
+    ):
+        mu = max(schedule.mu_final, min(0.2 * mu, mu**1.5))
+        complementarity = residuals(work.residual, z, work.slack, mu)[1]
+    converged = (
+        mu <= schedule.mu_final
+        and stationarity <= schedule.tolerance
+        and complementarity <= 10.0 * mu
+    )
+    return mu, converged
+
+
+@kernel
+def assemble(
+    y: FloatArray,
+    z: FloatArray,
+    mu: float,
+    objective: Objective,
+    constraints: Constraints,
+    work: Workspace,
+) -> None:
+    """Write the condensed Newton equations: the matrix `band` and the right side `residual`."""
     for row in range(z.size):
-        if z[row] == 0.0:
-            z[row] = mu / slack[row]
-    value = total(y, u, who, p, shared, units, gradients, scratch)
-    counts[1] += 1
-    for _ in range(iterations):
-        gather(gradients, who, units, gradient)
-        copy(gradient, pulled)
-        add_pulled(y, z, before, centers, members, steps, pulled)
-        if not (math.isfinite(value) and math.isfinite(residuals(pulled, z, slack, 0.0)[0])):
-            return value, NOT_FINITE
-        largest, apart = residuals(pulled, z, slack, mu)
-        while mu > finest and largest <= max(10.0 * mu, tolerance) and apart <= 10.0 * mu:
-            mu = max(finest, min(0.2 * mu, mu**1.5))
-            apart = residuals(pulled, z, slack, mu)[1]
-        if mu <= finest and largest <= tolerance and apart <= 10.0 * mu:
-            return value, CONVERGED
+        work.rows[row] = mu / work.slack[row]
+    copy(work.gradient, work.residual)
+    add_jacobian_transpose(y, work.rows, constraints, work.residual)
+    for r in range(work.band.shape[0]):
+        clear(work.band[r])
+    add_hessian(objective, work)
+    add_curvature(y, z, work.slack, constraints, work.band)
+
+
+@kernel
+def correct(
+    y: FloatArray, z: FloatArray, fraction: float, constraints: Constraints, work: Workspace
+) -> None:
+    """Write the second-order correction of the step, zero where the limits do not cut it."""
+    clear(work.correction)
+    if max_step_length(y, work.step, fraction, work.slack, constraints) < 1.0:
+        members, steps = constraints.radii.shape
+        second_order_terms(work.step, members, steps, work.rows)
         for row in range(z.size):
-            pull[row] = mu / slack[row]
-        copy(gradient, pulled)
-        add_pulled(y, pull, before, centers, members, steps, pulled)
-        clear_rows(band)
-        add_hessian(u, who, p, shared, units, gradients, band, block, changed, scratch)
-        counts[1] += 2 * members
-        add_curvature(y, z, slack, before, centers, members, steps, band)
-        ridge = newton_direction(pulled, band, kept, ridge, step)
-        if ridge < 0.0:
-            return value, NOT_FINITE
-        slope = 0.0
-        for c in range(size):
-            slope += pulled[c] * step[c]
-        counts[0] += 1
-        part = max(0.99, 1.0 - mu)
-        length = longest(y, step, part, slack, before, centers, members, steps)
-        clear(bent)
-        if length < 1.0:  # perhaps for the discs' curvature only: follow it
-            bends(step, members, steps, push)
-            for row in range(z.size):
-                push[row] *= z[row] / slack[row]
-            add_pulled(y, push, before, centers, members, steps, bent)
-            for c in range(size):
-                bent[c] = -bent[c]
-            solve(band, bent)
-            length = 1.0
-        now, accepted = barrier(value, slack, mu), False
-        for _trial in range(TRIALS):
-            for c in range(size):
-                trial[c] = y[c] + length * (step[c] + length * bent[c])
-            slacks(trial, before, square, centers, squares, slack_then)
-            if shrinking(slack, slack_then) <= part:
-                value_then = total(trial, u, who, p, shared, units, gradients, scratch)
-                counts[1] += 1
-                then = barrier(value_then, slack_then, mu)
-                if then <= now + SUFFICIENT * length * slope + 2.0**-46 * abs(now):
-                    accepted = True
-                    break
-            length *= 0.6
-        if not accepted:
-            total(y, u, who, p, shared, units, gradients, scratch)
-            return value, STALLED
-        pushed(y, step, before, centers, members, steps, push)
-        copy(trial, y)
-        value = value_then
-        move_multipliers(z, slack, slack_then, push, mu, part)
-        copy(slack_then, slack)
-    return value, EXHAUSTED
+            work.rows[row] *= z[row] / work.slack[row]
+        add_jacobian_transpose(y, work.rows, constraints, work.correction)
+        for c in range(y.size):
+            work.correction[c] = -work.correction[c]
+        solve(work.band, work.correction)
 
 
-@compiled
-def move_multipliers(z, slack, slack_then, push, mu, part):
-    """The Newton step of the multipliers, as far as they stay positive, and near mu / slack."""
-    length = 1.0
+@kernel
+def line_search(
+    y: FloatArray,
+    value: float,
+    mu: float,
+    objective: Objective,
+    constraints: Constraints,
+    work: Workspace,
+    counts: IntArray,
+) -> tuple[float, bool]:
+    """Search along the corrected step: (objective at `trial`, whether it is accepted)."""
+    slope = 0.0
+    for c in range(y.size):
+        slope += work.residual[c] * work.step[c]
+    reference, fraction, length = barrier(value, work.slack, mu), max(0.99, 1.0 - mu), 1.0
+    for _ in range(TRIALS):
+        for c in range(y.size):
+            work.trial[c] = y[c] + length * (work.step[c] + length * work.correction[c])
+        slacks(work.trial, constraints, work.trial_slack)
+        if largest_shrinkage(work.slack, work.trial_slack) <= fraction:
+            trial_value = total(work.trial, objective)
+            counts[1] += 1
+            merit = barrier(trial_value, work.trial_slack, mu)
+            if merit <= reference + SUFFICIENT * length * slope + 2.0**-46 * abs(reference):
+                return trial_value, True
+        length *= 0.6
+    total(y, objective)  # so that `u` is that of y
+    return value, False
+
+
+@kernel
+def move_multipliers(z: FloatArray, mu: float, work: Workspace) -> None:
+    """The Newton step of the multipliers, as far as they stay positive, and near mu / slack.
+
+    `rows` holds J times the step.
+    """
+    slack, rows = work.slack, work.rows
+    fraction, length = max(0.99, 1.0 - mu), 1.0
     for row in range(z.size):
         if slack[row] < math.inf:
-            dz = (mu + z[row] * push[row]) / slack[row] - z[row]
-            if dz < 0.0 and -length * dz > part * z[row]:
-                length = -part * z[row] / dz
+            dz = (mu + z[row] * rows[row]) / slack[row] - z[row]
+            if dz < 0.0 and -length * dz > fraction * z[row]:
+                length = -fraction * z[row] / dz
     for row in range(z.size):
         if slack[row] < math.inf:
-            dz = (mu + z[row] * push[row]) / slack[row] - z[row]
-            ideal = mu / slack_then[row]
+            dz = (mu + z[row] * rows[row]) / slack[row] - z[row]
+            ideal = mu / work.trial_slack[row]
             z[row] = min(max(z[row] + length * dz, 1e-10 * ideal), 1e10 * ideal)
         else:
             z[row] = 0.0
+
+
+@allocating_kernel
+def minimise(
+    y: FloatArray,
+    z: FloatArray,
+    objective: Objective,
+    constraints: Constraints,
+    schedule: Schedule,
+    counts: IntArray,
+) -> tuple[float, int]:
+    """Improve `y`, strictly inside, in place, with multipliers z: (value, outcome).
+
+    Multipliers that are 0 begin at mu / slack; counts iterations and evaluations.
+    """
+    members, steps = constraints.radii.shape
+    work = workspace(members, steps, objective.u.shape[1] // 2)
+    mu, regularisation = schedule.mu_init, 0.0
+    if not slacks(y, constraints, work.slack) > 0.0:
+        return math.nan, NO_INTERIOR
+    for row in range(z.size):
+        if z[row] == 0.0:
+            z[row] = mu / work.slack[row]
+    value = total(y, objective)
+    counts[1] += 1
+    for _ in range(schedule.max_iter):
+        gather(objective, work.gradient)
+        copy(work.gradient, work.residual)
+        add_jacobian_transpose(y, z, constraints, work.residual)
+        if not (
+            math.isfinite(value) and math.isfinite(residuals(work.residual, z, work.slack, 0.0)[0])
+        ):
+            return value, NOT_FINITE
+        mu, converged = next_mu(mu, z, schedule, work)
+        if converged:
+            return value, CONVERGED
+        assemble(y, z, mu, objective, constraints, work)
+        counts[1] += 2 * members
+        regularisation = newton_direction(work, regularisation)
+        if regularisation < 0.0:
+            return value, NOT_FINITE
+        counts[0] += 1
+        correct(y, z, max(0.99, 1.0 - mu), constraints, work)
+        trial_value, accepted = line_search(y, value, mu, objective, constraints, work, counts)
+        if not accepted:
+            return value, STALLED
+        jacobian_product(y, work.step, constraints, work.rows)
+        move_multipliers(z, mu, work)
+        copy(work.trial, y)
+        copy(work.trial_slack, work.slack)
+        value = trial_value
+    return value, EXHAUSTED

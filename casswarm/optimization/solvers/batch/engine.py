@@ -1,0 +1,178 @@
+"""What the compiled batch solvers share: outcomes, threads, and answers from arrays."""
+
+from __future__ import annotations
+
+import os
+import time
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...._util.jit import announce
+from ....typing import BoolArray, FloatArray, IntArray
+from ...problem import Instances, Nlp
+from ...solution import BatchSolution, Status
+from ..base import VIOLATION, Answer, Solver
+
+CONVERGED, EXHAUSTED, STALLED, NOT_FINITE, NO_INTERIOR = range(5)
+"""Outcomes of a kernel."""
+
+_MESSAGES = {
+    CONVERGED: (Status.SOLVED, "stationary to tolerance"),
+    EXHAUSTED: (Status.ITERATION_LIMIT, "iterations exhausted"),
+    STALLED: (Status.FAILED, "no decrease along the search direction"),
+    NOT_FINITE: (Status.FAILED, "objective, gradient or step not finite"),
+    NO_INTERIOR: (Status.FAILED, "no point strictly within the limits"),
+}
+
+
+class Results(NamedTuple):
+    """What a kernel writes for B instances.
+
+    Parameters
+    ----------
+    x : (B, ...)
+    verified : (B, 3)
+        Objective, violation and stationarity, recomputed from the problem alone.
+    outcome : (B,)
+    counts : (B, 2)
+        Iterations and evaluations.
+    """
+
+    x: FloatArray
+    verified: FloatArray
+    outcome: IntArray
+    counts: IntArray
+
+    @classmethod
+    def empty(cls, shape: tuple[int, ...]) -> Results:
+        """Arrays to be written, for x of this shape."""
+        batch = shape[0]
+        return cls(
+            np.empty(shape),
+            np.empty((batch, 3)),
+            np.empty(batch, np.int64),
+            np.zeros((batch, 2), np.int64),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class BatchRun:
+    """The answers of one batch: `Results` with x as (B, nx), and the time it took."""
+
+    x: FloatArray
+    verified: FloatArray
+    outcome: IntArray
+    counts: IntArray
+    seconds: float
+
+    def solution(self, success: BoolArray) -> BatchSolution:
+        """The answers as arrays; one that violates its constraints is never a success."""
+        objective, violation, stationarity = self.verified.T
+        return BatchSolution(
+            x=self.x,
+            objective=objective,
+            success=success & (violation <= VIOLATION),
+            violation=violation,
+            stationarity=stationarity,
+            used_fallback=np.zeros(len(self.x), bool),
+            seconds=self.seconds,
+        )
+
+    def answers(self) -> list[Answer]:
+        """The answers one by one."""
+        return [
+            Answer(
+                self.x[i],
+                *_MESSAGES[int(self.outcome[i])],
+                iterations=int(self.counts[i, 0]),
+                evaluations=int(self.counts[i, 1]),
+                seconds=self.seconds / len(self.x),
+                multipliers=self.multipliers(i),
+            )
+            for i in range(len(self.x))
+        ]
+
+    def multipliers(self, i: int) -> tuple[FloatArray, FloatArray] | None:  # noqa: ARG002
+        """Multipliers of the bounds and of g of an instance, where the method has them."""
+        return None
+
+
+class BatchSolver(Solver):
+    """A solver that advances all instances together, for compiled objectives only."""
+
+    @staticmethod
+    @abstractmethod
+    def can_take(nlp: Nlp, instances: Instances) -> bool:
+        """Whether the objective is compiled and the feasible set is of the solver's kind."""
+
+    @abstractmethod
+    def run_batch(self, nlp: Nlp, instances: Instances) -> BatchRun:
+        """Solve and verify every instance; SolverError where `can_take` is False."""
+
+    def prepare(self, nlp: Nlp) -> None:
+        """See `Solver.prepare`."""
+        if nlp.compiled is not None:
+            _ = nlp.compiled.evaluate
+
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        """See `Solver.run`."""
+        return self.run_batch(nlp, instances).answers()
+
+    def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
+        """Solve every instance; residuals are recomputed from the problem, in its scale."""
+        run = self.run_batch(nlp, instances)
+        return run.solution(run.outcome == CONVERGED)
+
+
+def execute(
+    kernel: Callable[..., None], arguments: tuple[Any, ...], results: Results, per_thread: int
+) -> float:
+    """Call ``kernel(rows, *arguments, results)`` for all rows, on threads; return the seconds.
+
+    A thread gets at least `per_thread` instances.
+    """
+    announce(kernel)
+    started = time.perf_counter()
+
+    def work(first: int, last: int) -> None:
+        kernel((first, last), *arguments, results)
+
+    size = len(results.x)
+    threads = min(os.cpu_count() or 1, size // per_thread)
+    if threads < 2:
+        work(0, size)
+    else:
+        ends = np.linspace(0, size, 4 * threads + 1).astype(int).tolist()
+        list(_pool(os.getpid()).map(work, ends[:-1], ends[1:]))
+    return time.perf_counter() - started
+
+
+@lru_cache(maxsize=1)
+def _pool(process: int) -> ThreadPoolExecutor:  # noqa: ARG001  (threads do not survive a fork)
+    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="casswarm")
+
+
+def contiguous(array: NDArray[Any]) -> NDArray[Any]:
+    """The array as kernels take it: contiguous and writable, so that one type is compiled."""
+    return np.require(array, None, ("C", "W"))
+
+
+def scale_of(instances: Instances) -> FloatArray:
+    """Units of x and of the objective, (B, 2); ones by default."""
+    scale = instances.scale
+    return np.ones((len(instances), 2)) if scale is None else contiguous(scale)
+
+
+def perturbations(number: int, members: int) -> FloatArray:
+    """Standard normal displacements (number, 1, members, 2) of further starts.
+
+    They are the same for all states, so that a state's answer does not depend on its batch.
+    """
+    return np.random.default_rng(1).normal(size=(number, 1, members, 2))
