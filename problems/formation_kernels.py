@@ -14,7 +14,7 @@ from ..hazard import Hazard, KernelHazard
 from ..hazard.kernels import differentiated_kernels
 from ..optimization.problem import CompiledObjective
 
-_EVALUATE = '''
+_EVALUATE = """
 @objective
 def evaluate(x, p, constants, gradient, scratch):
     n = x.size // 2
@@ -84,7 +84,7 @@ def evaluate(x, p, constants, gradient, scratch):
             gradient[2 * j + 1] -= dn
             k += 2
     return total
-'''
+"""
 """Objective of `x` (2n,) and its gradient, for positions, alive and weights in `p`.
 
 Every pair of members is evaluated once. `scratch` (n (n + 8),) is overwritten. Text, because the

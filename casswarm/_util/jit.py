@@ -18,8 +18,10 @@ from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
+import numpy as np
+from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 from .files import atomic_write
@@ -27,8 +29,11 @@ from .files import atomic_write
 LOG = logging.getLogger(__name__)
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
+_Array = TypeVar("_Array", bound=NDArray[Any])
 _PACKAGE = Path(__file__).parent.parent
 
+_OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy"}
+_UNCOUNTED: dict[str, Any] = {"_nrt": False}  # as Numba itself compiles its functions of strings
 _OBJECTIVE = "float64(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])"
 _HEADER = """\
 import math
@@ -48,22 +53,22 @@ def kernel(function: _Function) -> _Function:
     A kernel may make views of arrays, but neither allocate nor return them: Numba does without
     reference counts then, which halves the time of small problems.
     """
-    return _compiled(function, _nrt=False)
+    return _compiled(function, _UNCOUNTED)
 
 
 def allocating_kernel(function: _Function) -> _Function:
     """Compile a function like `kernel`, which may also allocate and return arrays."""
-    return _compiled(function)
+    return _compiled(function, {})
 
 
-def _compiled(function: _Function, **options: bool) -> _Function:
+def _compiled(function: _Function, options: dict[str, Any]) -> _Function:
     import numba
 
-    compiled = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
-    with suppress(AttributeError):  # Numba's own file alone decides whether code is outdated, otherwise
+    compiled: Any = numba.njit(nogil=True, **_OPTIONS, **options)(function)
+    with suppress(AttributeError):  # otherwise only a function's own file counts
         file = compiled._cache._cache_file
         file._source_stamp = (file._source_stamp, _stamp())
-    return compiled  # type: ignore[no-any-return]
+    return cast("_Function", compiled)
 
 
 def objective(function: _Function) -> _Function:
@@ -74,8 +79,7 @@ def objective(function: _Function) -> _Function:
     """
     import numba
 
-    compiled = numba.cfunc(_OBJECTIVE, cache=True, error_model="numpy", _nrt=False)(function)
-    return compiled  # type: ignore[no-any-return]
+    return cast("_Function", numba.cfunc(_OBJECTIVE, **_OPTIONS, **_UNCOUNTED)(function))
 
 
 @lru_cache(maxsize=1)
@@ -83,6 +87,11 @@ def _stamp() -> bytes:
     """Hash of all kernels: a change of one must compile those that call it again."""
     files = sorted(_PACKAGE.rglob("*_kernels.py"))
     return hashlib.sha256(b"".join(path.read_bytes() for path in files)).digest()
+
+
+def contiguous(array: _Array) -> _Array:
+    """The array as kernels take it: contiguous and writable, so that one type is compiled."""
+    return cast("_Array", np.require(array, None, ("C", "W")))
 
 
 def announce(compiled: Any) -> None:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._util.jit import compiled_module
+from .._util.jit import contiguous
 from ..typing import BoolArray, FloatArray, IntArray
-from . import state_kernels
 from .transition import Transition
 
 if TYPE_CHECKING:
@@ -22,10 +19,6 @@ if TYPE_CHECKING:
 
 OUTCOME_BYTES = 1 << 26
 """Size of the buffer of outcomes: bounds memory."""
-
-
-def _core() -> ModuleType:
-    return compiled_module(inspect.getsource(state_kernels))
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,42 +156,37 @@ def split(
     `pruned` (S,): outcomes less probable than `cutoff`, or too many for the buffer. It is -1 where
     it would exceed the fraction `max_pruned_fraction` of the state, which is then not split.
     """
+    from . import state_kernels  # Numba takes a second to import
+
     n = states.alive.shape[1]
     capacity = min(OUTCOME_BYTES // (33 * n + 8), len(states) << min(n, 20))
-    parents, masses = np.empty(capacity, np.int64), np.empty(capacity)
-    survived = np.empty((capacity, n), bool)
-    arrival = np.zeros(1)
-    core, first = _core(), 0
+    outcomes = state_kernels.Outcomes(
+        np.empty(capacity, np.int64), np.empty((capacity, n), bool), np.empty(capacity)
+    )
+    data = state_kernels.Step(
+        contiguous(states.weights),
+        contiguous(move.survival),
+        contiguous(states.alive),
+        contiguous(move.inside),
+    )
+    first = 0
     while first < len(states):
-        survivors = np.zeros(n + 1)
-        arrival[0] = 0.0
-        first, filled = core.split(
-            first,
-            np.ascontiguousarray(states.weights),
-            np.ascontiguousarray(move.survival),
-            np.ascontiguousarray(states.alive),
-            np.ascontiguousarray(move.inside),
-            cutoff,
-            max_pruned_fraction,
-            parents,
-            survived,
-            masses,
-            arrival,
-            statistics.population[step + 1],
-            survivors,
-            statistics.members,
-            pruned,
+        arrival, survivors = np.zeros(1), np.zeros(n + 1)
+        population, members = statistics.population[step + 1], statistics.members
+        totals = state_kernels.Totals(arrival, population, survivors, members, pruned)
+        first, filled = state_kernels.split(
+            first, data, cutoff, max_pruned_fraction, outcomes, totals
         )
         statistics.arrival[step + 1] += arrival[0]
         statistics.survivors += survivors
         statistics.ended[step + 1] += survivors
-        origin, alive = parents[:filled], survived[:filled].copy()
+        origin, alive = outcomes.parents[:filled], outcomes.survived[:filled].copy()
         living = alive[..., None]
         yield States(
             np.where(living, move.positions[origin], 0.0),
             np.where(living, move.velocities[origin], 0.0),
             alive,
-            masses[:filled].copy(),
+            outcomes.masses[:filled].copy(),
         )
 
 
@@ -212,6 +200,8 @@ def distinct_states(*arrays: NDArray[np.generic]) -> tuple[IntArray, IntArray]:
     inverse : (B,) int
         Index, among the D, of every row.
     """
+    from .state_kernels import group  # Numba takes a second to import
+
     count = len(arrays[0])
     columns = [np.ascontiguousarray(a).reshape(count, math.prod(a.shape[1:])) for a in arrays]
     widths = [column.shape[1] * column.itemsize for column in columns]
@@ -221,4 +211,4 @@ def distinct_states(*arrays: NDArray[np.generic]) -> tuple[IntArray, IntArray]:
         words.view(np.uint8)[:, end - width : end] = column.view(np.uint8)
     slots = np.full(1 << (2 * count).bit_length(), -1)
     first, inverse = np.empty(count, np.int64), np.empty(count, np.int64)
-    return first[: _core().grouped(words, slots, first, inverse)], inverse
+    return first[: group(words, slots, first, inverse)], inverse

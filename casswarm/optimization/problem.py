@@ -220,8 +220,8 @@ class Instances:
     feasible_set : PlanarSets of shape (B, nx / 2) or TrajectorySets of B states, optional
         The set that lbx, ubx, lbg and ubg describe, where it has a structure that special solvers
         exploit: a product of simple sets in the plane, onto which one can project, or paths within
-        limits of speed and acceleration. With `TrajectorySets`, x are the displacements per step, and the
-        objective is the sum of `Nlp.compiled` over the steps.
+        limits of speed and acceleration. With `TrajectorySets`, x are the displacements
+        per step, and the objective is the sum of `Nlp.compiled` over the steps.
     scale : (B, 2), optional
         A typical length of x and a typical value of f: what tolerances are relative to.
     """

@@ -13,17 +13,16 @@ from numpy.typing import NDArray
 
 from ..hazard import KernelHazard
 from ..optimization.feasible_sets.planar import PlanarSets
-<<<<<<< HEAD
-from ..optimization.feasible_sets.trajectory import Limits, PathSets, distances, part_within
-from ..optimization.problem import Instances, Nlp
-from ..problems.formation import Formation, Step, formation_scale
-from ..problems.mpc_formation import mpc_formation_nlp
-=======
-from ..optimization.feasible_sets.trajectory import TrajectorySets, distances, fraction_within
+from ..optimization.feasible_sets.trajectory import (
+    Limits,
+    TrajectorySets,
+    distances,
+    fraction_within,
+)
 from ..optimization.problem import Instances, Nlp
 from ..optimization.solvers.batch.nearest_trajectories import nearest_trajectories
-from ..problems.mpc_formation import MpcFormation, Window, lookahead_nlp
->>>>>>> 93b68db (Make kernels ordinary Numba functions that take the objective as an argument)
+from ..problems.formation import Formation, Step, formation_scale
+from ..problems.mpc_formation import mpc_formation_nlp
 from ..typing import BoolArray, FloatArray
 
 MARGIN = 1e-4
@@ -68,18 +67,9 @@ def leader_mpc_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
     limits, dt, previous = path_limits(step), step.motion.dt, step.previous_velocities
     batch, n = step.alive.shape
     rows = np.arange(batch)
-<<<<<<< HEAD
     leads = (np.arange(n) == leaders[:, None]) & step.alive
-    path, failed = limits.following(
-        previous[rows, leaders], path_targets(step)[rows, leaders], np.zeros(step.horizon)
-=======
-    leads = (np.arange(n) == leaders[:, None]) & window.alive
     path, failed = nearest_trajectories(
-        window.limits,
-        window.previous_velocities[rows, leaders],
-        window.targets[rows, leaders],
-        np.zeros(window.steps),
->>>>>>> 93b68db (Make kernels ordinary Numba functions that take the objective as an argument)
+        limits, previous[rows, leaders], path_targets(step)[rows, leaders], np.zeros(step.horizon)
     )
     interior = limits.slowing(previous, step.horizon)
     interior[rows, leaders] = path
@@ -104,11 +94,12 @@ def corridor_mpc_formation(step: Step, rho: float) -> Formation:
     narrow = np.maximum(0.0, radius - margin * np.arange(1, step.horizon + 1))
     slowing = limits.slowing(previous, step.horizon)
     nearest, failed = slowing.copy(), np.zeros_like(living)
-<<<<<<< HEAD
-    nearest[living], failed[living] = limits.following(previous[living], targets[living], narrow)
+    nearest[living], failed[living] = nearest_trajectories(
+        limits, previous[living], targets[living], narrow
+    )
     excess = np.maximum(0.0, distances(nearest, targets) - narrow)
     radii = np.where(living[..., None], narrow + margin + excess, np.inf)
-    fraction = part_within(nearest, slowing, targets, radii)[..., None, None]
+    fraction = fraction_within(nearest, slowing, targets, radii)[..., None, None]
     interior = nearest + fraction * (slowing - nearest)
     # for the applied step, exactly the paper's corridor where it can be met
     first_radii = np.where(excess[..., 0] > margin, radii[..., 0], radius)
@@ -117,31 +108,6 @@ def corridor_mpc_formation(step: Step, rho: float) -> Formation:
     return _formation(
         step,
         _Plan(living, living, interior, nearest, radii, first_radii, float(np.sqrt(rho)), failures),
-=======
-    nearest[living], failed[living] = nearest_trajectories(
-        window.limits, window.previous_velocities[living], targets[living], narrow
-    )
-    excess = np.maximum(0.0, distances(nearest, targets) - narrow)
-    radii = np.where(living[..., None], narrow + margin + excess, np.inf)
-    part = fraction_within(nearest, slowing, targets, radii)[..., None, None]
-    inside = nearest + part * (slowing - nearest)
-    # the step that is flown: the paper's corridor to the letter, where it can be met
-    wide = np.where(excess[..., 0] > margin, radii[..., 0], radius)
-    wide = np.where(living, wide, np.inf)
-    nobody = np.zeros_like(living)
-    first = _first(window, nobody, window.previous_velocities, wide)
-    return _problem(
-        window,
-        living,
-        living,
-        living,
-        radii,
-        inside,
-        nearest,
-        first,
-        np.asarray(failed.any(axis=1)),
-        float(np.sqrt(rho)),
->>>>>>> 93b68db (Make kernels ordinary Numba functions that take the objective as an argument)
     )
 
 
@@ -207,29 +173,15 @@ def _formation(step: Step, plan: _Plan) -> Formation:
     instances = Instances(
         x0=guess.reshape(batch, -1),
         p=nlp.pack_parameters(**parameters),
-<<<<<<< HEAD
         lbx=np.where(fixed, interior, -bound).reshape(batch, -1),
         ubx=np.where(fixed, interior, bound).reshape(batch, -1),
         lbg=-_constraint_bounds(nlp, two_sided, free),
         ubg=_constraint_bounds(nlp, blocks, free),
         scale=formation_scale(step, plan.constrained),
-        feasible_set=PathSets(
+        feasible_set=TrajectorySets(
             step.previous_velocities,
             np.where(np.isfinite(plan.radii)[..., None], path_targets(step), 0.0),
             plan.radii,
-=======
-        lbx=np.where(fixed, inside, -bound).reshape(batch, -1),
-        ubx=np.where(fixed, inside, bound).reshape(batch, -1),
-        lbg=lower,
-        ubg=upper,
-        scale=np.stack(
-            [np.full(batch, motion.v_max), steps * np.where(alone > 0, alone, 1.0)], axis=1
-        ),
-        feasible_set=TrajectorySets(
-            window.previous_velocities,
-            targets,
-            radii,
->>>>>>> 93b68db (Make kernels ordinary Numba functions that take the objective as an argument)
             free,
             interior,
             limits.speed,

@@ -1,13 +1,13 @@
-"""Generated modules are compiled once and kept on disk."""
+"""Kernels and generated modules: compiled once, kept on disk."""
 
 import os
 import subprocess
 import sys
 
-from casswarm._util.jit import cache_folder, compiled_module
+from casswarm._util.jit import cache_folder, generated_module
 
 TEXT = '''
-@compiled
+@kernel
 def twice(x):
     """A function of its own, so that its cache is."""
     return 2.0 * x
@@ -15,10 +15,10 @@ def twice(x):
 
 
 def test_a_module_is_made_of_its_texts_and_only_once():
-    module = compiled_module(TEXT, "answer = 42")
+    module = generated_module(TEXT + "answer = 42")
     assert module.twice(1.5) == 3.0
     assert module.answer == 42
-    assert compiled_module(TEXT, "answer = 42") is module
+    assert generated_module(TEXT + "answer = 42") is module
 
 
 def test_the_cache_folder_can_be_chosen(monkeypatch, tmp_path):
@@ -29,8 +29,8 @@ def test_the_cache_folder_can_be_chosen(monkeypatch, tmp_path):
 def run(cache):
     """Solve a little in a process of its own; what it says on standard error."""
     code = (
-        "from casswarm._util.jit import compiled_module\n"
-        f"module = compiled_module({TEXT!r})\n"
+        "from casswarm._util.jit import generated_module\n"
+        f"module = generated_module({TEXT!r})\n"
         "assert module.twice(2.0) == 4.0\n"
         "print(sum(module.twice.stats.cache_hits.values()))\n"
     )

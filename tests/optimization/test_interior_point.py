@@ -14,14 +14,9 @@ from window_cases import COLLIDING, DT, GOAL, HAZARD, MOTION, RADARS, RHO, both,
 from casswarm import make_solver
 from casswarm.optimization.kkt import kkt_residuals
 from casswarm.optimization.solvers.batch.interior_point import InteriorPoint
-<<<<<<< HEAD
+from casswarm.optimization.solvers.batch.nearest_trajectories import nearest_trajectories
 from casswarm.policies.formation import applied_decision
 from casswarm.policies.mpc_instances import leader_mpc_formation, path_limits
-=======
-from casswarm.optimization.solvers.batch.nearest_trajectories import nearest_trajectories
-from casswarm.policies.mpc import flown
-from casswarm.policies.mpc_instances import leader_mpc
->>>>>>> 93b68db (Make kernels ordinary Numba functions that take the objective as an argument)
 from casswarm.problems.formation import (
     Motion,
     Step,
@@ -109,7 +104,9 @@ def test_nearest_paths_on_a_line_are_those_of_bounded_least_squares(steps: int) 
     limits = replace(path_limits(data), speed=50.0)  # out of reach
     before = np.stack([rng.normal(0, 1, 30), np.zeros(30)], axis=1)
     goals = np.cumsum(rng.normal(0, 2, (30, steps)), axis=1)
-    paths, failed = nearest_trajectories(limits, before, np.stack([goals, 0 * goals], axis=-1), np.zeros(steps))
+    paths, failed = nearest_trajectories(
+        limits, before, np.stack([goals, 0 * goals], axis=-1), np.zeros(steps)
+    )
     assert not failed.any()
     total = np.tril(np.ones((steps, steps)))
     for b in range(30):
@@ -200,7 +197,7 @@ def test_residuals_and_multipliers_are_those_of_the_independent_judge() -> None:
             found = kkt_residuals(problem.nlp, instances[i : i + 1], answer.x, answer.multipliers)
             assert found.violation <= 1e-12
             unit = instances.scale[i, 1] / instances.scale[i, 0]  # type: ignore[index]
-            assert found.stationarity <= unit * run.judged[i, 2] + 1e-9
+            assert found.stationarity <= unit * run.verified[i, 2] + 1e-9
             assert found.complementarity <= 1e-6
             low, high = answer.multipliers  # type: ignore[misc]
             estimated = kkt_residuals(problem.nlp, instances[i : i + 1], answer.x)

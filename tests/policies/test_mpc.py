@@ -36,7 +36,7 @@ def paths_of(problem: Formation, data: Step) -> Array:
     rows = np.flatnonzero(problem.free.any(axis=1))
     found = problem.instances.x0.copy()
     run = InteriorPoint().run_batch(problem.nlp, problem.instances[rows])
-    assert run.judged[:, 2].max(initial=0.0) <= 1e-6
+    assert run.verified[:, 2].max(initial=0.0) <= 1e-6
     found[rows] = run.x
     return found.reshape(batch, data.horizon, n, 2)
 

@@ -46,7 +46,7 @@ def within(x: float, y: float, sets: FloatArray, i: int) -> bool:
 def nearer(
     x: float, y: float, px: float, py: float, sets: FloatArray, i: int, best: Candidate
 ) -> Candidate:
-    """The point (x, y), clipped, if it lies in set i and nearer to (px, py) than `best`; or `best`."""
+    """The point (x, y), clipped, if it is in set i and nearer to (px, py) than `best`; else that."""
     x, y = clip(x, sets[i, 0], sets[i, 2]), clip(y, sets[i, 1], sets[i, 3])
     if within(x, y, sets, i):
         # |p - q|^2 - |p - x|^2 without the cancellation that spoils it far from the set
@@ -142,7 +142,7 @@ def violation(x: float, y: float, sets: FloatArray, i: int) -> float:
 def nearest_batch(
     points: FloatArray, sets: FloatArray, projections: FloatArray, exists: BoolArray
 ) -> None:
-    """Write the nearest points (M, 2) of sets (M, 10), and whether they exist (M,); NaN stays NaN."""
+    """Write the nearest points (M, 2) of sets (M, 10), and whether they exist (M,), NaN for NaN."""
     for i in range(points.shape[0]):
         if math.isfinite(points[i, 0]) and math.isfinite(points[i, 1]):
             x, y, exists[i] = nearest(points[i, 0], points[i, 1], sets, i)

@@ -154,7 +154,7 @@ def jacobian_product(
 
 @kernel
 def second_order_terms(step: FloatArray, members: int, steps: int, out: FloatArray) -> None:
-    """Write the second-order decrease of every slack along `step` (6 k H,): the discs' curvature."""
+    """Write the second-order decrease of every slack along `step` (6 k H,), due to the discs."""
     for s in range(steps):
         for i in range(members):
             c = 2 * (s * members + i)
@@ -192,9 +192,7 @@ def max_step_length(
 
 
 @kernel
-def length_in_disc(
-    x: float, y: float, dx: float, dy: float, margin: float, length: float
-) -> float:
+def length_in_disc(x: float, y: float, dx: float, dy: float, margin: float, length: float) -> float:
     """Largest multiple of (dx, dy), at most `length`, by which |(x, y)|^2 grows by `margin`."""
     outward, square = x * dx + y * dy, dx * dx + dy * dy
     if length * (2.0 * outward + length * square) <= margin:
@@ -229,7 +227,11 @@ def add_curvature(
                 for q in range(p, min(3, s + 1)):
                     factor_pq = factor_p * (-2.0 if q == 1 else 1.0)
                     sign = (1.0 if p == q else -1.0) if q < 2 else 0.0
-                    block = (factor_pq * xx + sign * east, factor_pq * xy, factor_pq * yy + sign * north)
+                    block = (
+                        factor_pq * xx + sign * east,
+                        factor_pq * xy,
+                        factor_pq * yy + sign * north,
+                    )
                     add_block(band, c - p * back, c - q * back, block)
             if slack[j + 5] < math.inf:
                 dx, dy = y[c] - centers[i, s, 0], y[c + 1] - centers[i, s, 1]
@@ -239,9 +241,7 @@ def add_curvature(
 
 
 @kernel
-def add_block(
-    band: FloatArray, row: int, column: int, block: tuple[float, float, float]
-) -> None:
+def add_block(band: FloatArray, row: int, column: int, block: tuple[float, float, float]) -> None:
     """Add a symmetric block (xx, xy, yy) at (row, column), on the diagonal its lower half."""
     last = band.shape[1] - 1
     band[row, last + column - row] += block[0]

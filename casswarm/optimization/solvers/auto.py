@@ -1,4 +1,4 @@
-"""The default: the batch solver proposes, every answer is judged, Ipopt solves what is left."""
+"""The default: a batch solver where one applies, and Ipopt for the rest."""
 
 from __future__ import annotations
 
@@ -22,17 +22,19 @@ from .ipopt import Ipopt
 class Auto(Solver):
     """The batch solver that applies, and `Ipopt` for everything else.
 
-    What counts is an answer's recomputed residuals, not what the batch solver says of it: one that
-    is above tolerance is solved again by Ipopt from there, and counted as resolved. Problems that
-    the batch solver cannot take go to Ipopt whole.
+    An answer of a batch solver is accepted by its recomputed residuals, not by the status that the
+    solver reports: an instance above tolerance is solved again by Ipopt from that answer, and
+    counted as a fallback. Problems that no batch solver can take go to Ipopt: those whose hazard is
+    not composed of kernels.
 
     Parameters
     ----------
     stationarity : float
         Residual up to which an answer of the batch solver is accepted.
     batch : SpectralProjectedGradient
-    paths : Barrier
-        The batch solver of problems over paths.
+        For products of planar sets.
+    paths : InteriorPoint
+        For trajectories.
     fallback : Ipopt
     """
 
@@ -42,44 +44,36 @@ class Auto(Solver):
     fallback: Ipopt = field(default_factory=Ipopt)
 
     name: ClassVar[str] = "auto"
-    summary: ClassVar[str] = "spectral, every answer judged, the rest solved again by ipopt"
+    summary: ClassVar[str] = "spectral or barrier, every answer verified; ipopt for the rest"
     capabilities: ClassVar[Capabilities] = Capabilities(batch=True)
 
     def prepare(self, nlp: Nlp) -> None:
-        """Nothing: each of the two builds what it needs when it is needed."""
+        """Nothing to do: every solver prepares what it needs when it runs."""
 
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         """See `Solver.run`."""
         batch = self._batch(nlp, instances)
         if batch is None:
-<<<<<<< HEAD
             return self.fallback.timed_answers(nlp, instances)[1]
-=======
-            return self.judge._answers(nlp, instances)
->>>>>>> 93b68db (Make kernels ordinary Numba functions that take the objective as an argument)
         run = batch.run_batch(nlp, instances)
-        found = self._accepted(run)
+        solution = self._accepted(run)
         answers = run.answers()
-        for i in np.flatnonzero(~found.success):
+        for i in np.flatnonzero(~solution.success):
             again = _restarted(instances[i : i + 1], answers[i].x[None])
             (answers[i],) = self.fallback.timed_answers(nlp, again)[1]
         return answers
 
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
-        """Solve every instance; `BatchSolution.used_fallback` tells which needed Ipopt."""
+        """Solve every instance; `BatchSolution.used_fallback` marks those that needed Ipopt."""
         batch = self._batch(nlp, instances)
         if batch is None:
-<<<<<<< HEAD
             return self.fallback.solve_batch(nlp, instances)
-=======
-            return self.judge.solve_batch(nlp, instances)
->>>>>>> 93b68db (Make kernels ordinary Numba functions that take the objective as an argument)
-        found = self._accepted(batch.run_batch(nlp, instances))
-        left = np.flatnonzero(~found.success)
+        solution = self._accepted(batch.run_batch(nlp, instances))
+        left = np.flatnonzero(~solution.success)
         if not left.size:
-            return found
-        again = self.fallback.solve_batch(nlp, _restarted(instances[left], found.x[left]))
-        return found.with_rows(left, replace(again, used_fallback=np.ones(left.size, bool)))
+            return solution
+        again = self.fallback.solve_batch(nlp, _restarted(instances[left], solution.x[left]))
+        return solution.with_rows(left, replace(again, used_fallback=np.ones(left.size, bool)))
 
     def _batch(self, nlp: Nlp, instances: Instances) -> BatchSolver | None:
         """The batch solver that can take the problem, None where none can."""
@@ -88,7 +82,7 @@ class Auto(Solver):
         return self.paths if self.paths.can_take(nlp, instances) else None
 
     def _accepted(self, run: BatchRun) -> BatchSolution:
-        """The batch's answers, a success where the residuals are small, whatever it says."""
+        """The answers of the batch, a success where the residuals are small."""
         return run.solution(run.verified[:, 2] <= self.stationarity)
 
 

@@ -12,9 +12,8 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...._util.jit import announce
+from ...._util.jit import announce, contiguous
 from ....typing import BoolArray, FloatArray, IntArray
 from ...problem import Instances, Nlp
 from ...solution import BatchSolution, Status
@@ -157,11 +156,6 @@ def execute(
 @lru_cache(maxsize=1)
 def _pool(process: int) -> ThreadPoolExecutor:  # noqa: ARG001  (threads do not survive a fork)
     return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="casswarm")
-
-
-def contiguous(array: NDArray[Any]) -> NDArray[Any]:
-    """The array as kernels take it: contiguous and writable, so that one type is compiled."""
-    return np.require(array, None, ("C", "W"))
 
 
 def scale_of(instances: Instances) -> FloatArray:

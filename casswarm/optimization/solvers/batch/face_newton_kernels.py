@@ -203,9 +203,7 @@ def hessian_product(x: FloatArray, problem: Problem, work: Workspace) -> float:
 
 
 @kernel
-def conjugate_gradients(
-    x: FloatArray, problem: Problem, work: Workspace, counts: IntArray
-) -> bool:
+def conjugate_gradients(x: FloatArray, problem: Problem, work: Workspace, counts: IntArray) -> bool:
     """Write the Newton step on the face; return whether there is one."""
     residual, step = work.vectors[RESIDUAL], work.vectors[STEP]
     q, product = work.vectors[CONJUGATE], work.vectors[PRODUCT]
@@ -250,9 +248,7 @@ def newton_step(
     gradient, direction = work.vectors[GRADIENT], work.vectors[DIRECTION]
     step, trial = work.vectors[STEP], work.vectors[TRIAL]
     for i in range(sets.shape[0]):
-        face[i, 0], face[i, 1], face[i, 2], face[i, 3] = tangent(
-            i, x, gradient, direction, problem
-        )
+        face[i, 0], face[i, 1], face[i, 2], face[i, 3] = tangent(i, x, gradient, direction, problem)
     if not conjugate_gradients(x, problem, work, counts):
         return f, False
     slope = 0.0

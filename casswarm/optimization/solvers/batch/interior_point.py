@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
+from ...._util.jit import contiguous
 from ....errors import SolverError
 from ....typing import FloatArray
 from ...feasible_sets.trajectory import TrajectorySets
@@ -17,7 +18,6 @@ from .engine import (
     BatchRun,
     BatchSolver,
     Results,
-    contiguous,
     execute,
     perturbations,
     scale_of,

@@ -116,7 +116,7 @@ def write(y: FloatArray, active: IntArray, unit: float, u: FloatArray) -> None:
 
 @allocating_kernel
 def move_inside(inside: FloatArray, guess: FloatArray, constraints: Constraints) -> None:
-    """Move every member's trajectory in `guess` towards `inside`, until its slacks are well above 0.
+    """Move every member's trajectory in `guess` towards `inside` until it has a margin.
 
     The limits are a product over members: one that can move little does not restrict the others.
     """

@@ -81,7 +81,7 @@ class Schedule(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Vectors of slacks (6 k H,) and of variables (2 k H,), matrices of a Newton step, and a gradient (2n,)."""
+    """Vectors of slacks (6 k H,) and variables (2 k H,), Newton matrices, and a gradient (2n,)."""
 
     slack: FloatArray
     trial_slack: FloatArray
@@ -258,9 +258,7 @@ def workspace(members: int, steps: int, n: int) -> Workspace:
 
 
 @kernel
-def next_mu(
-    mu: float, z: FloatArray, schedule: Schedule, work: Workspace
-) -> tuple[float, bool]:
+def next_mu(mu: float, z: FloatArray, schedule: Schedule, work: Workspace) -> tuple[float, bool]:
     """Reduce the barrier parameter where its equations are solved: (mu, whether converged).
 
     `residual` holds the Lagrangian's gradient.

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...._util.jit import contiguous
 from ....typing import BoolArray, FloatArray
 from ...feasible_sets.trajectory import Limits, distances
-from .engine import Results, contiguous
+from .engine import Results
 
 _POINTS, _DISCS = ((1e-13, 1e-9),), ((1e-10, 1e-8), (1e-7, 1e-6))
 """Final barrier parameters and residuals, the next where the first is not reached, in units of the

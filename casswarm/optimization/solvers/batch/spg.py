@@ -7,13 +7,14 @@ from typing import ClassVar
 
 import numpy as np
 
+from ...._util.jit import contiguous
 from ....errors import SolverError
 from ....typing import FloatArray
 from ...feasible_sets.planar import PlanarSets
 from ...problem import Instances, Nlp
 from ..base import Capabilities
 from ..options import PositiveFinite, PositiveInt
-from .engine import BatchRun, BatchSolver, Results, contiguous, execute, perturbations, scale_of
+from .engine import BatchRun, BatchSolver, Results, execute, perturbations, scale_of
 
 _PER_THREAD = 256  # instances that are worth a thread
 _SPREAD = 2.0  # standard deviation of further starts, in radii of the smallest disc

@@ -102,7 +102,7 @@ def residual_bounds(
 def converged(x: FloatArray, problem: Problem, work: Workspace, tolerance: float) -> bool:
     """Whether P(x - metric gradient) - x is small; the bounds of `direction` mostly suffice."""
     metric = problem.scale[0] * problem.scale[0] / problem.scale[1]
-    limit = tolerance * problem.scale[0]
+    limit: float = tolerance * problem.scale[0]
     low, high = residual_bounds(work.vectors[DIRECTION], work.step_sizes, metric)
     if high <= limit:
         return True
@@ -221,12 +221,13 @@ def minimise(
 def stationarity(x: FloatArray, problem: Problem, work: Workspace) -> float:
     """Largest component of x - P(x - gradient) in units of x and f; NaN where not finite."""
     gradient, residual = work.vectors[GRADIENT], work.vectors[DIRECTION]
+    unit: float = problem.scale[0]
     for c in range(x.size):
         if not math.isfinite(gradient[c]):
             return math.nan  # which a projection onto a box would hide
     work.step_sizes[:] = problem.scale[0] * problem.scale[0] / problem.scale[1]
     projected_step(x, gradient, work.step_sizes, problem.sets, residual)
-    return largest_component(residual) / problem.scale[0]
+    return largest_component(residual) / unit
 
 
 @kernel
