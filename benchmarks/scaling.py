@@ -28,7 +28,6 @@ from _timing import arguments, print_table, timed
 
 import casswarm as csw
 from casswarm.optimization.solvers import Auto
-from casswarm.optimization.solvers.batch.spg import _module
 from casswarm.policies.leader_selection import LEADER_SELECTION
 from casswarm.problems.formation import (
     Formation,
@@ -82,9 +81,9 @@ def gradient_seconds(found: np.ndarray, problem: Formation) -> float:
     """Median time of one compiled objective and gradient, called from compiled code."""
     nlp, n = problem.nlp, found.size // 2
     assert nlp.compiled is not None
-    given = found, np.ascontiguousarray(problem.instances.p[0]), nlp.compiled.shared
+    given = found, problem.instances.p[0].copy(), nlp.compiled.constants
     work = np.empty(2 * n), np.empty(n * (n + 8))
-    repeated, calls = _repeated(_module(nlp).evaluate), max(3, 20_000 // n)
+    repeated, calls = _repeated(nlp.compiled.evaluate), max(3, 20_000 // n)
     repeated(1, *given, *work)
     return timed(lambda: repeated(calls, *given, *work), 5).wall / calls
 
