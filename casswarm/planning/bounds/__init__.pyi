@@ -1,5 +1,6 @@
+from .certification import certify_guide
 from .grid import UNIT, Relaxation
-from .risk_bound import Certificate, Level, certify, certify_guide
+from .risk_bound import Certificate, Level, certify
 from .success_bound import SuccessBound
 from .value_function import CostToGoMap, ValueFunction
 

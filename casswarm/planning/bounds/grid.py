@@ -149,9 +149,8 @@ class Grid:
     @classmethod
     def finest(cls, task: Relaxation, max_nodes: int) -> Grid:
         """The finest full grid of at most `max_nodes` nodes, with a stride above 1 if necessary."""
-        return cls.full(
-            task, *_finest(lambda *size: node_count(task, *size), max_nodes, task.steps)
-        )
+        size = _finest(lambda *size: node_count(task, *size), max_nodes, task.steps)
+        return cls.full(task, *size)
 
     @classmethod
     def from_anywhere(cls, task: Relaxation, reach: int) -> Grid:

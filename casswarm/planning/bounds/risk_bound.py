@@ -5,19 +5,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
 from ...hazard.lower_bounds import cap_radius
-from ...optimization.solvers import make_solver
-from ...problems.guide import GuideTask
 from ...typing import BoolArray, FloatArray
-from ..guide import Candidate, Guide
-from ..homotopy import best_homotopy_classes
-from ..kinematics import integrate
-from ..multistart import Multistart
 from .dynamic_programming import (
     StageCosts,
     Values,
@@ -28,9 +21,6 @@ from .dynamic_programming import (
     single_node,
 )
 from .grid import UNIT, Block, Grid, Relaxation, corners
-
-if TYPE_CHECKING:
-    from ...scenario import Scenario
 
 GAP, TIME_LIMIT = 0.01, 10.0
 """Default relative gap at which a certificate is good enough, and default time limit in seconds."""
@@ -103,51 +93,6 @@ class Certificate:
     def as_dict(self) -> dict[str, object]:
         """Plain values, for a record."""
         return asdict(self) | {"gap": self.gap}
-
-
-def certify_guide(
-    scenario: Scenario, guide: Guide, gap: float = GAP, time_limit: float = TIME_LIMIT
-) -> Certificate | None:
-    """Certificate for the guides of a scenario; None if its hazard provides no lower bounds.
-
-    The bound is compared with the best known path without acceleration limits and margin: the
-    guide itself, or what Ipopt reaches from the best homotopy classes.
-    """
-    hazard, start = scenario.hazard, scenario.guide_start
-    if hazard.single_agent_lower_bound(start, start) is None:
-        return None
-    task = Relaxation.from_scenario(scenario)
-    paths = [guide.positions]
-    unlimited = np.isinf(scenario.guide_a_max) and scenario.swarm.velocity == "guide"
-    if not (
-        unlimited and guide.search == "global" and scenario.arrival_margin <= 1e-5 * task.radius
-    ):
-        paths += _relaxed_paths(scenario, task)
-    risks = [task.dt * float(hazard.single_agent_rates(path[1:]).sum()) for path in paths]
-    best = int(np.argmin(risks))
-    multiplier = arrival_multiplier(task, paths[best], scenario.swarm.v_max)
-    return certify(task, risks[best], multiplier, gap=gap, time_limit=time_limit)
-
-
-def _relaxed_paths(scenario: Scenario, task: Relaxation) -> list[FloatArray]:
-    """Locally best paths of the relaxation, in two homotopy classes and near their arrival steps.
-
-    The grid is not that of `Multistart`, whose target is smaller by the margin.
-    """
-    free = replace(
-        GuideTask.from_scenario(scenario, task.start),
-        radius=scenario.target.radius,
-        a_max=np.inf,
-        a_max_first=np.inf,
-    )
-    multistart = Multistart(scenario, free, make_solver("ipopt"))
-    classes = best_homotopy_classes(task, 2)
-    candidates: list[Candidate] = []
-    for path in classes:
-        candidates += multistart.candidates_along(path, [path.arrival])
-    for path in classes[:1]:
-        candidates += multistart.candidates_along(path, [path.arrival - 1, path.arrival + 1])
-    return [integrate(task.start, c.velocities, task.dt) for c in candidates if np.isfinite(c.risk)]
 
 
 def certify(
