@@ -20,12 +20,12 @@ from casswarm import HazardError, Saturation, ScenarioError, load_scenario, plan
 from casswarm.planning.bounds import certify_guide
 
 
-def test_symmetric_scenario_has_two_equal_optima_and_reports_one() -> None:
+def test_plan_symmetric_scenario_reports_one_of_two_optima() -> None:
     guide = plan(free((6.0, 0.0), [(3.0, 0.0)], 14), gap=1e-4)
-    ways = guide.best_per_homotopy_class()
-    assert [way.homotopy for way in ways] in (["L", "R"], ["R", "L"])
-    assert ways[0].risk == pytest.approx(ways[1].risk, rel=1e-6)
-    assert guide.risk == ways[0].risk
+    classes = guide.best_per_homotopy_class()
+    assert [candidate.homotopy for candidate in classes] in (["L", "R"], ["R", "L"])
+    assert classes[0].risk == pytest.approx(classes[1].risk, rel=1e-6)
+    assert guide.risk == classes[0].risk
     assert guide.gap < 1e-4
 
 
@@ -46,7 +46,7 @@ def bounded(positions: ca.MX, alive: ca.MX, **parameters: object) -> ca.MX:
 bounded.single_agent_lower_bound = least_patrolled
 
 
-def test_where_place_makes_no_difference_the_straight_line_is_proven_to_rounding() -> None:
+def test_certificate_uniform_rate_has_gap_of_rounding() -> None:
     scenario = free((6.0, 0.0), [(50.0, 50.0)], 12).with_hazard(bounded, background=0.3)
     guide = plan(scenario, gap=1e-6)
     assert guide.arrival == 9
@@ -54,17 +54,17 @@ def test_where_place_makes_no_difference_the_straight_line_is_proven_to_rounding
     assert 0 <= guide.gap < 1e-9
 
 
-def test_users_rates_are_certified_by_their_least_rate_over_boxes_alone() -> None:
+def test_certificate_custom_hazard_needs_lower_bound() -> None:
     scenario = free((5.0, 1.0), [(2.5, 0.2)], 16)
     plain = plan(scenario.with_hazard(patrolled, radars=[(2.5, 0.2)]))
     assert (plain.risk_bound, plain.gap, plain.certificate) == (None, None, None)
     assert "not certified" in str(plain)
-    known = plan(scenario.with_hazard(bounded, radars=[(2.5, 0.2)]), gap=0.003)
-    assert known.risk == pytest.approx(plain.risk, rel=1e-9)
-    assert 0 <= known.gap <= 0.003
+    certified = plan(scenario.with_hazard(bounded, radars=[(2.5, 0.2)]), gap=0.003)
+    assert certified.risk == pytest.approx(plain.risk, rel=1e-9)
+    assert 0 <= certified.gap <= 0.003
 
 
-def test_a_users_least_rate_that_is_none_is_refused() -> None:
+def test_certificate_custom_hazard_wrong_lower_bound_raises() -> None:
     def wrong(positions: ca.MX, alive: ca.MX) -> ca.MX:
         return patrolled(positions, alive)
 
@@ -85,7 +85,7 @@ class Weaker(Saturation):
         return 0.1 / (1.0 + squared_distance)
 
 
-def test_bound_of_the_papers_rate_is_not_passed_on_to_other_kernels() -> None:
+def test_hazard_subclass_does_not_inherit_lower_bound() -> None:
     hazard = Weaker(tuple(TWO))
     corner = np.zeros(2)
     assert hazard.single_agent_lower_bound(corner, corner) is None
@@ -97,21 +97,23 @@ def test_bound_of_the_papers_rate_is_not_passed_on_to_other_kernels() -> None:
     [
         ((4.0, 0.0), [(4.0 + math.cos(a), math.sin(a)) for a in np.arange(6) * math.pi / 3], 16),
         ((4.0, 1.0), [(0.05, 0.02)], 14),
-        ((5.5, 3.0), [(2.0, 2.0)], 8),  # 5.0 to go and 5.28 at the most
+        ((5.5, 3.0), [(2.0, 2.0)], 8),  # a distance of 5.0 with a reach of 5.28
     ],
     ids=["target enclosed by radars", "start next to a radar", "just reachable"],
 )
-def test_hard_geometries_are_certified(target: Point, radars: list[Point], steps: int) -> None:
+def test_certificate_hard_geometry_reaches_gap(
+    target: Point, radars: list[Point], steps: int
+) -> None:
     guide = plan(free(target, radars, steps), gap=0.001)
     assert 0 <= guide.gap <= 0.001
 
 
-def test_target_out_of_reach_is_an_error_with_the_fewest_possible_steps() -> None:
-    with pytest.raises(ScenarioError, match="the shortest possible way takes 9 steps"):
+def test_scenario_unreachable_target_reports_fewest_steps() -> None:
+    with pytest.raises(ScenarioError, match="the fastest path takes 9 steps"):
         free((6.0, 0.0), [(2.0, 2.0)], 8)
 
 
-def test_limits_of_acceleration_keep_the_bound_and_widen_the_gap() -> None:
+def test_certificate_acceleration_limit_keeps_bound_and_widens_gap() -> None:
     values = {"guide.search": "global", "guide.arrival": "any"}
     scenario = load_scenario("paper-1").with_values(values)
     guides = [
@@ -127,20 +129,20 @@ def test_limits_of_acceleration_keep_the_bound_and_widen_the_gap() -> None:
     assert guides[0].risk_bound == pytest.approx(guides[1].risk_bound, rel=0.01)
 
 
-def test_path_that_a_solvers_tolerance_keeps_out_of_the_target_counts() -> None:
+def test_certificate_uses_path_that_misses_target_by_tolerance() -> None:
     """At full speed nearly everywhere, so that what the dynamics miss adds up to a rim not met."""
     certificate = certify_guide(load_scenario("ring"), plan(load_scenario("ring"), certify=False))
     assert certificate.best == pytest.approx(1.1039, abs=2e-4)
     assert certificate.gap < 0.01
 
 
-def test_certifying_is_left_out_where_it_is_not_asked_for() -> None:
+def test_plan_without_certify_has_no_certificate() -> None:
     scenario = free((4.0, 1.0), [(2.0, 0.5)], 12)
     assert plan(scenario, certify=False).certificate is None
     assert certify_guide(scenario, plan(scenario, certify=False)).gap < 0.01
 
 
 @pytest.mark.parametrize(("name", "value"), [("gap", 0.0), ("gap", 1.0), ("time_limit", 0.0)])
-def test_limits_of_the_proof_out_of_range_are_refused(name: str, value: float) -> None:
+def test_plan_gap_or_time_limit_out_of_range_raises(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"{name} = .*allowed"):
         plan(free((4.0, 1.0), [(2.0, 0.5)], 12), **{name: value})

@@ -32,7 +32,7 @@ TASK = GuideTask(
     dt=0.33,
 )
 FROM_ORIGIN = replace(TASK, start=np.zeros(2), center=np.full(2, 9.0))
-NOTHING = Solution(
+SOLUTION = Solution(
     x=np.empty(0),
     objective=0.0,
     status=Status.SOLVED,
@@ -47,11 +47,11 @@ NOTHING = Solution(
 
 
 def guide_along(velocities: Array, candidates: tuple[Candidate, ...] = ()) -> Guide:
-    best = Candidate("straight", len(velocities), "", velocities, 1.0, NOTHING)
+    best = Candidate("straight", len(velocities), "", velocities, 1.0, SOLUTION)
     return Guide.from_candidate(HAZARD, FROM_ORIGIN, best, candidates)
 
 
-def walk(steps: int, seed: int) -> Array:
+def random_velocities(steps: int, seed: int) -> Array:
     return np.random.default_rng(seed).uniform(-2, 2, (steps, 2))
 
 
@@ -61,18 +61,18 @@ def arc(first: float, last: float) -> Array:
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-# --- the path and its price
+# --- trajectory and risk
 
 
-def test_path_follows_the_dynamics_to_the_last_bit() -> None:
-    velocities, start = walk(50, 0), np.array([0.1, -7.3])
+def test_integrate_matches_dynamics_exactly() -> None:
+    velocities, start = random_velocities(50, 0), np.array([0.1, -7.3])
     positions = integrate(start, velocities, 0.33)
     assert (positions[0] == start).all()
     assert (positions[1:] == positions[:-1] + 0.33 * velocities).all()
 
 
-def test_guide_pays_the_lone_rate_at_every_point_but_the_first() -> None:
-    guide = guide_along(walk(7, 1))
+def test_guide_risk_sums_rates_after_start() -> None:
+    guide = guide_along(random_velocities(7, 1))
     rates = [single_agent_rate_by_hand(x, y, RADARS) for x, y in guide.positions[1:]]
     np.testing.assert_allclose(guide.rates, rates, rtol=1e-12)
     assert guide.risk == pytest.approx(0.33 * sum(rates), rel=1e-12)
@@ -80,71 +80,67 @@ def test_guide_pays_the_lone_rate_at_every_point_but_the_first() -> None:
     assert guide.arrival == 7
 
 
-def test_guide_refers_to_the_centre_after_its_arrival() -> None:
-    guide = guide_along(walk(3, 2))
+def test_guide_reference_after_arrival_is_target_center() -> None:
+    guide = guide_along(random_velocities(3, 2))
     points = [guide.reference(step).tolist() for step in range(6)]
     assert points == [*guide.positions.tolist(), [9.0, 9.0], [9.0, 9.0]]
 
 
-def test_guide_arrives_if_the_risk_of_its_candidate_is_finite() -> None:
-    best = Candidate("straight", 2, "", walk(2, 3), math.inf, NOTHING)
+def test_guide_of_infinite_risk_does_not_arrive() -> None:
+    best = Candidate("straight", 2, "", random_velocities(2, 3), math.inf, SOLUTION)
     lost = Guide.from_candidate(HAZARD, FROM_ORIGIN, best, (best,), "global")
     assert (lost.arrives, lost.search) == (False, "global")
-    assert guide_along(walk(2, 3)).arrives
+    assert guide_along(random_velocities(2, 3)).arrives
 
 
-def test_gap_is_known_only_where_the_risk_is_certified() -> None:
-    guide = guide_along(walk(3, 3))
+def test_guide_gap_requires_risk_bound() -> None:
+    guide = guide_along(random_velocities(3, 3))
     assert guide.gap is None
     assert "not certified" in str(guide)
     certified = replace(guide, risk_bound=0.75 * guide.risk)
     assert certified.gap == pytest.approx(0.25)
-    told = float(re.search(r"no guide can exceed ([0-9.]+)", str(certified))[1])
-    assert math.exp(-0.75 * guide.risk) <= told < math.exp(-0.75 * guide.risk) + 1e-4
+    shown = float(re.search(r"no guide can exceed ([0-9.]+)", str(certified))[1])
+    assert math.exp(-0.75 * guide.risk) <= shown < math.exp(-0.75 * guide.risk) + 1e-4
     assert replace(guide, rates=0.0 * guide.rates, risk_bound=0.0).gap == 0.0
     assert "DOES NOT ARRIVE" in str(replace(guide, arrives=False))
 
 
-def test_ways_are_the_best_arriving_candidate_of_every_side_best_first() -> None:
-    velocities = walk(2, 4)
+def test_best_per_homotopy_class_sorts_arriving_candidates() -> None:
+    velocities = random_velocities(2, 4)
     candidates = tuple(
-        Candidate(f"start {i}", 2, sides, velocities, risk, NOTHING)
+        Candidate(f"start {i}", 2, sides, velocities, risk, SOLUTION)
         for i, (sides, risk) in enumerate(
             [("LR", 3.0), ("LL", 1.0), ("LR", 2.0), ("RR", math.inf), ("LL", 4.0), ("RL", 2.5)]
         )
     )
-    ways = guide_along(velocities, candidates).best_per_homotopy_class()
-    assert [(c.homotopy, c.risk) for c in ways] == [("LL", 1.0), ("LR", 2.0), ("RL", 2.5)]
+    best = guide_along(velocities, candidates).best_per_homotopy_class()
+    assert [(c.homotopy, c.risk) for c in best] == [("LL", 1.0), ("LR", 2.0), ("RL", 2.5)]
 
 
-# --- sides
+# --- homotopy signature
 
 
 @pytest.mark.parametrize(
     ("radar", "side"),
     [((0.5, 1.0), "L"), ((0.5, -1.0), "R"), ((5.0, 0.1), "L"), ((-5.0, -0.1), "R")],
 )
-def test_radar_north_of_an_eastward_path_is_on_its_left(
-    radar: tuple[float, float], side: str
-) -> None:
+def test_homotopy_signature_radar_left_of_path_is_l(radar: tuple[float, float], side: str) -> None:
     assert homotopy_signature(np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([radar])) == side
 
 
 @pytest.mark.parametrize(("last", "side"), [(170, "L"), (270, "L"), (-170, "R"), (-300, "R")])
-def test_side_is_that_of_the_turn_even_beyond_half_a_circle(last: float, side: str) -> None:
+def test_homotopy_signature_beyond_half_circle_follows_winding(last: float, side: str) -> None:
     assert homotopy_signature(arc(0, last), np.zeros((1, 2))) == side
 
 
-def test_path_that_turns_before_a_radar_passes_it_on_another_side_than_one_that_goes_around() -> (
-    None
-):
+def test_homotopy_signature_distinguishes_turning_from_going_around() -> None:
     radar = np.array([[2.0, 0.0]])
     before = np.array([[0.0, 0.0], [1.0, 0.0], [1.5, 3.0]])
     around = np.array([[0.0, 0.0], [1.0, -1.0], [3.0, -1.0], [3.0, 1.0], [1.5, 3.0]])
     assert (homotopy_signature(before, radar), homotopy_signature(around, radar)) == ("R", "L")
 
 
-def test_every_radar_has_its_letter_in_the_given_order() -> None:
+def test_homotopy_signature_lists_radars_in_order() -> None:
     path = np.array([[0.0, 0.0], [4.0, 0.0]])
     assert homotopy_signature(path, np.array([[3.0, 1.0], [1.0, -1.0], [2.0, 2.0]])) == "LRL"
     assert homotopy_signature(path, np.empty((0, 2))) == ""
@@ -152,8 +148,8 @@ def test_every_radar_has_its_letter_in_the_given_order() -> None:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=50, deadline=None)
-def test_sides_swap_when_the_path_is_reversed_or_mirrored(seed: int) -> None:
-    path, radars = np.cumsum(walk(12, seed), axis=0), walk(3, seed + 1)
+def test_homotopy_signature_swaps_on_reversal_and_mirroring(seed: int) -> None:
+    path, radars = np.cumsum(random_velocities(12, seed), axis=0), random_velocities(3, seed + 1)
     swapped = homotopy_signature(path, radars).translate(str.maketrans("LR", "RL"))
     assert homotopy_signature(path[::-1], radars) == swapped
     assert homotopy_signature(path * [1, -1], radars * [1, -1]) == swapped
@@ -164,10 +160,10 @@ def test_sides_swap_when_the_path_is_reversed_or_mirrored(seed: int) -> None:
 
 def task_instance(horizon: int, arrival: int, seed: int) -> tuple[Nlp, Instances]:
     nlp = guide_nlp(HAZARD, horizon)
-    return nlp, guide_instance(nlp, TASK, arrival, walk(arrival, seed))
+    return nlp, guide_instance(nlp, TASK, arrival, random_velocities(arrival, seed))
 
 
-def test_program_is_the_paper_s_with_every_formula_written_out() -> None:
+def test_guide_nlp_matches_written_out_formulas() -> None:
     nlp, instance = task_instance(horizon=6, arrival=4, seed=5)
     rng = np.random.default_rng(6)
     X, V = rng.uniform(0, 4, (6, 2)), rng.uniform(-2, 2, (6, 2))
@@ -176,14 +172,14 @@ def test_program_is_the_paper_s_with_every_formula_written_out() -> None:
 
     risk = sum(0.33 * single_agent_rate_by_hand(*X[t], RADARS) for t in range(4))
     assert objective[0] == pytest.approx(risk, rel=1e-12)
-    places, speeds = [TASK.start, *X], [TASK.initial_velocity, *V]
-    dynamics = [places[t + 1] - places[t] - 0.33 * V[t] for t in range(6)]
+    points, speeds = [TASK.start, *X], [TASK.initial_velocity, *V]
+    dynamics = [points[t + 1] - points[t] - 0.33 * V[t] for t in range(6)]
     turns = [math.dist(speeds[t + 1], speeds[t]) ** 2 for t in range(6)]
     expected = [*np.ravel(dynamics), *turns, math.dist(X[-1], TASK.center) ** 2]
     np.testing.assert_allclose(g, expected, rtol=1e-12, atol=1e-12)
 
 
-def test_bounds_are_the_limits_until_arrival_and_rest_after_it() -> None:
+def test_guide_instance_bounds_are_limits_until_arrival() -> None:
     nlp, instance = task_instance(horizon=6, arrival=4, seed=7)
     box = [[2.0, 2.0]] * 4 + [[0.0, 0.0]] * 2
     assert nlp.variable("velocities", instance.ubx[0]).tolist() == box
@@ -198,20 +194,20 @@ def test_bounds_are_the_limits_until_arrival_and_rest_after_it() -> None:
     assert (limits[np.isfinite(exact)] <= exact[np.isfinite(exact)] - 0.9e-7).all()
 
 
-def test_start_of_a_solve_is_a_path_that_obeys_the_dynamics_and_the_box() -> None:
+def test_guide_instance_start_obeys_dynamics_and_box() -> None:
     nlp = guide_nlp(HAZARD, 6)
-    instance = guide_instance(nlp, TASK, 4, 3 * walk(4, 8))
+    instance = guide_instance(nlp, TASK, 4, 3 * random_velocities(4, 8))
     V = nlp.variable("velocities", instance.x0[0])
-    np.testing.assert_array_equal(V[:4], np.clip(3 * walk(4, 8), -2, 2))
+    np.testing.assert_array_equal(V[:4], np.clip(3 * random_velocities(4, 8), -2, 2))
     np.testing.assert_array_equal(V[4:], 0.0)
     X = nlp.variable("positions", instance.x0[0])
     np.testing.assert_allclose(X, integrate(TASK.start, V, 0.33)[1:], rtol=1e-14)
 
 
-def test_dimensionless_task_is_the_same_program_in_lengths_of_a_step() -> None:
+def test_guide_task_dimensionless_is_scaled_program() -> None:
     nlp, unit = guide_nlp(HAZARD, 4), 0.33 * 2.0
-    X, V = walk(4, 12) + np.array([3.0, 1.0]), walk(4, 13)
-    found = []
+    X, V = random_velocities(4, 12) + np.array([3.0, 1.0]), random_velocities(4, 13)
+    scaled = []
     for task, x in (
         (TASK, nlp.pack_variables(positions=X, velocities=V)),
         (
@@ -221,10 +217,10 @@ def test_dimensionless_task_is_the_same_program_in_lengths_of_a_step() -> None:
     ):
         instance = guide_instance(nlp, task, 4, V)
         values = [np.asarray(part) for part in nlp.evaluate(x[0], instance.p[0])]
-        found.append([np.concatenate(values).ravel(), instance.ubg[0]])
+        scaled.append([np.concatenate(values).ravel(), instance.ubg[0]])
     scale = np.array([1.0, *[unit] * 8, *[4.0] * 4, unit**2])
-    np.testing.assert_allclose(scale * found[1][0], found[0][0], rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(scale[1:] * found[1][1], found[0][1], rtol=1e-6)
+    np.testing.assert_allclose(scale * scaled[1][0], scaled[0][0], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(scale[1:] * scaled[1][1], scaled[0][1], rtol=1e-6)
 
 
 # --- the paper's penalised program
@@ -251,17 +247,17 @@ def penalised_by_hand(velocities: Array, gamma: float = 10.0) -> float:
 
 def through_the_target() -> Array:
     """Arrives at step 7 of 10 and leaves again, well away from the zone's edge at every step."""
-    way = (TASK.center - TASK.start) / (0.33 * 7)
-    return np.concatenate([np.tile(way, (7, 1)), np.tile([1.5, 1.0], (3, 1))])
+    velocity = (TASK.center - TASK.start) / (0.33 * 7)
+    return np.concatenate([np.tile(velocity, (7, 1)), np.tile([1.5, 1.0], (3, 1))])
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_penalised_objective_is_survival_and_distance(seed: int) -> None:
-    velocities = walk(8, seed) + np.array([1.0, 0.2])
+def test_penalised_objective_matches_formula(seed: int) -> None:
+    velocities = random_velocities(8, seed) + np.array([1.0, 0.2])
     assert penalised(velocities)[0] == pytest.approx(penalised_by_hand(velocities), rel=1e-12)
 
 
-def test_penalised_risk_ends_with_the_arrival_step() -> None:
+def test_penalised_risk_ends_at_arrival() -> None:
     velocities = through_the_target()
     inside = np.hypot(*(integrate(TASK.start, velocities, 0.33) - TASK.center).T) <= 0.5
     assert inside.argmax() == 7
@@ -272,8 +268,8 @@ def test_penalised_risk_ends_with_the_arrival_step() -> None:
     assert survival[0] == pytest.approx(survival[1], rel=1e-12)
 
 
-@pytest.mark.parametrize("velocities", [walk(6, 9), through_the_target()])
-def test_penalised_gradient_is_that_of_finite_differences(velocities: Array) -> None:
+@pytest.mark.parametrize("velocities", [random_velocities(6, 9), through_the_target()])
+def test_penalised_gradient_matches_finite_differences(velocities: Array) -> None:
     step = 1e-6
     differences = np.empty_like(velocities)
     for index in np.ndindex(*velocities.shape):
@@ -285,14 +281,14 @@ def test_penalised_gradient_is_that_of_finite_differences(velocities: Array) -> 
     np.testing.assert_allclose(penalised(velocities)[1], differences, rtol=1e-6, atol=1e-7)
 
 
-def test_penalised_gradient_exists_at_the_centre_of_the_target() -> None:
+def test_penalised_gradient_at_target_center_is_finite() -> None:
     velocities = np.tile((TASK.center - TASK.start) / (0.33 * 6), (6, 1))
     assert np.isfinite(penalised(velocities)[1]).all()
 
 
-def test_penalised_program_has_the_box_alone() -> None:
+def test_penalised_instance_has_only_box_constraints() -> None:
     nlp = penalised_guide_nlp(HAZARD, 5)
-    instance = penalised_guide_instance(nlp, TASK, 10.0, walk(5, 10))
+    instance = penalised_guide_instance(nlp, TASK, 10.0, random_velocities(5, 10))
     assert nlp.sizes[2] == 0
     assert (instance.ubx == 2.0).all()
     assert (instance.lbx == -2.0).all()

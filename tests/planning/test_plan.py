@@ -1,4 +1,4 @@
-"""Plans: against grids and brute force, their laws, and what happens where there is none."""
+"""Plans: against grids and brute force, their successes, and what happens where there is none."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def two_radars(**values: object) -> Guide:
     ("radar", "target", "steps"),
     [((2.0, 0.3), (4.0, 0.5), 10), ((1.5, 1.4), (3.0, 3.0), 12), ((-0.4, 0.6), (3.0, 1.0), 9)],
 )
-def test_guide_around_one_radar_is_between_the_bounds_of_a_fine_grid(
+def test_plan_one_radar_is_within_grid_bounds(
     radar: tuple[float, float], target: tuple[float, float], steps: int
 ) -> None:
     guide = plan(small(MEMBER, target, [radar], steps, guide__acceleration_limited=False))
@@ -42,7 +42,7 @@ def test_guide_around_one_radar_is_between_the_bounds_of_a_fine_grid(
     assert guide.risk == pytest.approx(upper, rel=2e-3)  # a path on cell centres is nearly as good
 
 
-def test_local_search_ends_between_the_radars_and_global_search_goes_around_them() -> None:
+def test_plan_global_search_goes_around_radars() -> None:
     local = two_radars(guide__acceleration_limited=False, guide__search="local")
     globally = two_radars(guide__acceleration_limited=False)
     assert local.risk == pytest.approx(1.156, abs=0.001)
@@ -52,13 +52,13 @@ def test_local_search_ends_between_the_radars_and_global_search_goes_around_them
     assert sides == ["LR", "LL"]
 
 
-def test_long_way_around_is_kept_where_a_whole_guide_risks_little() -> None:
+def test_plan_low_risk_keeps_homotopy_classes() -> None:
     """Ten times as far from the radars: a tenth of the risk, below the weight of a barrier."""
     radars = [(30.0, 40.0), (70.0, 60.0)]
     scenario = small(MEMBER, (100.0, 100.0), radars, 300, guide__acceleration_limited=False)
     guide = plan(scenario, certify=False)
     assert guide.risk == pytest.approx(0.0344, abs=0.0002)
-    assert [way.homotopy for way in guide.best_per_homotopy_class()[:2]] == ["LL", "RR"]
+    assert [c.homotopy for c in guide.best_per_homotopy_class()[:2]] == ["LL", "RR"]
 
 
 def patrol(steps: int, **values: object) -> Scenario:
@@ -67,7 +67,7 @@ def patrol(steps: int, **values: object) -> Scenario:
     return scenario.with_hazard(patrolled, radars=[(2.5, 0.2)], background=0.02)
 
 
-def test_arrival_step_is_the_best_of_all_of_them() -> None:
+def test_plan_arrival_step_is_best_of_all() -> None:
     guide = plan(patrol(40))
     every = [plan(patrol(steps, guide__arrival="horizon")) for steps in range(8, 41)]
     best = min(every, key=lambda other: other.risk)
@@ -76,7 +76,7 @@ def test_arrival_step_is_the_best_of_all_of_them() -> None:
     assert guide.risk == pytest.approx(best.risk, rel=1e-7)
 
 
-def test_neighbours_of_the_best_arrival_step_have_been_tried() -> None:
+def test_plan_tries_neighbours_of_best_arrival_step() -> None:
     guide = plan(patrol(40))
     tried = {c.arrival for c in guide.candidates}
     assert {guide.arrival - 1, guide.arrival + 1} <= tried
@@ -84,7 +84,7 @@ def test_neighbours_of_the_best_arrival_step_have_been_tried() -> None:
 
 
 @pytest.mark.parametrize(("target", "steps"), [((6.0, 0.0), 9), ((4.0, 4.0), 6), ((0.0, -3.0), 4)])
-def test_guide_is_straight_and_of_the_fewest_steps_where_place_makes_no_difference(
+def test_plan_uniform_rate_is_straight_and_shortest(
     target: tuple[float, float], steps: int
 ) -> None:
     scenario = small(MEMBER, target, [(50.0, 50.0)], 30)
@@ -108,7 +108,7 @@ PLANS = {
 
 
 @pytest.mark.parametrize("values", PLANS.values(), ids=PLANS.keys())
-def test_guide_obeys_dynamics_limits_and_zone(values: dict[str, object]) -> None:
+def test_plan_satisfies_dynamics_limits_and_arrival(values: dict[str, object]) -> None:
     scenario = small(MEMBER, (6.0, 4.0), [(2.0, 2.0), (4.5, 1.5)], 20, **values)
     guide = plan(scenario)
     X, V = guide.positions, guide.velocities
@@ -124,7 +124,7 @@ def test_guide_obeys_dynamics_limits_and_zone(values: dict[str, object]) -> None
     assert guide.risk == pytest.approx(DT * sum(rates), rel=1e-12)
 
 
-def test_guide_starts_with_the_given_velocity_or_with_any() -> None:
+def test_plan_initial_velocity_limits_first_change() -> None:
     """The members' own limit bounds the first change, the guide's the later ones."""
     scenario = small(MEMBER, (6.0, 4.0), [(2.0, 2.0)], 20, guide__a_max=0.3)
     backwards = (-1.5, -1.5)
@@ -139,7 +139,7 @@ def test_guide_starts_with_the_given_velocity_or_with_any() -> None:
     assert guide.positions[0].tolist() == [0.5, -0.5]
 
 
-def test_guide_ends_at_its_first_arrival_and_the_swarm_aims_at_the_centre_then() -> None:
+def test_plan_ends_at_first_arrival() -> None:
     scenario = load_scenario("paper-1")
     guide = plan(scenario)
     assert guide.arrival < scenario.n_steps  # planned for the horizon, and at the rim before it
@@ -150,15 +150,15 @@ def test_guide_ends_at_its_first_arrival_and_the_swarm_aims_at_the_centre_then()
     assert guide.reference(guide.arrival + 1).tolist() == list(scenario.target.center)
 
 
-def test_plan_near_a_known_guide_finds_what_a_full_search_finds() -> None:
+def test_plan_from_near_matches_full_search() -> None:
     scenario = small(MEMBER, (6.0, 4.0), [(2.0, 2.0), (4.5, 1.5)], 20)
-    known, start = plan(scenario), (0.3, -0.2)
+    neighbour, start = plan(scenario), (0.3, -0.2)
     full = plan_from(scenario, start)
-    near = plan_from(scenario, start, near=known)
+    near = plan_from(scenario, start, near=neighbour)
     assert near.risk == pytest.approx(full.risk, rel=1e-6)
     assert len(near.candidates) < len(full.candidates)
-    # of a guide that a user made there is nothing to start from
-    assert plan_from(scenario, start, near=replace(known, candidates=())).risk == full.risk
+    # a guide without candidates offers no start
+    assert plan_from(scenario, start, near=replace(neighbour, candidates=())).risk == full.risk
 
 
 TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])  # (x, y) @ TURN = (-y, x)
@@ -176,11 +176,11 @@ def moved(points: Sequence[tuple[float, float]], motion: str) -> list[tuple[floa
 
 
 @pytest.mark.parametrize("motion", ["mirrored", "swapped", "turned", "shifted"])
-def test_risk_is_the_same_in_a_moved_plane(motion: str) -> None:
-    places = [(0.2, 0.1), (6.0, 3.0), (2.0, 2.0), (4.5, 1.0), (3.0, -0.4)]
-    start, target, *radars = moved(places, motion)
+def test_plan_risk_is_invariant_under_isometries(motion: str) -> None:
+    points = [(0.2, 0.1), (6.0, 3.0), (2.0, 2.0), (4.5, 1.0), (3.0, -0.4)]
+    start, target, *radars = moved(points, motion)
     guide = plan(small([start], target, radars, 15))
-    reference = plan(small([places[0]], places[1], places[2:], 15))
+    reference = plan(small([points[0]], points[1], points[2:], 15))
     assert guide.risk == pytest.approx(reference.risk, rel=1e-6)
     assert guide.arrival == reference.arrival
     expected = moved([tuple(x) for x in reference.positions], motion)
@@ -198,7 +198,7 @@ def test_risk_is_the_same_in_a_moved_plane(motion: str) -> None:
         ((4.0, 0.0), [(2.0, 0.1)], 12),
     ],
 )
-def test_searching_more_is_never_worse(
+def test_plan_wider_search_is_never_worse(
     target: tuple[float, float], radars: list[tuple[float, float]], steps: int
 ) -> None:
     def risk(search: str, arrival: str) -> float:
@@ -212,7 +212,7 @@ def test_searching_more_is_never_worse(
     assert risk("global", "horizon") <= room * risk("local", "horizon")
 
 
-def test_search_that_is_asked_for_overrules_the_scenario() -> None:
+def test_plan_search_argument_overrides_scenario() -> None:
     scenario = small(MEMBER, (4.0, 0.0), [(2.0, 0.1)], 12)
     tasks: list[str] = []
     guide = plan(scenario, search="local", progress=lambda task, done, total: tasks.append(task))  # noqa: ARG005
@@ -225,7 +225,7 @@ def test_search_that_is_asked_for_overrules_the_scenario() -> None:
         plan(scenario, search="everywhere")
 
 
-def test_candidates_are_the_straight_start_and_ways_on_both_sides() -> None:
+def test_plan_candidates_cover_homotopy_classes() -> None:
     guide = two_radars()
     tried: dict[str, set[int]] = {}
     for candidate in guide.candidates:
@@ -237,7 +237,7 @@ def test_candidates_are_the_straight_start_and_ways_on_both_sides() -> None:
 
 
 class Fickle(Solver):
-    """Ipopt, made to report a failure for every other arrival step."""
+    """Ipopt that reports a failure for every other arrival step."""
 
     name = "fickle"
 
@@ -253,7 +253,7 @@ class Fickle(Solver):
         return [Answer(nowhere, Status.DIVERGED, "no mood", 1, 1, 0.0)]
 
 
-def test_failed_starts_stay_among_the_candidates_and_are_not_chosen() -> None:
+def test_plan_keeps_failed_candidates_without_choosing_them() -> None:
     guide = plan(small(MEMBER, (4.0, 0.0), [(2.0, 0.1)], 13, guide__arrival="any"), Fickle())
     assert {c.solution.status for c in guide.candidates} == {Status.SOLVED, Status.DIVERGED}
     for candidate in guide.candidates:
@@ -268,19 +268,19 @@ def test_failed_starts_stay_among_the_candidates_and_are_not_chosen() -> None:
 
 
 def impossible(a_max: float) -> Scenario:
-    """Full speed the other way, and hardly any way to turn."""
+    """Full speed away from the target, and a small acceleration limit."""
     values = {"swarm__velocity": [-2.0, -2.0], "swarm__a_max": a_max, "guide__search": "local"}
     return small(MEMBER, (10.0, 10.0), [(3.0, 4.0), (7.0, 6.0)], 30, **values)
 
 
-def test_plan_without_outcome_raises_and_counts_outcomes() -> None:
+def test_plan_without_arrival_raises_and_counts_outcomes() -> None:
     expected = r"of (\d+) solves \(\1 infeasible\) none arrives .* check=False"
     with pytest.raises(PlanningError, match=expected):
         plan(impossible(1e-4))
 
 
 @pytest.mark.parametrize("a_max", [1e-4, 1e-2, 0.1])
-def test_unchecked_plan_without_outcome_is_a_guide_that_does_not_arrive(a_max: float) -> None:
+def test_plan_unchecked_returns_guide_without_arrival(a_max: float) -> None:
     """Nor does a path that arrives by violating its limits count, such as solvers give up with."""
     guide = plan(impossible(a_max), check=False)
     assert not guide.arrives
@@ -293,7 +293,7 @@ def test_unchecked_plan_without_outcome_is_a_guide_that_does_not_arrive(a_max: f
 # --- the paper's penalised form
 
 
-def test_projected_gradient_s_guide_respects_the_box_and_arrives() -> None:
+def test_plan_projected_gradient_respects_box_and_arrives() -> None:
     scenario = load_scenario("paper-1")
     guide = plan(scenario, "projected-gradient")
     assert guide.arrives
@@ -305,7 +305,7 @@ def test_projected_gradient_s_guide_respects_the_box_and_arrives() -> None:
     assert guide.solution.solver == "projected-gradient"
 
 
-def test_projected_gradient_is_no_better_than_a_global_search() -> None:
+def test_plan_projected_gradient_is_not_better_than_global_search() -> None:
     scenario = small(MEMBER, (4.0, 0.5), [(2.0, 1.2)], 12, guide__acceleration_limited=False)
     line = small(MEMBER, (4.0, 0.5), [(2.0, 1.2)], 12, guide__iterations=1)
     paper = plan(scenario, "projected-gradient")

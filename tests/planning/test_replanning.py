@@ -1,4 +1,4 @@
-"""Planning again for survivors: never worse, the same whatever the order, each situation once."""
+"""Replanning for survivors: never worse, independent of the order, one solve per situation."""
 
 from __future__ import annotations
 
@@ -45,41 +45,41 @@ def feedback(
     return ReplanningPolicy(tree, JointPolicy.from_plan(first))
 
 
-def test_feedback_is_worth_more_than_the_plan(planned: tuple[Scenario, SwarmPlan]) -> None:
+def test_replanning_succeeds_more_often_than_plan(planned: tuple[Scenario, SwarmPlan]) -> None:
     scenario, first = planned
     policy = feedback(planned)
-    law = evaluate(scenario, policy, tolerance=0)
+    distribution = evaluate(scenario, policy, tolerance=0)
     assert first.success is not None
     assert first.bound is not None
-    assert law.residual_mass == 0
-    assert first.success[1] + 1e-4 < law.success[0] < first.bound.value
+    assert distribution.residual_mass == 0
+    assert first.success[1] + 1e-4 < distribution.success[0] < first.bound.value
     assert policy.tree.solves > 10
-    assert law.infeasible == 0
+    assert distribution.infeasible == 0
 
 
-def test_every_situation_is_solved_once(planned: tuple[Scenario, SwarmPlan]) -> None:
+def test_plan_tree_solves_each_situation_once(planned: tuple[Scenario, SwarmPlan]) -> None:
     scenario, _ = planned
     policy = feedback(planned)
-    laws = [evaluate(scenario, policy, tolerance=0).success]
+    successes = [evaluate(scenario, policy, tolerance=0).success]
     solves = policy.tree.solves
     assert solves == len(policy.tree.branches)
-    laws.append(evaluate(scenario, policy, tolerance=0).success)
+    successes.append(evaluate(scenario, policy, tolerance=0).success)
     assert policy.tree.solves == solves
-    assert laws[0] == laws[1]
+    assert successes[0] == successes[1]
 
 
-def test_where_nothing_weighs_enough_it_is_the_joint_plan(
+def test_replanning_high_min_probability_follows_plan(
     planned: tuple[Scenario, SwarmPlan],
 ) -> None:
     scenario, first = planned
     policy = feedback(planned, mass=1.0)
-    law = evaluate(scenario, policy, tolerance=0)
+    distribution = evaluate(scenario, policy, tolerance=0)
     assert policy.tree.solves == 0
     assert first.success is not None
-    assert first.success[0] <= law.success[0] <= first.success[1]
+    assert first.success[0] <= distribution.success[0] <= first.success[1]
 
 
-def test_order_of_states_and_of_calls_changes_nothing(planned: tuple[Scenario, SwarmPlan]) -> None:
+def test_replanning_is_independent_of_call_order(planned: tuple[Scenario, SwarmPlan]) -> None:
     """The same situations, all at once, one by one backwards, and after a pickle."""
     _, first = planned
     step = 3
@@ -89,9 +89,9 @@ def test_order_of_states_and_of_calls_changes_nothing(planned: tuple[Scenario, S
     policy = feedback(planned)
     sent = pickle.loads(pickle.dumps(policy))
     together = policy.velocities(step, positions, previous_velocities, alive)
-    for again in (sent, feedback(planned)):
+    for other in (sent, feedback(planned)):
         for row in reversed(range(4)):
-            one = again.velocities(
+            one = other.velocities(
                 step,
                 positions[row : row + 1],
                 previous_velocities[row : row + 1],
@@ -100,7 +100,7 @@ def test_order_of_states_and_of_calls_changes_nothing(planned: tuple[Scenario, S
             np.testing.assert_array_equal(one[0], together[row])
 
 
-def test_runs_do_not_depend_on_batches(planned: tuple[Scenario, SwarmPlan]) -> None:
+def test_replanning_is_independent_of_batches(planned: tuple[Scenario, SwarmPlan]) -> None:
     scenario, _ = planned
     studies = [
         simulate(
@@ -112,51 +112,53 @@ def test_runs_do_not_depend_on_batches(planned: tuple[Scenario, SwarmPlan]) -> N
     assert studies[0].summary["saturated"].item() == 0
 
 
-def test_failed_solves_are_counted_and_do_no_harm(planned: tuple[Scenario, SwarmPlan]) -> None:
+def test_replanning_failed_solves_are_counted_and_harmless(
+    planned: tuple[Scenario, SwarmPlan],
+) -> None:
     scenario, first = planned
-    hopeless = Ipopt(max_iter=1, hessian="limited-memory")
-    policy = feedback(planned, 1e-2, hopeless)
-    law = evaluate(scenario, policy, tolerance=0)
+    limited = Ipopt(max_iter=1, hessian="limited-memory")
+    policy = feedback(planned, 1e-2, limited)
+    distribution = evaluate(scenario, policy, tolerance=0)
     assert policy.tree.failures == policy.tree.solves > 0
-    assert law.failures > 0
+    assert distribution.failures > 0
     assert first.success is not None
-    assert law.success[0] >= first.success[0]
+    assert distribution.success[0] >= first.success[0]
 
 
-def test_distance_is_kept_by_survivors() -> None:
+def test_replanning_survivors_keep_min_distance() -> None:
     scenario = small([(0.0, 0.0), (0.5, 0.1), (-0.2, 0.5)], (3.0, 0.2), RADARS, 8)
     first = plan_swarm(scenario, initial_guesses=["formations"], min_distance=0.3)
     tree = PlanTree.from_plan(scenario, first, min_probability=1e-2)
     evaluate(scenario, ReplanningPolicy(tree, JointPolicy.from_plan(first)), tolerance=1e-2)
-    made = {id(b): b for b in tree.branches.values() if len(b.members) == 2}
-    assert made
-    for branch in made.values():
-        apart = branch.positions[1:, 0] - branch.positions[1:, 1]
-        assert np.hypot(*apart.T).min() >= 0.3 - 1e-4
+    plans = {id(b): b for b in tree.branches.values() if len(b.members) == 2}
+    assert plans
+    for branch in plans.values():
+        difference = branch.positions[1:, 0] - branch.positions[1:, 1]
+        assert np.hypot(*difference.T).min() >= 0.3 - 1e-4
 
 
-def test_states_that_no_plan_leads_to_are_steered_back(planned: tuple[Scenario, SwarmPlan]) -> None:
+def test_replanning_unplanned_state_is_steered_back(planned: tuple[Scenario, SwarmPlan]) -> None:
     scenario, first = planned
     policy = feedback(planned)
-    places = scenario.positions[None] + 0.3
-    found = policy.decide(0, places, first.initial_velocities[None], np.ones((1, 3), bool))
-    blind = policy.open_loop.decide(
-        0, places, first.initial_velocities[None], np.ones((1, 3), bool)
+    positions = scenario.positions[None] + 0.3
+    decision = policy.decide(0, positions, first.initial_velocities[None], np.ones((1, 3), bool))
+    open_loop = policy.open_loop.decide(
+        0, positions, first.initial_velocities[None], np.ones((1, 3), bool)
     )
-    np.testing.assert_array_equal(found.velocities, blind.velocities)
-    assert found.fallbacks.sum() == policy.tree.solves == 0
+    np.testing.assert_array_equal(decision.velocities, open_loop.velocities)
+    assert decision.fallbacks.sum() == policy.tree.solves == 0
 
 
-def test_policy_by_name_plans_again() -> None:
+def test_replanning_policy_by_name_is_not_worse() -> None:
     scenario = small([(0.0, 0.0), (0.4, 0.1)], (3.0, 0.2), RADARS, 8)
     guide = plan(scenario, certify=False)
     policy = make_policy("joint-replanning", scenario, guide)
-    law = evaluate(scenario, policy, tolerance=1e-3, guide=guide)
-    blind = evaluate(scenario, "joint", tolerance=1e-3, guide=guide)
-    assert law.success[1] >= blind.success[0]
+    distribution = evaluate(scenario, policy, tolerance=1e-3, guide=guide)
+    open_loop = evaluate(scenario, "joint", tolerance=1e-3, guide=guide)
+    assert distribution.success[1] >= open_loop.success[0]
 
 
-def test_swarms_without_an_exact_law_are_refused() -> None:
+def test_plan_tree_without_exact_distribution_raises() -> None:
     positions = [(0.1 * i, 0.0) for i in range(11)]
     scenario = small(positions, (3.0, 0.2), RADARS, 8)
     first = plan_swarm(scenario, initial_guesses=["formations"], time_limit=1e-3)
@@ -164,6 +166,6 @@ def test_swarms_without_an_exact_law_are_refused() -> None:
         PlanTree.from_plan(scenario, first)
 
 
-def test_mass_out_of_range_is_refused(planned: tuple[Scenario, SwarmPlan]) -> None:
+def test_plan_tree_probability_out_of_range_raises(planned: tuple[Scenario, SwarmPlan]) -> None:
     with pytest.raises(PolicyError, match="from 0 to 1"):
         PlanTree.from_plan(*planned, min_probability=2.0)

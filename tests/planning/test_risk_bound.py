@@ -44,7 +44,7 @@ def geometry(seed: int) -> Scenario:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=60, deadline=None)
-def test_box_minimum_is_that_of_every_window(seed: int) -> None:
+def test_box_minimum_matches_scipy(seed: int) -> None:
     rng = np.random.default_rng(seed)
     n, m, k = rng.integers(1, 20, 3)
     values = rng.uniform(size=(n, m))
@@ -57,7 +57,7 @@ def test_box_minimum_is_that_of_every_window(seed: int) -> None:
 
 @given(st.integers(0, 2**32 - 1), st.floats(-3.5, 0.5))
 @settings(max_examples=80, deadline=None)
-def test_interpolated_node_rates_are_nowhere_above_the_rate(seed: int, decade: float) -> None:
+def test_node_rates_interpolate_below_rate(seed: int, decade: float) -> None:
     rng = np.random.default_rng(seed)
     h = 10.0**decade
     k = int(rng.integers(1, 5))
@@ -72,15 +72,15 @@ def test_interpolated_node_rates_are_nowhere_above_the_rate(seed: int, decade: f
     for i, j in itertools.product((0, 1), (0, 1)):
         corner = nodes[i : i + 2, j : j + 2]
         inside = np.stack([east[i] + h * u, north[j] + h * v], axis=-1)
-        share = [(1 - u) * (1 - v), (1 - u) * v, u * (1 - v), u * v]
-        interpolated = sum(s * c for s, c in zip(share, corner.ravel(), strict=True))
+        weights = [(1 - u) * (1 - v), (1 - u) * v, u * (1 - v), u * v]
+        interpolated = sum(s * c for s, c in zip(weights, corner.ravel(), strict=True))
         assert (interpolated <= hazard.single_agent_rates(inside) * (1 + 1e-12)).all()
     assert (nodes > 0).all()
 
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=60, deadline=None)
-def test_least_rate_of_a_box_is_nowhere_above_the_rate(seed: int) -> None:
+def test_lower_bound_over_box_is_below_rate(seed: int) -> None:
     rng = np.random.default_rng(seed)
     radars = rng.uniform(-1, 1, (3, 2)) * 10.0 ** rng.uniform(-3, 0)
     hazard = Saturation(radars)
@@ -90,7 +90,7 @@ def test_least_rate_of_a_box_is_nowhere_above_the_rate(seed: int) -> None:
     assert hazard.single_agent_lower_bound(lower, upper) <= hazard.single_agent_rates(points).min()
 
 
-def test_node_rates_come_up_to_the_rate_as_the_square_of_the_spacing() -> None:
+def test_node_rates_converge_quadratically() -> None:
     hazard = Saturation(tuple(TWO))
     missing = []
     for h in (0.1, 0.05, 0.025):
@@ -133,7 +133,7 @@ def explicit_least(task: Relaxation, reach: int) -> float:
 
 
 @pytest.mark.parametrize("reach", [1, 2])
-def test_recursion_is_that_of_all_paths_on_the_grid(reach: int) -> None:
+def test_costs_to_go_match_explicit_recursion(reach: int) -> None:
     task = Relaxation.from_scenario(free((1.9, 0.7), [(1.0, 0.5), (0.5, -0.6)], 4))
     stage_costs = StageCosts(Grid.full(task, 1, reach))
     assert least_cost(stage_costs, costs_to_go(stage_costs)) == pytest.approx(
@@ -141,7 +141,7 @@ def test_recursion_is_that_of_all_paths_on_the_grid(reach: int) -> None:
     )
 
 
-def test_forward_and_backward_costs_agree_at_every_step() -> None:
+def test_costs_to_come_and_to_go_agree_at_every_step() -> None:
     task = Relaxation.from_scenario(free((4.0, 3.0), [(2.0, 1.0)], 12))
     stage_costs = StageCosts(Grid.full(task, 1, 2))
     values = costs_to_go(stage_costs)
@@ -161,9 +161,7 @@ def test_forward_and_backward_costs_agree_at_every_step() -> None:
     ("radar", "target", "steps"),
     [((2.0, 0.3), (4.0, 0.5), 10), ((1.5, 1.4), (3.0, 3.0), 12), ((-0.4, 0.6), (3.0, 1.0), 9)],
 )
-def test_bound_is_between_those_of_a_plain_fine_grid(
-    radar: Point, target: Point, steps: int
-) -> None:
+def test_risk_bound_is_within_fine_grid_bounds(radar: Point, target: Point, steps: int) -> None:
     """Cells with their least rate, reach and target rounded outwards, without any refinement."""
     scenario = free(target, [radar], steps)
     lower, upper = grid_bounds(radar, target, steps, cells=44)
@@ -188,10 +186,12 @@ def random_guides(scenario: Scenario, count: int, seed: int) -> list[float]:
         spread = limit * rng.choice([0.05, 0.3, 1.0, 3.0])
         drift = rng.normal(0, spread, 2)
         for t in range(T):
-            rest = (T - t - 1) * limit
-            wish = x + (goal - x) / (T - t) + drift * math.sin(math.pi * (t + 1) / T)
-            wish = np.clip(wish + rng.normal(0, 0.1 * spread, 2), goal - rest, goal + rest)
-            x = np.clip(wish, x - limit, x + limit)
+            remaining = (T - t - 1) * limit
+            target = x + (goal - x) / (T - t) + drift * math.sin(math.pi * (t + 1) / T)
+            target = np.clip(
+                target + rng.normal(0, 0.1 * spread, 2), goal - remaining, goal + remaining
+            )
+            x = np.clip(target, x - limit, x + limit)
             path.append(x)
         inside = scenario.target.contains(np.array(path))
         assert inside[-1]
@@ -199,14 +199,14 @@ def random_guides(scenario: Scenario, count: int, seed: int) -> list[float]:
         assert np.abs(np.diff([task.start, *path], axis=0)).max() <= limit * (1 + 1e-12)
         risks.append(
             scenario.time.dt
-            * sum(single_agent_rate_by_hand(*place, scenario.hazard_table.radars) for place in path)
+            * sum(single_agent_rate_by_hand(*point, scenario.hazard_table.radars) for point in path)
         )
     return risks
 
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=8, deadline=None)
-def test_bound_never_exceeds_the_risk_of_a_random_guide(seed: int) -> None:
+def test_risk_bound_is_below_random_guides(seed: int) -> None:
     scenario = geometry(seed)
     guide = plan(scenario, gap=1e-3)
     risks = random_guides(scenario, 300, seed)
@@ -216,7 +216,7 @@ def test_bound_never_exceeds_the_risk_of_a_random_guide(seed: int) -> None:
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 3.0))
 @settings(max_examples=6, deadline=None)
-def test_no_weight_of_the_rim_makes_the_bound_exceed_a_guide(seed: int, weight: float) -> None:
+def test_risk_bound_any_multiplier_is_below_guides(seed: int, weight: float) -> None:
     scenario = geometry(seed)
     guide = plan(scenario, certify=False)
     task = Relaxation.from_scenario(scenario)
@@ -227,7 +227,7 @@ def test_no_weight_of_the_rim_makes_the_bound_exceed_a_guide(seed: int, weight: 
 # --- refinement
 
 
-def test_bound_grows_and_the_gap_shrinks_with_every_refinement() -> None:
+def test_certify_refinement_increases_bound() -> None:
     scenario = free((10.0, 10.0), TWO, 30)
     guide = plan(scenario, gap=1e-6)
     levels = guide.certificate.levels
@@ -241,12 +241,12 @@ def test_bound_grows_and_the_gap_shrinks_with_every_refinement() -> None:
     assert nodes[1] < nodes[0] / 10  # the cells that cannot carry a better guide are gone
 
 
-def test_unpruned_grids_give_the_same_bound_as_refined_ones() -> None:
+def test_certify_pruning_keeps_bound() -> None:
     """Discarding cells must not raise the bound above that of the whole grid and the best risk."""
     scenario = free((6.0, 4.0), [(2.0, 2.0), (4.5, 1.5)], 16)
     guide = plan(scenario, certify=False)
     task = Relaxation.from_scenario(scenario)
-    certificate = certify(task, guide.risk, gap=1e-12, most=200_000, time_limit=5)
+    certificate = certify(task, guide.risk, gap=1e-12, max_nodes=200_000, time_limit=5)
     assert certificate.levels[1].nodes < node_count(task, 1, certificate.levels[1].reach) / 2
     for level in certificate.levels:
         if node_count(task, 1, level.reach) < 2_000_000:
@@ -256,12 +256,12 @@ def test_unpruned_grids_give_the_same_bound_as_refined_ones() -> None:
             )
 
 
-@pytest.mark.parametrize("merged", [2, 4, 8])
-def test_merging_steps_weakens_the_bound_and_keeps_it(merged: int) -> None:
+@pytest.mark.parametrize("stride", [2, 4, 8])
+def test_certify_stride_weakens_bound(stride: int) -> None:
     scenario = free((4.0, 3.0), [(2.0, 1.0)], 90, time__dt=0.033, time__t_f=90 * 0.033)
     task = Relaxation.from_scenario(scenario)
     bounds = []
-    for m in (1, merged):
+    for m in (1, stride):
         stage_costs = StageCosts(Grid.full(task, m, 2))
         bounds.append(least_cost(stage_costs, costs_to_go(stage_costs)))
     guide = plan(scenario, certify=False)
@@ -270,13 +270,13 @@ def test_merging_steps_weakens_the_bound_and_keeps_it(merged: int) -> None:
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([2_000, 5_000, 20_000]))
 @settings(max_examples=8, deadline=None)
-def test_refining_merged_steps_never_exceeds_a_guide(seed: int, first: int) -> None:
-    """Cells are discarded while steps are merged, too; what is known of a whole grid stays true."""
+def test_certify_strided_refinement_is_below_guides(seed: int, first: int) -> None:
+    """Cells are discarded at strides above 1, too; bounds of coarser grids stay valid."""
     scenario = geometry(seed)
     fine = scenario.with_values({"time.dt": 0.055, "time.t_f": scenario.time.t_f * (1 + 1e-9)})
     guide = plan(fine, certify=False)
     task = Relaxation.from_scenario(fine)
-    certificate = certify(task, guide.risk, gap=0.002, first=first, most=2_000_000)
+    certificate = certify(task, guide.risk, gap=0.002, first_nodes=first, max_nodes=2_000_000)
     assert certificate.levels[0].stride > 1
     assert certificate.bound <= min(*random_guides(fine, 100, seed), guide.risk)
     assert certificate.gap < 0.03 or "nodes" in certificate.reason
@@ -289,11 +289,11 @@ def test_refining_merged_steps_never_exceeds_a_guide(seed: int, first: int) -> N
     )
 
 
-def test_bound_holds_at_the_limits_of_nodes_and_time_and_says_so() -> None:
+def test_certify_node_and_time_limits_are_reported() -> None:
     scenario = free((10.0, 10.0), TWO, 30)
     guide = plan(scenario, certify=False)
     task = Relaxation.from_scenario(scenario)
-    few = certify(task, guide.risk, gap=1e-9, most=1000)
+    few = certify(task, guide.risk, gap=1e-9, max_nodes=1000)
     assert "more than 1,000 nodes" in few.reason
     short = certify(task, guide.risk, gap=1e-9, time_limit=1e-9)
     assert "time limit" in short.reason

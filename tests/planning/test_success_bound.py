@@ -1,4 +1,4 @@
-"""The bound on every policy: its lemmas, known answers, and that no policy ever exceeds it."""
+"""The bound on every policy: lemmas, known answers, and policies that do not exceed it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,9 @@ from casswarm.planning.bounds import Relaxation, certify
 from casswarm.planning.joint import PlanDistribution
 from casswarm.policies import JointPolicy
 
-SHARE = (1 + ALPHA[1]) / (1 + 3 * ALPHA[1])  # of the lone rate, at the least, among three
+FACTOR = (1 + ALPHA[1]) / (
+    1 + 3 * ALPHA[1]
+)  # least relative rate among three
 
 
 def some_scenario(rng: np.random.Generator, n: int, steps: int, collides: bool) -> Scenario:
@@ -44,7 +46,7 @@ def some_scenario(rng: np.random.Generator, n: int, steps: int, collides: bool) 
     far = rng.uniform(0.75, 0.9 * steps * DT * V_MAX + 0.3)
     angle = rng.uniform(0, 2 * np.pi)
     target = (float(far * np.cos(angle)), float(far * np.sin(angle)))
-    spread = min(0.5, 0.9 * (far - 0.7))  # outside the target, and the first one's place central
+    spread = min(0.5, 0.9 * (far - 0.7))  # outside the target, with the first one central
     starts = rng.uniform(-1.0, 1.0, (n, 2)) * spread
     starts -= starts.mean(axis=0) if n > 1 else starts[0]
     starts *= min(1.0, spread / max(1e-9, np.hypot(*starts.T).max()))
@@ -68,13 +70,13 @@ def adversary(scenario: Scenario, rng: np.random.Generator) -> Array:
     goal = np.array(scenario.target.center)
     bend = 0.5 * goal + rng.normal(0, 0.5, 2) * rng.integers(0, 2)
     spread = rng.choice([0.0, 0.02, 0.2, 0.5]) * rng.normal(size=(n, 2))
-    way = np.empty((steps + 1, n, 2))
-    way[0] = scenario.positions
+    path = np.empty((steps + 1, n, 2))
+    path[0] = scenario.positions
     for t in range(1, steps + 1):
-        wanted = (bend if 2 * t < steps else goal) + spread * (t < steps)
+        goal_at_step = (bend if 2 * t < steps else goal) + spread * (t < steps)
         reach = 0.999999 * DT * V_MAX
-        way[t] = way[t - 1] + np.clip(wanted - way[t - 1], -reach, reach)
-    return way
+        path[t] = path[t - 1] + np.clip(goal_at_step - path[t - 1], -reach, reach)
+    return path
 
 
 # --- never below
@@ -82,24 +84,24 @@ def adversary(scenario: Scenario, rng: np.random.Generator) -> Array:
 
 @pytest.mark.parametrize("collides", [False, True])
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
-def test_no_ways_exceed_the_bound_in_hundreds_of_scenarios(n: int, collides: bool) -> None:
+def test_success_bound_exceeds_random_open_loop_plans(n: int, collides: bool) -> None:
     rng = np.random.default_rng([n, collides])
     near = 0
     for _ in range(40):
         scenario = some_scenario(rng, n, int(rng.integers(1, 7)), collides)
         bound = success_bound(scenario, 20_000)
         assert bound.certified
-        most = 0.0
+        largest = 0.0
         for _ in range(6):
-            ways = adversary(scenario, rng)
-            most = max(most, PlanDistribution.from_positions(scenario, ways).success[1])
-        assert most <= bound.value
-        near += most > bound.value - 0.1
+            paths = adversary(scenario, rng)
+            largest = max(largest, PlanDistribution.from_positions(scenario, paths).success[1])
+        assert largest <= bound.value
+        near += largest > bound.value - 0.1
     assert near > 0  # the bound is not just 1
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_no_policy_exceeds_the_bound(seed: int) -> None:
+def test_success_bound_exceeds_policies(seed: int) -> None:
     rng = np.random.default_rng(seed)
     scenario = some_scenario(rng, 1 + seed % 3, 6, seed % 2 == 1)
     bound = success_bound(scenario, 50_000)
@@ -109,12 +111,12 @@ def test_no_policy_exceeds_the_bound(seed: int) -> None:
     assert best.success[1] <= bound.value
     policies = ["naive", "constrained", "leader", "leader-feedback", JointPolicy.from_plan(best)]
     for policy in policies:
-        law = evaluate(scenario, policy, 1e-3, guide=guide)
-        assert law.success[0] <= bound.value
+        distribution = evaluate(scenario, policy, 1e-3, guide=guide)
+        assert distribution.success[0] <= bound.value
 
 
 @pytest.mark.parametrize("name", ["paper-1", "paper-2", "gauntlet"])
-def test_bound_is_above_the_papers_policies_on_its_scenarios(name: str) -> None:
+def test_success_bound_exceeds_leader_on_paper_scenarios(name: str) -> None:
     scenario = load_scenario(name)
     bound = float(success_bound(scenario))
     assert evaluate(scenario, "leader", 1e-2).success[0] < bound < 1.0
@@ -123,7 +125,7 @@ def test_bound_is_above_the_papers_policies_on_its_scenarios(name: str) -> None:
 # --- known answers
 
 
-def test_lone_member_has_the_bound_of_its_guide() -> None:
+def test_success_bound_single_member_matches_risk_bound() -> None:
     scenario = small([(0.0, 0.0)], (3.0, 0.0), [(1.4, 1.0)], 8)
     task = Relaxation.from_scenario(scenario)
     guide = plan(scenario, search="global")
@@ -134,10 +136,8 @@ def test_lone_member_has_the_bound_of_its_guide() -> None:
     assert bound.value >= guide.survival
 
 
-def test_bound_is_attained_where_all_risk_is_in_one_step() -> None:
-    """Three members in one place take one step together: nobody protects better, and nobody
-    protects less because another was lost before.
-    """
+def test_success_bound_is_attained_in_one_step() -> None:
+    """Three members at one position take one step together, with the best possible protection."""
     radar, reach = (4.0, 0.3), DT * V_MAX
     scenario = small([(0.0, 0.0)] * 3, (0.9, 0.0), [radar], 1, swarm__a_max=100.0)
     bound = success_bound(scenario, 4_000_000)
@@ -147,24 +147,24 @@ def test_bound_is_attained_where_all_risk_is_in_one_step() -> None:
     inside = rim[(np.abs(rim) <= reach).all(axis=1)]
     corners = np.array([(reach, -math.sqrt(0.25 - (0.9 - reach) ** 2)), *inside])
     rates = np.array([single_agent_rate_by_hand(x, y, [radar]) for x, y in corners])
-    place = corners[rates.argmin()]
-    success = 1 - (1 - math.exp(-DT * SHARE * rates.min())) ** 3
+    point = corners[rates.argmin()]
+    success = 1 - (1 - math.exp(-DT * FACTOR * rates.min())) ** 3
     assert success <= bound.value <= success + 1e-4
-    ways = np.stack([np.zeros((3, 2)), np.tile(0.9 + (place - 0.9) * (1 - 1e-9), (3, 1))])
-    ways[1] = place
-    assert PlanDistribution.from_positions(scenario, ways).cost("success") >= bound.failure
+    paths = np.stack([np.zeros((3, 2)), np.tile(0.9 + (point - 0.9) * (1 - 1e-9), (3, 1))])
+    paths[1] = point
+    assert PlanDistribution.from_positions(scenario, paths).cost("success") >= bound.failure
 
 
-def test_who_cannot_arrive_does_not_count() -> None:
+def test_success_bound_ignores_members_out_of_reach() -> None:
     near = small([(0.0, 0.0)], (3.0, 0.0), [(1.4, 1.0)], 8)
     with_far = near.with_values({"swarm.positions": [(0.0, 0.0), (-50.0, 0.0)]})
     risks = success_bound(with_far).risks
     assert risks[1] == math.inf
-    share = (1 + ALPHA[1]) / (1 + 2 * ALPHA[1])
-    assert risks[0] == pytest.approx(share * success_bound(near).risks[0], rel=0.02)
+    fraction = (1 + ALPHA[1]) / (1 + 2 * ALPHA[1])
+    assert risks[0] == pytest.approx(fraction * success_bound(near).risks[0], rel=0.02)
 
 
-def test_more_nodes_more_radars_and_more_time_move_it_the_right_way() -> None:
+def test_success_bound_is_monotone() -> None:
     scenario = load_scenario("paper-1")
     coarse, fine = (success_bound(scenario, nodes) for nodes in (100_000, 4_000_000))
     assert coarse.failure <= fine.failure <= 1.15 * coarse.failure
@@ -174,7 +174,7 @@ def test_more_nodes_more_radars_and_more_time_move_it_the_right_way() -> None:
     assert success_bound(longer, 4_000_000).value >= success_bound(scenario).value
 
 
-def test_collisions_sharpen_it() -> None:
+def test_success_bound_is_sharper_with_collisions() -> None:
     calm, crowded = (success_bound(load_scenario(name)) for name in ("paper-1", "paper-2"))
     assert crowded.failure > 10 * calm.failure
 
@@ -184,7 +184,7 @@ def test_collisions_sharpen_it() -> None:
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
 @settings(max_examples=60, deadline=None)
-def test_no_formation_has_a_rate_below_the_least(seed: int, n: int) -> None:
+def test_least_rate_is_below_rates_of_formations(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
     radars = [tuple(map(float, rng.uniform(-3, 3, 2))) for _ in range(2)]
     for hazard in (
@@ -196,11 +196,11 @@ def test_no_formation_has_a_rate_below_the_least(seed: int, n: int) -> None:
         width = 10.0 ** rng.uniform(-2, 0.5)
         positions = rng.uniform(-3, 3, 2) + width * rng.normal(size=(20, n, 2))
         alive = rng.random((20, n)) < 0.7
-        rates, lone = hazard.rates(positions, alive), hazard.single_agent_rates(positions)
-        assert (rates[alive] >= least(lone)[alive] * (1 - 1e-9)).all()
+        rates, single = hazard.rates(positions, alive), hazard.single_agent_rates(positions)
+        assert (rates[alive] >= least(single)[alive] * (1 - 1e-9)).all()
 
 
-def test_least_rate_with_collisions_is_that_of_the_best_spacing() -> None:
+def test_least_rate_with_collisions_matches_best_spacing() -> None:
     """Two members: the least over their distance, by search."""
     hazard = SaturationCollision([(0.0, 0.0)], None, 4.0, 3.0, 4.0, 0.2, 6.0)
     least = hazard.least_rate(2)
@@ -212,7 +212,7 @@ def test_least_rate_with_collisions_is_that_of_the_best_spacing() -> None:
         assert exact * 0.999 <= least(np.array(b)) <= exact * (1 + 1e-9)
 
 
-def test_least_rate_is_the_lowest_line() -> None:
+def test_least_rate_is_minimum_of_lines() -> None:
     rng = np.random.default_rng(0)
     lines = np.sort(rng.random(40)), np.sort(rng.random(40))[::-1]
     least = LeastRate(*lines)
@@ -221,17 +221,17 @@ def test_least_rate_is_the_lowest_line() -> None:
     np.testing.assert_allclose(least(b), brute, rtol=1e-12)
 
 
-def test_subclasses_are_not_taken_for_the_papers() -> None:
+def test_least_rate_is_not_inherited() -> None:
     class Stronger(Saturation):
         pass
 
     assert Stronger([(0.0, 0.0)]).least_rate(3) is None
 
 
-# --- what is told
+# --- reports
 
 
-def test_rates_of_users_are_not_certified_and_say_why() -> None:
+def test_success_bound_custom_hazard_reports_reason() -> None:
     scenario = small([(0.0, 0.0)], (3.0, 0.0), [(1.4, 1.0)], 8)
     bound = success_bound(scenario.with_hazard(patrolled, radars=[(1.4, 1.0)]))
     assert not bound.certified
@@ -240,7 +240,7 @@ def test_rates_of_users_are_not_certified_and_say_why() -> None:
 
 
 @pytest.mark.parametrize(
-    ("failure", "told"),
+    ("failure", "shown"),
     [
         (4.1739e-6, "0.9999959"),
         (1.6e-4, "0.99984"),
@@ -250,25 +250,25 @@ def test_rates_of_users_are_not_certified_and_say_why() -> None:
         (0.0, "1 - 0.0e+00"),
     ],
 )
-def test_bound_is_never_told_below_itself(failure: float, told: str) -> None:
+def test_success_bound_is_rounded_upward(failure: float, shown: str) -> None:
     bound = SuccessBound(failure, (1.0,))
-    assert str(bound) == f"no policy can exceed {told}"
+    assert str(bound) == f"no policy can exceed {shown}"
     assert float(bound) >= 1 - failure
 
 
-def test_few_nodes_are_refused() -> None:
+def test_success_bound_few_nodes_raises() -> None:
     with pytest.raises(ValueError, match="from 1000"):
         success_bound(load_scenario("paper-1"), 10)
 
 
-def test_clocks_are_the_chain() -> None:
-    """The proof's coupling: independent clocks give the chain's law of one step."""
+def test_exponential_clocks_match_chain() -> None:
+    """The proof's coupling: independent clocks give the chain's distribution of one step."""
     rates = np.array([0.3, 0.8])
     clocks = np.random.default_rng(0).exponential(size=(200_000, 2))
     counted = {
-        fate: ((clocks > rates) == fate).all(axis=1).mean()
-        for fate in itertools.product((True, False), repeat=2)
+        outcome: ((clocks > rates) == outcome).all(axis=1).mean()
+        for outcome in itertools.product((True, False), repeat=2)
     }
-    for fate, share in counted.items():
-        exact = np.prod(np.where(fate, np.exp(-rates), -np.expm1(-rates)))
-        assert share == pytest.approx(exact, abs=5e-3)
+    for outcome, fraction in counted.items():
+        exact = np.prod(np.where(outcome, np.exp(-rates), -np.expm1(-rates)))
+        assert fraction == pytest.approx(exact, abs=5e-3)

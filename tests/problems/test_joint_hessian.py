@@ -22,12 +22,12 @@ SETTINGS = {
 
 @pytest.mark.parametrize("name", ["paper-1", "paper-2"])
 @pytest.mark.parametrize("objective", ["success", "arrivals", "survivors"])
-@pytest.mark.parametrize("apart", [False, True])
-def test_hessians_are_what_automatic_differentiation_gives(
-    name: str, objective: str, apart: bool
+@pytest.mark.parametrize("separated", [False, True])
+def test_hessian_matches_automatic_differentiation(
+    name: str, objective: str, separated: bool
 ) -> None:
     scenario = csw.load_scenario(name).with_values(SETTINGS)
-    form = JointForm(3, scenario.n_steps, True, objective, apart)
+    form = JointForm(3, scenario.n_steps, True, objective, separated)
     nlp = joint_nlp(scenario.hazard, form)
     x, p = point(scenario, form)
     weight, multipliers = ca.MX.sym("f"), ca.MX.sym("g", nlp.g.shape[0])
@@ -35,29 +35,31 @@ def test_hessians_are_what_automatic_differentiation_gives(
     second = ca.Function(
         "second", [nlp.x, nlp.p, weight, multipliers], [ca.hessian(lagrangian, nlp.x)[0]]
     )
-    given = (x, p, 0.7, np.linspace(-1.0, 2.0, nlp.g.shape[0]))
-    expected = np.triu(np.array(second(*given)))
+    arguments = (x, p, 0.7, np.linspace(-1.0, 2.0, nlp.g.shape[0]))
+    expected = np.triu(np.array(second(*arguments)))
     assert np.abs(expected).max() > 1e-3
-    np.testing.assert_allclose(np.array(nlp.hessian(*given)), expected, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(np.array(nlp.hessian(*arguments)), expected, rtol=1e-9, atol=1e-11)
 
 
-def test_hessians_travel_with_the_program() -> None:
+def test_hessian_pickles_with_program() -> None:
     scenario = csw.load_scenario("paper-1").with_values(SETTINGS)
     form = JointForm(3, scenario.n_steps)
     nlp = joint_nlp(scenario.hazard, form)
-    given = (*point(scenario, form), 1.0, np.ones(nlp.g.shape[0]))
-    again = pickle.loads(pickle.dumps(nlp))
-    np.testing.assert_array_equal(np.array(again.hessian(*given)), np.array(nlp.hessian(*given)))
+    arguments = (*point(scenario, form), 1.0, np.ones(nlp.g.shape[0]))
+    restored = pickle.loads(pickle.dumps(nlp))
+    np.testing.assert_array_equal(
+        np.array(restored.hessian(*arguments)), np.array(nlp.hessian(*arguments))
+    )
 
 
-def test_large_swarms_and_the_mean_field_do_without() -> None:
+def test_hessian_of_large_swarm_or_mean_field_is_none() -> None:
     hazard = csw.load_scenario("paper-1").hazard
     assert joint_nlp(hazard, JointForm(7, 2)).hessian is None
     assert joint_nlp(hazard, JointForm(3, 2, exact=False)).hessian is None
 
 
 def point(scenario: csw.Scenario, form: JointForm) -> tuple[np.ndarray, np.ndarray]:
-    """Variables and parameters of an instance, in no special place."""
+    """Variables and parameters of a random instance."""
     draws = np.random.default_rng(2)
     task = JointTask(
         start=scenario.positions,

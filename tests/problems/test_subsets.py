@@ -1,4 +1,4 @@
-"""Expectations over who survives, against the sum over all subsets."""
+"""Expectations over survivors, against sums over all subsets."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from casswarm.problems.subsets import subsets
 
 
 def probability(before: int, after: int, lost: np.ndarray, n: int) -> float:
-    """Of the living `after` from the living `before`, member by member."""
+    """Probability of the survivors `after` given the living `before`, member by member."""
     if after & ~before:
         return 0.0
     factors = [lost[before, i] if not after >> i & 1 else 1 - lost[before, i] for i in range(n)]
@@ -22,7 +22,7 @@ def probability(before: int, after: int, lost: np.ndarray, n: int) -> float:
 
 @given(st.integers(1, 5), st.integers(0, 2**32 - 1))
 @settings(max_examples=30, deadline=None)
-def test_expectations_and_masses_are_sums_over_all_subsets(n: int, seed: int) -> None:
+def test_expectations_and_masses_match_sums_over_subsets(n: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     lost, values, masses = rng.uniform(size=(2**n, n)), rng.normal(size=2**n), rng.random(2**n)
     table = np.zeros((2**n, 2**n))
@@ -33,13 +33,13 @@ def test_expectations_and_masses_are_sums_over_all_subsets(n: int, seed: int) ->
 
 
 @pytest.mark.parametrize("n", [1, 4, 7])
-def test_nothing_is_lost_where_nobody_is_in_danger(n: int) -> None:
+def test_expectations_without_loss_are_identity(n: int) -> None:
     values = np.random.default_rng(n).random(2**n)
     calm = np.zeros((2**n, n))
     np.testing.assert_array_equal(subsets(n).expectations(values, calm), values)
     np.testing.assert_array_equal(subsets(n).advanced(values, calm), values)
 
 
-def test_members_of_a_set_are_the_bits_of_its_mask() -> None:
+def test_members_are_bits_of_mask() -> None:
     assert subsets(3).members[0b101].tolist() == [True, False, True]
     assert subsets(3).members.sum() == 3 * 4
