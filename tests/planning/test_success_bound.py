@@ -36,9 +36,7 @@ from casswarm.planning.bounds import Relaxation, certify
 from casswarm.planning.joint import PlanDistribution
 from casswarm.policies import JointPolicy
 
-FACTOR = (1 + ALPHA[1]) / (
-    1 + 3 * ALPHA[1]
-)  # least relative rate among three
+FACTOR = (1 + ALPHA[1]) / (1 + 3 * ALPHA[1])  # least relative rate among three
 
 
 def some_scenario(rng: np.random.Generator, n: int, steps: int, collides: bool) -> Scenario:
