@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Unpack, cast
+from typing import TYPE_CHECKING, Any, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,7 @@ from .hazard_section import HazardTable
 from .sections import Changes, FormationOptions, GuideOptions, Swarm, Table, Target, Time
 from .toml import annotated, toml_text
 from .validation import (
-    Allowed,
+    Name,
     Problem,
     Text,
     invalid,
@@ -48,13 +48,7 @@ class Scenario(Displayed, Table):
         Keys that are missing, unknown or invalid, or that contradict each other; a line for each.
     """
 
-    name: Annotated[
-        str,
-        Field(strict=True, max_length=100, pattern=r"^\w[^\x00-\x1f\x7f-\x9f/\\]*$"),
-        Allowed(
-            "a text of 1 to 100 characters, without slashes, that starts with a letter or digit"
-        ),
-    ] = Field(description="Name of the scenario, used in tables and for folders.")
+    name: Name = Field(description="Name of the scenario, used in tables and for folders.")
     description: Text = Field("", description="What the scenario shows, in one line.")
     swarm: Swarm = Field(description="Members.")
     target: Target = Field(description="Target zone.")
