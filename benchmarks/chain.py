@@ -1,14 +1,14 @@
-"""The chain at scale, measured: laws, runs, equal states, plain Monte Carlo, growth, sweeps.
+"""Performance of the chain: exact distributions, runs, equal states, Monte Carlo, growth, sweeps.
 
 Run with the installed package::
 
     python benchmarks/chain.py              # all, about ten minutes on two cores
-    python benchmarks/chain.py laws sweep   # some
-    python benchmarks/chain.py --quick      # fewer runs, repeats and cells
+    python benchmarks/chain.py distributions sweep   # some parts
+    python benchmarks/chain.py --quick      # fewer runs, repeats and points
 
 Prints Markdown tables and writes them as CSV, and the figure of growth, to ``results/chain`` of the
-current folder (or ``--out``). What is compiled is on disk before anything is timed. Machines are
-shared: the processor's time stands beside that of the clock, and ratios are of one run.
+current folder (or ``--out``). Compiled code is cached on disk before anything is timed. Machines
+are shared, so CPU times are given beside wall-clock times, and ratios are of one run.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ Rows = list[dict[str, Any]]
 Z = 1.959964  # the 97.5 % quantile of the normal distribution
 
 
-def laws(quick: bool) -> Rows:
-    """Exact laws to a width: paper-1 to 1e-4, paper-2 to 1e-3; merged at 1e-8, and not at all."""
+def distributions(quick: bool) -> Rows:
+    """Exact distributions: paper-1 to 1e-4, paper-2 to 1e-3; without aggregation, and at 1e-8."""
     rows = []
     for name, tolerance, goal in (("paper-1", 1e-4, "3 s in all"), ("paper-2", 1e-3, "60 s each")):
         scenario = csw.load_scenario(name)
@@ -46,12 +46,12 @@ def laws(quick: bool) -> Rows:
             for policy in PAPER_POLICIES:
                 options: dict[str, Any] = {"guide": guide, "aggregation_tol": aggregation_tol}
                 csw.evaluate(scenario, policy, 0.1, **options)
-                law, wall, cpu = timed(
+                distribution, wall, cpu = timed(
                     lambda p=policy, s=scenario, o=options, t=tolerance: csw.evaluate(s, p, t, **o),
                     1 if quick else 3,
                 )
                 whole += wall, cpu
-                low, high = law.success
+                low, high = distribution.success
                 rows.append(
                     {
                         "scenario": name,
@@ -60,7 +60,7 @@ def laws(quick: bool) -> Rows:
                         "low": low,
                         "high": high,
                         "width": high - low,
-                        "states": law.states,
+                        "states": distribution.states,
                         "seconds": wall,
                         "processor": cpu,
                         "goal": goal,
@@ -140,7 +140,7 @@ def equal(quick: bool) -> Rows:
 
 
 def versus(quick: bool) -> Rows:
-    """Time to the same width: the exact law against plain Monte Carlo, extrapolated in its runs."""
+    """Time to the same width: exact evaluation and plain Monte Carlo, extrapolated in its runs."""
     number, rows = 10_000 if quick else 100_000, []
     for name, tolerances in (("paper-1", (1e-3, 1e-4)), ("paper-2", (1e-2, 1e-3))):
         scenario = csw.load_scenario(name)
@@ -152,20 +152,20 @@ def versus(quick: bool) -> Rows:
                 )
             )
             for tolerance in tolerances:
-                law, _, cpu = timed(
+                distribution, _, cpu = timed(
                     lambda p=policy, s=scenario, g=guide, t=tolerance: csw.evaluate(
                         s, p, t, guide=g
                     )
                 )
-                width = law.success[1] - law.success[0]
-                p = sum(law.success) / 2
+                width = distribution.success[1] - distribution.success[0]
+                p = sum(distribution.success) / 2
                 needed = 4 * Z**2 * p * (1 - p) / width**2
                 rows.append(
                     {
                         "scenario": name,
                         "policy": policy,
                         "width": width,
-                        "law, processor": cpu,
+                        "exact, processor": cpu,
                         "runs needed": needed,
                         "runs, processor": needed * plain / number,
                         "ratio": needed * plain / number / cpu,
@@ -174,8 +174,8 @@ def versus(quick: bool) -> Rows:
     return rows
 
 
-def hybrid(quick: bool) -> Rows:
-    """The head exactly and the rest sampled against plain runs: widths at as many solved states."""
+def estimates(quick: bool) -> Rows:
+    """Estimates against plain sampling: widths at the same number of solved states."""
     numbers, rows = (100, 500) if quick else (100, 1000, 5000), []
     seeds, swarm = range(3 if quick else 7), csw.load_scenario("large-swarm")
     small = [(csw.load_scenario(n), p) for n in ("paper-1", "paper-2") for p in PAPER_POLICIES[1:]]
@@ -183,11 +183,11 @@ def hybrid(quick: bool) -> Rows:
     cases += [(with_parameters(swarm, {"n": n}), "leader", numbers[1]) for n in (10, 50)]
     for scenario, policy, runs in cases:
         guide = csw.plan(scenario, certify=False)
-        found = [
+        results = [
             csw.estimate(scenario, policy, runs, seed, tolerance=1e-4, guide=guide)
             for seed in seeds
         ]
-        states = float(np.median([one.states for one in found]))
+        states = float(np.median([result.states for result in results]))
         more, solved = runs, 0
         while solved < states and more < 60 * numbers[-1]:
             plain = csw.simulate(scenario, [policy], more, guide=guide, save_trajectories=0)
@@ -199,7 +199,7 @@ def hybrid(quick: bool) -> Rows:
             ).summary.iloc[0]
             for seed in seeds
         ]
-        own = float(np.median([one.success[1] - one.success[0] for one in found]))
+        own = float(np.median([result.success.width for result in results]))
         wide = float(np.median([row.success_high - row.success_low for row in others]))
         width = wide * math.sqrt(solved / states)  # of exactly as many states
         rows.append(
@@ -208,7 +208,7 @@ def hybrid(quick: bool) -> Rows:
                 "n": scenario.n,
                 "policy": policy,
                 "runs": runs,
-                "mass sampled": found[0].sampled_mass,
+                "sampled mass": results[0].sampled_mass,
                 "states": states,
                 "width": own,
                 "plain runs": done,
@@ -290,18 +290,18 @@ def growth_chart(table: pd.DataFrame, path: Path) -> None:
 
 
 def sweep(quick: bool) -> Rows:
-    """100 cells of 50,000 runs (20 of 2,000) on one process and on two, and if tables are equal."""
+    """100 points of 50,000 runs (20 of 2,000) on one process and on two; equality of the tables."""
     side, number = (5, 2_000) if quick else (10, 50_000)
     scenario = csw.load_scenario("paper-1")
     grid = {
         "formation.rho": np.linspace(0.02, 0.2, side if not quick else 4).round(4).tolist(),
         "hazard.alpha_2": np.linspace(1.0, 9.0, side).round(4).tolist(),
     }
-    found, rows = {}, []
+    results, rows = {}, []
     csw.simulate(scenario, ["constrained"], 100)
     for workers in (1, 2):
         with tempfile.TemporaryDirectory() as folder:
-            found[workers], wall, cpu = timed(
+            results[workers], wall, cpu = timed(
                 lambda w=workers, f=folder: csw.sweep(
                     scenario, grid, ["constrained"], runs=number, workers=w, checkpoint=Path(f)
                 )
@@ -309,19 +309,21 @@ def sweep(quick: bool) -> Rows:
         rows.append(
             {
                 "workers": workers,
-                "cells": len(found[workers].table),
+                "points": len(results[workers].table),
                 "seconds": wall,
                 "processor": cpu,
-                "seconds of cells": found[workers].effort["seconds"].sum(),
+                "seconds of points": results[workers].effort["seconds"].sum(),
                 "ratio": rows[0]["seconds"] / wall if rows else 1.0,
                 "goal": "1.7 x",
-                "same table": found[workers].table.equals(found[1].table),
+                "same table": results[workers].table.equals(results[1].table),
             }
         )
     return rows
 
 
-PARTS = {part.__name__: part for part in (laws, runs, equal, versus, hybrid, growth, sweep)}
+PARTS = {
+    part.__name__: part for part in (distributions, runs, equal, versus, estimates, growth, sweep)
+}
 
 
 def main() -> None:

@@ -1,11 +1,11 @@
-"""The fixed guide against the feedback guide, exactly: brackets of the success probability.
+"""Fixed and feedback guides compared: bounds of the success probability.
 
 Run with the installed package::
 
     python benchmarks/feedback.py            # some minutes
-    python benchmarks/feedback.py --quick    # wider brackets
+    python benchmarks/feedback.py --quick    # wider bounds
 
-Prints a Markdown table: brackets, where forty thousand states suffice for one of width 0.01, and
+Prints a Markdown table: bounds, where forty thousand states suffice for one of width 0.01, and
 otherwise (marked ~) intervals with 95 % confidence, what the states leave being sampled. It is
 what ``casswarm evaluate`` gives, too, for the scenario and the ``--set`` options of `cases`, with
 ``--aggregation-tol 1e-6``. The single agent starts at the centre of the swarm: its survival
@@ -64,7 +64,7 @@ def row(name: str, scenario: Scenario, options: dict[str, Any]) -> list[str]:
     """A scenario's survival of a single agent, and its policies' success."""
     guide = csw.plan(scenario, certify=False)
     options = {"tolerance": 1e-4, "guide": guide, "aggregation_tol": 1e-6} | options
-    cells = [name, f"{guide.survival:.3f}", f"{single_agent(scenario, guide):.3f}"]
+    columns = [name, f"{guide.survival:.3f}", f"{single_agent(scenario, guide):.3f}"]
     for policy in POLICIES:
         started = time.process_time()
         exact = csw.evaluate(scenario, policy, **options)
@@ -72,10 +72,10 @@ def row(name: str, scenario: Scenario, options: dict[str, Any]) -> list[str]:
         if high - low > WIDE:
             estimate = csw.estimate(scenario, policy, 2000, **options)
             (low, high), mark = estimate.success, "~ "
-        cells.append(f"{mark}{low:.4f} to {high:.4f}")
+        columns.append(f"{mark}{low:.4f} to {high:.4f}")
         took = time.process_time() - started
         print(f"{name}, {policy}: {exact.states} states, {took:.1f} s", file=sys.stderr)
-    return cells
+    return columns
 
 
 def main() -> None:

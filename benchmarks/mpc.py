@@ -2,15 +2,15 @@
 
 Run with the installed package::
 
-    python benchmarks/mpc.py speed          # against Ipopt on the same windows
-    python benchmarks/mpc.py value          # success and shortfalls against H
+    python benchmarks/mpc.py speed          # against Ipopt on the same problems
+    python benchmarks/mpc.py value          # success and infeasible member-steps against H
     python benchmarks/mpc.py value --quick  # fewer states and runs
 
 `speed` prints microseconds per state (n = 5, states of simulated runs of the policy itself) and the
-ratio to Ipopt, medians of passes in turn; then the time of a law and of a thousand runs. `value`
-prints a Markdown table, and writes mpc.csv and mpc.png in the current folder: brackets
-by the exact law, where its states suffice for one of width 0.01, and otherwise (marked ~) intervals
-with 95 % confidence, what the states leave being sampled. It is what ``casswarm evaluate SCENARIO
+ratio to Ipopt, medians of passes in turn; then the time of exact evaluation and of a thousand
+runs. `value` prints a Markdown table, and writes mpc.csv and mpc.png in the current folder: bounds
+by exact evaluation, where its states suffice for a width of 0.01, and otherwise (marked ~)
+intervals with 95 % confidence, what the states leave being sampled. It is what ``casswarm evaluate SCENARIO
 --policy leader-mpc-3 --aggregation-tol 1e-6`` gives.
 """
 
@@ -40,7 +40,7 @@ WIDE = 0.01
 
 @dataclass(frozen=True)
 class Recorder(Auto):
-    """The default solver, which notes what it is asked."""
+    """The default solver, which records its problems."""
 
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
         """Note the instances, and solve them."""
@@ -51,7 +51,7 @@ class Recorder(Auto):
 ASKED: list[tuple[Nlp, Instances]] = []
 
 
-def windows(scenario: csw.Scenario, name: str, runs: int) -> list[tuple[Nlp, Instances]]:
+def problems(scenario: csw.Scenario, name: str, runs: int) -> list[tuple[Nlp, Instances]]:
     """The problems of simulated runs, a batch a step."""
     guide = csw.plan(scenario, certify=False)
     ASKED.clear()
@@ -60,20 +60,20 @@ def windows(scenario: csw.Scenario, name: str, runs: int) -> list[tuple[Nlp, Ins
 
 
 def one_speed(name: str, problem: str, steps: int, runs: int, few: int) -> str:
-    """A row: times a state of `auto` and of Ipopt on the same windows, and how answers compare."""
+    """A row: times a state of `auto` and of Ipopt on the same problems, and the differences."""
     scenario = csw.load_scenario(name)
-    asked = windows(scenario, named(problem, steps), runs)
-    states = sum(len(instances) for _, instances in asked)
+    recorded = problems(scenario, named(problem, steps), runs)
+    states = sum(len(instances) for _, instances in recorded)
     rng = np.random.default_rng(0)
     chosen = []
-    for k in rng.choice(len(asked), few, p=[len(i) / states for _, i in asked]):
-        nlp, instances = asked[k]
+    for k in rng.choice(len(recorded), few, p=[len(i) / states for _, i in recorded]):
+        nlp, instances = recorded[k]
         row = int(rng.integers(len(instances)))
         chosen.append((nlp, instances[row : row + 1]))
     auto, ipopt = Auto(), Ipopt()
 
     def batches() -> list[BatchSolution]:
-        return [auto.solve_batch(nlp, instances) for nlp, instances in asked]
+        return [auto.solve_batch(nlp, instances) for nlp, instances in recorded]
 
     def singles() -> list[BatchSolution]:
         return [ipopt.solve_batch(nlp, instances) for nlp, instances in chosen]
@@ -101,7 +101,7 @@ def speed(quick: bool) -> None:
     """Print the tables of times."""
     runs, few = (60, 10) if quick else (300, 30)
     print(
-        "| scenario | problem | H | states | `auto` | Ipopt | ratio | resolved | unsolved | ",
+        "| scenario | problem | H | states | `auto` | Ipopt | ratio | fallbacks | failures | ",
         end="",
     )
     print("worse, better |")
@@ -115,24 +115,24 @@ def speed(quick: bool) -> None:
     for problem in ("leader", "constrained"):
         policy = make_policy(named(problem, 3), scenario, guide)
         started = time.perf_counter()
-        law = csw.evaluate(scenario, policy, 1e-2, guide=guide)
+        distribution = csw.evaluate(scenario, policy, 1e-2, guide=guide)
         took = time.perf_counter() - started
-        low, high = law.success
-        print(f"{policy.name}: {low:.4f} to {high:.4f}, {law.states} states, {took:.1f} s")
+        low, high = distribution.success
+        print(f"{policy.name}: {low:.4f} to {high:.4f}, {distribution.states} states, {took:.1f} s")
         policy = make_policy(named(problem, 8), scenario, guide)
         took = timed(lambda policy=policy: csw.simulate(scenario, [policy], 1000, guide=guide)).wall
         print(f"{policy.name}: 1000 runs in {took:.1f} s")
 
 
 def measured(scenario: csw.Scenario, guide: csw.Guide, name: str, quick: bool) -> dict[str, Any]:
-    """A policy's success, as a bracket or an interval, and its shortfalls and failures a run."""
-    # collisions make windows slow and laws wide: fewer states there, and more runs
+    """A policy's success, as bounds or an interval, and its counts per run."""
+    # with collisions, problems are slow and bounds wide: fewer states there, and more runs
     collides = scenario.hazard_table.kind != "saturation"
     most = (3_000 if quick else 20_000) // (10 if collides else 1)
     options: dict[str, Any] = {"guide": guide, "aggregation_tol": 1e-6, "max_states": most}
     policy = make_policy(name, scenario, guide)
-    law = csw.evaluate(scenario, policy, 5e-3, **options)
-    (low, high), mark, states = law.success, "", law.states
+    distribution = csw.evaluate(scenario, policy, 5e-3, **options)
+    (low, high), mark, states = distribution.success, "", distribution.states
     if high - low > WIDE:
         runs = (100 if quick else 500) if collides else (500 if quick else 2000)
         study = csw.simulate(scenario, [policy], runs, guide=guide, save_trajectories=0)
@@ -142,8 +142,8 @@ def measured(scenario: csw.Scenario, guide: csw.Guide, name: str, quick: bool) -
         failures, fallbacks = row["solver_failures"] / runs, row["fallbacks"] / runs
         states = int(study.effort["states"].iloc[0])
     else:
-        success, infeasible = 0.5 * (low + high), law.infeasible
-        failures, fallbacks = law.failures, np.nan
+        success, infeasible = 0.5 * (low + high), distribution.infeasible
+        failures, fallbacks = distribution.failures, np.nan
     return {
         "success": success,
         "success_low": low,
@@ -157,7 +157,7 @@ def measured(scenario: csw.Scenario, guide: csw.Guide, name: str, quick: bool) -
 
 
 def value(quick: bool) -> None:
-    """Print the table of what looking ahead buys, and draw it."""
+    """Print the table of success over the horizon, and draw it."""
     rows = []
     print("| scenario | policy | " + " | ".join(f"H = {steps}" for steps in STEPS) + " |")
     print("| --- | --- " + "| --- " * len(STEPS) + "|", flush=True)
@@ -165,19 +165,19 @@ def value(quick: bool) -> None:
         scenario = csw.load_scenario(name)
         guide = csw.plan(scenario, certify=False)
         for problem in ("leader", "constrained"):
-            cells = []
+            columns = []
             for steps in STEPS:
                 started = time.process_time()
                 found = measured(scenario, guide, named(problem, steps), quick)
                 took = time.process_time() - started
                 rows.append({"scenario": name, "policy": problem, "horizon": steps, **found})
-                cells.append(
+                columns.append(
                     f"{found['mark']}{found['success_low']:.3f} to {found['success_high']:.3f}; "
                     f"{found['infeasible']:.1f}"
                 )
                 print(f"{name}, {problem}, H = {steps}: {took:.0f} s, {found}", file=sys.stderr)
                 pd.DataFrame(rows).to_csv("mpc.csv", index=False)
-            print(f"| {name} | {problem} | " + " | ".join(cells) + " |", flush=True)
+            print(f"| {name} | {problem} | " + " | ".join(columns) + " |", flush=True)
     save(mpc_chart(pd.DataFrame(rows)), Path("mpc.png"))
 
 

@@ -1,14 +1,14 @@
-"""All policies where no detour is a way out: exact success, the bound, and the time they need.
+"""All policies where radars cannot be avoided: success, its upper bound, and times.
 
 Run with the installed package::
 
     python benchmarks/policies.py            # some minutes
-    python benchmarks/policies.py --quick    # two scenarios, wider brackets
+    python benchmarks/policies.py --quick    # two scenarios, wider bounds
     python benchmarks/policies.py --out results/policies    # also as CSV and a figure
 
-Prints a Markdown table a scenario. Success is a proven bracket, where the budget of states suffices
+Prints a Markdown table a scenario. Success has proven bounds, where the budget of states suffices
 for one of width 0.01, and otherwise (marked ~) an interval with 95 % confidence, what the states
-leave being sampled. *Plan* is the time until the policy can be asked (guide included), *decide*
+leave being sampled. *Plan* is the time until the policy is ready (guide included), *decide*
 that of a step per distinct state, the chain's own work included, both in processor time. Policies
 that follow a guide get one that members can follow: its own limit on acceleration is a fifth of
 theirs.
@@ -36,7 +36,7 @@ Maker = Callable[[Scenario, Guide], Any]
 
 
 def cases() -> dict[str, Scenario]:
-    """Scenarios in which every way leads past radars, none much safer than the others."""
+    """Scenarios in which every path leads past radars, none much safer than the others."""
     hurried = GENTLE | {"time.t_f": 5.0}
     return {
         "alley": csw.load_scenario("alley"),
@@ -55,7 +55,7 @@ def cases() -> dict[str, Scenario]:
 
 
 def makers() -> dict[str, Maker]:
-    """How every policy is made."""
+    """Functions that make every policy."""
 
     def named(name: str, scenario: Scenario, guide: Guide, **options: Any) -> Any:
         return csw.make_policy(name, scenario, guide, **options)
@@ -85,8 +85,8 @@ def row(
     started = time.process_time()
     policy = make(scenario, guide)
     planned += time.process_time() - started
-    law = csw.evaluate(scenario, policy, guide=guide, **options)
-    (low, high), proven = law.success, True
+    distribution = csw.evaluate(scenario, policy, guide=guide, **options)
+    (low, high), proven = distribution.success, True
     if high - low > WIDE:
         (low, high), proven = (
             csw.estimate(scenario, policy, 4000, tolerance=1e-4, guide=guide).success,
@@ -96,25 +96,25 @@ def row(
         "success_low": low,
         "success_high": high,
         "proven": proven,
-        "infeasible": law.infeasible,
-        "failures": law.failures,
+        "infeasible": distribution.infeasible,
+        "failures": distribution.failures,
         "plan_seconds": planned,
         "decide_microseconds": decided(scenario, policy, guide),
     }
 
 
-def told(found: dict[str, Any]) -> str:
+def markdown_row(measured: dict[str, Any]) -> str:
     """A row of the Markdown table."""
-    bracket = f"{found['success_low']:.4f} to {found['success_high']:.4f}"
-    cells = (
-        found["policy"],
-        bracket if found["proven"] else f"~ {bracket}",
-        f"{found['infeasible']:.1f}",
-        f"{found['failures']:.3g}",
-        f"{found['plan_seconds']:.2f}",
-        f"{found['decide_microseconds']:.0f}",
+    bounds = f"{measured['success_low']:.4f} to {measured['success_high']:.4f}"
+    columns = (
+        measured["policy"],
+        bounds if measured["proven"] else f"~ {bounds}",
+        f"{measured['infeasible']:.1f}",
+        f"{measured['failures']:.3g}",
+        f"{measured['plan_seconds']:.2f}",
+        f"{measured['decide_microseconds']:.0f}",
     )
-    return f"| {' | '.join(cells)} |"
+    return f"| {' | '.join(columns)} |"
 
 
 def main() -> None:
@@ -127,13 +127,13 @@ def main() -> None:
         guide = csw.plan(scenario)
         planned = time.process_time() - started
         bound = csw.success_bound(scenario)
-        print(f"\n{name}: a lone agent survives with {guide.survival:.4f}; {bound}\n")
-        print("| policy | success | shortfalls | failures | plan, s | decide, us |")
+        print(f"\n{name}: an isolated agent survives with {guide.survival:.4f}; {bound}\n")
+        print("| policy | success | infeasible | failures | plan, s | decide, us |")
         print("| --- | --- | --- | --- | --- | --- |")
         for policy, make in makers().items():
-            found = row(scenario, guide, planned, make, options)
-            rows.append({"scenario": name, "policy": policy, "bound": float(bound)} | found)
-            print(told(rows[-1]), flush=True)
+            measured = row(scenario, guide, planned, make, options)
+            rows.append({"scenario": name, "policy": policy, "bound": float(bound)} | measured)
+            print(markdown_row(rows[-1]), flush=True)
     if "--out" in sys.argv:
         from casswarm.figures import save, success_chart
 
