@@ -27,7 +27,7 @@ from .style import (
 
 
 @themed
-def table_2_chart(table: pd.DataFrame, runs: int, few: int = 50) -> Figure:
+def table_2_chart(table: pd.DataFrame, runs: int, paper_runs: int = 50) -> Figure:
     """Table II: the paper's, the exact and the simulated probabilities, with their intervals.
 
     Parameters
@@ -35,12 +35,12 @@ def table_2_chart(table: pd.DataFrame, runs: int, few: int = 50) -> Figure:
     table : DataFrame
         With the columns policy, paper, paper_low, paper_high, exact_low, exact_high, and for both
         numbers of runs ``runs_K``, ``runs_K_low`` and ``runs_K_high``.
-    runs, few : int
+    runs, paper_runs : int
         Numbers of runs.
     """
     kinds = {
-        "paper": (f"the paper, {few} runs", _marker("s", filled=False)),
-        f"runs_{few}": (f"casswarm, {few} runs", _marker("^", filled=False)),
+        "paper": (f"the paper, {paper_runs} runs", _marker("s", filled=False)),
+        f"runs_{paper_runs}": (f"casswarm, {paper_runs} runs", _marker("^", filled=False)),
         f"runs_{runs}": (f"casswarm, {runs:,} runs", _marker("D")),
         "exact": ("casswarm, exact", _marker("|")),
     }
@@ -55,7 +55,9 @@ def table_2_chart(table: pd.DataFrame, runs: int, few: int = 50) -> Figure:
             axes.plot([low, high], [y] * 2, color=color, linewidth=scaled(1.6), zorder=2)
             axes.plot(estimate, y, color=color, zorder=3, **marker)
             axes.annotate(
-                f"{estimate:.2f}" if column in ("paper", f"runs_{few}") else f"{estimate:.3f}",
+                f"{estimate:.2f}"
+                if column in ("paper", f"runs_{paper_runs}")
+                else f"{estimate:.3f}",
                 (max(high, estimate), y),
                 (scaled(6), 0),
                 textcoords="offset points",

@@ -46,7 +46,7 @@ def sweep_lines(
     valid = table[table["status"] == "ok"]
     order = list(dict.fromkeys(table[key]))
     if others:
-        return _by_policy(valid, key, order, title, list(others))
+        return _panel_per_policy(valid, key, order, title, list(others))
     fig, axes = single_panel()
     styles = policy_styles(table["policy"])
     for policy, rows in valid.groupby("policy", sort=False):
@@ -59,26 +59,25 @@ def sweep_lines(
     return fig
 
 
-def _by_policy(
+def _panel_per_policy(
     valid: pd.DataFrame, key: str, order: list[Any], title: str, others: list[str]
 ) -> Figure:
-    policies = list(dict.fromkeys(valid["policy"]))
-    narrow = current_theme().narrow
-    columns = 1 if narrow else min(3, max(1, len(policies)))
-    aspect = (0.52 if narrow else 0.4) * -(-max(1, len(policies)) // columns) + 0.12
-    fig, axes = panels(max(1, len(policies)), columns, aspect, sharex=True, sharey=True)
-    combinations = [tuple(c) for c in valid[others].drop_duplicates().itertuples(index=False)]
-    colors = colormaps["viridis"](np.linspace(0.0, 0.82, max(2, len(combinations))))
+    policies, narrow = list(dict.fromkeys(valid["policy"])), current_theme().narrow
+    number = max(1, len(policies))
+    columns = 1 if narrow else min(3, number)
+    aspect = (0.52 if narrow else 0.4) * -(-number // columns) + 0.12
+    fig, axes = panels(number, columns, aspect, sharex=True, sharey=True)
+    combinations = valid.groupby(others, sort=False).ngroup()
+    colors = colormaps["viridis"](np.linspace(0.0, 0.82, max(2, combinations.nunique())))
     for panel, policy in zip(axes, policies, strict=False):
-        for number, values in enumerate(combinations):
-            chosen = (valid["policy"] == policy) & (valid[others] == list(values)).all(axis=1)
+        for index, rows in valid[valid["policy"] == policy].groupby(combinations):
             style = {
-                "color": colors[number],
-                "marker": "osD^vP"[number % 6],
-                "linestyle": _DASHES[number % len(_DASHES)],
-                "label": ", ".join(map(format_value, values)),
+                "color": colors[index],
+                "marker": "osD^vP"[index % 6],
+                "linestyle": _DASHES[index % len(_DASHES)],
+                "label": ", ".join(map(format_value, rows[others].iloc[0])),
             }
-            success_line(panel, valid[chosen], key, order, style)
+            success_line(panel, rows, key, order, style)
         _finish(panel, key, order)
         panel.set_title(str(policy))
         panel.label_outer()

@@ -48,7 +48,7 @@ from casswarm.figures.policy_styles import POLICIES, policy_styles
 from casswarm.planning.bounds import CostToGoMap
 
 PROFILE = pd.DataFrame({"fast": [0.5, 1.0], "slow": [0.0, 0.5]}, index=[1.0, 4.0])
-OUTLOOK = CostToGoMap(
+COSTS = CostToGoMap(
     0,
     np.array([-2.0, -2.0]),
     np.array([5.0, 4.0]),
@@ -59,7 +59,7 @@ OUTLOOK = CostToGoMap(
 FIGURES: dict[str, Callable[[], Figure]] = {
     "guide": lambda: guide_map(SCENARIO, GUIDE, [GUIDE.positions[::-1]]),
     "comparison": lambda: comparison_map(SCENARIO, {"one": GUIDE, "other": GUIDE}),
-    "risk": lambda: cost_to_go_map(SCENARIO, OUTLOOK, GUIDE),
+    "cost-to-go": lambda: cost_to_go_map(SCENARIO, COSTS, GUIDE),
     "swarm": lambda: swarm_map(SCENARIO, RUN, GUIDE, "mine"),
     "formation": lambda: formation_chart(SCENARIO, RUN, GUIDE, corridors=True),
     "success": lambda: success_chart(SUMMARY, "mine"),
@@ -175,10 +175,10 @@ def test_joint_map_with_long_title_fits() -> None:
 def test_swarm_map_close_losses_share_label() -> None:
     positions = RUN.positions.copy()
     alive = np.array([[True] * 3, [True] * 3, [True, False, True], [True, False, False]])
-    for apart, told in ((0.02, ["2, 3"]), (2.0, ["2", "3"])):
-        positions[3, 2] = positions[2, 1] + [apart, 0.0]
+    for distance, labels in ((0.02, ["2, 3"]), (2.0, ["2", "3"])):
+        positions[3, 2] = positions[2, 1] + [distance, 0.0]
         fig = swarm_map(SCENARIO, RunTrajectory(positions, alive, RUN.leaders))
-        assert [text.get_text() for text in fig.axes[0].texts] == told
+        assert [text.get_text() for text in fig.axes[0].texts] == labels
 
 
 # --- charts
@@ -199,10 +199,10 @@ def test_policies_have_same_style_in_every_chart() -> None:
 
 def test_policy_styles_of_user_policies_are_distinct() -> None:
     names = ["mine", "yours", "naive", "theirs", "leader"]
-    found = policy_styles(names)
-    assert len(set(found.values())) == 5
-    assert found["naive"] == POLICIES["naive"]
-    assert policy_styles(["mine"])["mine"] == found["mine"]  # independent of the others
+    styles = policy_styles(names)
+    assert len(set(styles.values())) == 5
+    assert styles["naive"] == POLICIES["naive"]
+    assert policy_styles(["mine"])["mine"] == styles["mine"]  # independent of the others
     ahead = policy_styles(["leader", "leader-mpc-3", "leader-mpc-5"])
     assert ahead["leader-mpc-3"] == policy_styles(["leader-mpc-7"])["leader-mpc-7"]
     assert len(set(ahead.values())) == 3
@@ -241,11 +241,11 @@ def test_distribution_charts_draw_lower_bounds() -> None:
             for line in FIGURES[what]().axes[0].get_lines()
             if line.get_label().startswith("leader")
         )
-        law = DISTRIBUTIONS[1]
+        distribution = DISTRIBUTIONS[1]
         expected = (
-            np.cumsum(law.arrival)
+            np.cumsum(distribution.arrival)
             if index == 0
-            else 1 - law.population[:, 0] - law.residual_mass_before
+            else 1 - distribution.population[:, 0] - distribution.residual_mass_before
         )
         np.testing.assert_allclose(line.get_ydata(), expected)
 

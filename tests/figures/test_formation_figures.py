@@ -59,12 +59,12 @@ def test_formation_chart_step_beyond_run_raises() -> None:
 
 def test_additional_agent_rates_equal_hazard_rates(hazard: Hazard) -> None:
     positions, alive = RUN.positions[2], RUN.alive[2]
-    places = np.array([[[0.3, 0.1], [1.2, -0.4]], [[2.0, 1.0], [-1.0, 0.0]]])
-    found = additional_agent_rates(hazard, places, positions, alive)
+    grid = np.array([[[0.3, 0.1], [1.2, -0.4]], [[2.0, 1.0], [-1.0, 0.0]]])
+    rates = additional_agent_rates(hazard, grid, positions, alive)
     for index in np.ndindex(2, 2):
-        four = np.vstack([positions, places[index]])
+        four = np.vstack([positions, grid[index]])
         expected = hazard.rates(four, np.append(alive, True))[3]
-        assert found[index] == pytest.approx(expected, rel=1e-12)
+        assert rates[index] == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.fixture

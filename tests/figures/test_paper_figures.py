@@ -118,9 +118,9 @@ def test_table_2_chart_has_marker_per_kind_and_colour_per_policy() -> None:
     axes = FIGURES["table 2"]().axes[0]
     assert [label.get_text() for label in axes.get_yticklabels()] == ["naive", "leader"]
     for marker, values in (("s", (0.3, 0.6)), ("D", (0.31, 0.64)), ("|", (0.3102, 0.6402))):
-        found = points(axes, marker)
-        assert [x for x, _ in found] == pytest.approx(values)
-        assert [color for _, color in found] == colors("naive", "leader")
+        drawn = points(axes, marker)
+        assert [x for x, _ in drawn] == pytest.approx(values)
+        assert [color for _, color in drawn] == colors("naive", "leader")
 
 
 def test_success_chart_of_scenarios_has_panel_for_each() -> None:
