@@ -66,7 +66,7 @@ def importable_name(function: Callable[..., Any]) -> str:
     except (ImportError, AttributeError) as error:
         raise ScenarioError(f"'{module}:{name}' cannot be imported: {error}") from error
     if imported is not function:
-        raise ScenarioError(f"'{module}:{name}' is another object than the function given")
+        raise ScenarioError(f"'{module}:{name}' is not this function")
     return f"{module}:{name}"
 
 

@@ -66,10 +66,10 @@ def test_gif_has_a_frame_per_step_and_repeats(gif):
 
 
 def test_gif_keeps_member_colours(gif):
-    wanted = np.round(255 * np.array([to_rgb(color) for color in MEMBERS[:3]]))
+    colors = np.round(255 * np.array([to_rgb(color) for color in MEMBERS[:3]]))
     with Image.open(gif) as image:
         pixels = np.asarray(image.convert("RGB")).reshape(-1, 3)
-    for color in wanted:
+    for color in colors:
         assert (np.abs(pixels - color).max(axis=1) <= 1).any()
 
 
@@ -100,7 +100,7 @@ def test_stage_shows_rates_members_and_losses_of_a_step():
     assert [line.get_marker() for line in ends] == ["*", "X", "o"]
     for member, line in enumerate(ends):
         np.testing.assert_array_equal(np.ravel(line.get_data()), RUN.positions[2, member])
-    assert len(stage.map.get_lines()) == 2 + 2 * 3  # guide and radar, ways and members
+    assert len(stage.map.get_lines()) == 2 + 2 * 3  # guide and radar, paths and members
 
 
 def test_animate_returns_a_matplotlib_animation():
@@ -114,8 +114,8 @@ def test_animate_returns_a_matplotlib_animation():
 
 
 def test_animate_without_guide_or_leaders_writes_all_frames(tmp_path):
-    nobody = type(RUN)(RUN.positions, RUN.alive, np.full(3, -1))
-    path = save_gif(csw.animate(SCENARIO, nobody), tmp_path / "run.gif", 40)
+    no_leaders = type(RUN)(RUN.positions, RUN.alive, np.full(3, -1))
+    path = save_gif(csw.animate(SCENARIO, no_leaders), tmp_path / "run.gif", 40)
     with Image.open(path) as image:
         assert image.n_frames == FRAMES
 
@@ -168,14 +168,14 @@ def test_animate_with_html_writes_one_file(folder, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         (("--policy", "leder"), "did you mean 'leader'"),
         (("--out", "run.gif", "--html"), "must end in .html"),
     ],
 )
-def test_animate_with_wrong_options_is_explained(folder, options, words):
-    assert words in casswarm(folder.parent, "animate", folder.name, *options, code=2).stderr
+def test_animate_with_wrong_options_is_explained(folder, options, message):
+    assert message in casswarm(folder.parent, "animate", folder.name, *options, code=2).stderr
 
 
 def test_animate_of_another_command_is_refused(tmp_path):

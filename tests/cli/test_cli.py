@@ -68,7 +68,7 @@ def test_version_option_prints_installed_version(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         (("plan", "papr-1"), "did you mean 'paper-1'"),
         (("plan", "paper-1", "--set", "swarm.vmax=1"), "swarm.v_max"),
@@ -92,9 +92,9 @@ def test_version_option_prints_installed_version(tmp_path):
         (("fly", "paper-1"), "No such command"),
     ],
 )
-def test_wrong_input_is_explained_with_exit_code_2(tmp_path, arguments, words):
+def test_wrong_input_is_explained_with_exit_code_2(tmp_path, arguments, message):
     done = casswarm(tmp_path, *arguments, code=2)
-    assert words in done.stderr
+    assert message in done.stderr
     assert not done.stdout
     assert not (tmp_path / "results").exists()
 

@@ -79,7 +79,7 @@ def test_plot_draws_figure_of_comparison_again(compared, tmp_path):
 def test_compare_report_is_self_contained(compared):
     results = compared[0] / "results" / "compare"
     text = (results / "report.md").read_text()
-    for words in (
+    for message in (
         "5 problems, 2 solvers, 20 runs",
         "Ipopt(tolerance=1e-08",
         "spectral cannot take guide[10]",
@@ -87,7 +87,7 @@ def test_compare_report_is_self_contained(compared):
         "shift of 1 ms",
         "Gould",
     ):
-        assert words in text
+        assert message in text
     for line in text.splitlines():
         if line.startswith("!["):
             assert (results / line.rpartition("(")[2].rstrip(")")).exists()
@@ -103,15 +103,15 @@ def test_compare_rejects_folder_of_other_inputs(compared):
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         (("--family", "guide"), "did you mean 'guides'?"),
         (("--solver", "ipop"), "did you mean 'ipopt'?"),
         (("--time-limit", "0"), "--time-limit"),
     ],
 )
-def test_compare_invalid_option_exits_with_2(tmp_path, options, words):
-    assert words in casswarm(tmp_path, "compare", *options, code=2).stderr
+def test_compare_invalid_option_exits_with_2(tmp_path, options, message):
+    assert message in casswarm(tmp_path, "compare", *options, code=2).stderr
 
 
 def test_help_shows_an_example(tmp_path):

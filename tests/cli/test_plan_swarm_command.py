@@ -55,12 +55,12 @@ def test_evaluate_and_simulate_print_the_success_bound(tmp_path: Path) -> None:
         ("simulate", *PAIR, "--policy", "naive", "--runs", "10"),
     ):
         done = casswarm(tmp_path, *command)
-        found = BOUND.search(done.stdout)
-        assert found, done.stdout
+        printed_bound = BOUND.search(done.stdout)
+        assert printed_bound, done.stdout
         record = tmp_path / "results" / f"{command[0]}-paper-1" / "run.json"
-        told = json.loads(record.read_text())["result"]["success_bound"]
-        assert told["certified"]
-        assert told["bound"] <= float(found[1]) <= told["bound"] + 1e-4
+        bound = json.loads(record.read_text())["result"]["success_bound"]
+        assert bound["certified"]
+        assert bound["bound"] <= float(printed_bound[1]) <= bound["bound"] + 1e-4
 
 
 @pytest.mark.parametrize(

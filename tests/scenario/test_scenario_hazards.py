@@ -68,7 +68,7 @@ def test_hazard_function_without_name_reports_reason(
         return constant_rate(positions, alive)
 
     for name, module, reason in [
-        ("constant_rate", __name__, "is another object than the function given"),
+        ("constant_rate", __name__, "is not this function"),
         ("gone", __name__, "cannot be imported"),
         ("other", "__main__", "is defined in a script or notebook"),
     ]:
