@@ -123,8 +123,8 @@ from casswarm.problems.formation import Motion
 
 motion = Motion.from_scenario(scenario)
 paths = [
-    integrate(guide.positions[0], way.velocities, guide.dt)
-    for way in guide.best_per_homotopy_class()[:2]
+    integrate(guide.positions[0], candidate.velocities, guide.dt)
+    for candidate in guide.best_per_homotopy_class()[:2]
 ]
 
 

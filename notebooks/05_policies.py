@@ -46,8 +46,8 @@ for name, scenario in scenarios.items():
             {
                 "scenario": name,
                 "policy": policy,
-                "success_low": estimate.success[0],
-                "success_high": estimate.success[1],
+                "success_low": estimate.success.low,
+                "success_high": estimate.success.high,
                 "sampled": estimate.sampled_mass,
                 "bound": float(bound),
             }

@@ -60,7 +60,7 @@ assert guide.survival < around.survival <= around.survival_bound
 rates = study.summary.set_index("policy")["success"]
 assert rates["homing"] < rates["naive"] < rates["leader"]
 for exact in distributions:
-    assert abs(rates[exact.policy] - exact.success[0]) < 0.12, "3 deviations of 200 runs"
+    assert abs(rates[exact.policy] - exact.success.low) < 0.12, "3 deviations of 200 runs"
 """,
     "03_custom_hazard_and_policy": """
 rates = study.summary.set_index("policy")["success"]
