@@ -56,5 +56,9 @@ class CheckpointError(CasswarmError, RuntimeError):
     """A results folder that is in use, was made with other inputs, or holds unfinished work."""
 
 
+class FolderError(CasswarmError, OSError):
+    """A results folder or file that cannot be written."""
+
+
 class WorkerError(CasswarmError, RuntimeError):
     """Processes that were to do the work died again and again; what was done before is kept."""

@@ -9,7 +9,7 @@ import click
 
 from .common import WrongInput, reported_errors
 from .options import folder_argument, option, options, run_option
-from .output import Folder, progress_report, say
+from .output import progress_report, say
 
 
 @dataclass(frozen=True)
@@ -72,22 +72,22 @@ def animate(folder: Path, animation: AnimationOptions) -> None:
     with reported_errors(), progress_report(animation.quiet) as progress:
         from ..figures import animate as make_animation
         from ..figures import player, save_gif
-        from ..results.folder import Saved
+        from ..results.folder import ResultsFolder
 
-        saved = Saved.of(folder)
-        name, run = saved.trace(animation.policy, animation.run)
+        saved = ResultsFolder.open(folder)
+        name, run = saved.trajectory(animation.policy, animation.run)
         title = f"{saved.scenario.name}, {name}, run {animation.run}"
         movie = make_animation(
             saved.scenario, run, saved.guide, title=title, frames_per_second=animation.fps
         )
         file = out or folder / f"animation-{name}-{animation.run}{suffix}"
-        target = Folder("animate", None, file.parent)
+        target = ResultsFolder.create("animate", None, file.parent)
         if animation.html:
             page = player(movie, animation.dpi, title=title, page=True, progress=progress)
-            target.text(file.name, page)
+            target.write_file(file.name, page)
         else:
-            target.file(file.name, lambda path: save_gif(movie, path, animation.dpi, progress))
+            target.write_file(file.name, lambda path: save_gif(movie, path, animation.dpi, progress))
     if out is None:
-        target.add_to_record()
+        target.extend_record()
     click.echo(str(file))
     say(f"{len(run.alive)} frames, {file.stat().st_size / 1e6:.1f} MB", animation.quiet)

@@ -35,13 +35,16 @@ RESUME = "; finished work is saved: free some space, then continue with --resume
 @contextmanager
 def reported_errors(resumes: bool = False) -> Iterator[None]:
     """Turn the library's errors into messages and exit codes; studies may be resumed."""
-    from ..errors import CasswarmError, PlanningError, WorkerError
+    from ..errors import CasswarmError, FolderError, PlanningError, WorkerError
 
     try:
         yield
     except KeyboardInterrupt as error:
         advice = "; finished work is saved: continue with --resume" if resumes else ""
         raise Failure(f"interrupted{advice}") from error
+    except FolderError as error:
+        full = resumes and error.__cause__ is not None  # else it is not writable at all
+        raise Failure(f"{error}{RESUME if full else ''}") from error
     except (PlanningError, WorkerError) as error:
         raise Failure(str(error)) from error
     except CasswarmError as error:

@@ -10,11 +10,12 @@ import click
 
 from .common import Failure, reported_errors
 from .options import FigureOptions, OutputOptions, option, options, out_option, seed_option
-from .output import Folder, aligned, open_folder, print_result, progress_report
+from .output import aligned, open_folder, print_result, progress_report
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from ..results.folder import ResultsFolder
     from ..comparison import Comparison
 
 
@@ -104,25 +105,25 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: FigureOpt
     print_result(folder, content, summary_text(comparison.summary), output)
 
 
-def _write(folder: Folder, comparison: Comparison) -> dict[str, Any]:
+def _write(folder: ResultsFolder, comparison: Comparison) -> dict[str, Any]:
     from ..comparison.report import make_report
     from ..figures import theme
 
-    with theme(folder.width):
+    with theme(folder.figure_format.width):
         report = make_report(comparison)
     for name, table in report.tables.items():
-        folder.table(name, table)
-    for name, figure in report.figures.items():
-        folder.figure(name, figure)
-    folder.text("report.md", report.markdown(folder.ending))
-    drawn = report.figures if folder.ending == "png" else ()  # not to draw them twice
+        folder.write_table(name, table)
+    suffix = folder.figure_format.suffix
+    folder.write_figures({name: partial(_drawn, fig) for name, fig in report.figures.items()})
+    folder.write_file("report.md", report.markdown(suffix))
+    drawn = report.figures if suffix == "png" else ()  # not to draw them twice
     images = {name: (folder.path / f"{name}.png").read_bytes() for name in drawn}
-    folder.text("report.html", report.html(images))
+    folder.write_file("report.html", report.html(images))
     result = {
         "summary": comparison.summary.to_dict("records"),
         "failures": report.tables["failures"].to_dict("records"),
     }
-    return folder.record(result, comparison.inputs)
+    return folder.write_record(result, comparison.inputs)
 
 
 def summary_text(summary: pd.DataFrame) -> str:

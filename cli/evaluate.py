@@ -17,9 +17,10 @@ from .options import (
     options,
     seed_option,
 )
-from .output import Folder, aligned, open_folder, print_result, progress_report, say
+from .output import aligned, open_folder, print_result, progress_report, say
 
 if TYPE_CHECKING:
+    from ..results.folder import ResultsFolder
     from ..chain.distribution import OutcomeDistribution
     from ..chain.stratified import Estimate
     from ..planning.bounds.success_bound import SuccessBound
@@ -82,25 +83,25 @@ def evaluate(
         guide = plan(chosen, certify=False, progress=progress)
         shared: dict[str, Any] = {**asdict(exact), "guide": guide, "solver": policies.solver}
         shared["progress"] = progress
-        laws, estimates = [], []
+        distributions, estimates = [], []
         for policy in named_policies(policies.policies):
             say(f"evaluating {getattr(policy, 'name', policy)}", common.quiet)
             if sampling.runs is None:
-                laws.append(evaluate_exactly(chosen, policy, **shared))
+                distributions.append(evaluate_exactly(chosen, policy, **shared))
             else:
                 estimates.append(estimate(chosen, policy, sampling.runs, sampling.seed, **shared))
-                laws.append(estimates[-1].enumerated)
+                distributions.append(estimates[-1].enumerated)
         bound = success_bound(chosen)
         inputs = {**asdict(exact), **asdict(sampling), "solver": policies.solver}
-        content = _write(folder, chosen, laws, estimates, bound, inputs)
-    text = "\n".join(map(str, estimates)) if estimates else _text(chosen, laws)
+        content = _write(folder, chosen, distributions, estimates, bound, inputs)
+    text = "\n".join(map(str, estimates)) if estimates else _text(chosen, distributions)
     print_result(folder, content, f"{text}\n\n{bound}", common)
 
 
 def _write(
-    folder: Folder,
+    folder: ResultsFolder,
     scenario: Scenario,
-    laws: list[OutcomeDistribution],
+    distributions: list[OutcomeDistribution],
     estimates: list[Estimate],
     bound: SuccessBound,
     inputs: dict[str, Any],
@@ -109,44 +110,45 @@ def _write(
     from ..studies.tables import (
         arrival_table,
         estimate_table,
-        law_table,
+        distribution_table,
         member_table,
         population_table,
         survivor_table,
     )
 
-    table = successes = law_table(laws)
-    result: dict[str, Any] = {"laws": table.to_dict("records"), "success_bound": bound.as_dict()}
+    table = successes = distribution_table(distributions)
+    result: dict[str, Any] = {"distributions": table.to_dict("records"), "success_bound": bound.as_dict()}
     if estimates:
         successes = estimate_table(estimates)
-        folder.table("estimates", successes)
+        folder.write_table("estimates", successes)
         result["estimates"] = successes.to_dict("records")
-    folder.table("laws", table)
-    folder.table("arrival", arrival_table(laws))
-    folder.table("survivors", survivor_table(laws))
-    folder.table("members", member_table(laws))
-    folder.table("population", population_table(laws))
-    folder.draw(evaluation_figures(scenario, laws, successes))
-    return folder.record(result, inputs)
+    folder.write_objects(distributions=distributions)
+    folder.write_table("distributions", table)
+    folder.write_table("arrival", arrival_table(distributions))
+    folder.write_table("survivors", survivor_table(distributions))
+    folder.write_table("members", member_table(distributions))
+    folder.write_table("population", population_table(distributions))
+    folder.write_figures(evaluation_figures(scenario, distributions, successes))
+    return folder.write_record(result, inputs)
 
 
-def _text(scenario: Scenario, laws: list[OutcomeDistribution]) -> str:
+def _text(scenario: Scenario, distributions: list[OutcomeDistribution]) -> str:
     header = ("policy", "success, bounds", "survivors", "states", "infeasible", "solver failures")
     rows = [
         (
-            law.policy,
-            f"{law.success[0]:.6f} to {law.success[1]:.6f}",
-            f"{law.survivors_mean[0]:.3f} to {law.survivors_mean[1]:.3f}",
-            f"{law.states}",
-            f"{law.infeasible:.2f}",
-            f"{law.failures:.4f}",
+            distribution.policy,
+            f"{distribution.success[0]:.6f} to {distribution.success[1]:.6f}",
+            f"{distribution.survivors_mean[0]:.3f} to {distribution.survivors_mean[1]:.3f}",
+            f"{distribution.states}",
+            f"{distribution.infeasible:.2f}",
+            f"{distribution.failures:.4f}",
         )
-        for law in laws
+        for distribution in distributions
     ]
-    notes = [f"{law.policy}: {law.advice}" for law in laws if not law.complete]
-    if not all(law.proven for law in laws):
+    notes = [f"{distribution.policy}: {distribution.advice}" for distribution in distributions if not distribution.complete]
+    if not all(distribution.proven for distribution in distributions):
         notes.append(
-            f"states closer than {laws[0].aggregation_tol:g} were aggregated: the bounds are those "
+            f"states closer than {distributions[0].aggregation_tol:g} were aggregated: the bounds are those "
             "of the aggregated chain"
         )
     title = f"{scenario.name}: exact outcome distribution; counts are means per run"

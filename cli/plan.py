@@ -16,9 +16,10 @@ from .options import (
     option,
     options,
 )
-from .output import Folder, open_folder, print_result, progress_report
+from .output import open_folder, print_result, progress_report
 
 if TYPE_CHECKING:
+    from ..results.folder import ResultsFolder
     from ..planning.bounds import CostToGoMap, ValueFunction
     from ..planning.guide import Guide
     from ..scenario import Scenario
@@ -152,7 +153,7 @@ def _globally_planned(scenario: Scenario, guide: Guide) -> Guide:
 
 
 def _write(
-    folder: Folder,
+    folder: ResultsFolder,
     scenario: Scenario,
     guide: Guide,
     baseline: Guide | None,
@@ -168,8 +169,8 @@ def _write(
     )
     from ..results.catalogue import plan_figures
 
-    folder.table("guide", guide_table(guide))
-    folder.table("candidates", candidate_table(guide))
+    folder.write_table("guide", guide_table(guide))
+    folder.write_table("candidates", candidate_table(guide))
     paths = {
         f"{best.homotopy or 'path'} {number}": integrate(
             guide.positions[0], best.velocities, guide.dt
@@ -178,13 +179,18 @@ def _write(
     }
     guides = {} if baseline is None else {"projected gradient": guide, "global search": baseline}
     compared = {name: compared.positions for name, compared in guides.items()}
-    folder.table("paths", path_table({"way": paths, "rival": compared}))
+    folder.write_table("paths", path_table({"path": paths, "baseline": compared}))
     if guides:
-        folder.table("comparison", guide_comparison_table(guides))
+        folder.write_table("comparison", guide_comparison_table(guides))
     cost_to_go = None if value is None else _cost_to_go(scenario, guide, value)
-    if cost_to_go is not None:
-        folder.arrays("cost-to-go", cost_to_go.arrays())
-    folder.draw(plan_figures(scenario, guide, list(paths.values()), guides, cost_to_go))
+    objects: dict[str, Any] = {
+        "guide": guide,
+        "others": list(paths.values()),
+        "baselines": guides,
+        "costs": cost_to_go,
+    }
+    folder.write_objects(**objects)
+    folder.write_figures(plan_figures(scenario, **objects))
     certificate = guide.certificate
     result = {
         "risk": guide.risk,
@@ -199,7 +205,7 @@ def _write(
         "positions": guide.positions,
         "velocities": guide.velocities,
     }
-    return folder.record(result, {"solver": solver})
+    return folder.write_record(result, {"solver": solver})
 
 
 def _cost_to_go(scenario: Scenario, guide: Guide, value: ValueFunction) -> CostToGoMap:

@@ -15,9 +15,10 @@ from .options import (
     options,
     seed_option,
 )
-from .output import Folder, aligned, open_folder, print_result, progress_report, say
+from .output import aligned, open_folder, print_result, progress_report, say
 
 if TYPE_CHECKING:
+    from ..results.folder import ResultsFolder
     from ..chain.stratified import Estimate
     from ..planning.joint import SwarmPlan
     from ..scenario import Scenario
@@ -105,7 +106,7 @@ def plan_swarm(
 
 
 def _write(
-    folder: Folder,
+    folder: ResultsFolder,
     scenario: Scenario,
     plan: SwarmPlan,
     sampled: Estimate | None,
@@ -115,12 +116,18 @@ def _write(
     from ..results.catalogue import swarm_plan_figures
     from ..studies.tables import estimate_table
 
-    folder.table("joint", joint_table(plan))
-    folder.table("outcomes", outcome_table(plan))
-    labels = _labels(plan, sampled)
+    folder.write_table("joint", joint_table(plan))
+    folder.write_table("outcomes", outcome_table(plan))
+    success, bound = _labels(plan, sampled)
     distribution = plan.distribution
-    survival = None if distribution is None else distribution.survival
-    folder.draw(swarm_plan_figures(scenario, plan.positions, survival, *labels))
+    objects: dict[str, Any] = {
+        "positions": plan.positions,
+        "survival": None if distribution is None else distribution.survival,
+        "success": success,
+        "bound": bound,
+    }
+    folder.write_objects(**objects)
+    folder.write_figures(swarm_plan_figures(scenario, **objects))
     result: dict[str, Any] = {
         "objective": plan.objective,
         "value": plan.value,
@@ -138,9 +145,8 @@ def _write(
         "velocities": plan.velocities,
         "initial_velocities": plan.initial_velocities,
         "seconds": plan.seconds,
-        "labels": labels,
     }
-    return folder.record(result, inputs)
+    return folder.write_record(result, inputs)
 
 
 def _labels(plan: SwarmPlan, sampled: Estimate | None) -> tuple[str, str]:

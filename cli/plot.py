@@ -9,7 +9,7 @@ import click
 
 from .common import reported_errors
 from .options import FigureOptions, folder_argument, option, options, out_option, run_option
-from .output import Folder, say
+from .output import say
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ def plot(folder: Path, selection: PlotOptions, figures: FigureOptions) -> None:
         from .._util.text import did_you_mean
         from ..errors import CheckpointError
         from ..figures import theme
-        from ..results.folder import Saved
+        from ..results.folder import ResultsFolder
 
-        saved = Saved.of(folder)
+        saved = ResultsFolder.open(folder)
         with theme(figures.width):  # those of a comparison are drawn at once
             catalogue = saved.figures(selection.run)
         for name in selection.names:
@@ -58,17 +58,12 @@ def plot(folder: Path, selection: PlotOptions, figures: FigureOptions) -> None:
                 raise CheckpointError(
                     f"{folder} has no figure {name!r}{did_you_mean(name, catalogue)}"
                 )
-        target = Folder(
-            "plot",
-            None,
-            selection.out or folder,
-            figures.format,
-            width=figures.width,
-            dpi=figures.dpi,
+        target = ResultsFolder.create(
+            "plot", None, selection.out or folder, figure_format(figures)
         )
         names = selection.names or tuple(catalogue)
-        target.draw({name: draw for name, draw in catalogue.items() if name in names})
+        target.write_figures({name: draw for name, draw in catalogue.items() if name in names})
     if selection.out is None:
-        target.add_to_record()
+        target.extend_record()
     click.echo("\n".join(str(target.path / name) for name in target.files))
     say(f"{len(target.files)} figures of casswarm {saved.command}", selection.quiet)

@@ -81,13 +81,13 @@ def reproduce(output: ReproduceOutput, selection: ReproduceOptions, figures: Fig
             selection.only or None,
         )
         for name, table in reproduction.tables.items():
-            folder.table(name, table)
-        folder.draw(reproduction.figures)
+            folder.write_table(name, table)
+        folder.write_figures(reproduction.figures)
         if reproduction.complete:
-            folder.text("README.md", page(reproduction, figures.format))
+            folder.write_file("README.md", page(reproduction, figures.format))
         result = {name: table.to_dict("records") for name, table in reproduction.tables.items()}
         inputs = {"runs": selection.runs, "only": list(selection.only), "seed": selection.seed}
-        content = folder.record(result, inputs)
+        content = folder.write_record(result, inputs)
     print_result(folder, content, _text(reproduction), output)
 
 

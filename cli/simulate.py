@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import RESUME, WrongInput, executor, load, named_policies, reported_errors
+from .common import WrongInput, executor, load, named_policies, reported_errors
 from .options import (
     CommonOptions,
     FigureOptions,
@@ -20,7 +20,6 @@ from .options import (
     seed_option,
 )
 from .output import (
-    Folder,
     aligned,
     open_folder,
     print_result,
@@ -32,6 +31,7 @@ from .output import (
 if TYPE_CHECKING:
     import pandas as pd
 
+    from ..results.folder import ResultsFolder
     from ..planning.bounds.success_bound import SuccessBound
     from ..studies.simulation import Study
 
@@ -83,7 +83,7 @@ def simulate(
 
     Estimates by Monte Carlo how often the swarm reaches the target under each policy. A run index
     sees the same random numbers under every policy, so differences are paired run by run. Prints
-    tables and writes summary.csv, paired.csv, runs.csv (a row per run), traces.csv (the saved
+    tables and writes summary.csv, paired.csv, runs.csv (a row per run), trajectories.csv (the saved
     trajectories), guide.csv, run.json and figures: success, differences, and for the first run of
     every policy a map and close-ups of its formation. casswarm plot draws them again, casswarm
     animate animates a saved run. Results are saved incrementally: resume an interrupted study with
@@ -107,7 +107,7 @@ def simulate(
         from ..studies.simulation import runs_needed
         from ..studies.simulation import simulate as run_study
 
-        folder = open_folder("simulate", chosen, common, figures, RESUME)
+        folder = open_folder("simulate", chosen, common, figures)
         guide = plan(chosen, progress=progress)
         chosen_policies = named_policies(policies.policies)
         shared: dict[str, Any] = {"guide": guide, "solver": policies.solver}
@@ -146,20 +146,21 @@ def simulate(
 
 
 def _write(
-    folder: Folder, study: Study, bound: SuccessBound, inputs: dict[str, Any]
+    folder: ResultsFolder, study: Study, bound: SuccessBound, inputs: dict[str, Any]
 ) -> dict[str, Any]:
     from ..planning.tables import guide_table
     from ..results.catalogue import simulation_figures
-    from ..studies.tables import trace_table
+    from ..studies.tables import trajectory_table
 
     scenario, guide = study.scenario, study.guide
-    folder.table("summary", study.summary)
+    folder.write_table("summary", study.summary)
     if len(study.paired):
-        folder.table("paired", study.paired)
-    folder.table("runs", study.runs)
-    folder.table("guide", guide_table(guide))
-    folder.table("traces", trace_table(study.trajectories))
-    folder.draw(
+        folder.write_table("paired", study.paired)
+    folder.write_table("runs", study.runs)
+    folder.write_table("guide", guide_table(guide))
+    folder.write_table("trajectories", trajectory_table(study.trajectories))
+    folder.write_objects(guide=guide, trajectories=study.trajectories)
+    folder.write_figures(
         simulation_figures(scenario, guide, study.summary, study.paired, study.trajectories)
     )
     result = {
@@ -174,17 +175,17 @@ def _write(
         },
         "success_bound": bound.as_dict(),
     }
-    return folder.record(result, inputs)
+    return folder.write_record(result, inputs)
 
 
-def _report(folder: Folder, quiet: bool) -> None:
+def _report(folder: ResultsFolder, quiet: bool) -> None:
     """Write the report from what is in the folder."""
-    from ..results.folder import Saved
+    from ..results.folder import ResultsFolder
     from ..results.simulation_report import simulation_page
 
     say("writing the report", quiet)
-    folder.text("report.html", simulation_page(Saved.of(folder.path)))
-    folder.add_to_record()
+    folder.write_file("report.html", simulation_page(ResultsFolder.open(folder.path)))
+    folder.extend_record()
 
 
 def _text(study: Study) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import RESUME, Failure, WrongInput, executor, load, named_policies, reported_errors
+from .common import Failure, WrongInput, executor, load, named_policies, reported_errors
 from .options import (
     CommonOptions,
     ExactOptions,
@@ -21,9 +21,10 @@ from .options import (
     options,
     seed_option,
 )
-from .output import Folder, aligned, open_folder, print_result, progress_report, success_text
+from .output import aligned, open_folder, print_result, progress_report, success_text
 
 if TYPE_CHECKING:
+    from ..results.folder import ResultsFolder
     from ..studies.sweep import Sweep
 
 
@@ -98,7 +99,7 @@ def sweep(
         chosen = load(scenario)
         from ..studies.sweep import sweep as run_sweep
 
-        folder = open_folder("sweep", chosen, common, figures, RESUME)
+        folder = open_folder("sweep", chosen, common, figures)
         result = run_sweep(
             chosen,
             grid,
@@ -177,13 +178,14 @@ def _range(text: str, parts: list[str]) -> list[Any]:
     return [int(value) for value in values] if whole else values
 
 
-def _write(folder: Folder, result: Sweep, inputs: dict[str, Any]) -> dict[str, Any]:
+def _write(folder: ResultsFolder, result: Sweep, inputs: dict[str, Any]) -> dict[str, Any]:
     from ..results.catalogue import sweep_figures
 
-    folder.table("sweep", result.table)
-    folder.table("effort", result.effort)
-    folder.draw(sweep_figures(result.scenario.name, result.table, result.keys))
-    return folder.record(
+    folder.write_table("sweep", result.table)
+    folder.write_table("effort", result.effort)
+    folder.write_objects(keys=list(result.keys))
+    folder.write_figures(sweep_figures(result.scenario.name, result.table, result.keys))
+    return folder.write_record(
         {"failures": result.failures, "sweep": result.table.to_dict("records")}, inputs
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -17,6 +17,9 @@ from ..planning.bounds import CostToGoMap
 from ..planning.guide import Candidate, Guide
 from ..scenario import Scenario
 from ..typing import FloatArray
+
+if TYPE_CHECKING:
+    from .folder import ResultsFolder
 
 FigureCatalogue = dict[str, Callable[[], Figure]]
 """Functions that draw a figure in the theme of their context, by the figure's name."""
@@ -103,3 +106,31 @@ def sweep_figures(name: str, table: pd.DataFrame, keys: Sequence[str]) -> Figure
     if len(varied) == 2:
         catalogue["heat-map"] = partial(figures.sweep_heat_map, table, varied, name)
     return catalogue
+
+
+def saved_figures(folder: ResultsFolder, run: int = 0) -> FigureCatalogue:
+    """Figures of a results folder, as its command drew them; of simulated runs, number `run`."""
+    if folder.command == "compare":
+        from ..comparison.report import pictures
+
+        return {name: partial(_drawn, fig) for name, fig in pictures(folder.comparison).items()}
+    objects = folder.objects
+    if folder.command == "plan":
+        return plan_figures(folder.scenario, **objects)
+    if folder.command == "plan-swarm":
+        return swarm_plan_figures(folder.scenario, **objects)
+    if folder.command == "evaluate":
+        successes = folder.table("estimates" if folder.has_table("estimates") else "distributions")
+        return evaluation_figures(folder.scenario, objects["distributions"], successes)
+    if folder.command == "sweep":
+        return sweep_figures(folder.scenario.name, folder.table("sweep"), objects["keys"])
+    for policy in folder.trajectories:
+        folder.trajectory(policy, run)
+    paired = folder.table("paired") if folder.has_table("paired") else pd.DataFrame()
+    return simulation_figures(
+        folder.scenario, folder.guide, folder.table("summary"), paired, folder.trajectories, run
+    )
+
+
+def _drawn(figure: Figure) -> Figure:
+    return figure

@@ -16,13 +16,13 @@ from ..chain.trajectories import RunTrajectory
 from ..typing import FloatArray
 
 
-def trace_table(traces: Mapping[str, Sequence[RunTrajectory]]) -> pd.DataFrame:
+def trajectory_table(trajectories: Mapping[str, Sequence[RunTrajectory]]) -> pd.DataFrame:
     """A row a member and step of every run that was kept: where it is, alive or not, who leads.
 
     Columns: policy, run, step, member, x, y, alive, leads (from this step to the next).
     """
     parts = []
-    for policy, kept in traces.items():
+    for policy, kept in trajectories.items():
         for run, trace in enumerate(kept):
             steps, members = trace.alive.shape
             leaders = np.append(trace.leaders, -1)
@@ -43,7 +43,7 @@ def trace_table(traces: Mapping[str, Sequence[RunTrajectory]]) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
-def law_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:
+def distribution_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:
     """A row a law: policy, brackets of success and of the mean number of survivors, counts."""
     return pd.DataFrame(
         {

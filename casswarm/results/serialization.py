@@ -1,0 +1,110 @@
+"""Results as arrays and JSON: written once, read back equal to the last bit."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from ..chain.distribution import OutcomeDistribution
+from ..chain.trajectories import RunTrajectory
+from ..optimization.solution import Residuals, Solution, Status
+from ..planning.bounds import Certificate, CostToGoMap, Level
+from ..planning.guide import Candidate, Guide
+
+_TYPES: dict[str, type[Any]] = {
+    kind.__name__: kind
+    for kind in (
+        Candidate,
+        Certificate,
+        CostToGoMap,
+        Guide,
+        Level,
+        OutcomeDistribution,
+        Residuals,
+        RunTrajectory,
+        Solution,
+        Status,
+    )
+}
+"""Classes whose objects can be saved."""
+
+
+def pack(value: Any) -> dict[str, np.ndarray]:
+    """Convert a value to named arrays, as `numpy.savez` takes them; `unpack` is the inverse.
+
+    Mappings with text keys, lists, tuples, arrays, numbers, texts, None, and
+    objects of the classes of this module can be converted. The array ``json`` holds the structure.
+    """
+    arrays: list[np.ndarray] = []
+    structure = json.dumps(_encode(value, arrays))
+    return {"json": np.array(structure)} | {f"array{k}": part for k, part in enumerate(arrays)}
+
+
+def unpack(arrays: Mapping[str, np.ndarray]) -> Any:
+    """Convert the arrays of `pack` back to the value."""
+    return _decode(json.loads(str(arrays["json"])), arrays)
+
+
+def _encode(value: Any, arrays: list[np.ndarray]) -> Any:
+    if isinstance(value, np.ndarray):
+        arrays.append(value)
+        return {"array": len(arrays) - 1}
+    name = type(value).__name__
+    if isinstance(value, Enum):
+        return {"type": name, "value": value.value}
+    if isinstance(value, Guide):
+        value = replace(value, candidates=())  # many, and for no figure
+    if is_dataclass(value):
+        if name not in _TYPES:
+            raise TypeError(f"{name} objects cannot be saved")
+        parts = {item.name: getattr(value, item.name) for item in fields(value)}
+        return {"type": name, "fields": {k: _encode(v, arrays) for k, v in parts.items()}}
+    if isinstance(value, Mapping):
+        return {"items": {key: _encode(item, arrays) for key, item in value.items()}}
+    if isinstance(value, tuple):
+        return {"tuple": [_encode(item, arrays) for item in value]}
+    if isinstance(value, list):
+        return [_encode(item, arrays) for item in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _decode(value: Any, arrays: Mapping[str, np.ndarray]) -> Any:
+    if isinstance(value, list):
+        return [_decode(item, arrays) for item in value]
+    if not isinstance(value, dict):
+        return value
+    if "array" in value:
+        return arrays[f"array{value['array']}"]
+    if "tuple" in value:
+        return tuple(_decode(item, arrays) for item in value["tuple"])
+    if "items" in value:
+        return {key: _decode(item, arrays) for key, item in value["items"].items()}
+    kind = _TYPES[value["type"]]
+    if "value" in value:
+        return kind(value["value"])
+    return kind(**{key: _decode(item, arrays) for key, item in value["fields"].items()})
+
+
+def json_text(content: Any) -> str:
+    """JSON text of plain values; numbers that JSON lacks (infinity, NaN) become null."""
+    return json.dumps(_plain(content), indent=2, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    return str(value)
