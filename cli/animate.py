@@ -86,7 +86,9 @@ def animate(folder: Path, animation: AnimationOptions) -> None:
             page = player(movie, animation.dpi, title=title, page=True, progress=progress)
             target.write_file(file.name, page)
         else:
-            target.write_file(file.name, lambda path: save_gif(movie, path, animation.dpi, progress))
+            target.write_file(
+                file.name, lambda path: save_gif(movie, path, animation.dpi, progress)
+            )
     if out is None:
         target.extend_record()
     click.echo(str(file))

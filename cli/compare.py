@@ -15,8 +15,8 @@ from .output import aligned, open_folder, print_result, progress_report
 if TYPE_CHECKING:
     import pandas as pd
 
-    from ..results.folder import ResultsFolder
     from ..comparison import Comparison
+    from ..results.folder import ResultsFolder
 
 
 @dataclass(frozen=True)
@@ -108,13 +108,14 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: FigureOpt
 def _write(folder: ResultsFolder, comparison: Comparison) -> dict[str, Any]:
     from ..comparison.report import make_report
     from ..figures import theme
+    from ..results.catalogue import drawn_figures
 
     with theme(folder.figure_format.width):
         report = make_report(comparison)
     for name, table in report.tables.items():
         folder.write_table(name, table)
     suffix = folder.figure_format.suffix
-    folder.write_figures({name: partial(_drawn, fig) for name, fig in report.figures.items()})
+    folder.write_figures(drawn_figures(report.figures))
     folder.write_file("report.md", report.markdown(suffix))
     drawn = report.figures if suffix == "png" else ()  # not to draw them twice
     images = {name: (folder.path / f"{name}.png").read_bytes() for name in drawn}

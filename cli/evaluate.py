@@ -20,10 +20,10 @@ from .options import (
 from .output import aligned, open_folder, print_result, progress_report, say
 
 if TYPE_CHECKING:
-    from ..results.folder import ResultsFolder
     from ..chain.distribution import OutcomeDistribution
     from ..chain.stratified import Estimate
     from ..planning.bounds.success_bound import SuccessBound
+    from ..results.folder import ResultsFolder
     from ..scenario import Scenario
 
 
@@ -109,15 +109,18 @@ def _write(
     from ..results.catalogue import evaluation_figures
     from ..studies.tables import (
         arrival_table,
-        estimate_table,
         distribution_table,
+        estimate_table,
         member_table,
         population_table,
         survivor_table,
     )
 
     table = successes = distribution_table(distributions)
-    result: dict[str, Any] = {"distributions": table.to_dict("records"), "success_bound": bound.as_dict()}
+    result: dict[str, Any] = {
+        "distributions": table.to_dict("records"),
+        "success_bound": bound.as_dict(),
+    }
     if estimates:
         successes = estimate_table(estimates)
         folder.write_table("estimates", successes)
@@ -145,11 +148,15 @@ def _text(scenario: Scenario, distributions: list[OutcomeDistribution]) -> str:
         )
         for distribution in distributions
     ]
-    notes = [f"{distribution.policy}: {distribution.advice}" for distribution in distributions if not distribution.complete]
+    notes = [
+        f"{distribution.policy}: {distribution.advice}"
+        for distribution in distributions
+        if not distribution.complete
+    ]
     if not all(distribution.proven for distribution in distributions):
         notes.append(
-            f"states closer than {distributions[0].aggregation_tol:g} were aggregated: the bounds are those "
-            "of the aggregated chain"
+            f"states closer than {distributions[0].aggregation_tol:g} were aggregated: the bounds "
+            "are those of the aggregated chain"
         )
     title = f"{scenario.name}: exact outcome distribution; counts are means per run"
     lines = [title, "", aligned([header, *rows])]

@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from .._util.documents import json_text
 from .options import FigureOptions, OutputOptions
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from ..results.folder import FigureFormat, ResultsFolder
     from ..scenario import Scenario
     from ..typing import Progress
-
 
 
 def aligned(rows: Iterable[tuple[str, ...]]) -> str:
@@ -30,9 +32,9 @@ def aligned(rows: Iterable[tuple[str, ...]]) -> str:
     )
 
 
-def success_text(row: Mapping[Any, Any]) -> str:
-    """Estimate of a success probability; where no run succeeds, also its upper bound."""
-    return f"{row['success']:.4f}" if row["successes"] else f"0 (<= {row['success_high']:.3f})"
+def aligned_table(table: pd.DataFrame) -> str:
+    """A table of texts as aligned columns, with its header."""
+    return aligned([tuple(map(str, table.columns)), *table.itertuples(index=False, name=None)])
 
 
 @contextmanager
@@ -87,7 +89,5 @@ def print_result(
     folder: ResultsFolder, content: Mapping[str, Any], text: str, output: OutputOptions
 ) -> None:
     """Print the result, as text or as JSON, and which files were written."""
-    from ..results.serialization import json_text
-
     click.echo(json_text(content) if output.as_json else text)
     say(folder.summary(), output.quiet)

@@ -19,9 +19,9 @@ from .options import (
 from .output import open_folder, print_result, progress_report
 
 if TYPE_CHECKING:
-    from ..results.folder import ResultsFolder
     from ..planning.bounds import CostToGoMap, ValueFunction
     from ..planning.guide import Guide
+    from ..results.folder import ResultsFolder
     from ..scenario import Scenario
 
 _MAX_CLASSES = 6  # that are printed; candidates.csv has them all

@@ -18,9 +18,9 @@ from .options import (
 from .output import aligned, open_folder, print_result, progress_report, say
 
 if TYPE_CHECKING:
-    from ..results.folder import ResultsFolder
     from ..chain.stratified import Estimate
     from ..planning.joint import SwarmPlan
+    from ..results.folder import ResultsFolder
     from ..scenario import Scenario
 
 _RUNS = 2000  # that estimate the success of a swarm too large for an exact distribution

@@ -9,7 +9,7 @@ import click
 
 from .common import reported_errors
 from .options import FigureOptions, folder_argument, option, options, out_option, run_option
-from .output import say
+from .output import figure_format, say
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,7 @@ def plot(folder: Path, selection: PlotOptions, figures: FigureOptions) -> None:
                 raise CheckpointError(
                     f"{folder} has no figure {name!r}{did_you_mean(name, catalogue)}"
                 )
-        target = ResultsFolder.create(
-            "plot", None, selection.out or folder, figure_format(figures)
-        )
+        target = ResultsFolder.create("plot", None, selection.out or folder, figure_format(figures))
         names = selection.names or tuple(catalogue)
         target.write_figures({name: draw for name, draw in catalogue.items() if name in names})
     if selection.out is None:

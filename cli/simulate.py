@@ -20,19 +20,16 @@ from .options import (
     seed_option,
 )
 from .output import (
-    aligned,
+    aligned_table,
     open_folder,
     print_result,
     progress_report,
     say,
-    success_text,
 )
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from ..results.folder import ResultsFolder
     from ..planning.bounds.success_bound import SuccessBound
+    from ..results.folder import ResultsFolder
     from ..studies.simulation import Study
 
 
@@ -129,20 +126,20 @@ def simulate(
             if_exists=execution.if_exists,
             **shared,
         )
-    inputs = {
-        "policies": list(study.summary["policy"]),
-        "runs": int(study.summary["runs"].iloc[0]),
-        "half_width": sampling.half_width,
-        "seed": sampling.seed,
-        "save_trajectories": sampling.save_trajectories,
-        "workers": execution.workers,
-        "solver": policies.solver,
-    }
-    bound = success_bound(chosen)
-    content = _write(folder, study, bound, inputs)
-    if sampling.report:
-        _report(folder, common.quiet)
-    print_result(folder, content, f"{_text(study)}\n\n{bound}", common)
+        inputs = {
+            "policies": list(study.summary["policy"]),
+            "runs": int(study.summary["runs"].iloc[0]),
+            "half_width": sampling.half_width,
+            "seed": sampling.seed,
+            "save_trajectories": sampling.save_trajectories,
+            "workers": execution.workers,
+            "solver": policies.solver,
+        }
+        bound = success_bound(chosen)
+        content = _write(folder, study, bound, inputs)
+        if sampling.report:
+            _report(folder, common.quiet)
+        print_result(folder, content, f"{_text(study)}\n\n{bound}", common)
 
 
 def _write(
@@ -159,7 +156,7 @@ def _write(
     folder.write_table("runs", study.runs)
     folder.write_table("guide", guide_table(guide))
     folder.write_table("trajectories", trajectory_table(study.trajectories))
-    folder.write_objects(guide=guide, trajectories=study.trajectories)
+    folder.write_objects(guide=guide, trajectories=study.trajectories, success_bound=bound)
     folder.write_figures(
         simulation_figures(scenario, guide, study.summary, study.paired, study.trajectories)
     )
@@ -189,65 +186,18 @@ def _report(folder: ResultsFolder, quiet: bool) -> None:
 
 
 def _text(study: Study) -> str:
-    text = f"{study.scenario.name}: {study.guide}\n\n{summary_text(study.summary)}"
-    return f"{text}\n\n{paired_text(study.paired)}" if len(study.paired) else text
+    from ..studies.tables import paired_texts, summary_texts
 
-
-def summary_text(summary: pd.DataFrame) -> str:
-    """Summary as text: probabilities with their intervals, every failure as a count."""
-    header = (
-        "policy",
-        "runs",
-        "success",
-        "95 % interval",
-        "survivors",
-        "arrival step",
-        "infeasible",
-        "solver failures",
-        "fallbacks",
-        "saturated",
-    )
-    rows = [
-        (
-            str(row["policy"]),
-            f"{row['runs']}",
-            success_text(row),
-            f"{row['success_low']:.4f} to {row['success_high']:.4f}",
-            f"{row['survivors_mean']:.2f}",
-            f"{row['arrival_step_mean']:.1f}" if row["successes"] else "-",
-            f"{row['infeasible']}",
-            f"{row['solver_failures']}",
-            f"{row['fallbacks']}",
-            f"{row['saturated']}",
-        )
-        for row in summary.to_dict("records")
-    ]
-    return aligned([header, *rows])
-
-
-def paired_text(paired: pd.DataFrame) -> str:
-    """Differences between policies under common random numbers as text."""
-    header = (
-        "difference in success",
+    lines = [
+        f"{study.scenario.name}: {study.guide}",
         "",
-        "95 % interval",
-        "only A : only B",
-        "p (McNemar)",
-        "variance ratio",
-    )
-    rows = [
-        (
-            f"{row['first']} - {row['second']}",
-            f"{row['difference']:+.4f}",
-            f"{row['difference_low']:+.4f} to {row['difference_high']:+.4f}",
-            f"{row['first_only']} : {row['second_only']}",
-            f"{row['p_value']:.2g}",
-            f"{row['variance_ratio']:.2f}" if row["variance_ratio"] >= 0 else "-",
-        )
-        for row in paired.to_dict("records")
+        aligned_table(summary_texts(study.summary)),
     ]
-    return (
-        f"{aligned([header, *rows])}\n"
-        "A - B, paired run by run: only A succeeds : only B succeeds; "
-        "variance ratio: paired/independent"
-    )
+    if len(study.paired):
+        lines += [
+            "",
+            aligned_table(paired_texts(study.paired)),
+            "A - B, paired run by run: only A succeeds : only B succeeds; "
+            "variance ratio: paired/independent",
+        ]
+    return "\n".join(lines)

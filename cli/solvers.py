@@ -7,7 +7,8 @@ from typing import Any
 
 import click
 
-from .output import aligned, json_text
+from .._util.documents import json_text
+from .output import aligned
 
 
 @click.command()

@@ -21,7 +21,7 @@ from .options import (
     options,
     seed_option,
 )
-from .output import aligned, open_folder, print_result, progress_report, success_text
+from .output import aligned, open_folder, print_result, progress_report
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
@@ -113,17 +113,17 @@ def sweep(
             if_exists=execution.if_exists,
             progress=progress,
         )
-    inputs = {
-        "settings": grid,
-        "policies": list(dict.fromkeys(result.table["policy"])),
-        "runs": method.runs,
-        "seed": method.seed,
-        **asdict(accuracy),
-        "solver": policies.solver,
-        "workers": execution.workers,
-    }
-    content = _write(folder, result, inputs)
-    print_result(folder, content, _text(result), common)
+        inputs = {
+            "settings": grid,
+            "policies": list(dict.fromkeys(result.table["policy"])),
+            "runs": method.runs,
+            "seed": method.seed,
+            **asdict(accuracy),
+            "solver": policies.solver,
+            "workers": execution.workers,
+        }
+        content = _write(folder, result, inputs)
+        print_result(folder, content, _text(result), common)
     if result.failures == len(result.table):
         raise Failure("every sweep point failed; the reasons are above and in sweep.csv")
 
@@ -214,6 +214,8 @@ def _text(result: Sweep) -> str:
 
 def _numbers(point: Mapping[Any, Any], sampled: bool) -> tuple[str, ...]:
     """Success and survivors of a sweep point."""
+    from ..studies.tables import success_text
+
     if point["status"] != "ok":
         return ("failed", *["-"] * (2 if sampled else 1))
     return (

@@ -15,7 +15,7 @@ from pathlib import Path
 import pandas as pd
 
 from casswarm.figures import save, success_chart
-from casswarm.results.folder import Saved
+from casswarm.results.folder import ResultsFolder
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"
@@ -78,7 +78,7 @@ def run(folder: Path, *arguments: str) -> None:
 
 def representative_run(folder: Path, policy: str = "leader") -> int:
     """First saved run in which leaders are lost and some members arrive; else the longest."""
-    runs = Saved.of(folder).trajectories[policy]
+    runs = ResultsFolder.open(folder).trajectories[policy]
     for number, trajectory in enumerate(runs):
         leaders = len(set(trajectory.leaders))
         alive = int(trajectory.alive[-1].sum())

@@ -1,9 +1,12 @@
-"""HTML pages and Markdown documents: templates, tables, embedded images."""
+"""HTML, Markdown and JSON text: templates, tables, embedded images."""
 
 from __future__ import annotations
 
 import base64
+import json
+import math
 import re
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -29,7 +32,7 @@ def render(template: str, **values: Any) -> str:
 
 
 def html_table(table: pd.DataFrame) -> Any:
-    """HTML of a table, marked as safe for templates; numbers, also as text, have the class ``n``."""
+    """HTML of a table, marked as safe for templates; cells with numbers have the class ``n``."""
     from markupsafe import Markup
 
     numeric = _numeric(table)
@@ -56,3 +59,22 @@ def _numeric(table: pd.DataFrame) -> list[bool]:
 def data_uri(data: bytes, media_type: str) -> str:
     """Address that contains the data itself, such as an image within an HTML page."""
     return f"data:{media_type};base64,{base64.b64encode(data).decode()}"
+
+
+def json_text(content: Any) -> str:
+    """JSON text of plain values; numbers that JSON lacks (infinity, NaN) become null."""
+    return json.dumps(_plain(content), indent=2, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    return str(value)

@@ -113,7 +113,7 @@ def saved_figures(folder: ResultsFolder, run: int = 0) -> FigureCatalogue:
     if folder.command == "compare":
         from ..comparison.report import pictures
 
-        return {name: partial(_drawn, fig) for name, fig in pictures(folder.comparison).items()}
+        return drawn_figures(pictures(folder.comparison))
     objects = folder.objects
     if folder.command == "plan":
         return plan_figures(folder.scenario, **objects)
@@ -132,5 +132,10 @@ def saved_figures(folder: ResultsFolder, run: int = 0) -> FigureCatalogue:
     )
 
 
-def _drawn(figure: Figure) -> Figure:
+def drawn_figures(figures: Mapping[str, Figure]) -> FigureCatalogue:
+    """Catalogue of figures that are drawn already."""
+    return {name: partial(_same, figure) for name, figure in figures.items()}
+
+
+def _same(figure: Figure) -> Figure:
     return figure

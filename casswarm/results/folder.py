@@ -17,12 +17,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from .._util.documents import json_text
 from .._util.files import atomic_write
 from .._util.text import did_you_mean
 from ..chain.trajectories import RunTrajectory
 from ..errors import CheckpointError, FolderError
 from ..planning.guide import Guide
-from .serialization import json_text, pack, unpack
+from .serialization import pack, unpack
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 from enum import Enum
@@ -14,7 +13,7 @@ import numpy as np
 from ..chain.distribution import OutcomeDistribution
 from ..chain.trajectories import RunTrajectory
 from ..optimization.solution import Residuals, Solution, Status
-from ..planning.bounds import Certificate, CostToGoMap, Level
+from ..planning.bounds import Certificate, CostToGoMap, Level, SuccessBound
 from ..planning.guide import Candidate, Guide
 
 _TYPES: dict[str, type[Any]] = {
@@ -30,6 +29,7 @@ _TYPES: dict[str, type[Any]] = {
         RunTrajectory,
         Solution,
         Status,
+        SuccessBound,
     )
 }
 """Classes whose objects can be saved."""
@@ -89,22 +89,3 @@ def _decode(value: Any, arrays: Mapping[str, np.ndarray]) -> Any:
     if "value" in value:
         return kind(value["value"])
     return kind(**{key: _decode(item, arrays) for key, item in value["fields"].items()})
-
-
-def json_text(content: Any) -> str:
-    """JSON text of plain values; numbers that JSON lacks (infinity, NaN) become null."""
-    return json.dumps(_plain(content), indent=2, allow_nan=False)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value
-    return str(value)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -208,3 +209,42 @@ def paired_table(runs: pd.DataFrame) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
+
+
+def success_text(row: Mapping[Any, Any]) -> str:
+    """Text of an estimated success probability; where no run succeeds, with its upper bound."""
+    return f"{row['success']:.4f}" if row["successes"] else f"0 (<= {row['success_high']:.3f})"
+
+
+def summary_texts(summary: pd.DataFrame) -> pd.DataFrame:
+    """The summary for people: probabilities with their intervals, counts, all as text."""
+    return pd.DataFrame(
+        {
+            "policy": str(row["policy"]),
+            "runs": f"{row['runs']}",
+            "success": success_text(row),
+            "95 % interval": f"{row['success_low']:.4f} to {row['success_high']:.4f}",
+            "survivors": f"{row['survivors_mean']:.2f}",
+            "arrival step": f"{row['arrival_step_mean']:.1f}" if row["successes"] else "-",
+            "infeasible": f"{row['infeasible']}",
+            "solver failures": f"{row['solver_failures']}",
+            "fallbacks": f"{row['fallbacks']}",
+            "saturated": f"{row['saturated']}",
+        }
+        for row in summary.to_dict("records")
+    )
+
+
+def paired_texts(paired: pd.DataFrame) -> pd.DataFrame:
+    """Differences between policies under common random numbers, all as text."""
+    return pd.DataFrame(
+        {
+            "difference in success": f"{row['first']} - {row['second']}",
+            "": f"{row['difference']:+.4f}",
+            "95 % interval": f"{row['difference_low']:+.4f} to {row['difference_high']:+.4f}",
+            "only A : only B": f"{row['first_only']} : {row['second_only']}",
+            "p (McNemar)": f"{row['p_value']:.2g}",
+            "variance ratio": f"{row['variance_ratio']:.2f}" if row["variance_ratio"] >= 0 else "-",
+        }
+        for row in paired.to_dict("records")
+    )

@@ -17,8 +17,7 @@ from casswarm.figures import player, save_gif
 from casswarm.figures.animation import RunFigure
 from casswarm.figures.closeups import additional_agent_rates
 from casswarm.figures.style import MEMBERS
-from casswarm.planning.tables import guide_table
-from casswarm.studies.tables import trace_table
+from casswarm.results.folder import ResultsFolder
 
 FRAMES = 4
 
@@ -27,12 +26,9 @@ FRAMES = 4
 def folder(tmp_path_factory):
     """Results folder of two policies."""
     folder = tmp_path_factory.mktemp("animate")
-    trace_table({"naive": (RUN,), "leader": (RUN, RUN)}).to_csv(folder / "traces.csv", index=False)
-    guide_table(GUIDE).to_csv(folder / "guide.csv", index=False)
-    from casswarm.cli.output import json_text
-
-    record = {"command": "simulate", "inputs": {}, "result": {}, "scenario": SCENARIO.to_toml()}
-    (folder / "run.json").write_text(json_text(record))
+    results = ResultsFolder.create("simulate", SCENARIO, folder)
+    results.write_objects(guide=GUIDE, trajectories={"naive": (RUN,), "leader": (RUN, RUN)})
+    results.write_record({}, {})
     return folder
 
 

@@ -10,7 +10,7 @@ def test_evaluate_bounds_every_policy_and_writes_tables(tmp_path):
         tmp_path, "evaluate", "paper-1", "--policy", "naive", "--policy", "leader", "--quiet"
     )
     results = tmp_path / "results" / "evaluate-paper-1"
-    laws = pd.read_csv(results / "laws.csv")
+    laws = pd.read_csv(results / "distributions.csv")
     assert list(laws["policy"]) == ["naive", "leader"]
     assert ((laws["success_high"] - laws["success_low"]).between(0, 1e-3)).all()
     # the paper's 50 runs, Wilson 95 %: 0.32 and 0.68

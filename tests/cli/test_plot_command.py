@@ -14,7 +14,9 @@ from PIL import Image
 
 from casswarm import CheckpointError, evaluate, load_scenario, plan, simulate
 from casswarm.figures import save
-from casswarm.results.folder import Saved
+from casswarm.results.folder import ResultsFolder
+from casswarm.results.serialization import pack
+from casswarm.studies.tables import distribution_table
 
 RESULTS = Path("results")
 FEW = "--set=guide.iterations=50"
@@ -82,7 +84,9 @@ def test_plot_of_other_commands_draws_same_figures(tmp_path, command, names):
     casswarm(tmp_path, *command, "--quiet", "--out", "here")
     before = figures(tmp_path / "here")
     assert set(before) == {f"{name}.png" for name in names}
-    drawn = Saved.of(tmp_path / "here").figures()  # what casswarm plot does, in this process
+    drawn = ResultsFolder.open(
+        tmp_path / "here"
+    ).figures()  # what casswarm plot does, in this process
     (tmp_path / "there").mkdir()
     for name, draw in drawn.items():
         save(draw(), tmp_path / "there" / f"{name}.png")
@@ -112,78 +116,67 @@ def test_simulate_removes_figures_added_by_plot(simulated):
     [
         (lambda folder: (folder / "run.json").unlink(), "has no run.json"),
         (lambda folder: (folder / "run.json").write_text("{"), "cannot be read"),
-        (lambda folder: (folder / "run.json").write_text("[1]"), "nothing that casswarm knows"),
+        (lambda folder: (folder / "run.json").write_text("[1]"), "of an unknown origin"),
         (lambda folder: (folder / "run.json").write_text('{"command": "fly"}'), "casswarm fly"),
-        (lambda folder: (folder / "traces.csv").unlink(), "has no traces.csv: an older casswarm"),
-        (lambda folder: (folder / "guide.csv").write_text(""), "guide.csv cannot be read"),
-        (lambda folder: (folder / "guide.csv").write_text("a,b\n1,2\n"), "one of them is damaged"),
+        (lambda folder: (folder / "results.npz").unlink(), "has no results.npz: it was removed"),
+        (lambda folder: (folder / "summary.csv").write_text(""), "summary.csv cannot be read"),
+        (
+            lambda folder: (folder / "summary.csv").write_text("a,b\n1,2\n"),
+            "one of them is damaged",
+        ),
+        (lambda folder: (folder / "results.npz").write_text("PK"), "results.npz cannot be read"),
     ],
 )
 def test_plot_of_damaged_folder_is_refused(simulated, spoil, words):
     spoil(simulated)
     with pytest.raises(CheckpointError, match=words):
-        Saved.of(simulated).figures()
+        ResultsFolder.open(simulated).figures()
 
 
 def test_plot_with_wrong_options_is_explained(simulated):
     where = simulated.parent
-    assert "is no folder: give one that plan" in casswarm(where, "plot", "nowhere", code=2).stderr
+    assert (
+        "is not a folder: expected one written by plan"
+        in casswarm(where, "plot", "nowhere", code=2).stderr
+    )
     with pytest.raises(
-        CheckpointError, match=r"kept: 0 to 1\. casswarm simulate --save-trajectories 8 saves it"
+        CheckpointError, match=r"saved: 0 to 1\. casswarm simulate --save-trajectories 8 saves it"
     ):
-        Saved.of(simulated).figures(7)
+        ResultsFolder.open(simulated).figures(7)
     done = casswarm(where, "plot", simulated.name, "--figure", "sucess", code=2)
     assert "did you mean 'success'" in done.stderr
 
 
-def test_saved_results_are_read_back_unchanged(tmp_path):
-    from casswarm.planning.tables import guide_table
-    from casswarm.studies.tables import (
-        arrival_table,
-        law_table,
-        member_table,
-        population_table,
-        survivor_table,
-        trace_table,
-    )
-
+def test_results_folder_returns_objects_equal_to_the_bit(tmp_path):
     scenario = load_scenario("paper-1")
-    guide = plan(scenario, certify=False)
+    guide = plan(scenario)
     study = simulate(scenario, ["leader", "constrained"], runs=4, guide=guide, save_trajectories=3)
-    law = evaluate(scenario, "leader", 0.1, guide=guide)
-    tables = {
-        "guide": guide_table(guide),
-        "traces": trace_table(study.trajectories),
-        "laws": law_table([law]),
-        "arrival": arrival_table([law]),
-        "survivors": survivor_table([law]),
-        "members": member_table([law]),
-        "population": population_table([law]),
-    }
-    for name, table in tables.items():
-        table.to_csv(tmp_path / f"{name}.csv", index=False)
-    record = {
-        "command": "simulate",
-        "scenario": scenario.to_toml(),
-        "inputs": {"tolerance": 0.1},
-        "result": {"guide": {"solution": guide.solution.as_row()}},
-    }
-    (tmp_path / "run.json").write_text(json.dumps(record))
-    saved = Saved.of(tmp_path)
-    for part in ("positions", "velocities", "rates"):
-        np.testing.assert_array_equal(getattr(saved.guide, part), getattr(guide, part))
-    assert saved.guide.solution.as_row() == guide.solution.as_row()
-    assert list(saved.trajectories) == ["leader", "constrained"]
-    for policy, kept in study.trajectories.items():
-        for one, other in zip(saved.trajectories[policy], kept, strict=True):
-            for part in ("positions", "alive", "leaders"):
-                np.testing.assert_array_equal(getattr(one, part), getattr(other, part))
-    assert set(saved.trajectories["constrained"][0].leaders) == {-1}
-    assert min(saved.trajectories["leader"][0].leaders) >= 0
-    assert saved.laws[0].success == law.success
-    pd.testing.assert_frame_equal(law_table(saved.laws), law_table([law]))
-    np.testing.assert_array_equal(saved.laws[0].population, law.population)
-    with pytest.raises(
-        CheckpointError, match=r"no runs of 'leder' are kept .*did you mean 'leader'"
-    ):
-        saved.trace("leder")
+    distribution = evaluate(scenario, "leader", 0.1, guide=guide)
+    written = ResultsFolder.create("simulate", scenario, tmp_path / "here")
+    written.write_objects(
+        guide=guide, trajectories=study.trajectories, distributions=[distribution]
+    )
+    written.write_record({}, {})
+    folder = ResultsFolder.open(tmp_path / "here")
+    assert folder.scenario == scenario
+    for name in ("positions", "velocities", "rates"):
+        np.testing.assert_array_equal(getattr(folder.guide, name), getattr(guide, name))
+    assert folder.guide.solution.as_row() == guide.solution.as_row()
+    assert str(folder.guide) == str(guide)
+    assert folder.guide.certificate == guide.certificate
+    assert list(folder.trajectories) == ["leader", "constrained"]
+    for policy, saved in study.trajectories.items():
+        for one, other in zip(folder.trajectories[policy], saved, strict=True):
+            for name in ("positions", "alive", "leaders"):
+                np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    (again,) = folder.objects["distributions"]
+    assert again.success == distribution.success
+    pd.testing.assert_frame_equal(distribution_table([again]), distribution_table([distribution]))
+    np.testing.assert_array_equal(again.population, distribution.population)
+    with pytest.raises(CheckpointError, match=r"no trajectories of 'leder'.*did you mean 'leader'"):
+        folder.trajectory("leder")
+
+
+def test_pack_refuses_objects_of_other_classes():
+    with pytest.raises(TypeError, match="Scenario objects cannot be saved|not JSON serializable"):
+        pack({"scenario": load_scenario("paper-1")})

@@ -13,8 +13,9 @@ from browser import opened, references
 from commands import casswarm
 
 from casswarm import CheckpointError, load_scenario
-from casswarm.results.folder import Saved
-from casswarm.results.simulation_report import paired_rows, simulation_page, summary_rows
+from casswarm.results.folder import ResultsFolder
+from casswarm.results.simulation_report import simulation_page
+from casswarm.studies.tables import paired_texts, summary_texts
 
 SETTING = "formation.rho=0.04"
 COMMAND = ("simulate", "single-agent", "--runs", "60", "--seed", "3", "--set", SETTING)
@@ -36,45 +37,45 @@ def page(folder):
 
 
 def plain(page):
-    """The words of a page."""
+    """Text of a page."""
     body = re.sub(r"<style>.*?</style>", "", page, flags=re.S)
     return " ".join(unescape(re.sub(r"<[^>]+>", " ", body)).split())
 
 
-def test_the_page_needs_nothing_but_itself(page):
+def test_page_references_no_other_file(page):
     assert references(page) == []
     assert "http" not in re.sub(r'src="data:[^"]*"', "", page)
     assert "<script" not in page
 
 
-def test_the_page_has_the_tables_of_the_folder(folder, page):
+def test_page_shows_tables_of_folder(folder, page):
     text = plain(page)
-    for row in summary_rows(pd.read_csv(folder / "summary.csv")):
-        assert " ".join(row.values()) in text
-    for row in paired_rows(pd.read_csv(folder / "paired.csv")):
-        assert " ".join(row.values()) in text
+    for row in summary_texts(pd.read_csv(folder / "summary.csv")).itertuples(index=False):
+        assert " ".join(row) in text
+    for row in paired_texts(pd.read_csv(folder / "paired.csv")).itertuples(index=False):
+        assert " ".join(row) in text
 
 
-def test_the_page_tells_what_no_policy_can_exceed(folder, page):
+def test_page_shows_success_bound(folder, page):
     bound = json.loads((folder / "run.json").read_text())["result"]["success_bound"]
     assert bound["certified"]
     told = float(re.search(r"No policy can exceed (0\.\d+): proven", plain(page))[1])
     assert 0 <= told - bound["bound"] < 1e-3
 
 
-def test_the_page_has_every_figure_with_words_for_who_cannot_see_it(page):
+def test_page_figures_have_alt_texts(page):
     images = re.findall(r'<img src="data:image/svg\+xml;base64,[^"]+" [^>]*alt="([^"]*)"', page)
     assert images == [
         "Success probability by policy",
         "Differences in success between policies",
         "Map of the rates with the guide",
-        "The way of the members under naive",
-        "The way of the members under leader",
+        "Trajectories of the members under naive",
+        "Trajectories of the members under leader",
     ]  # a lone member has no formation
     assert page.count("<figcaption>") == len(images)
 
 
-def test_the_page_tells_how_to_make_it_again(folder, page):
+def test_page_shows_command_and_versions(folder, page):
     text = plain(page)
     assert f"casswarm {shlex.join(COMMAND)}" in text
     record = json.loads((folder / "run.json").read_text())
@@ -84,7 +85,7 @@ def test_the_page_tells_how_to_make_it_again(folder, page):
     assert "report.html" in record["files"]
 
 
-def test_the_scenario_of_the_page_is_the_one_that_was_simulated(page, tmp_path):
+def test_page_scenario_equals_simulated_one(page, tmp_path):
     text = unescape(
         re.search(r"<summary>Scenario file</summary>\s*<pre><code>(.*?)</code>", page, re.S)[1]
     )
@@ -94,16 +95,16 @@ def test_the_scenario_of_the_page_is_the_one_that_was_simulated(page, tmp_path):
     assert load_scenario(tmp_path / "again.toml") == expected
 
 
-def test_the_same_results_make_the_same_page(folder, page):
+def test_page_is_reproducible(folder, page):
     record = json.loads((folder / "run.json").read_text())["files"]
-    again = simulation_page(Saved.of(folder))
+    again = simulation_page(ResultsFolder.open(folder))
     added = ", ".join(record)
     before = ", ".join(name for name in record if name != "report.html")
     assert again.replace(added, before) == page
 
 
-def test_texts_of_users_are_shown_and_not_obeyed(folder):
-    saved = Saved.of(folder)
+def test_page_escapes_text_of_users(folder):
+    saved = ResultsFolder.open(folder)
     scenario = saved.scenario.with_values({"description": "<script>alert(1)</script>"})
     saved.__dict__["scenario"] = scenario
     page = simulation_page(saved)
@@ -111,14 +112,14 @@ def test_texts_of_users_are_shown_and_not_obeyed(folder):
     assert "<script" not in page
 
 
-def test_only_a_simulation_has_this_page(tmp_path):
+def test_page_of_another_command_raises(tmp_path):
     (tmp_path / "run.json").write_text('{"command": "plan"}')
-    with pytest.raises(CheckpointError, match="give one that casswarm simulate left"):
-        simulation_page(Saved.of(tmp_path))
+    with pytest.raises(CheckpointError, match="expected one written by casswarm simulate"):
+        simulation_page(ResultsFolder.open(tmp_path))
 
 
 @pytest.mark.parametrize("width", [1200, 500])
-def test_the_page_is_whole_in_a_browser(page, tmp_path, width):
+def test_page_fits_in_a_browser(page, tmp_path, width):
     found = opened(page, tmp_path, width=width)
     assert found["mistakes"] == []
     assert found["requests"] == []
