@@ -13,6 +13,7 @@ from functools import cached_property, partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 import pandas as pd
@@ -289,7 +290,7 @@ class ResultsFolder:
                 f"{self.path} has no {_OBJECTS}: it was removed, or written by an older casswarm; "
                 f"{self._advice}"
             ) from None
-        except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+        except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as error:
             raise CheckpointError(f"{file} cannot be read ({error}); {self._advice}") from None
         return objects
 

@@ -121,8 +121,8 @@ def test_simulate_removes_figures_added_by_plot(simulated):
         (lambda folder: (folder / "results.npz").unlink(), "has no results.npz: it was removed"),
         (lambda folder: (folder / "summary.csv").write_text(""), "summary.csv cannot be read"),
         (
-            lambda folder: (folder / "summary.csv").write_text("a,b\n1,2\n"),
-            "one of them is damaged",
+            lambda folder: np.savez(folder / "results.npz", json=np.array('{"items": {}}')),
+            "saves no trajectories",
         ),
         (lambda folder: (folder / "results.npz").write_text("PK"), "results.npz cannot be read"),
     ],
@@ -178,5 +178,5 @@ def test_results_folder_returns_objects_equal_to_the_bit(tmp_path):
 
 
 def test_pack_refuses_objects_of_other_classes():
-    with pytest.raises(TypeError, match="Scenario objects cannot be saved|not JSON serializable"):
+    with pytest.raises(TypeError, match="not JSON serializable"):
         pack({"scenario": load_scenario("paper-1")})
