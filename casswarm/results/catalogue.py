@@ -111,9 +111,9 @@ def sweep_figures(name: str, table: pd.DataFrame, keys: Sequence[str]) -> Figure
 def saved_figures(folder: ResultsFolder, run: int = 0) -> FigureCatalogue:
     """Figures of a results folder, as its command drew them; of simulated runs, number `run`."""
     if folder.command == "compare":
-        from ..comparison.report import pictures
+        from ..comparison.report import figures as comparison_figures
 
-        return drawn_figures(pictures(folder.comparison))
+        return drawn_figures(comparison_figures(folder.comparison))
     objects = folder.objects
     if folder.command == "plan":
         return plan_figures(folder.scenario, **objects)

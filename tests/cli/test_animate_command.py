@@ -177,4 +177,4 @@ def test_animate_with_wrong_options_is_explained(folder, options, message):
 def test_animate_of_another_command_is_refused(tmp_path):
     (tmp_path / "run.json").write_text('{"command": "plan"}')
     done = casswarm(tmp_path, "animate", ".", code=2)
-    assert "casswarm plan, which keeps no runs: give one that casswarm simulate left" in done.stderr
+    assert "casswarm plan, which saves no trajectories" in done.stderr
