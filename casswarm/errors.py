@@ -29,7 +29,11 @@ class CasswarmError(Exception):
 
 
 class ScenarioError(CasswarmError, ValueError):
-    """A scenario that is wrong: the message names the file, the key and what is allowed."""
+    """An invalid scenario; the message names the file, every invalid key and its allowed values.
+
+    The attributes `key`, `value` and `allowed` are those of the first problem, `problems` has them
+    all, and `file` is the path of a scenario file.
+    """
 
 
 class HazardError(CasswarmError, ValueError):

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
 from .._util.display import Displayed
+from ..typing import FloatArray
 from . import consistency
 from .hazard_section import HazardTable
 from .sections import Changes, FormationOptions, GuideOptions, Swarm, Table, Target, Time
@@ -113,12 +114,12 @@ class Scenario(Displayed, Table):
         return self.time.steps
 
     @cached_property
-    def positions(self) -> NDArray[np.float64]:
+    def positions(self) -> FloatArray:
         """Initial positions of the members, shape (n, 2), read-only."""
         return _read_only(self.swarm.positions)
 
     @cached_property
-    def guide_start(self) -> NDArray[np.float64]:
+    def guide_start(self) -> FloatArray:
         """Start of the guide, shape (2,), read-only: the member nearest to the centroid."""
         return _read_only(self.swarm.positions[self.swarm.central_member])
 
@@ -163,9 +164,9 @@ class Scenario(Displayed, Table):
         >>> scenario.guide.arrival
         'any'
         """
-        changes = cast(dict[str, dict[str, object]], tables).items()
+        changes = cast(dict[str, dict[str, object]], tables)
         return self.with_values(
-            {f"{table}.{key}": value for table, values in changes for key, value in values.items()}
+            {f"{table}.{key}": changes[table][key] for table in changes for key in changes[table]}
         )
 
     def with_values(self, values: Mapping[str, object]) -> Scenario:
@@ -190,11 +191,12 @@ class Scenario(Displayed, Table):
         0.1
         """
         known = known_keys(type(self))
-        unknown = [
-            key for key in values if key not in known and not key.startswith(PARAMETER_PREFIX)
+        problems = [
+            unknown_key(key, type(self))
+            for key in values
+            if key not in known and not key.startswith(PARAMETER_PREFIX)
         ]
-        if unknown:
-            problems = [unknown_key(key, type(self)) for key in unknown]
+        if problems:
             raise scenario_error(f"scenario '{self.name}' has no such key", problems)
         data = self._data()
         for key, value in values.items():
@@ -232,12 +234,8 @@ class Scenario(Displayed, Table):
         A function that can be imported is stored by its name. Other functions, such as lambdas,
         work too, but their scenarios cannot be saved, and can be pickled only if the function can.
         """
-        table = {"kind": function, "radars": radars, "parameters": parameters}
-        return self.from_data(
-            {**self._data(), "hazard": table},
-            source=f"scenario '{self.name}' with a new hazard",
-            folder=self._folder,
-        )
+        hazard = {"kind": function, "radars": radars, "parameters": parameters}
+        return self.with_values({"hazard": hazard})
 
     def to_toml(self, comments: bool = False) -> str:
         """Text of a scenario file; loading it gives an equal scenario.
@@ -267,10 +265,8 @@ class Scenario(Displayed, Table):
 
     def _data(self) -> dict[str, Any]:
         data = self.model_dump(by_alias=True, exclude_none=True)
-        data["hazard"] = {
-            key: value for key, value in data["hazard"].items() if value not in ((), {})
-        }
-        return data
+        hazard = data["hazard"].items()
+        return data | {"hazard": {key: value for key, value in hazard if value not in ((), {})}}
 
     def _values(self) -> tuple[object, ...]:
         return tuple(getattr(self, name) for name in type(self).model_fields)
@@ -298,7 +294,7 @@ class Scenario(Displayed, Table):
     __str__ = __repr__
 
 
-def _read_only(values: object) -> NDArray[np.float64]:
+def _read_only(values: object) -> FloatArray:
     array = np.array(values, dtype=float)
     array.flags.writeable = False
     return array
