@@ -7,8 +7,8 @@ Run with the installed package::
     python benchmarks/certificate.py --quick        # every table, on few cases
     python benchmarks/certificate.py gaps scale     # some tables
 
-Prints Markdown tables. The random geometries are seeded; machines differ. Times are seconds by the
-clock and, in brackets, seconds of CPU.
+Prints Markdown tables. The random geometries are seeded; machines differ. Times are wall-clock times
+and, in parentheses, CPU times.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SEEDS = 24
 
 
 def scenario_of(radars: np.ndarray, target: tuple[float, float], **values: object) -> Scenario:
-    """One agent from the origin, Table I's numbers, no limit of acceleration."""
+    """One agent from the origin, Table I's numbers, no acceleration limit."""
     data: dict[str, Any] = {
         "name": "random",
         "swarm": {"positions": [(0.0, 0.0)], "v_max": 2.0, "a_max": 0.5},
@@ -52,7 +52,7 @@ def scenario_of(radars: np.ndarray, target: tuple[float, float], **values: objec
 
 
 def random_geometry(seed: int) -> Scenario:
-    """Two to six radars around the way to (10, 10); every fourth is symmetric about it."""
+    """Two to six radars around the diagonal to (10, 10); every fourth is symmetric about it."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(2, 7))
     radars = rng.uniform(0.5, 9.5, (count, 2))
@@ -64,37 +64,40 @@ def random_geometry(seed: int) -> Scenario:
 
 
 def cases(quick: bool) -> dict[str, Scenario]:
-    """All that is certified without limits of acceleration and margin: random and built in."""
+    """Random and built-in scenarios, without acceleration limits and margin."""
     free = {"guide.acceleration_limited": False, "guide.search": "global", "guide.arrival": "any"}
-    found = {f"seed {seed}": random_geometry(seed) for seed in range(3 if quick else SEEDS)}
+    scenarios = {f"seed {seed}": random_geometry(seed) for seed in range(3 if quick else SEEDS)}
     for name in list(csw.builtin_scenarios())[: 2 if quick else None]:
         scenario = csw.load_scenario(name)
-        found[name] = scenario.with_values(free | {"guide.margin": 1e-6 * scenario.target.radius})
-    return found
+        scenarios[name] = scenario.with_values(
+            free | {"guide.margin": 1e-6 * scenario.target.radius}
+        )
+    return scenarios
 
 
 def planned(
     scenario: Scenario, solver: str = "ipopt", **options: object
 ) -> tuple[Guide, Timed[Guide]]:
-    """A guide and the time that it took, the first build of its program included."""
+    """A guide and its planning time, including the first build of its program."""
     run = timed(lambda: csw.plan(scenario, solver, **options))  # type: ignore[arg-type]
     return run.result, run
 
 
 def gaps(quick: bool) -> None:
-    """Gap and time, planning included, at two gaps asked for."""
-    planned(random_geometry(999))  # what is loaded once
+    """Gap and time, planning included, for two requested gaps."""
+    planned(random_geometry(999))  # loads and builds what is shared
     rows, met = [], {0.01: 0, 0.001: 0}
     for name, scenario in cases(quick).items():
         row = [name, str(len(scenario.hazard.radar_positions))]
-        for asked, limit in ((0.01, 2.0), (0.001, 10.0)):
-            guide, took = planned(scenario, gap=asked)
+        for requested, limit in ((0.01, 2.0), (0.001, 10.0)):
+            guide, took = planned(scenario, gap=requested)
             assert guide.gap is not None
-            met[asked] += guide.gap <= asked and took.wall <= limit
+            met[requested] += guide.gap <= requested and took.wall <= limit
             row += [f"{100 * guide.gap:.4f} %", str(took)]
         rows.append([*row[:2], f"{guide.risk:.4f}", *row[2:]])
     print_table(
-        ["case", "radars", "risk", "gap, 1 % asked", "time", "gap, 0.1 % asked", "time"], rows
+        ["case", "radars", "risk", "gap, 1 % requested", "time", "gap, 0.1 % requested", "time"],
+        rows,
     )
     print(
         f"{met[0.01]} of {len(rows)} within 1 % in 2 s, "
@@ -112,7 +115,7 @@ def long(quick: bool) -> None:
         nodes = max(level.nodes for level in proof.levels)
         rows.append([name, f"{guide.gap:.1e}", str(took), f"{nodes:,}", proof.reason])
         print(rows[-1], file=sys.stderr, flush=True)
-    print_table(["case", "gap", "time", "nodes, at most", "why it ended"], rows)
+    print_table(["case", "gap", "time", "maximum nodes", "reason"], rows)
 
 
 def baselines(quick: bool) -> None:
@@ -121,26 +124,26 @@ def baselines(quick: bool) -> None:
     for name, scenario in cases(quick).items():
         best, _ = planned(scenario, gap=1e-4)
         row = [name, f"{best.risk:.4f}", f"{best.risk_bound:.4f}"]
-        for place, (solver, search) in enumerate(
+        for column, (solver, search) in enumerate(
             (("ipopt", "local"), ("projected-gradient", "local"))
         ):
             guide, _ = planned(scenario, solver, search=search, certify=False, check=False)
             factor = guide.risk / best.risk if guide.arrives else np.inf
-            worse[place] += factor > 1.01
-            factors[place].append(factor)
+            worse[column] += factor > 1.01
+            factors[column].append(factor)
             row.append(f"{guide.risk:.4f}" if guide.arrives else "does not arrive")
         rows.append(row)
     print_table(["case", "global", "bound", "Ipopt, straight line", "projected gradient"], rows)
-    for name, count, found in zip(("Ipopt", "projected gradient"), worse, factors, strict=True):
+    for name, count, ratios in zip(("Ipopt", "projected gradient"), worse, factors, strict=True):
         print(
             f"{name}: more than 1 % worse in {count} of {len(rows)}; risk times "
-            f"{np.median(found):.2f} in the median, {np.max(found):.1f} at worst"
+            f"{np.median(ratios):.2f} in the median, {np.max(ratios):.1f} at worst"
         )
     print()
 
 
 def acceleration_limited(quick: bool) -> None:
-    """What the limit of acceleration and the margin explain of the gap, on the built-in cases."""
+    """Part of the gap due to the acceleration limit and the margin, for the built-in scenarios."""
     rows = []
     for name in list(csw.builtin_scenarios())[: 2 if quick else None]:
         values = {"guide.search": "global", "guide.arrival": "any"}
@@ -160,7 +163,7 @@ def acceleration_limited(quick: bool) -> None:
                 str(took),
             ]
         )
-    print_table(["case", "risk", "bound", "gap", "of it limits", "of it the proof's", "time"], rows)
+    print_table(["case", "risk", "bound", "gap", "due to limits", "due to the proof", "time"], rows)
 
 
 def sizes(quick: bool) -> Iterator[tuple[str, Scenario]]:
@@ -174,9 +177,9 @@ def sizes(quick: bool) -> Iterator[tuple[str, Scenario]]:
         yield f"{steps} steps in more time", scenario_of(radars, (10.0, 10.0), **late)
     for count in (2, 20) if quick else (2, 20, 200):
         rng = np.random.default_rng(count)
-        places = rng.uniform(-5, 15, (4 * count, 2))
-        clear = (np.hypot(*places.T) > 1) & (np.hypot(*(places - 10).T) > 1)
-        yield f"{count} radars", scenario_of(places[clear][:count], (10.0, 10.0))
+        points = rng.uniform(-5, 15, (4 * count, 2))
+        clear = (np.hypot(*points.T) > 1) & (np.hypot(*(points - 10).T) > 1)
+        yield f"{count} radars", scenario_of(points[clear][:count], (10.0, 10.0))
     for scale in (0.3,) if quick else (0.1, 0.3, 3.0, 10.0):
         far = {"time.t_f": 9.9 * max(scale, 0.2) * (1 + 1e-9)}
         target = (10 * scale, 10 * scale)
@@ -184,12 +187,12 @@ def sizes(quick: bool) -> Iterator[tuple[str, Scenario]]:
 
 
 def sized(scenario: Scenario) -> list[str]:
-    """A row of the table of sizes; in a process of its own, whose memory is measured."""
+    """A row of the table of sizes, from a separate process whose memory is measured."""
     planned(random_geometry(999), certify=False)
     guide, took = planned(scenario)
     proof = guide.certificate
     assert proof is not None
-    status = Path("/proc/self/status").read_text().splitlines()  # a parent's peak is not in it
+    status = Path("/proc/self/status").read_text().splitlines()  # without the parent's peak
     memory = next(int(line.split()[1]) for line in status if line.startswith("VmHWM")) / 1024
     return [
         str(scenario.n_steps),
@@ -205,7 +208,7 @@ def sized(scenario: Scenario) -> list[str]:
 
 def scale(quick: bool) -> None:
     """Planning time and memory against the horizon, the radars and the extent of the map."""
-    head = ["case", "steps", "radars", "time", "proof", "gap", "nodes", "memory", "why it ended"]
+    head = ["case", "steps", "radars", "time", "proof", "gap", "nodes", "memory", "reason"]
     rows = []
     with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as fresh:
         for name, scenario in sizes(quick):

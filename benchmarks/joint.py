@@ -1,4 +1,4 @@
-"""Joint plans: how good, how alike from every seed, and how long they take.
+"""Joint plans: success, spread over seeds, time, and comparison with bound and mean field.
 
 Run with the installed package::
 
@@ -6,8 +6,8 @@ Run with the installed package::
     python benchmarks/joint.py --quick    # some minutes: less of everything
     python benchmarks/joint.py members    # one table
 
-Prints Markdown tables. Seconds of CPU are those of this process, which uses one core; they depend
-less on what else the machine does than seconds by the clock.
+Prints Markdown tables. Planning uses one core; its CPU time depends less on the machine's other work
+than its wall-clock time.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ def around(name: str, n: int) -> Scenario:
 
 
 def seeds(quick: bool) -> Iterable[Row]:
-    """The least and the greatest success over seeds, and the time of a plan."""
+    """Minimum and maximum success over seeds, and the time of a plan."""
     for name in SCENARIOS[:2] if quick else SCENARIOS:
         scenario = csw.load_scenario(name)
         count = 2 if quick or not name.startswith("paper") else 5
         plans = [timed(partial(csw.plan_swarm, scenario, seed=seed)) for seed in range(count)]
-        values = [found.value for found, _, _ in plans]
+        values = [plan.value for plan, _, _ in plans]
         clock, cpu = (float(np.median([row[k] for row in plans])) for k in (1, 2))
         best = plans[0][0]
         assert best.bound is not None
@@ -64,18 +64,18 @@ def seeds(quick: bool) -> Iterable[Row]:
 
 
 def sizes(quick: bool) -> Iterable[Row]:
-    """Planning against the number of members, 30 steps."""
+    """Plans of 30 steps against the number of members."""
     for name in ("paper-1", "paper-2"):
         for n in (2, 3, 4, 5) if quick else MEMBERS[name]:
             scenario = around(name, n)
-            found, clock, cpu = timed(partial(csw.plan_swarm, scenario))
-            assert found.distribution is not None
+            plan, clock, cpu = timed(partial(csw.plan_swarm, scenario))
+            assert plan.distribution is not None
             yield (
                 name,
                 n,
-                f"{found.distribution.failure:.3g}",
-                f"{found.bound.failure:.3g}" if found.bound else "-",
-                found.solution.status,
+                f"{plan.distribution.failure:.3g}",
+                f"{plan.bound.failure:.3g}" if plan.bound else "-",
+                plan.solution.status,
                 f"{1000 * gradient_seconds(scenario):.2f} ms",
                 f"{clock:.1f} s ({cpu:.1f})",
             )
@@ -87,13 +87,13 @@ def instance_of(scenario: Scenario) -> tuple[Nlp, np.ndarray, np.ndarray]:
     nlp = joint_nlp(scenario.hazard, form)
     task = JointTask.from_scenario(scenario, np.zeros((scenario.n, 2)))
     arrivals = np.full(scenario.n, scenario.n_steps)
-    ways = np.full((scenario.n_steps, scenario.n, 2), 0.8)
-    instance = joint_instance(nlp, form, task, arrivals, ways)
+    velocities = np.full((scenario.n_steps, scenario.n, 2), 0.8)
+    instance = joint_instance(nlp, form, task, arrivals, velocities)
     return nlp, instance.x0[0], instance.p[0]
 
 
 def gradient_seconds(scenario: Scenario) -> float:
-    """Of the exact objective with its gradient."""
+    """Median CPU time of the exact objective with its gradient."""
     nlp, x, p = instance_of(scenario)
     return median_seconds(partial(nlp.gradient, x, p))
 
@@ -105,51 +105,51 @@ def median_seconds(work: Callable[[], object], repeats: int = 5) -> float:
 
 
 def hessians(quick: bool) -> Iterable[Row]:
-    """The Lagrangian's Hessian from single steps, and by automatic differentiation of it all."""
+    """CPU time of the Lagrangian's Hessian from single steps and by automatic differentiation."""
     for n in (3, 5) if quick else (2, 3, 4, 5, 6):
         nlp, x, p = instance_of(around("paper-1", n))
         weight, multipliers = ca.MX.sym("f"), ca.MX.sym("g", nlp.g.shape[0])
         lagrangian = weight * nlp.objective + ca.dot(multipliers, nlp.g)
         second = ca.triu(ca.hessian(lagrangian, nlp.x)[0])
         automatic = ca.Function("automatic", [nlp.x, nlp.p, weight, multipliers], [second])
-        given = (x, p, 1.0, np.ones(nlp.g.shape[0]))
-        own, theirs = (
-            median_seconds(partial(function, *given), 3) for function in (nlp.hessian, automatic)
+        values = (x, p, 1.0, np.ones(nlp.g.shape[0]))
+        by_steps, by_ad = (
+            median_seconds(partial(function, *values), 3) for function in (nlp.hessian, automatic)
         )
-        yield n, f"{1e3 * own:.1f} ms", f"{1e3 * theirs:.0f} ms", f"{theirs / own:.1f}"
+        yield n, f"{1e3 * by_steps:.1f} ms", f"{1e3 * by_ad:.0f} ms", f"{by_ad / by_steps:.1f}"
 
 
 def horizons(quick: bool) -> Iterable[Row]:
-    """Planning against the number of steps, in the same time, five members."""
+    """Plans of five members against the number of steps in the same time of flight."""
     for steps in (15, 30, 60) if quick else (15, 30, 60, 120):
         for name in ("paper-1", "paper-2"):
-            given = csw.load_scenario(name)
-            share = 30 / steps  # per step, a change of velocity that much smaller
-            values = {"time.dt": 9.9 / steps, "swarm.a_max": given.swarm.a_max * share**2}
-            values |= {"guide.a_max": given.guide_a_max * share**2}
-            scenario = given.with_values(values)
-            found, clock, cpu = timed(partial(csw.plan_swarm, scenario))
+            original = csw.load_scenario(name)
+            factor = 30 / steps  # of the change of velocity per step
+            values = {"time.dt": 9.9 / steps, "swarm.a_max": original.swarm.a_max * factor**2}
+            values |= {"guide.a_max": original.guide_a_max * factor**2}
+            scenario = original.with_values(values)
+            plan, clock, cpu = timed(partial(csw.plan_swarm, scenario))
             yield (
                 name,
                 steps,
-                f"{found.value:.6f}",
-                found.solution.status,
+                f"{plan.value:.6f}",
+                plan.solution.status,
                 f"{clock:.1f} s ({cpu:.1f})",
             )
 
 
-def surrogate(quick: bool) -> Iterable[Row]:
-    """The mean field against the exact law: on the same plan, and what its own plan is worth."""
+def mean_field(quick: bool) -> Iterable[Row]:
+    """The mean field's value of the exact plan, and the exact value of the mean field's plan."""
     for name in ("paper-1", "paper-2"):
         for n in (2, 5) if quick else (2, 4, 6, 8, 10):
             scenario = around(name, n).with_values({"hazard.alpha_1": 12.0})
             exact = csw.plan_swarm(scenario, initial_guesses=["formations"])
-            told, worth = by_mean_field(scenario, exact)
-            yield name, n, f"{exact.value:.5f}", f"{told:.5f}", f"{worth:.5f}"
+            estimate, value = by_mean_field(scenario, exact)
+            yield name, n, f"{exact.value:.5f}", f"{estimate:.5f}", f"{value:.5f}"
 
 
 def by_mean_field(scenario: Scenario, exact: SwarmPlan) -> tuple[float, float]:
-    """What the mean field says of a plan, and what maximising it from there is worth exactly."""
+    """The mean field's value of a plan, and the exact value after maximising it from there."""
     form = JointForm(scenario.n, scenario.n_steps, False)
     task = JointTask.from_scenario(scenario, exact.initial_velocities)
     problem = JointProblem(scenario, task, form)
@@ -157,23 +157,25 @@ def by_mean_field(scenario: Scenario, exact: SwarmPlan) -> tuple[float, float]:
     odds = float(problem.nlp.evaluate(instance.x0[0], instance.p[0])[0])
     solver = Ipopt(1e-5, 500, hessian="limited-memory", memory=20, constraint_tolerance=1e-8)
     start = InitialGuess("", exact.arrivals, exact.velocities)
-    found = problem.solve(start, solver)
-    law = PlanDistribution.from_positions(scenario, problem.positions(found.velocities))
-    return 1 / (1 + math.exp(odds)), 1 - law.failure
+    outcome = problem.solve(start, solver)
+    positions = problem.positions(outcome.velocities)
+    distribution = PlanDistribution.from_positions(scenario, positions)
+    return 1 / (1 + math.exp(odds)), 1 - distribution.failure
 
 
-def feedback(quick: bool) -> Iterable[Row]:
-    """Open loop against planning again for survivors."""
+def replanning(quick: bool) -> Iterable[Row]:
+    """The open-loop plan against replanning for survivors."""
     for name in ("gauntlet",) if quick else ("paper-1", "paper-2", "ring", "wall", "gauntlet"):
         scenario = csw.load_scenario(name)
         first = csw.plan_swarm(scenario)
         tree = PlanTree.from_plan(scenario, first)
         used = time.process_time()
-        law = csw.evaluate(scenario, ReplanningPolicy(tree, JointPolicy.from_plan(first)), 1e-4)
+        policy = ReplanningPolicy(tree, JointPolicy.from_plan(first))
+        success = csw.evaluate(scenario, policy, 1e-4).success
         yield (
             name,
             f"{first.value:.6f}",
-            f"{law.success[0]:.6f} to {law.success[1]:.6f}",
+            f"{success.low:.6f} to {success.high:.6f}",
             tree.solves,
             len({id(branch) for branch in tree.branches.values()}),
             tree.failures,
@@ -185,12 +187,12 @@ def bounds(quick: bool) -> Iterable[Row]:
     """The bound against the number of nodes."""
     for name in SCENARIOS[:3] if quick else SCENARIOS:
         scenario = csw.load_scenario(name)
-        cells = []
+        columns = []
         for nodes in (100_000, 1_000_000, 10_000_000):
             used = time.process_time()
             bound = csw.success_bound(scenario, nodes)
-            cells.append(f"{bound.failure:.4g} ({1000 * (time.process_time() - used):.0f} ms)")
-        yield name, *cells
+            columns.append(f"{bound.failure:.4g} ({1000 * (time.process_time() - used):.0f} ms)")
+        yield name, *columns
 
 
 TABLES: dict[str, tuple[Sequence[str], Callable[[bool], Iterable[Row]]]] = {
@@ -198,26 +200,26 @@ TABLES: dict[str, tuple[Sequence[str], Callable[[bool], Iterable[Row]]]] = {
         (
             "scenario",
             "leader",
-            "joint, least of seeds",
-            "greatest",
-            "no policy exceeds",
+            "joint, minimum over seeds",
+            "maximum",
+            "upper bound",
             "time (CPU)",
         ),
         seeds,
     ),
     "Members": (
-        ("scenario", "n", "failure", "its bound", "status", "gradient", "time (CPU)"),
+        ("scenario", "n", "failure", "lower bound", "status", "gradient", "time (CPU)"),
         sizes,
     ),
-    "Hessian": (("n", "from single steps", "automatic", "ratio"), hessians),
+    "Hessian": (("n", "from single steps", "automatic differentiation", "ratio"), hessians),
     "Steps": (("scenario", "steps", "success", "status", "time (CPU)"), horizons),
     "Mean field": (
-        ("scenario", "n", "joint plan, exact", "by the mean field", "mean field's plan, exact"),
-        surrogate,
+        ("scenario", "n", "joint plan, exact", "joint plan, mean field", "mean-field plan, exact"),
+        mean_field,
     ),
-    "Feedback": (
-        ("scenario", "open loop", "feedback", "solves", "plans", "failed", "CPU"),
-        feedback,
+    "Replanning": (
+        ("scenario", "open loop", "replanning", "solves", "plans", "failed", "CPU"),
+        replanning,
     ),
     "Bound": (("scenario", "100,000 nodes", "1,000,000", "10,000,000"), bounds),
 }
