@@ -7,8 +7,8 @@ Run with the installed package::
     python benchmarks/certificate.py --quick        # every table, on few cases
     python benchmarks/certificate.py gaps scale     # some tables
 
-Prints Markdown tables. The random geometries are seeded; machines differ. Times are wall-clock times
-and, in parentheses, CPU times.
+Prints Markdown tables. The random geometries are seeded; machines differ. Times are wall-clock and,
+in parentheses, CPU times.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ Run with the installed package::
     python benchmarks/joint.py --quick    # some minutes: less of everything
     python benchmarks/joint.py members    # one table
 
-Prints Markdown tables. Planning uses one core; its CPU time depends less on the machine's other work
-than its wall-clock time.
+Prints Markdown tables. Planning uses one core; its CPU time depends less on the machine's load than
+its wall-clock time.
 """
 
 from __future__ import annotations

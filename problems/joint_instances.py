@@ -80,8 +80,8 @@ def joint_instance(
     last = int(arrivals.max()) if arrivals.all() else task.steps
     moving = np.arange(steps) < last
     guess = np.zeros((steps, n, 2))
-    known = min(len(velocities), last)
-    guess[:known] = np.clip(velocities[:known] / motion.v_max, -1.0, 1.0)
+    guessed = min(len(velocities), last)
+    guess[:guessed] = np.clip(velocities[:guessed] / motion.v_max, -1.0, 1.0)
     limit = np.where(moving[:, None], 1.0, 0.0) * np.ones(2 * n)
     origin = task.start.mean(axis=0)
     lower, upper = _constraint_bounds(nlp, form, task, arriving, moving)

@@ -254,14 +254,14 @@ class PlanTree:
         probability = branch.entering(step, members)
         start, initial_velocities = branch.state(step, members)
         problem = JointProblem(self.scenario, *self._task(step, start, initial_velocities))
-        rest = branch.remaining(step, members)
-        arrivals = first_arrivals(self.scenario, problem.positions(rest))
-        outcome = problem.solve(InitialGuess("survivors", arrivals, rest), self.solver)
+        remaining = branch.remaining(step, members)
+        arrivals = first_arrivals(self.scenario, problem.positions(remaining))
+        outcome = problem.solve(InitialGuess("survivors", arrivals, remaining), self.solver)
         self.solves += 1
         if not outcome.solution.status.success:
             self.failures += 1
             self._failed.add(path)
-        if not outcome.separated or outcome.value <= problem.value(rest, arrivals):
+        if not outcome.separated or outcome.value <= problem.value(remaining, arrivals):
             return branch
         positions = problem.positions(outcome.velocities)
         distribution = PlanDistribution.from_positions(self.scenario, positions)
