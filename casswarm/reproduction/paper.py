@@ -71,5 +71,5 @@ def readings() -> pd.DataFrame:
     Columns: place (section or equation), kind (slip, silence, unit or geometry), paper, reading,
     letter (how to have the paper's letter, empty where it cannot be had or is the same).
     """
-    text = (files(__package__) / "readings.toml").read_text(encoding="utf-8")
+    text = (files(__package__) / "interpretations.toml").read_text(encoding="utf-8")
     return pd.DataFrame(tomllib.loads(text)["reading"])
