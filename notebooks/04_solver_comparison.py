@@ -26,7 +26,7 @@ from casswarm.comparison.profiles import (
     pairwise_profiles,
     pairwise_wins,
     performance_profile,
-    share_at,
+    fraction_at,
 )
 from casswarm.comparison.report import make_report
 from casswarm.comparison.verification import by_problem, costs, failures
@@ -94,7 +94,7 @@ profile_chart(
 )
 
 # %%
-share_at(profile, 100.0)  # within a factor of 100 of the fastest
+fraction_at(profile, 100.0)  # within a factor of 100 of the fastest
 
 # %% [markdown]
 # ## Pairs

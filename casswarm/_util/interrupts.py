@@ -1,4 +1,4 @@
-"""Ctrl-C that is never lost, whatever compiled code makes of it."""
+"""Handling of Ctrl-C around compiled code and child processes."""
 
 from __future__ import annotations
 
@@ -14,38 +14,38 @@ from typing import Any
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Raise KeyboardInterrupt after the block if Ctrl-C came in it, even if that was swallowed.
+    """Raise KeyboardInterrupt after the block if Ctrl-C occurred in it, even if it was suppressed.
 
-    CasADi looks for signals when it evaluates a function, and some plugins take the exception that
-    it then meets for a failed evaluation, and go on; and where its expressions are built, Python is
-    called from code that clears exceptions. Does nothing in threads, which get no signals,
-    and leaves handlers of the user's own what they are.
+    CasADi checks for signals when it evaluates a function, and some plugins treat the resulting
+    exception as a failed evaluation and continue; while expressions are built, Python is called
+    from code that clears exceptions. A user's handler of SIGINT is called and restored. Does nothing
+    in threads, which receive no signals.
     """
-    previous_velocities = _replaceable_handler()
-    if previous_velocities is None:
+    previous = _replaceable_handler()
+    if previous is None:
         yield
         return
-    came = False
+    interrupted = False
 
     def handler(number: int, frame: FrameType | None) -> None:
-        nonlocal came
+        nonlocal interrupted
         try:
-            previous_velocities(number, frame)
+            previous(number, frame)
         except KeyboardInterrupt:
-            came = True
+            interrupted = True
             raise
 
     signal.signal(signal.SIGINT, handler)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, previous_velocities)
-        if came:
+        signal.signal(signal.SIGINT, previous)
+        if interrupted:
             raise KeyboardInterrupt
 
 
 def begin_child() -> None:
-    """Leave Ctrl-C to the parent of this process, and end with it, however it ends."""
+    """Ignore Ctrl-C in this child process, and end it when its parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
@@ -59,38 +59,38 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def deferred() -> Iterator[None]:
-    """Hold Ctrl-C back until after the block; processes that are born in it never see one.
+    """Defer Ctrl-C until after the block, and hide it from processes that are started in it.
 
-    So a child is either not there or complete, and says nothing on a terminal where Ctrl-C goes to
-    parent and child alike.
+    A child is then either complete or not started, and prints nothing on a terminal that sends
+    Ctrl-C to parent and child.
     """
-    with _heard_later(), blocked():
+    with _deferred_handler(), blocked():
         yield
 
 
 @contextmanager
-def _heard_later() -> Iterator[None]:
-    previous_velocities = _replaceable_handler()
-    if previous_velocities is None:
+def _deferred_handler() -> Iterator[None]:
+    previous = _replaceable_handler()
+    if previous is None:
         yield
         return
-    came = False
+    interrupted = False
 
     def handler(_number: int, _frame: FrameType | None) -> None:
-        nonlocal came
-        came = True
+        nonlocal interrupted
+        interrupted = True
 
     signal.signal(signal.SIGINT, handler)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, previous_velocities)
-        if came:
-            previous_velocities(signal.SIGINT, None)
+        signal.signal(signal.SIGINT, previous)
+        if interrupted:
+            previous(signal.SIGINT, None)
 
 
 def _replaceable_handler() -> Callable[[int, FrameType | None], Any] | None:
-    """The handler of SIGINT, where this is the thread that may replace it and there is one."""
+    """The handler of SIGINT, if there is one and this thread may replace it."""
     handler = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(handler):
         return None
@@ -99,13 +99,13 @@ def _replaceable_handler() -> Callable[[int, FrameType | None], Any] | None:
 
 @contextmanager
 def blocked() -> Iterator[None]:
-    """SIGINT kept from this thread and its children; nothing on Windows, which has no masks."""
+    """Block SIGINT in this thread and its children; does nothing on Windows."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    from multiprocessing.resource_tracker import ensure_running  # there is none on Windows
+    from multiprocessing.resource_tracker import ensure_running  # not on Windows
 
-    ensure_running()  # now, since it unblocks the signal when it starts
+    ensure_running()  # first, since its start unblocks the signal
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

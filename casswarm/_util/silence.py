@@ -1,4 +1,4 @@
-"""Silence for libraries that print by themselves, past every option that they have."""
+"""Suppression of output that libraries print regardless of their options."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _STDOUT = 1
 
 @contextmanager
 def silence() -> Iterator[None]:
-    """Send what compiled code writes to standard output nowhere, for the whole process.
+    """Discard what compiled code writes to standard output, for the whole process.
 
-    It may write to the process's standard output or, as CasADi's plugins do, to Python's, which in
-    notebooks is another one. Buffers are emptied before and after, so that nothing is lost and
-    nothing comes late.
+    It may write to the process's standard output or, as CasADi's plugins do, to Python's, which is
+    another one in notebooks. Buffers are flushed before and after, so that no other output is lost
+    or delayed.
     """
     with _process_silence(), redirect_stdout(StringIO()):
         yield
@@ -26,22 +26,22 @@ def silence() -> Iterator[None]:
 
 @contextmanager
 def _process_silence() -> Iterator[None]:
-    """The same for the process's standard output alone; nothing where it has none."""
+    """Discard the process's standard output; does nothing if there is none."""
     try:
-        kept = os.dup(_STDOUT)
+        saved = os.dup(_STDOUT)
     except OSError:
         yield
         return
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+    null = os.open(os.devnull, os.O_WRONLY)
     _flush()
-    os.dup2(nowhere, _STDOUT)
+    os.dup2(null, _STDOUT)
     try:
         yield
     finally:
         _flush()
-        os.dup2(kept, _STDOUT)
-        os.close(kept)
-        os.close(nowhere)
+        os.dup2(saved, _STDOUT)
+        os.close(saved)
+        os.close(null)
 
 
 def _flush() -> None:

@@ -1,8 +1,8 @@
-"""Profiles and means of benchmark results: arrays in, arrays out.
+"""Performance profiles, data profiles and means of benchmark results.
 
-All functions take costs as a table with a row a problem and a column a solver, in which a failure
-is infinite. A profile is a table too: a row a point at which some curve rises, a column a solver,
-the share of problems at or below that point.
+All functions take costs as a table with a row per problem and a column per solver, in which
+failures are infinite. A profile is a table with a row per point at which some curve rises and a
+column per solver: the fraction of problems at or below that point.
 
 - E. D. Dolan, J. J. More, Benchmarking optimization software with performance profiles,
   Math. Program. 91 (2002) 201-213.
@@ -24,22 +24,22 @@ from ..typing import FloatArray
 
 
 def performance_profile(costs: pd.DataFrame) -> pd.DataFrame:
-    """Dolan and More's profile: how often a solver is within a factor of the best.
+    """Performance profile (Dolan and More): how often a solver is within a factor of the best.
 
-    With r(p, s) = cost(p, s) / min over s of cost(p, s), the share of problems with r(p, s) <= tau,
-    for every tau at which it changes. At tau = 1 that is how often a solver is the fastest (ties
-    count for all), and at the end how often it solves the problem at all.
+    With r(p, s) = cost(p, s) / min over s of cost(p, s), the fraction of problems with
+    r(p, s) <= tau, for every tau at which it changes. At tau = 1 that is how often a solver is the
+    fastest (ties count for all), and at the end how often it solves the problem at all.
 
     Parameters
     ----------
     costs : DataFrame
-        A row a problem, a column a solver; above zero, infinite for failures. A problem that nobody
-        solves counts as failed by all.
+        A row per problem, a column per solver; above zero, infinite for failures. A problem that
+        no solver solves counts as failed by all.
 
     Returns
     -------
     DataFrame
-        Index tau, from 1; a column a solver.
+        Index tau, from 1; a column per solver.
 
     Raises
     ------
@@ -49,15 +49,16 @@ def performance_profile(costs: pd.DataFrame) -> pd.DataFrame:
     values = _checked(costs)
     best = values.min(axis=1, keepdims=True)
     ratios = np.divide(values, best, out=np.full_like(values, np.inf), where=np.isfinite(values))
-    return _shares(ratios, costs, "tau", 1.0)
+    return _fractions(ratios, costs, "tau", 1.0)
 
 
 def data_profile(costs: pd.DataFrame, units: ArrayLike = 1.0) -> pd.DataFrame:
-    """More and Wild's profile: how many problems a solver solves within a budget.
+    """Data profile (More and Wild): fraction of problems that a solver solves within a budget.
 
-    The share of problems with cost(p, s) / unit(p) <= kappa. Unlike a performance profile it does
-    not depend on the other solvers. More and Wild count function values in units of n + 1, the cost
-    of a simplex gradient; with derivatives the natural units are evaluations, or the time of one.
+    The fraction of problems with cost(p, s) / unit(p) <= kappa. Unlike a performance profile it
+    does not depend on the other solvers. More and Wild count function values in units of n + 1, the
+    cost of a simplex gradient; with derivatives the natural units are evaluations, or the time of
+    one.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ def data_profile(costs: pd.DataFrame, units: ArrayLike = 1.0) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Index kappa; a column a solver.
+        Index kappa; a column per solver.
 
     Raises
     ------
@@ -79,22 +80,22 @@ def data_profile(costs: pd.DataFrame, units: ArrayLike = 1.0) -> pd.DataFrame:
     scale = np.broadcast_to(np.asarray(units, dtype=float), len(values))
     if not (np.isfinite(scale).all() and (scale > 0).all()):
         raise ValueError("units must be finite and above zero")
-    return _shares(values / scale[:, None], costs, "kappa", None)
+    return _fractions(values / scale[:, None], costs, "kappa", None)
 
 
 def pairwise_profiles(costs: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:
-    """The performance profile of every two solvers alone.
+    """Performance profile of every pair of solvers.
 
-    In a profile of more than two, the order of those that are not the best can depend on which
-    others take part (Gould and Scott): only pairs compare two solvers with each other.
+    In a profile of more than two solvers, the order of those that are not the best can depend on
+    the set of solvers (Gould and Scott): only pairs compare two solvers with each other.
     """
     return {(a, b): performance_profile(costs[[a, b]]) for a, b in combinations(costs.columns, 2)}
 
 
 def pairwise_wins(costs: pd.DataFrame) -> pd.DataFrame:
-    """Share of problems in which the row's solver is faster than the column's; ties count for none.
+    """Fraction of problems on which the row's solver is faster than the column's.
 
-    To solve is faster than to fail. The diagonal is NaN.
+    Ties count for neither; solving is faster than failing. The diagonal is NaN.
     """
     values = _checked(costs)
     wins = np.mean(values[:, :, None] < values[:, None, :], axis=0)
@@ -103,10 +104,10 @@ def pairwise_wins(costs: pd.DataFrame) -> pd.DataFrame:
 
 
 def shifted_geometric_mean(costs: ArrayLike, shift: float) -> FloatArray:
-    """(product of (cost + shift))^(1/P) - shift over the first axis, costs (P, ...).
+    """Shifted geometric mean (product of (cost + shift))^(1/P) - shift of costs (P, ...).
 
-    The shift keeps problems of next to no cost from ruling the mean. Infinite where a cost is: to
-    count failures at a limit, replace them first.
+    The shift limits the influence of problems with tiny costs. Infinite where a cost is: to count
+    failures at a limit, replace them first.
 
     Raises
     ------
@@ -119,21 +120,23 @@ def shifted_geometric_mean(costs: ArrayLike, shift: float) -> FloatArray:
     return np.asarray(np.exp(np.log(values + shift).mean(axis=0)) - shift)
 
 
-def share_at(profile: pd.DataFrame, point: float) -> pd.Series:
+def fraction_at(profile: pd.DataFrame, point: float) -> pd.Series:
     """Value of every curve of a profile at a point."""
     row = int(np.searchsorted(profile.index.to_numpy(), point, side="right")) - 1
     return profile.iloc[row] if row >= 0 else profile.iloc[0] * 0.0
 
 
-def _shares(
+def _fractions(
     values: FloatArray, costs: pd.DataFrame, name: str, first: float | None
 ) -> pd.DataFrame:
     points = np.unique(values[np.isfinite(values)])
     if first is not None:
         points = np.union1d(points, [first])
     ordered = np.sort(values, axis=0)
-    shares = [np.searchsorted(column, points, side="right") / len(values) for column in ordered.T]
-    table = np.stack(shares, axis=1) if shares else np.empty((len(points), 0))
+    fractions = [
+        np.searchsorted(column, points, side="right") / len(values) for column in ordered.T
+    ]
+    table = np.stack(fractions, axis=1) if fractions else np.empty((len(points), 0))
     return pd.DataFrame(table, pd.Index(points, name=name), costs.columns)
 
 

@@ -1,1 +1,16 @@
-"""Nonlinear programs: problems, instances, solvers, residuals."""
+"""Nonlinear programs and their solvers: problems, instances, solutions, KKT residuals."""
+
+from .kkt import kkt_residuals
+from .problem import CompiledObjective, Instances, Nlp
+from .solution import BatchSolution, Residuals, Solution, Status
+
+__all__ = [
+    "BatchSolution",
+    "CompiledObjective",
+    "Instances",
+    "Nlp",
+    "Residuals",
+    "Solution",
+    "Status",
+    "kkt_residuals",
+]

@@ -10,9 +10,9 @@ from .problem import Instances, Nlp
 from .solution import Residuals
 
 ACTIVE = 1e-6
-"""A row closer than this (relative) to its bound may carry an estimated multiplier."""
+"""Relative distance from its bound up to which a row can have an estimated multiplier."""
 
-_DENSE = 1 << 20  # entries up to which the estimate is solved with a dense matrix
+_MAX_DENSE = 1 << 20  # entries up to which the estimate uses a dense matrix
 
 
 def kkt_residuals(
@@ -21,7 +21,7 @@ def kkt_residuals(
     x: FloatArray,
     multipliers: tuple[FloatArray, FloatArray] | None = None,
 ) -> Residuals:
-    """Residuals of the answer `x` to a single instance.
+    """Residuals of the KKT conditions at `x`, of a single instance.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def kkt_residuals(
     x : (nx,)
     multipliers : (nx,), (ng,), optional
         Of the bounds on x and of g, positive at an upper bound. Estimated by least squares over the
-        active rows where the backend gives none.
+        active rows if there are none.
 
     Returns
     -------
@@ -38,16 +38,16 @@ def kkt_residuals(
         Infinite where x or the functions at x are not finite.
     """
     p = instance.p[0]
-    objective, g = (np.asarray(part).ravel() for part in nlp.evaluate(x, p))
+    objective, g = (np.asarray(value).ravel() for value in nlp.evaluate(x, p))
     if not (np.isfinite(x).all() and np.isfinite(objective).all() and np.isfinite(g).all()):
         return Residuals(np.inf, np.inf, np.inf, "not finite")
     values = np.concatenate([x, g])
     lower = np.concatenate([instance.lbx[0], instance.lbg[0]])
     upper = np.concatenate([instance.ubx[0], instance.ubg[0]])
-    gaps = np.maximum(np.maximum(lower - values, values - upper), 0.0)
-    violation, violated_row = float(gaps.max(initial=0.0)), ""
+    violations = np.maximum(np.maximum(lower - values, values - upper), 0.0)
+    violation, violated_row = float(violations.max(initial=0.0)), ""
     if violation > 0:
-        row = int(gaps.argmax())
+        row = int(violations.argmax())
         violated_row = f"bound[{row}]" if row < len(x) else nlp.row_names[row - len(x)]
 
     gradient = np.asarray(nlp.gradient(x, p)[1]).ravel()
@@ -60,7 +60,9 @@ def kkt_residuals(
     )
     stationarity = float(np.abs(gradient + columns @ lam).max(initial=0.0))
     slack = np.where(lam > 0, upper - values, values - lower)
-    products = np.abs(lam) * np.where(np.isfinite(slack), slack, 1.0)  # no bound, no multiplier
+    products = np.abs(lam) * np.where(
+        np.isfinite(slack), slack, 1.0
+    )  # a row without bound has no multiplier
     complementarity = float(np.abs(products).max(initial=0.0))
     return Residuals(violation, stationarity, complementarity, violated_row)
 
@@ -72,7 +74,7 @@ def _estimate(
     lower: FloatArray,
     upper: FloatArray,
 ) -> FloatArray:
-    """Multipliers of the active rows that make the Lagrangian's gradient smallest."""
+    """Multipliers of the active rows that minimise the Lagrangian's gradient."""
     from scipy.optimize import lsq_linear  # slow to import, and seldom needed
 
     scale = ACTIVE * np.maximum(1.0, np.abs(values))
@@ -82,8 +84,8 @@ def _estimate(
     if active.size:
         low = np.where(at_lower[active], -np.inf, 0.0)
         high = np.where(at_upper[active], np.inf, 0.0)
-        chosen = columns[:, active]
-        small = chosen.shape[0] * active.size <= _DENSE
-        dense, method = (chosen.toarray(), "bvls") if small else (chosen, "trf")
+        rows = columns[:, active]
+        small = rows.shape[0] * active.size <= _MAX_DENSE
+        dense, method = (rows.toarray(), "bvls") if small else (rows, "trf")
         lam[active] = lsq_linear(dense, -gradient, (low, high), method=method).x
     return lam

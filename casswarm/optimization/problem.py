@@ -1,4 +1,4 @@
-"""The problem: an immutable nonlinear program, and the numbers that make instances of it."""
+"""Parametric nonlinear programs, and batches of their instances."""
 
 from __future__ import annotations
 
@@ -50,26 +50,26 @@ class Nlp:
     The bounds belong to `Instances`, so that one program, built and compiled once, serves every
     state. x, p and g are made of named blocks: MX of shape (r, c), which as arrays are (c, r), so
     that a block of c points in the plane is an MX (2, c) and an array (c, 2). A program pickles:
-    its expressions travel as a serialised CasADi Function.
+    its expressions are serialised as a CasADi Function.
 
     Parameters
     ----------
     name : str
-        In messages and tables.
+        Name in messages and tables.
     variables, parameters, constraints : mapping of name to MX
         Blocks of x and p (symbols) and g (expressions), in order.
     objective : MX, scalar
     unroll : bool
-        Whether the expressions are small enough to be expanded to scalar operations, which then
-        evaluate several times faster; ruinous for large ones.
+        Whether to expand the expressions to scalar operations, which evaluate several times
+        faster; for large expressions that takes too much memory.
     compiled : CompiledObjective, optional
-        The objective once more, for compiled solvers.
+        The objective in a form for solvers with compiled inner loops.
     n_starts : int
         Number of initial guesses that batch solvers, for which they cost little, try by default:
         more than one where local minima are common.
     hessian : casadi.Function, optional
-        (x, p, lam_f, lam_g) to the upper triangle of the Lagrangian's Hessian, where that is known
-        in a quicker way than by automatic differentiation.
+        (x, p, lam_f, lam_g) to the upper triangle of the Lagrangian's Hessian, if there is a
+        faster method than automatic differentiation.
     """
 
     name: str
@@ -118,9 +118,9 @@ class Nlp:
         return self._function("jacobian", [ca.jacobian(self.g, self.x)])
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # symbols do not pickle, functions of them do; inlined again, the graph is what it was
+        # symbols do not pickle, but functions of them do; inlining restores the graph
         blocks = [self.objective, *self.constraints.values()]
-        return _restored, (
+        return _restore, (
             ca.Function("blocks", [self.x, self.p], blocks).serialize(),
             {name: block.shape for name, block in self.variables.items()},
             {name: block.shape for name, block in self.parameters.items()},
@@ -135,7 +135,7 @@ class Nlp:
 
     @cached_property
     def row_names(self) -> tuple[str, ...]:
-        """A name for every row of g, such as ``acceleration[3]``."""
+        """Name of every row of g, such as ``acceleration[3]``."""
         return tuple(
             f"{name}[{row}]"
             for name, block in self.constraints.items()
@@ -143,19 +143,19 @@ class Nlp:
         )
 
     def pack_variables(self, **blocks: ArrayLike) -> FloatArray:
-        """X of B instances, (B, nx), from arrays (B, c, r) or (c, r) named like the variables."""
+        """Variables of B instances, (B, nx), from arrays (B, c, r) or (c, r) by block."""
         return _pack(self.variables, blocks)
 
     def pack_parameters(self, **blocks: ArrayLike) -> FloatArray:
-        """P of B instances, (B, np)."""
+        """Parameters of B instances, (B, np), from arrays by block."""
         return _pack(self.parameters, blocks)
 
     def pack_constraints(self, **blocks: ArrayLike) -> FloatArray:
-        """Bounds of g of B instances, (B, ng)."""
+        """Bounds on g of B instances, (B, ng), from arrays by block."""
         return _pack(self.constraints, blocks)
 
     def variable(self, name: str, x: FloatArray) -> FloatArray:
-        """The block `name` of x: (..., nx) to (..., c, r)."""
+        """Block of x with this name: (..., nx) to (..., c, r)."""
         start = 0
         for block, symbol in self.variables.items():
             if block == name:
@@ -166,15 +166,15 @@ class Nlp:
         raise KeyError(name)
 
 
-def _restored(
+def _restore(
     serialized: str,
     variables: Mapping[str, tuple[int, int]],
     parameters: Mapping[str, tuple[int, int]],
     constraints: tuple[str, ...],
-    rest: tuple[str, bool, CompiledObjective | None, int],
+    settings: tuple[str, bool, CompiledObjective | None, int],
     hessian: str | None,
 ) -> Nlp:
-    """The program that `Nlp.__reduce__` took apart."""
+    """Restore the program that `Nlp.__reduce__` decomposed."""
     x, p = (
         {name: ca.MX.sym(name, *shape) for name, shape in blocks.items()}
         for blocks in (variables, parameters)
@@ -183,22 +183,22 @@ def _restored(
     objective, *g = function.call([ca.veccat(*x.values()), ca.veccat(*p.values())], True, False)
     second = None if hessian is None else ca.Function.deserialize(hessian)
     rows = dict(zip(constraints, g, strict=True))
-    return Nlp(rest[0], x, p, objective, rows, *rest[1:], hessian=second)
+    return Nlp(settings[0], x, p, objective, rows, *settings[1:], hessian=second)
 
 
 def _pack(blocks: Mapping[str, Expr], arrays: Mapping[str, ArrayLike]) -> FloatArray:
     if blocks.keys() != arrays.keys():
-        raise SolverError(f"blocks given: {sorted(arrays)}; expected: {sorted(blocks)}")
-    given = {name: np.asarray(array, dtype=float) for name, array in arrays.items()}
-    batch = max((a.shape[0] for a in given.values() if a.ndim == 3), default=1)
+        raise SolverError(f"blocks = {sorted(arrays)}; expected: {sorted(blocks)}")
+    values = {name: np.asarray(array, dtype=float) for name, array in arrays.items()}
+    batch = max((a.shape[0] for a in values.values() if a.ndim == 3), default=1)
     columns = []
     for name, symbol in blocks.items():
         shape = (batch, symbol.shape[1], symbol.shape[0])
         try:
-            columns.append(np.broadcast_to(given[name], shape).reshape(batch, symbol.numel()))
+            columns.append(np.broadcast_to(values[name], shape).reshape(batch, symbol.numel()))
         except ValueError:
             raise SolverError(
-                f"block {name!r} has shape {given[name].shape}; expected {shape}"
+                f"block {name!r} has shape {values[name].shape}; expected {shape}"
             ) from None
     return np.concatenate(columns, axis=1) if columns else np.empty((batch, 0))
 
@@ -250,7 +250,7 @@ class Instances:
         return int(self.x0.shape[0])
 
     def __getitem__(self, rows: slice | NDArray[Any]) -> Instances:
-        """Some of the instances: a slice, a mask or indices."""
+        """Subset of the instances, selected by a slice, a mask or indices."""
         return Instances(
             self.x0[rows],
             self.p[rows],

@@ -1,4 +1,4 @@
-"""The answer: what a backend returned, in casswarm's words and in its own."""
+"""Solutions: the answers of solvers, with verified status and residuals."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..typing import BoolArray, FloatArray, IntArray
 
 
 class Status(StrEnum):
-    """How a solve ended. A limit is never a success."""
+    """Outcome of a solve. Reaching a limit is never a success."""
 
     SOLVED = "solved"
     ACCEPTABLE = "acceptable"
@@ -26,13 +26,13 @@ class Status(StrEnum):
 
     @property
     def success(self) -> bool:
-        """Whether the answer is a solution to the stated tolerance."""
+        """Whether the answer is a solution to the solver's tolerance."""
         return self in (Status.SOLVED, Status.ACCEPTABLE)
 
 
 @dataclass(frozen=True)
 class Residuals:
-    """How well an answer fulfils the optimality conditions, recomputed from the problem.
+    """Residuals of the optimality conditions, recomputed from the problem.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Residuals:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """One solve: the answer, how it ended, and how good it is.
+    """Result of one solve.
 
     Parameters
     ----------
@@ -62,14 +62,14 @@ class Solution:
     objective : float
     status : Status
     message : str
-        The backend's own words.
+        The backend's own message.
     solver : str
     residuals : Residuals
     iterations, evaluations : int
-        Of the backend; evaluations counts those of the objective.
+        As the backend counts them; evaluations are those of the objective.
     build_seconds, solve_seconds : float
-        Time to compile the problem for this backend (zero when it was compiled before), and to
-        solve it.
+        Time to compile the problem for this backend (zero if it was compiled before), and to solve
+        it.
     """
 
     x: FloatArray
@@ -93,7 +93,7 @@ class Solution:
         )
 
     def as_row(self) -> dict[str, object]:
-        """All but x, as plain values for a table or a JSON file."""
+        """All fields but x, as plain values for a table or a JSON file."""
         row: dict[str, object] = {}
         for field in fields(self):
             value = getattr(self, field.name)
@@ -106,22 +106,22 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class BatchSolution:
-    """The answers to B instances, as arrays.
+    """Results of B instances, as arrays.
 
     Parameters
     ----------
     x : (B, nx)
     objective : (B,)
     success : (B,) bool
-        Whether an answer is a solution to the stated tolerance.
+        Whether an answer is a solution to the solver's tolerance.
     violation, stationarity : (B,)
         Residuals, recomputed from the problem; stationarity in `Instances.scale`.
     used_fallback : (B,) bool
-        Whether a first answer was not good enough and another solver was called.
+        Whether the batch solver's answer was rejected and another solver was called.
     seconds : float
-        For the batch.
+        Time for the whole batch.
     messages : (B,) str, optional
-        How every solve ended: its status, and the backend's own messages.
+        Status and message of every solve.
     """
 
     x: FloatArray
@@ -135,23 +135,23 @@ class BatchSolution:
 
     @classmethod
     def from_solutions(
-        cls, solutions: Sequence[Solution], units: FloatArray | None = None
+        cls, solutions: Sequence[Solution], scale: FloatArray | None = None
     ) -> BatchSolution:
-        """The same answers, one by one, as arrays; `units` (B, 2) are those of x and f."""
-        scale = 1.0 if units is None else units[:, 0] / units[:, 1]
+        """Batch of single solutions; `scale` (B, 2) is that of x and f."""
+        factor = 1.0 if scale is None else scale[:, 0] / scale[:, 1]
         return cls(
             x=np.array([s.x for s in solutions]),
             objective=np.array([s.objective for s in solutions]),
             success=np.array([s.status.success for s in solutions], dtype=bool),
             violation=np.array([s.residuals.violation for s in solutions]),
-            stationarity=scale * np.array([s.residuals.stationarity for s in solutions]),
+            stationarity=factor * np.array([s.residuals.stationarity for s in solutions]),
             used_fallback=np.zeros(len(solutions), bool),
             seconds=sum(s.solve_seconds for s in solutions),
             messages=np.array([f"{s.status}: {s.message}" for s in solutions], dtype=object),
         )
 
     def with_rows(self, rows: IntArray, other: BatchSolution) -> BatchSolution:
-        """These answers, with those of `other` in the given rows."""
+        """These results, with those of `other` in the given rows."""
         merged: dict[str, Any] = {"seconds": self.seconds + other.seconds}
         for part in fields(self):
             if part.name == "messages":

@@ -32,7 +32,7 @@ POINTS = (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 3000, 4000, 5000, 6
 
 
 def iterates(
-    nlp: Nlp, instances: Instances, step: float, points: Sequence[int], start: str = "given"
+    nlp: Nlp, instances: Instances, step: float, points: Sequence[int], start: str = "x0"
 ) -> Iterator[tuple[int, list[Solution]]]:
     """Iterates of the projected gradient after so many iterations, for every instance."""
     first = ProjectedGradient(step=step, max_iter=points[0], start=start)  # type: ignore[arg-type]

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from casswarm.cli import main
-from casswarm.comparison.run import _absent, _solvers
+from casswarm.comparison.run import _solvers, _unavailable
 from casswarm.errors import SolverError
 from casswarm.optimization.solvers import SOLVERS, UNSUPPORTED, casadi_nlpsol, make_solver
 
@@ -54,7 +54,7 @@ def test_unavailable_solver_is_listed_with_reason(without_uno: None) -> None:  #
 
 
 def test_compare_of_all_omits_unavailable_solver(without_uno: None) -> None:  # noqa: ARG001
-    assert set(_absent()) == {"uno"}
+    assert set(_unavailable()) == {"uno"}
     assert set(_solvers(None)) == set(SOLVERS) - {"uno"}
 
 
@@ -62,7 +62,7 @@ def test_compare_of_all_omits_unavailable_solver(without_uno: None) -> None:  # 
 def test_unsupported_solver_is_refused_with_reason(name: str) -> None:
     with pytest.raises(SolverError) as caught:
         make_solver(name)
-    assert str(caught.value) == f"solver {name!r} is left out: {UNSUPPORTED[name]}"
+    assert str(caught.value) == f"solver {name!r} is not supported: {UNSUPPORTED[name]}"
     assert f"{name} " in listed().output
 
 

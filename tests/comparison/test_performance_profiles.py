@@ -11,10 +11,10 @@ from hypothesis.extra.numpy import arrays
 
 from casswarm.comparison.profiles import (
     data_profile,
+    fraction_at,
     pairwise_profiles,
     pairwise_wins,
     performance_profile,
-    share_at,
     shifted_geometric_mean,
 )
 
@@ -32,7 +32,7 @@ tables = arrays(
 ).map(lambda values: pd.DataFrame(values, columns=list("abcd")[: values.shape[1]]))
 
 
-def test_performance_profile_is_that_worked_out_by_hand() -> None:
+def test_performance_profile_equals_hand_calculation() -> None:
     profile = performance_profile(BY_HAND)
     assert profile.index.tolist() == [1, 2, 3, 4]
     assert profile["a"].tolist() == [0.5, 0.5, 0.5, 0.75]
@@ -40,7 +40,7 @@ def test_performance_profile_is_that_worked_out_by_hand() -> None:
     assert profile["c"].tolist() == [0, 0, 0.25, 0.5]
 
 
-def test_data_profile_is_that_worked_out_by_hand() -> None:
+def test_data_profile_equals_hand_calculation() -> None:
     profile = data_profile(BY_HAND, [1.0, 2.0, 2.0, 1.0])
     assert profile.index.tolist() == [0.5, 1, 1.5, 2, 4]
     assert profile["a"].tolist() == [0, 0.5, 0.5, 0.75, 0.75]
@@ -48,14 +48,14 @@ def test_data_profile_is_that_worked_out_by_hand() -> None:
     assert profile["c"].tolist() == [0, 0, 0.25, 0.25, 0.5]
 
 
-def test_profiles_are_read_between_their_steps() -> None:
+def test_fraction_at_between_steps() -> None:
     profile = performance_profile(BY_HAND)
-    assert share_at(profile, 0.9).tolist() == [0, 0, 0]
-    assert share_at(profile, 2.9).tolist() == [0.5, 0.75, 0]
-    assert share_at(profile, 1e9).tolist() == [0.75, 0.75, 0.5]
+    assert fraction_at(profile, 0.9).tolist() == [0, 0, 0]
+    assert fraction_at(profile, 2.9).tolist() == [0.5, 0.75, 0]
+    assert fraction_at(profile, 1e9).tolist() == [0.75, 0.75, 0.5]
 
 
-def test_wins_are_those_counted_by_hand_and_ties_are_nobodys() -> None:
+def test_pairwise_wins_equal_hand_count_without_ties() -> None:
     wins = pairwise_wins(BY_HAND)
     assert (wins.loc["a", "b"], wins.loc["b", "a"]) == (0.25, 0.25)
     assert (wins.loc["a", "c"], wins.loc["c", "a"]) == (0.5, 0.25)
@@ -63,7 +63,7 @@ def test_wins_are_those_counted_by_hand_and_ties_are_nobodys() -> None:
     assert np.isnan(np.diag(wins)).all()
 
 
-def test_a_pair_is_judged_without_the_others() -> None:
+def test_pairwise_profile_is_independent_of_others() -> None:
     # against all three, c looks slower than a; alone they are equal
     costs = pd.DataFrame({"a": [2.0, 4.0], "b": [4.0, 1.0], "c": [4.0, 2.0]})
     alone = pairwise_profiles(costs)["a", "c"]
@@ -71,7 +71,7 @@ def test_a_pair_is_judged_without_the_others() -> None:
     assert performance_profile(costs).loc[1].tolist() == [0.5, 0.5, 0]
 
 
-def test_where_all_fail_every_curve_is_zero() -> None:
+def test_profiles_are_zero_if_all_fail() -> None:
     costs = pd.DataFrame({"a": [INF, INF], "b": [INF, INF]})
     profile = performance_profile(costs)
     assert profile.index.tolist() == [1]
@@ -81,12 +81,12 @@ def test_where_all_fail_every_curve_is_zero() -> None:
 
 
 @given(tables, st.sampled_from([0.25, 2.0, 1024.0]))
-def test_scaling_all_times_changes_no_performance_profile(table, factor) -> None:
+def test_performance_profile_is_scale_invariant(table, factor) -> None:
     pd.testing.assert_frame_equal(performance_profile(factor * table), performance_profile(table))
 
 
 @given(tables, st.randoms())
-def test_the_order_of_problems_and_solvers_does_not_matter(table, random) -> None:
+def test_profiles_are_independent_of_order(table, random) -> None:
     problems, solvers = list(table.index), list(table.columns)
     random.shuffle(problems)
     random.shuffle(solvers)
@@ -96,7 +96,7 @@ def test_the_order_of_problems_and_solvers_does_not_matter(table, random) -> Non
 
 
 @given(tables)
-def test_profiles_rise_to_the_share_of_solved_problems(table) -> None:
+def test_profiles_end_at_fraction_solved(table) -> None:
     profile = performance_profile(table)
     assert (profile.diff().dropna() >= 0).all(axis=None)
     np.testing.assert_allclose(profile.iloc[-1], np.isfinite(table).mean())
@@ -112,18 +112,18 @@ def test_profiles_rise_to_the_share_of_solved_problems(table) -> None:
         (pd.DataFrame({"a": [np.nan]}), "above zero"),
     ],
 )
-def test_costs_without_meaning_are_refused(costs: pd.DataFrame, words: str) -> None:
+def test_profiles_reject_invalid_costs(costs: pd.DataFrame, words: str) -> None:
     for function in (performance_profile, data_profile):
         with pytest.raises(ValueError, match=words):
             function(costs)
 
 
-def test_units_without_meaning_are_refused() -> None:
+def test_data_profile_rejects_invalid_units() -> None:
     with pytest.raises(ValueError, match="units must be finite"):
         data_profile(BY_HAND, [1, 1, 0, 1])
 
 
-def test_shifted_geometric_mean_is_that_worked_out_by_hand() -> None:
+def test_shifted_geometric_mean_equals_hand_calculation() -> None:
     assert shifted_geometric_mean([1.0, 7.0], 1.0) == pytest.approx(3.0)  # sqrt(2 * 8) - 1
     np.testing.assert_allclose(shifted_geometric_mean([[3.0, 0.0], [3.0, 8.0]], 1.0), [3.0, 2.0])
     assert shifted_geometric_mean([1.0, INF], 1.0) == INF

@@ -47,7 +47,7 @@ def goals(*points):
 
 
 @pytest.mark.parametrize("fault", [f for f in WORDS if f not in DEADLY])
-def test_an_instance_that_goes_wrong_costs_no_other(fault):
+def test_faulty_instance_leaves_others_solved(fault):
     solver = Faulty(fault, above=-np.inf if fault == "build" else 2.0)
     fine, bad, other = solver.solve(*goals((0.5, 3.0), (2.5, 0.0), (-2.0, 0.1)))
     assert bad.status is Status.FAILED
@@ -59,7 +59,7 @@ def test_an_instance_that_goes_wrong_costs_no_other(fault):
         np.testing.assert_allclose([fine.x, other.x], [[0.5, 1], [-1, 0.1]], atol=1e-6)
 
 
-def test_ctrl_c_inside_casadi_is_no_failure():
+def test_solve_interrupt_inside_casadi_propagates():
     class Interrupted(Faulty):
         def _misbehave(self):
             raise RuntimeError("Error in Function::call: KeyboardInterrupt")
@@ -72,7 +72,7 @@ def test_ctrl_c_inside_casadi_is_no_failure():
 
 
 @pytest.mark.parametrize("fault", DEADLY)
-def test_a_process_that_ends_or_hangs_is_a_failed_answer_and_is_replaced(fault):
+def test_isolated_replaces_process_after_crash_or_hang(fault):
     solver = Isolated(Faulty(fault, above=2.0), time_limit=2.0)
     fine, bad, other = solver.solve(*goals((0.5, 3.0), (2.5, 0.0), (-2.0, 0.1)))
     assert bad.status is (Status.TIME_LIMIT if fault == "hang" else Status.FAILED)
@@ -82,7 +82,7 @@ def test_a_process_that_ends_or_hangs_is_a_failed_answer_and_is_replaced(fault):
     solver.close()
 
 
-def test_isolated_answers_are_those_of_the_solver():
+def test_isolated_answers_equal_those_of_solver():
     problem = goals((0.5, 3.0), (-2.0, 0.1), (0.3, 0.2))
     isolated = Isolated(Ipopt(), time_limit=30.0)
     for a, b in zip(isolated.solve(*problem), Ipopt().solve(*problem), strict=True):
@@ -98,14 +98,14 @@ def test_isolated_answers_are_those_of_the_solver():
     assert pickle.loads(pickle.dumps(isolated)) == isolated
 
 
-def test_a_solver_that_always_dies_is_given_up_after_a_few_tries():
+def test_isolated_stops_after_repeated_crashes():
     solver = Isolated(Faulty("exit"), time_limit=20.0)
     solutions = solver.solve(*goals(*np.zeros((6, 2))))
     assert [s.status for s in solutions] == [Status.FAILED] * 6
     assert [s.message.startswith("not tried") for s in solutions] == [False] * 3 + [True] * 3
 
 
-def test_what_cannot_be_sent_to_a_process_is_a_solver_error():
+def test_isolated_rejects_what_does_not_pickle():
     class Local(Faulty):
         pass
 
@@ -117,7 +117,7 @@ def test_what_cannot_be_sent_to_a_process_is_a_solver_error():
         Isolated(Ipopt(), 0)
 
 
-def test_programs_pickle_with_their_blocks_and_derivatives():
+def test_nlp_pickles_with_equal_derivatives():
     nlp = formation_nlp(PAPER.hazard, 5, True)
     again = pickle.loads(pickle.dumps(nlp))
     x, p = np.random.default_rng(0).uniform(0, 1, (2, 64))
@@ -130,7 +130,7 @@ def test_programs_pickle_with_their_blocks_and_derivatives():
             np.testing.assert_array_equal(np.asarray(ca.DM(a)), np.asarray(ca.DM(b)))
 
 
-def test_instances_pickle_as_they_are():
+def test_instances_pickle_read_only():
     instances = goals((0.5, 3.0), (1.0, 2.0))[1]
     again = pickle.loads(pickle.dumps(instances))
     for name in ("x0", "p", "lbx", "ubx", "lbg", "ubg"):
@@ -140,7 +140,7 @@ def test_instances_pickle_as_they_are():
         assert ours.flags.writeable == theirs.flags.writeable
 
 
-def test_script_without_a_guard_is_told_about_it(tmp_path):
+def test_isolated_in_script_without_main_guard_raises(tmp_path):
     (tmp_path / "study.py").write_text(
         "from casswarm.optimization.solvers import Ipopt, Isolated\nIsolated(Ipopt()).start()\n"
     )
@@ -170,7 +170,7 @@ def study():
     return csw.compare(problems(), solvers, time_limit=2.0)
 
 
-def test_every_fault_is_a_row_with_its_reason_and_the_comparison_goes_on(study):
+def test_compare_reports_every_fault_with_reason(study):
     runs = study.runs.set_index(["solver", "problem"])
     assert len(runs) == 2 * (len(FAULTS) + 1)
     for fault in FAULTS:
@@ -183,7 +183,7 @@ def test_every_fault_is_a_row_with_its_reason_and_the_comparison_goes_on(study):
     assert runs.loc["ipopt"]["solved"].all()
 
 
-def test_lies_are_counted_as_lies(study):
+def test_compare_counts_false_positives(study):
     runs = study.runs[study.runs["problem"] == "goal-1"].set_index("solver")
     for lie in ("nan", "infeasible lie", "feasible lie"):
         assert runs.loc[lie, "reported_success"]
@@ -214,9 +214,7 @@ def guide():
         ("raise", "raised ZeroDivisionError: not today"),
     ],
 )
-def test_a_failing_solver_is_counted_in_the_tables_and_its_reason_told(
-    fault, reason, guide, caplog
-):
+def test_simulate_counts_and_logs_solver_failures(fault, reason, guide, caplog):
     formation._log_once.cache_clear()
     with caplog.at_level(logging.WARNING, "casswarm"):
         study = csw.simulate(PAPER, ["constrained"], 10, guide=guide, solver=Faulty(fault))
@@ -226,7 +224,7 @@ def test_a_failing_solver_is_counted_in_the_tables_and_its_reason_told(
     assert len(caplog.records) == len({record.getMessage() for record in caplog.records})
 
 
-def test_failed_states_alone_are_counted(guide):
+def test_simulate_counts_only_failed_states(guide):
     # the first parameter is where member 0 is: it goes wrong on the way, not at the start
     study = csw.simulate(PAPER, ["constrained"], 10, guide=guide, solver=Faulty("raise", above=3.0))
     late = study.runs["steps"].max()
@@ -241,9 +239,7 @@ def test_failed_states_alone_are_counted(guide):
         ("hang", 1, "time limit: no answer within 4 s, so its process was ended"),
     ],
 )
-def test_a_solver_that_hangs_or_kills_its_process_costs_a_simulation_nothing_but_its_answers(
-    fault, runs, reason, caplog
-):
+def test_simulate_survives_crashing_solver(fault, runs, reason, caplog):
     formation._log_once.cache_clear()
     scenario = small([(0.0, 0.0), (0.3, 0.0)], (1.5, 0.0), [(0.7, 1.5)], 3, hazard__alpha_1=0.1)
     # once member 0 is on its way

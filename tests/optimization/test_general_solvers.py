@@ -76,7 +76,7 @@ def is_minimum(solution: Solution) -> bool:
 
 @general
 @pytest.mark.parametrize("number", NUMBERS)
-def test_backend_finds_the_published_optimum_or_what_is_listed(solver: str, number: int) -> None:
+def test_solver_finds_published_optimum_or_listed_outcome(solver: str, number: int) -> None:
     case = published(number)
     solution = solve(solver, (case.nlp, case.instance))
     outcome, _ = OTHERWISE.get((solver, number), ("published", ""))
@@ -101,11 +101,11 @@ def test_backend_finds_the_published_optimum_or_what_is_listed(solver: str, numb
 
 
 @pytest.mark.parametrize("solver", [name for name in GENERAL if name != "auto"])
-def test_most_of_the_collection_is_solved_as_published(solver: str) -> None:
+def test_solver_solves_most_published_problems(solver: str) -> None:
     assert sum((solver, number) not in OTHERWISE for number in NUMBERS) >= 30
 
 
-def test_the_documented_grid_is_the_one_that_is_tested() -> None:
+def test_documented_outcomes_equal_tested_ones() -> None:
     lines = (Path(__file__).parents[2] / "docs" / "solvers.md").read_text().splitlines()
     head, _, *rows = [line.strip("| ").split(" | ") for line in lines if _in_grid(line)]
     assert [int(row[0]) for row in rows] == list(NUMBERS)
@@ -121,7 +121,7 @@ def _in_grid(line: str) -> bool:
     return line.count("|") == len(GENERAL) + 3 and "`" not in line
 
 
-def test_the_collection_has_what_is_hard() -> None:
+def test_published_problems_cover_hard_features() -> None:
     traits = [published(number).traits for number in NUMBERS]
     assert len(NUMBERS) >= 15
     for trait in ("nonconvex", "degenerate", "badly scaled", "no multipliers"):
@@ -129,7 +129,7 @@ def test_the_collection_has_what_is_hard() -> None:
 
 
 @pytest.mark.parametrize("number", NUMBERS)
-def test_published_local_minima_are_worse_than_the_optimum(number: int) -> None:
+def test_published_local_minima_exceed_optimum(number: int) -> None:
     case = published(number)
     assert all(value > case.objective for value in case.local)
 
@@ -139,7 +139,7 @@ MULTIPLIERS = [n for n in GENERAL if SOLVERS[n].capabilities.multipliers]
 
 @pytest.mark.parametrize("solver", MULTIPLIERS)
 @pytest.mark.parametrize("problem", KNOWN, ids=lambda problem: problem.__name__)
-def test_multipliers_are_the_published_ones_with_their_signs(solver: str, problem: object) -> None:
+def test_multipliers_equal_published_ones(solver: str, problem: object) -> None:
     case = problem()  # type: ignore[operator]
     backend = make_solver(solver)
     backend.prepare(case.nlp)
@@ -155,7 +155,7 @@ def test_multipliers_are_the_published_ones_with_their_signs(solver: str, proble
 ONE_MINIMUM = ("leader", "constrained", "leader, collisions")
 
 
-def test_what_is_called_a_single_minimum_is_found_from_everywhere() -> None:
+def test_formation_with_one_minimum_is_solved_from_any_start() -> None:
     """And where members repel each other in a corridor there are many: their order makes them."""
     rng = np.random.default_rng(0)
     for name in FORMATIONS:
@@ -171,9 +171,7 @@ def test_what_is_called_a_single_minimum_is_found_from_everywhere() -> None:
 
 @general
 @pytest.mark.parametrize("name", FORMATIONS)
-def test_backend_finds_a_minimum_of_a_formation_and_ipopts_where_it_is_alone(
-    solver: str, name: str
-) -> None:
+def test_solver_finds_minimum_of_formation(solver: str, name: str) -> None:
     reference, solution = solve("ipopt", formation(name)), solve(solver, formation(name))
     assert solution.status.success
     assert is_minimum(solution), solution
@@ -190,7 +188,7 @@ GUIDES = (4.62, 5.5, 6.0)
 
 
 @general
-def test_backend_finds_minima_of_most_guides_and_tells_where_it_does_not(solver: str) -> None:
+def test_solver_finds_minima_of_guides_or_reports_failure(solver: str) -> None:
     solutions = [solve(solver, guide(t_f)) for t_f in GUIDES]
     solved = [solution for solution in solutions if solution.status.success]
     assert all(is_minimum(solution) for solution in solved), solved
@@ -202,14 +200,14 @@ def test_backend_finds_minima_of_most_guides_and_tells_where_it_does_not(solver:
             assert solution.message
 
 
-def test_uno_finds_a_minimum_of_the_guide_of_paper_1() -> None:
+def test_uno_finds_minimum_of_paper_guide() -> None:
     solution = solve("uno", guide(10.0))
     assert solution.status.success
     assert is_minimum(solution), solution
 
 
 @general
-def test_backends_say_nothing_by_themselves(
+def test_solvers_print_nothing(
     solver: str, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Neither on the process's output nor on Python's, which in notebooks is another one."""
@@ -223,7 +221,7 @@ def test_backends_say_nothing_by_themselves(
     assert capfd.readouterr() == ("", "")
 
 
-def test_an_end_without_a_word_is_a_failure_that_says_so() -> None:
+def test_solve_without_return_status_is_failed() -> None:
     """CasADi's sqpmethod leaves its status empty on some guides, and raises when asked for it."""
     case = published(35)
 
@@ -244,7 +242,7 @@ def test_an_end_without_a_word_is_a_failure_that_says_so() -> None:
 
 
 @pytest.mark.parametrize(("number", "step"), [(3, 4e4), (4, 0.2), (5, 0.2)])
-def test_projected_gradient_finds_published_optima_of_boxes(number: int, step: float) -> None:
+def test_projected_gradient_finds_published_optima_in_boxes(number: int, step: float) -> None:
     case = published(number)
     backend = make_solver("projected-gradient", step=step, max_iter=2000, tolerance=1e-7)
     solution = backend.solve(case.nlp, case.instance)[0]
@@ -252,7 +250,7 @@ def test_projected_gradient_finds_published_optima_of_boxes(number: int, step: f
     assert solution.objective == pytest.approx(case.objective, abs=1e-6)
 
 
-def test_projected_gradient_finds_the_published_optimum_of_a_disc() -> None:
+def test_projected_gradient_finds_published_optimum_in_disc() -> None:
     """HS 12 has an ellipse; scaled by two in x it is the disc of radius 5."""
     nlp, instance = planar(
         lambda x: x[0] ** 2 / 8 + x[1] ** 2 - x[0] * x[1] / 2 - 3.5 * x[0] - 7 * x[1],

@@ -61,7 +61,7 @@ def solve(case: Known, solver: Ipopt | None = None, **changes: Any) -> Solution:
 
 @each
 @pytest.mark.parametrize("hessian", ["exact", "limited-memory"])
-def test_ipopt_finds_the_published_solution(problem: Callable[[], Known], hessian: Any) -> None:
+def test_ipopt_finds_published_solution(problem: Callable[[], Known], hessian: Any) -> None:
     case = problem()
     solution = solve(case, Ipopt(hessian=hessian))
     assert solution.status is Status.SOLVED
@@ -74,7 +74,7 @@ def test_ipopt_finds_the_published_solution(problem: Callable[[], Known], hessia
 
 
 @pytest.mark.parametrize("hessian", ["exact", "limited-memory"])
-def test_only_the_exact_hessian_is_evaluated(hessian: Any) -> None:
+def test_ipopt_evaluates_hessian_only_if_exact(hessian: Any) -> None:
     case, solver = hs_71(), Ipopt(hessian=hessian)
     solve(case, solver)
     calls = casadi_nlpsol._compiled(solver, case.nlp).stats().get("n_call_nlp_hess_l", 0)
@@ -82,21 +82,21 @@ def test_only_the_exact_hessian_is_evaluated(hessian: Any) -> None:
 
 
 @each
-def test_unrolled_expressions_give_the_same_solution(problem: Callable[[], Known]) -> None:
+def test_ipopt_unrolled_expressions_give_same_solution(problem: Callable[[], Known]) -> None:
     case = problem()
     unrolled = replace(case, nlp=replace(case.nlp, unroll=True))
     np.testing.assert_allclose(solve(unrolled).x, solve(case).x, atol=1e-6)
 
 
 @pytest.mark.parametrize("problem", [active_box, hs_1, hs_21, hs_71])
-def test_answers_lie_in_their_boxes_exactly(problem: Callable[[], Known]) -> None:
+def test_ipopt_answers_respect_bounds_exactly(problem: Callable[[], Known]) -> None:
     case = problem()
     x = solve(case).x
     assert (case.instance.lbx[0] <= x).all()
     assert (x <= case.instance.ubx[0]).all()
 
 
-def test_a_tighter_tolerance_gives_a_more_precise_answer() -> None:
+def test_ipopt_tighter_tolerance_reduces_error() -> None:
     case = hs_35()
     errors = [
         np.abs(solve(case, Ipopt(tolerance=tolerance)).x - case.x).max()
@@ -106,7 +106,7 @@ def test_a_tighter_tolerance_gives_a_more_precise_answer() -> None:
     assert errors[2] < 1e-8
 
 
-def test_a_variable_whose_bounds_meet_stays_there_and_has_a_multiplier() -> None:
+def test_ipopt_fixed_variable_keeps_value_and_multiplier() -> None:
     case = hs_35()
     fixed = np.array([[1.0, 0, 0]])
     upper = np.array([[1.0, INF, INF]])
@@ -116,7 +116,7 @@ def test_a_variable_whose_bounds_meet_stays_there_and_has_a_multiplier() -> None
     assert solution.residuals.stationarity < 1e-6
 
 
-def test_parameters_change_the_problem_without_building_it_anew() -> None:
+def test_ipopt_new_parameters_do_not_rebuild() -> None:
     x, q = ca.MX.sym("x", 2), ca.MX.sym("q", 2)
     nlp = Nlp("nearest on circle", {"x": x}, {"q": q}, ca.sumsqr(x - q), {"circle": ca.sumsqr(x)})
     case = active_box()
@@ -160,9 +160,7 @@ class Spoken:
 
 
 @pytest.mark.parametrize("words", [*WORDS, "Unknown_Word", ""])
-def test_every_word_of_ipopt_has_its_status_and_an_unknown_word_is_failed(
-    words: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ipopt_return_status_maps_to_status(words: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(casadi_nlpsol, "_compiled", lambda solver, nlp: Spoken(words))  # noqa: ARG005
     solution = solve(hs_35())
     assert solution.status is WORDS.get(words, Status.FAILED)
@@ -170,27 +168,27 @@ def test_every_word_of_ipopt_has_its_status_and_an_unknown_word_is_failed(
     assert (solution.iterations, solution.evaluations) == (5, 6)
 
 
-def test_the_table_knows_no_word_that_ipopt_does_not_say() -> None:
+def test_ipopt_status_table_contains_only_known_statuses() -> None:
     assert set(ipopt.STATUS) <= set(WORDS)
 
 
 # --- limits and failures
 
 
-def test_a_limit_of_time_is_no_success() -> None:
+def test_ipopt_time_limit_is_not_success() -> None:
     solution = solve(hs_71(), Ipopt(time_limit=1e-9))
     assert solution.status is Status.TIME_LIMIT
     assert solution.message == "Maximum_WallTime_Exceeded"
 
 
 @pytest.mark.parametrize("iterations", [0, 1, 5])
-def test_a_limit_of_iterations_is_kept(iterations: int) -> None:
+def test_ipopt_respects_max_iter(iterations: int) -> None:
     solution = solve(hs_1(), Ipopt(max_iter=iterations))
     assert solution.status is Status.ITERATION_LIMIT
     assert solution.iterations == iterations
 
 
-def test_an_infeasible_problem_is_told_as_such() -> None:
+def test_ipopt_reports_infeasible_problem() -> None:
     far: dict[str, Any] = {"lbx": np.array([[2.0, 2, 2]]), "ubx": np.array([[5.0, 5, 5]])}
     solution = solve(hs_35(), **far)
     assert solution.status is Status.INFEASIBLE
@@ -199,7 +197,7 @@ def test_an_infeasible_problem_is_told_as_such() -> None:
     assert solution.residuals.violated_row == "budget[0]"
 
 
-def test_an_unbounded_problem_diverges() -> None:
+def test_ipopt_unbounded_problem_diverges() -> None:
     case = known("downhill", lambda x: -x[0], ([INF], -INF), [0])
     solution = solve(case)
     assert solution.status is Status.DIVERGED
@@ -207,7 +205,7 @@ def test_an_unbounded_problem_diverges() -> None:
 
 
 @pytest.mark.parametrize("changes", [{"lbx": np.nan}, {"ubg": np.nan}, {"x0": np.nan}])
-def test_bounds_or_starts_that_are_nan_fail_without_raising(changes: dict[str, float]) -> None:
+def test_ipopt_nan_bounds_or_x0_fail_without_raising(changes: dict[str, float]) -> None:
     case = hs_35()
     arrays = {name: np.full_like(getattr(case.instance, name), v) for name, v in changes.items()}
     solution = solve(case, **arrays)
@@ -215,7 +213,7 @@ def test_bounds_or_starts_that_are_nan_fail_without_raising(changes: dict[str, f
     assert solution.message
 
 
-def test_ipopt_says_nothing_by_itself(capfd: pytest.CaptureFixture[str]) -> None:
+def test_ipopt_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
     solve(hs_71())
     solve(hs_71(), Ipopt(max_iter=2))
     solve(hs_71(), Ipopt(time_limit=1e-9))

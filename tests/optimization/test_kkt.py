@@ -42,7 +42,7 @@ def judged(case: Known, x: object = None, *multipliers: object) -> Residuals:
 
 
 @each
-def test_a_solution_with_its_multipliers_has_no_residuals(
+def test_kkt_residuals_vanish_at_solution(
     problem: Callable[[], Known],
 ) -> None:
     case = problem()
@@ -53,14 +53,14 @@ def test_a_solution_with_its_multipliers_has_no_residuals(
 
 
 @each
-def test_estimated_multipliers_show_a_solution_as_stationary(problem: Callable[[], Known]) -> None:
+def test_estimated_multipliers_make_solution_stationary(problem: Callable[[], Known]) -> None:
     residuals = judged(problem())
     assert residuals.stationarity < ROUNDED
     assert residuals.complementarity < ROUNDED
 
 
 @pytest.mark.parametrize("problem", [active_box, hs_7, hs_21, hs_35, hs_71])
-def test_multipliers_of_the_other_sign_are_not_stationary(problem: Callable[[], Known]) -> None:
+def test_multipliers_of_wrong_sign_are_not_stationary(problem: Callable[[], Known]) -> None:
     case = problem()
     residuals = judged(case, None, -case.bound_multipliers, -case.row_multipliers)
     largest = np.abs([*case.bound_multipliers, *case.row_multipliers]).max()
@@ -68,7 +68,7 @@ def test_multipliers_of_the_other_sign_are_not_stationary(problem: Callable[[], 
 
 
 @pytest.mark.parametrize("problem", [active_box, hs_7, hs_21, hs_35, hs_71])
-def test_a_multiplier_is_what_its_bound_costs(problem: Callable[[], Known]) -> None:
+def test_multiplier_is_derivative_of_objective_by_bound(problem: Callable[[], Known]) -> None:
     """The sign convention: the optimal value falls by the multiplier where its bound rises."""
     case, step, solver = problem(), 1e-4, Ipopt(tolerance=1e-11)
 
@@ -87,7 +87,7 @@ def test_a_multiplier_is_what_its_bound_costs(problem: Callable[[], Known]) -> N
 
 
 @each
-def test_estimated_multipliers_serve_as_well_as_those_of_ipopt(
+def test_estimated_multipliers_match_those_of_ipopt(
     problem: Callable[[], Known],
 ) -> None:
     case = problem()
@@ -100,12 +100,12 @@ def test_estimated_multipliers_serve_as_well_as_those_of_ipopt(
 
 
 @each
-def test_a_sparse_estimate_equals_a_dense_one(
+def test_sparse_estimate_equals_dense_one(
     problem: Callable[[], Known], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     case = problem()
     dense = judged(case)
-    monkeypatch.setattr("casswarm.optimization.kkt._DENSE", 0)
+    monkeypatch.setattr("casswarm.optimization.kkt._MAX_DENSE", 0)
     sparse = judged(case)
     assert sparse.stationarity == pytest.approx(dense.stationarity, abs=1e-6)
 
@@ -113,7 +113,7 @@ def test_a_sparse_estimate_equals_a_dense_one(
 # --- away from solutions
 
 
-def test_stationarity_is_the_largest_component_of_the_gradient_of_the_lagrangian() -> None:
+def test_stationarity_is_largest_component_of_lagrangian_gradient() -> None:
     case = active_box()
     assert judged(case, [0.5, 2]).stationarity == 6  # gradient (-3, 6), no bound near
     assert judged(case, [0.5, 2], [1, 0], []).stationarity == 6
@@ -121,21 +121,19 @@ def test_stationarity_is_the_largest_component_of_the_gradient_of_the_lagrangian
     assert judged(hs_6(), [0, 0], [0, 0], [1]).stationarity == 10  # (-2, 0) + (0, 10)
 
 
-def test_a_bound_on_the_wrong_side_excuses_nothing() -> None:
+def test_inactive_bound_does_not_reduce_stationarity() -> None:
     case = active_box()
     assert judged(case, [0, -1]).stationarity == pytest.approx(4)  # f falls towards the inside
     assert judged(case, [1, 3]).stationarity == pytest.approx(8)
 
 
 @pytest.mark.parametrize(("distance", "stationarity"), [(0.5 * ACTIVE, 0), (2 * ACTIVE, 2)])
-def test_only_rows_near_their_bounds_carry_estimated_multipliers(
-    distance: float, stationarity: float
-) -> None:
+def test_estimate_uses_only_active_rows(distance: float, stationarity: float) -> None:
     residuals = judged(active_box(), [1 - distance, -1])
     assert residuals.stationarity == pytest.approx(stationarity, abs=1e-5)
 
 
-def test_complementarity_is_the_largest_product_of_multiplier_and_slack() -> None:
+def test_complementarity_is_largest_product_with_slack() -> None:
     case = active_box()
     assert judged(case, [0.75, -1], [2, 0], []).complementarity == 0.5
     assert judged(case, [0.75, -1], [-2, 0], []).complementarity == 1.5
@@ -143,7 +141,7 @@ def test_complementarity_is_the_largest_product_of_multiplier_and_slack() -> Non
     assert judged(case, [0.75, -1], [0, 0], []).complementarity == 0
 
 
-def test_a_multiplier_of_a_bound_that_does_not_exist_counts_in_full() -> None:
+def test_multiplier_of_infinite_bound_has_unit_slack() -> None:
     assert judged(hs_35(), None, [0.5, 0, 0], [2 / 9]).complementarity == 0.5
     assert judged(hs_35(), None, [0, 0, 0], [-0.25]).complementarity == 0.25
 
@@ -162,9 +160,7 @@ def test_a_multiplier_of_a_bound_that_does_not_exist_counts_in_full() -> None:
         ([1.5, 0], 1.5, "difference[0]"),
     ],
 )
-def test_the_row_that_is_violated_most_is_named(
-    x: list[float], violation: float, worst: str
-) -> None:
+def test_kkt_residuals_name_violated_row(x: list[float], violation: float, worst: str) -> None:
     case = known(
         "triangle",
         ca.sumsqr,
@@ -180,7 +176,7 @@ def test_the_row_that_is_violated_most_is_named(
     assert (residuals.violation, residuals.violated_row) == (violation, worst)
 
 
-def test_a_row_is_named_by_its_place_in_its_block() -> None:
+def test_violated_row_is_named_by_block_and_index() -> None:
     discs = np.array([[0.0, 0, 1], [3, 0, 1], [6, 0, 1]])
     wide = np.full((3, 2), 9.0)
     nlp, instance = planar(ca.sumsqr, np.zeros((3, 2)), -wide, wide, discs)
@@ -192,7 +188,7 @@ def test_a_row_is_named_by_its_place_in_its_block() -> None:
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_an_answer_that_is_not_finite_has_infinite_residuals(value: float) -> None:
+def test_non_finite_answer_has_infinite_residuals(value: float) -> None:
     expected = Residuals(INF, INF, INF, "not finite")
     assert judged(hs_35(), [value, 0, 0]) == expected
     assert judged(hs_35(), [value, 0, 0], [0, 0, 0], [0]) == expected
@@ -201,13 +197,13 @@ def test_an_answer_that_is_not_finite_has_infinite_residuals(value: float) -> No
 
 
 @pytest.mark.parametrize("rows", [{}, {"root": (lambda x: ca.sqrt(x[0]), 0, 1)}])
-def test_functions_that_are_not_finite_have_infinite_residuals(rows: dict[str, object]) -> None:
+def test_non_finite_functions_have_infinite_residuals(rows: dict[str, object]) -> None:
     objective = ca.sumsqr if rows else (lambda x: ca.log(x[0]))
     case = known("outside", objective, ([-1], 0), [-1], rows=rows)  # type: ignore[arg-type]
     assert judged(case) == Residuals(INF, INF, INF, "not finite")
 
 
-def test_the_parameters_of_the_instance_are_those_that_count() -> None:
+def test_kkt_residuals_use_parameters_of_instance() -> None:
     x, q = ca.MX.sym("x"), ca.MX.sym("q")
     nlp = Nlp("shifted", {"x": x}, {"q": q}, (x - q) ** 2, {"above": x - q})
     for goal in (1.0, 3.0):

@@ -50,11 +50,11 @@ def blocks(batch: int) -> dict[str, Any]:
 # --- layout
 
 
-def test_sizes_count_numbers(nlp: Nlp) -> None:
+def test_nlp_sizes_count_scalars(nlp: Nlp) -> None:
     assert nlp.sizes == (8, 3, 5)
 
 
-def test_packed_blocks_come_back(nlp: Nlp) -> None:
+def test_pack_variables_inverts_variable(nlp: Nlp) -> None:
     given = blocks(4)
     x = nlp.pack_variables(**given)
     assert x.shape == (4, 8)
@@ -64,7 +64,7 @@ def test_packed_blocks_come_back(nlp: Nlp) -> None:
         np.testing.assert_array_equal(nlp.variable(name, x.reshape(2, 2, 8))[1, 0], block[2])
 
 
-def test_the_layout_is_that_of_the_symbols(nlp: Nlp) -> None:
+def test_pack_follows_layout_of_symbols(nlp: Nlp) -> None:
     given = blocks(1)
     x = nlp.pack_variables(**given)[0]
     split = ca.Function("split", [nlp.x], list(nlp.variables.values()))(x)
@@ -76,7 +76,7 @@ def test_the_layout_is_that_of_the_symbols(nlp: Nlp) -> None:
     assert bounds.tolist() == [[1, 2, 3, 4, 5]]
 
 
-def test_functions_and_derivatives_are_those_of_the_formulas(nlp: Nlp) -> None:
+def test_nlp_derivatives_equal_formulas(nlp: Nlp) -> None:
     points, angles = np.array([[1.0, 2.0], [3.0, 5.0], [0.0, -1.0]]), np.array([0.5, 2.0])
     center, weight = np.array([1.0, 1.0]), 3.0
     x = nlp.pack_variables(points=points, angles=angles[:, None])[0]
@@ -96,7 +96,7 @@ def test_functions_and_derivatives_are_those_of_the_formulas(nlp: Nlp) -> None:
     np.testing.assert_allclose(jacobian, expected)
 
 
-def test_one_block_serves_a_whole_batch(nlp: Nlp) -> None:
+def test_pack_broadcasts_block_over_batch(nlp: Nlp) -> None:
     given = blocks(3)
     x = nlp.pack_variables(points=given["points"], angles=given["angles"][0])
     assert x.shape == (3, 8)
@@ -104,11 +104,11 @@ def test_one_block_serves_a_whole_batch(nlp: Nlp) -> None:
     assert nlp.pack_variables(points=0.0, angles=1.0).tolist() == [[0] * 6 + [1] * 2]
 
 
-def test_an_empty_batch_has_no_rows(nlp: Nlp) -> None:
+def test_pack_empty_batch_has_no_rows(nlp: Nlp) -> None:
     assert nlp.pack_variables(**blocks(0)).shape == (0, 8)
 
 
-def test_a_problem_without_constraints_has_bounds_of_no_width() -> None:
+def test_pack_without_constraints_has_zero_width() -> None:
     nlp = replace(sample(), constraints={})
     assert nlp.sizes == (8, 3, 0)
     assert nlp.pack_constraints().shape == (1, 0)
@@ -116,7 +116,7 @@ def test_a_problem_without_constraints_has_bounds_of_no_width() -> None:
     assert np.asarray(nlp.evaluate(np.ones(8), np.ones(3))[1]).size == 0
 
 
-def test_every_row_of_the_constraints_has_a_name(nlp: Nlp) -> None:
+def test_nlp_row_names_cover_all_constraints(nlp: Nlp) -> None:
     assert nlp.row_names == ("radius[0]", "radius[1]", "radius[2]", "sum[0]", "sum[1]")
 
 
@@ -124,18 +124,16 @@ def test_every_row_of_the_constraints_has_a_name(nlp: Nlp) -> None:
 
 
 @pytest.mark.parametrize(
-    ("names", "given"),
+    ("names", "passed"),
     [(("points",), "['points']"), (("points", "angle"), "['angle', 'points']"), ((), "[]")],
 )
-def test_wrong_block_names_are_listed_beside_the_right_ones(
-    nlp: Nlp, names: tuple[str, ...], given: str
-) -> None:
+def test_pack_wrong_block_names_are_listed(nlp: Nlp, names: tuple[str, ...], passed: str) -> None:
     with pytest.raises(SolverError) as caught:
         nlp.pack_variables(**dict.fromkeys(names, 0.0))
-    assert str(caught.value) == f"blocks given: {given}; expected: ['angles', 'points']"
+    assert str(caught.value) == f"blocks = {passed}; expected: ['angles', 'points']"
 
 
-def test_a_block_of_a_wrong_shape_is_named(nlp: Nlp) -> None:
+def test_pack_wrong_block_shape_raises(nlp: Nlp) -> None:
     with pytest.raises(SolverError) as caught:
         nlp.pack_variables(points=np.zeros((4, 2, 3)), angles=[[0], [0]])
     assert str(caught.value) == "block 'points' has shape (4, 2, 3); expected (4, 3, 2)"
@@ -143,7 +141,7 @@ def test_a_block_of_a_wrong_shape_is_named(nlp: Nlp) -> None:
         nlp.pack_parameters(center=[0, 0, 0], weight=0)
 
 
-def test_an_unknown_variable_is_a_key_error(nlp: Nlp) -> None:
+def test_nlp_unknown_variable_raises_key_error(nlp: Nlp) -> None:
     with pytest.raises(KeyError, match="weight"):
         nlp.variable("weight", np.zeros(8))
 
@@ -174,7 +172,7 @@ def batch(sets: PlanarSets | None = None) -> Instances:
         (slice(5, None), []),
     ],
 )
-def test_instances_are_taken_by_slices_masks_and_indices(rows: Any, kept: list[int]) -> None:
+def test_instances_select_by_slice_mask_or_indices(rows: Any, kept: list[int]) -> None:
     sets = PlanarSets(
         np.full(2, -9), np.full(2, 9), np.zeros((5, 1, 1, 2)), np.arange(5.0).reshape(5, 1, 1)
     )
@@ -191,14 +189,14 @@ def test_instances_are_taken_by_slices_masks_and_indices(rows: Any, kept: list[i
     assert batch()[rows].feasible_set is None
 
 
-def test_bounds_that_all_share_are_spread_over_the_batch() -> None:
+def test_instances_broadcast_common_bounds() -> None:
     some = batch()
     assert len(some) == 5
     assert some.lbx.tolist() == [[-1, -2]] * 5
     assert some.lbg.tolist() == [[-np.inf] * 3] * 5
 
 
-def test_restarted_instances_differ_only_in_their_start() -> None:
+def test_instances_with_x0_keep_all_other_arrays() -> None:
     some, start = batch(), np.zeros((5, 2))
     other = some.with_x0(start)
     assert other.x0 is start
@@ -216,7 +214,7 @@ def test_instances_pickle() -> None:
 # --- a thousand members
 
 
-def test_the_matrix_form_has_as_many_operations_for_three_members_as_for_a_thousand() -> None:
+def test_matrix_form_size_is_independent_of_members() -> None:
     counts = []
     for n in (3, 1000):
         nlp = formation_nlp(SaturationCollision(RADARS), n, corridor=True)
@@ -227,7 +225,7 @@ def test_the_matrix_form_has_as_many_operations_for_three_members_as_for_a_thous
     assert counts[0] == counts[1] < 500
 
 
-def test_a_thousand_members_have_rates_and_a_gradient() -> None:
+def test_formation_of_thousand_members_has_gradient() -> None:
     n, hazard = 1000, Saturation(RADARS)
     rng = np.random.default_rng(0)
     positions, alive = rng.uniform(-3, 3, (n, 2)), rng.random(n) < 0.9

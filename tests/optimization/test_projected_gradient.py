@@ -31,7 +31,7 @@ FAR = np.full((1, 2), 50.0)
         ([0.0, 7.0], [0, 2.2]),  # on the box
     ],
 )
-def test_the_nearest_point_of_a_box_and_a_disc(goal: list[float], nearest: list[float]) -> None:
+def test_projected_gradient_finds_nearest_point(goal: list[float], nearest: list[float]) -> None:
     box = np.array([[4.0, 2.2]])
     nlp, instance = planar(
         lambda x: ca.sumsqr(x - ca.DM(goal)), np.zeros((1, 2)), -box, box, np.array([[0.0, 0, 3]])
@@ -43,7 +43,7 @@ def test_the_nearest_point_of_a_box_and_a_disc(goal: list[float], nearest: list[
     assert solution.residuals.violation < 1e-12
 
 
-def test_the_distance_of_two_discs_is_that_of_their_centers_less_the_radii() -> None:
+def test_projected_gradient_finds_distance_of_discs() -> None:
     discs = np.array([[0.0, 0, 1], [3, 4, 2]])
     wide = np.repeat(FAR, 2, axis=0)
     start = np.array([[1.0, -9], [7, 7]])
@@ -54,7 +54,7 @@ def test_the_distance_of_two_discs_is_that_of_their_centers_less_the_radii() -> 
     np.testing.assert_allclose(solution.x, [0.6, 0.8, 1.8, 2.4], atol=1e-5)
 
 
-def test_the_least_of_a_slope_over_a_disc_is_at_its_rim() -> None:
+def test_projected_gradient_minimises_linear_objective_on_disc() -> None:
     nlp, instance = planar(
         lambda x: 3 * x[0] - 4 * x[1], np.zeros((1, 2)), -FAR, FAR, np.array([[1.0, 2, 5]])
     )
@@ -72,7 +72,7 @@ def by_hand(x: np.ndarray, goal: np.ndarray, step: float, iterations: int) -> np
 
 
 @pytest.mark.parametrize("iterations", [0, 1, 2, 7])
-def test_iterates_are_those_of_the_paper(iterations: int) -> None:
+def test_projected_gradient_iterates_equal_those_of_paper(iterations: int) -> None:
     goals = np.array([[0.5, -0.2], [3.0, 0.1]])
     nlp, instances = nearest_in_box(goals)
     solver = ProjectedGradient(step=0.1, max_iter=iterations, tolerance=0)
@@ -85,22 +85,22 @@ def test_iterates_are_those_of_the_paper(iterations: int) -> None:
         assert solution.iterations == iterations
 
 
-def test_a_start_outside_is_projected_first() -> None:
+def test_projected_gradient_projects_infeasible_x0() -> None:
     nlp, instances = nearest_in_box(np.zeros((1, 2)))
     outside = instances.with_x0(np.array([[9.0, -9.0]]))
     solution = ProjectedGradient(step=0.1, max_iter=1).solve(nlp, outside)[0]
     np.testing.assert_allclose(solution.x, [0.8, -0.8])
 
 
-def test_the_papers_start_is_the_projection_of_zero() -> None:
+def test_projected_gradient_start_zero_is_projected() -> None:
     nlp, instances = nearest_in_box(np.ones((1, 2)))
     shifted = replace(instances.with_x0(np.ones((1, 2))), lbx=np.array([[0.25, -1.0]]))
-    for start, expected in (("given", [1, 1]), ("zero", [0.25, 0])):
+    for start, expected in (("x0", [1, 1]), ("zero", [0.25, 0])):
         solver = ProjectedGradient(max_iter=0, start=start)  # type: ignore[arg-type]
         assert solver.solve(nlp, shifted)[0].x.tolist() == expected
 
 
-def test_an_instance_stops_when_its_steps_are_small() -> None:
+def test_projected_gradient_stops_at_small_steps() -> None:
     goals = np.array([[0.0, 0.0], [0.5, 0.5]])  # the first starts at its solution
     first, second = ProjectedGradient(step=0.25).solve(*nearest_in_box(goals))
     assert first.iterations == 1
@@ -111,7 +111,7 @@ def test_an_instance_stops_when_its_steps_are_small() -> None:
 
 
 @pytest.mark.parametrize("chunk", [1, 2, 256])
-def test_instances_do_not_depend_on_their_company(
+def test_projected_gradient_instances_are_independent(
     chunk: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     nlp, instances = nearest_in_box(np.random.default_rng(3).uniform(-2, 2, (9, 2)))
@@ -130,7 +130,7 @@ def zigzag(keep: Any) -> Any:
     return ProjectedGradient(step=0.5, max_iter=8, keep=keep).solve(kink, instances)[0]
 
 
-def test_the_best_iterate_is_kept_on_request() -> None:
+def test_projected_gradient_keeps_best_iterate() -> None:
     last, best = zigzag("last"), zigzag("best")
     assert best.objective < last.objective
     assert best.status is last.status is Status.ITERATION_LIMIT
@@ -142,7 +142,7 @@ def test_the_best_iterate_is_kept_on_request() -> None:
 
 
 @pytest.mark.parametrize("keep", ["last", "best"])
-def test_a_gradient_that_is_not_finite_is_a_failure_in_words(keep: Any) -> None:
+def test_projected_gradient_non_finite_gradient_fails(keep: Any) -> None:
     nlp, instances = nearest_in_box(np.zeros((1, 2)))
     root = replace(nlp, objective=ca.norm_2(nlp.x))  # no slope at zero, where it starts
     solution = ProjectedGradient(keep=keep).solve(root, instances)[0]
@@ -154,17 +154,17 @@ def test_a_gradient_that_is_not_finite_is_a_failure_in_words(keep: Any) -> None:
 # --- what it refuses
 
 
-def test_general_constraints_are_refused_by_name() -> None:
+def test_projected_gradient_rejects_general_constraints() -> None:
     case = hs_35()
     with pytest.raises(SolverError) as caught:
         ProjectedGradient().solve(case.nlp, case.instance)
     assert str(caught.value) == (
-        "projected-gradient cannot take HS 35: its constraints (budget) are no product of boxes "
-        "and discs"
+        "projected-gradient cannot solve HS 35: its constraints (budget) are not a product of "
+        "boxes and discs"
     )
 
 
-def test_a_problem_without_constraints_but_a_box_is_taken() -> None:
+def test_projected_gradient_accepts_box_only() -> None:
     x = ca.MX.sym("x", 3)  # no points in the plane
     nlp = Nlp("sphere", {"x": x}, {}, ca.sumsqr(x - 1), {})
     case = hs_35()
@@ -177,7 +177,7 @@ def test_a_problem_without_constraints_but_a_box_is_taken() -> None:
 
 
 @pytest.mark.parametrize("which", [0, 1], ids=["leader", "corridor"])
-def test_converged_formations_of_paper_1_are_those_of_ipopt(which: int) -> None:
+def test_projected_gradient_formations_equal_those_of_ipopt(which: int) -> None:
     formation = formations("paper-1", 8)[which]
     patient = ProjectedGradient(step=1.0, max_iter=20000)  # the paper's 0.05 takes 20000 too
     mine = patient.solve(formation.nlp, formation.instances)
@@ -191,7 +191,7 @@ def test_converged_formations_of_paper_1_are_those_of_ipopt(which: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["paper-1", "paper-2"])
-def test_the_papers_step_keeps_formations_feasible_and_never_ends_worse(name: str) -> None:
+def test_projected_gradient_paper_step_keeps_formations_feasible(name: str) -> None:
     for formation in formations(name, 4):
         nlp, instances = formation.nlp, formation.instances
         solver = ProjectedGradient(step=0.05, max_iter=100, keep="best")

@@ -34,7 +34,7 @@ def hard(name: str) -> Case:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_options_are_frozen_fields_and_unknown_ones_are_rejected_by_name(name: str) -> None:
+def test_options_are_frozen_and_unknown_ones_rejected(name: str) -> None:
     solver = make_solver(name)
     assert is_dataclass(solver)
     first = fields(solver)[0].name
@@ -50,7 +50,7 @@ def test_options_are_frozen_fields_and_unknown_ones_are_rejected_by_name(name: s
 
 
 @pytest.mark.parametrize("name", [n for n in NAMES if n != "auto"])
-def test_options_out_of_range_are_rejected_with_what_is_allowed(name: str) -> None:
+def test_options_out_of_range_are_rejected(name: str) -> None:
     solver = make_solver(name)
     numbers = [
         f.name for f in fields(SOLVERS[name]) if isinstance(getattr(solver, f.name), int | float)
@@ -62,7 +62,7 @@ def test_options_out_of_range_are_rejected_with_what_is_allowed(name: str) -> No
 
 
 @pytest.mark.parametrize("name", [n for n in NAMES if n != "spectral"])  # which wants sets
-def test_what_is_not_a_number_is_never_a_success(name: str) -> None:
+def test_solver_nan_parameter_is_not_success(name: str) -> None:
     """The objective of the second instance is NaN everywhere; the others do not suffer."""
     x, q = ca.MX.sym("x", 2), ca.MX.sym("q")
     nlp = Nlp("root", {"x": x}, {"q": q}, ca.sumsqr(x - ca.sqrt(q)), {})
@@ -78,7 +78,7 @@ def test_what_is_not_a_number_is_never_a_success(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [n for n in NAMES if n != "auto"])
-def test_a_limit_of_iterations_is_named_and_no_success(name: str) -> None:
+def test_solver_iteration_limit_is_reported(name: str) -> None:
     solution = make_solver(name, **LIMITS.get(name, {"max_iter": 2})).solve(*hard(name))[0]
     assert solution.status is Status.ITERATION_LIMIT, solution
     assert solution.message
@@ -86,19 +86,19 @@ def test_a_limit_of_iterations_is_named_and_no_success(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", TIMED)
-def test_a_limit_of_time_is_named_and_no_success(name: str) -> None:
+def test_solver_time_limit_is_reported(name: str) -> None:
     solution = make_solver(name, time_limit=1e-3).solve(*guide(10.0))[0]
     assert solution.status is Status.TIME_LIMIT, solution
     assert solution.message
     assert solution.x.shape == guide(10.0)[1].x0.shape[1:]
 
 
-def test_solvers_that_know_no_limit_of_time_say_so() -> None:
+def test_solvers_without_time_limit_have_no_option() -> None:
     assert set(GENERAL) - set(TIMED) == {"auto", "sqp"}
 
 
 @pytest.mark.parametrize("name", GENERAL)
-def test_a_box_without_inside_is_no_success(name: str) -> None:
+def test_all_solvers_reject_crossing_bounds(name: str) -> None:
     case = active_box()
     lower, upper = case.instance.ubx + 1.0, case.instance.lbx
     upside_down = Instances(
@@ -135,7 +135,7 @@ for name in {names!r}:
 """
 
 
-def test_ctrl_c_stops_every_backend_and_is_never_swallowed() -> None:
+def test_ctrl_c_stops_every_solver() -> None:
     script = INTERRUPTED.format(tests=str(Path(__file__).parents[1] / "helpers"), names=GENERAL)
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, timeout=240, check=False

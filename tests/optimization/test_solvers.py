@@ -34,7 +34,7 @@ both = pytest.mark.parametrize("solver", [Ipopt(), ProjectedGradient()], ids=lam
 
 
 @both
-def test_both_solvers_find_the_corner_of_a_box(solver: Solver) -> None:
+def test_solver_finds_corner_of_box(solver: Solver) -> None:
     case = active_box()
     solution = solver.solve(case.nlp, case.instance)[0]
     assert solution.status is Status.SOLVED
@@ -50,7 +50,7 @@ def test_both_solvers_find_the_corner_of_a_box(solver: Solver) -> None:
 
 
 @both
-def test_solutions_come_in_the_order_of_the_instances(solver: Solver) -> None:
+def test_solve_keeps_order_of_instances(solver: Solver) -> None:
     goals = np.random.default_rng(0).uniform(-3, 3, (300, 2))
     solutions = solver.solve(*nearest_in_box(goals))
     assert len(solutions) == 300
@@ -62,7 +62,7 @@ def test_solutions_come_in_the_order_of_the_instances(solver: Solver) -> None:
 
 
 @both
-def test_a_batch_as_arrays_holds_the_same_solutions(solver: Solver) -> None:
+def test_solve_batch_equals_solve(solver: Solver) -> None:
     problem = nearest_in_box(np.array([[0.5, 3.0], [-2.0, 0.1], [np.nan, 0.0]]))
     batch, one_by_one = solver.solve_batch(*problem), solver.solve(*problem)
     for i, solution in enumerate(one_by_one):
@@ -75,12 +75,12 @@ def test_a_batch_as_arrays_holds_the_same_solutions(solver: Solver) -> None:
 
 
 @both
-def test_no_instances_have_no_solutions(solver: Solver) -> None:
+def test_solve_empty_batch_returns_nothing(solver: Solver) -> None:
     assert solver.solve(*nearest_in_box(np.empty((0, 2)))) == []
 
 
 @both
-def test_solving_leaves_the_instances_as_they_are(solver: Solver) -> None:
+def test_solve_does_not_modify_instances(solver: Solver) -> None:
     case = active_box()
     names = ("x0", "lbx", "ubx")
     before = [getattr(case.instance, name).copy() for name in names]
@@ -90,7 +90,7 @@ def test_solving_leaves_the_instances_as_they_are(solver: Solver) -> None:
 
 
 @both
-def test_an_objective_that_is_nan_fails_that_instance_only(solver: Solver) -> None:
+def test_solve_nan_objective_fails_one_instance(solver: Solver) -> None:
     x, q = ca.MX.sym("x", 2), ca.MX.sym("q")
     nlp = Nlp("root", {"x": x}, {"q": q}, ca.sumsqr(x - ca.sqrt(q)), {})
     q_values = np.array([[4.0], [-1.0], [9.0]])
@@ -109,7 +109,7 @@ def test_an_objective_that_is_nan_fails_that_instance_only(solver: Solver) -> No
 @pytest.mark.parametrize(
     "solver", [Ipopt(max_iter=1), ProjectedGradient(max_iter=1)], ids=lambda s: s.name
 )
-def test_a_limit_of_iterations_is_no_success(solver: Solver) -> None:
+def test_iteration_limit_is_not_success(solver: Solver) -> None:
     case = active_box()
     solution = solver.solve(case.nlp, case.instance)[0]
     assert solution.status is Status.ITERATION_LIMIT
@@ -118,7 +118,7 @@ def test_a_limit_of_iterations_is_no_success(solver: Solver) -> None:
 
 
 @both
-def test_a_box_without_inside_is_no_success(solver: Solver) -> None:
+def test_crossing_bounds_are_not_success(solver: Solver) -> None:
     case = active_box()
     upside_down = replace(case.instance, lbx=case.instance.ubx, ubx=case.instance.lbx)
     solution = solver.solve(case.nlp, upside_down)[0]
@@ -126,7 +126,7 @@ def test_a_box_without_inside_is_no_success(solver: Solver) -> None:
     assert solution.residuals.violation > 0
 
 
-def test_only_solved_and_acceptable_are_success() -> None:
+def test_status_success_is_solved_or_acceptable() -> None:
     assert [status for status in Status if status.success] == [Status.SOLVED, Status.ACCEPTABLE]
 
 
@@ -157,7 +157,7 @@ def lie(*x: float, status: Status = Status.SOLVED) -> Solution:
     return Liar(x, status).solve(case.nlp, case.instance)[0]
 
 
-def test_an_honest_answer_keeps_its_status() -> None:
+def test_solve_keeps_verified_status() -> None:
     solution = lie(4 / 3, 7 / 9, 4 / 9)
     assert solution.status is Status.SOLVED
     assert solution.objective == pytest.approx(1 / 9)
@@ -177,7 +177,7 @@ def test_an_honest_answer_keeps_its_status() -> None:
         ((0, np.inf, 0), "not finite"),
     ],
 )
-def test_success_that_violates_or_is_not_finite_is_failure_in_its_own_words(
+def test_solve_unverified_success_is_failed(
     x: tuple[float, ...], worst: str, status: Status
 ) -> None:
     solution = lie(*x, status=status)
@@ -187,17 +187,17 @@ def test_success_that_violates_or_is_not_finite_is_failure_in_its_own_words(
     assert solution.residuals.violation > VIOLATION
 
 
-def test_a_violation_of_the_order_of_rounding_is_forgiven() -> None:
+def test_solve_tolerates_small_violation() -> None:
     assert lie(1, 1, 0.5 + VIOLATION / 4).status is Status.SOLVED
 
 
 @pytest.mark.parametrize("status", [status for status in Status if not status.success])
-def test_failure_is_never_turned_into_success(status: Status) -> None:
+def test_solve_never_turns_failure_into_success(status: Status) -> None:
     assert lie(4 / 3, 7 / 9, 4 / 9, status=status).status is status
     assert lie(9, 9, 9, status=status).status is status
 
 
-def test_a_solver_that_drops_an_instance_is_an_error() -> None:
+def test_solve_missing_answer_raises() -> None:
     with pytest.raises(SolverError, match="liar gave 1 answers for 3"):
         Liar((0.0, 0.0), answers=1).solve(*nearest_in_box(np.zeros((3, 2))))
 
@@ -205,13 +205,13 @@ def test_a_solver_that_drops_an_instance_is_an_error() -> None:
 # --- solutions
 
 
-def test_a_solution_prints_its_outcome_and_residuals() -> None:
+def test_solution_str_states_status_and_residuals() -> None:
     text = str(lie(1, 1, 1))
     assert text.startswith("failed by liar (trust me): objective 0, violation 1.0e+00,")
     assert text.endswith("3 iterations, 500.0 ms")
 
 
-def test_a_solution_as_a_row_holds_plain_values() -> None:
+def test_solution_as_row_contains_plain_values() -> None:
     row = lie(1, 1, 1).as_row()
     assert "x" not in row
     assert row["status"] == "failed"
@@ -223,7 +223,7 @@ def test_a_solution_as_a_row_holds_plain_values() -> None:
 # --- names and options
 
 
-def test_solvers_are_listed_by_their_names() -> None:
+def test_solvers_are_registered_by_name() -> None:
     assert {"ipopt", "projected-gradient"} <= set(SOLVERS)
     for name, kind in SOLVERS.items():
         assert kind.name == name
@@ -231,7 +231,7 @@ def test_solvers_are_listed_by_their_names() -> None:
         assert make_solver(name) == kind()
 
 
-def test_make_solver_takes_names_with_options_and_solvers() -> None:
+def test_make_solver_accepts_name_or_solver() -> None:
     assert make_solver("ipopt", max_iter=7) == Ipopt(max_iter=7)
     own = Liar((0.0,))
     assert make_solver(own) is own
@@ -268,10 +268,10 @@ def test_make_solver_takes_names_with_options_and_solvers() -> None:
         ("projected-gradient", {"max_iter": -1}, "max_iter = -1; allowed: zero or above"),
         ("projected-gradient", {"tolerance": -1}, "tolerance = -1; allowed: zero or above"),
         ("projected-gradient", {"keep": "first"}, "keep = 'first'; allowed: 'last' or 'best'"),
-        ("projected-gradient", {"start": "one"}, "start = 'one'; allowed: 'given' or 'zero'"),
+        ("projected-gradient", {"start": "one"}, "start = 'one'; allowed: 'x0' or 'zero'"),
     ],
 )
-def test_wrong_names_and_options_are_answered_with_the_right_ones(
+def test_make_solver_rejects_wrong_names_and_options(
     name: str, options: dict[str, Any], words: str
 ) -> None:
     with pytest.raises(SolverError) as caught:
@@ -280,7 +280,7 @@ def test_wrong_names_and_options_are_answered_with_the_right_ones(
 
 
 @pytest.mark.parametrize("name", ["ipopt", "projected-gradient"])
-def test_solvers_pickle_hash_and_do_not_change(name: str) -> None:
+def test_solver_pickles_and_hashes_after_solving(name: str) -> None:
     solver = make_solver(name, tolerance=1e-7)
     case = active_box()
     solver.solve(case.nlp, case.instance)  # compiles what does not pickle

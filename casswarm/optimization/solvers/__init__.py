@@ -1,4 +1,4 @@
-"""Solvers: one algorithm a file, all behind one verb."""
+"""Solvers: one file per algorithm, with a common interface."""
 
 from __future__ import annotations
 
@@ -39,20 +39,22 @@ SOLVERS: dict[str, type[Solver]] = {
 
 
 def make_solver(solver: str | Solver, **options: Any) -> Solver:
-    """Solver of a name, with options; a solver is returned as it is.
+    """Make the solver of a name, with options; a solver is returned unchanged.
 
     Parameters
     ----------
     solver : str or Solver
-        A name of `casswarm.optimization.solvers.SOLVERS`, which ``casswarm solvers`` lists.
+        A solver, or a name in `casswarm.optimization.solvers.SOLVERS`, which ``casswarm solvers``
+        lists.
     **options
         Fields of the solver's class.
 
     Raises
     ------
     SolverError
-        An unknown name or option; the message names the nearest known one. A solver that is left
-        out, or cannot run in this installation; the message says why.
+        The name or an option is unknown (the message names the closest known one), the solver is
+        not supported or cannot run in this installation (the message says why), or there are
+        options for a solver that is not a name.
 
     Examples
     --------
@@ -61,20 +63,28 @@ def make_solver(solver: str | Solver, **options: Any) -> Solver:
     1e-09
     """
     if isinstance(solver, Solver):
+        if options:
+            raise SolverError(f"solver options apply to names of solvers; got {solver!r}")
         return solver
     if solver in UNSUPPORTED:
-        raise SolverError(f"solver {solver!r} is left out: {UNSUPPORTED[solver]}")
+        raise SolverError(
+            f"solver {solver!r} is not supported: {UNSUPPORTED[solver]}", solver=solver
+        )
     if solver not in SOLVERS:
-        raise SolverError(f"solver {solver!r} is unknown{did_you_mean(solver, SOLVERS)}")
+        raise SolverError(
+            f"solver {solver!r} is unknown{did_you_mean(solver, SOLVERS)}", solver=solver
+        )
     known = [field.name for field in fields(SOLVERS[solver])]  # type: ignore[arg-type]
     for option in options:
         if option not in known:
             raise SolverError(
-                f"solver {solver!r} has no option {option!r}{did_you_mean(option, known)}"
+                f"solver {solver!r} has no option {option!r}{did_you_mean(option, known)}",
+                solver=solver,
+                option=option,
             )
     reason = SOLVERS[solver].unavailable()
     if reason:
-        raise SolverError(f"solver {solver!r} cannot run here: {reason}")
+        raise SolverError(f"solver {solver!r} cannot run here: {reason}", solver=solver)
     return SOLVERS[solver](**options)
 
 

@@ -46,7 +46,8 @@ class Alpaqa(NlpsolSolver):
     plugin: ClassVar[str] = "alpaqa"
     statuses: ClassVar[dict[str, Status]] = STATUS
 
-    def _options(self) -> dict[str, Any]:
+    def plugin_options(self) -> dict[str, Any]:
+        """See `NlpsolSolver.plugin_options`."""
         return {
             "alpaqa": {
                 "alm.tolerance": self.tolerance,

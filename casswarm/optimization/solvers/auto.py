@@ -76,7 +76,7 @@ class Auto(Solver):
         return solution.with_rows(left, replace(again, used_fallback=np.ones(left.size, bool)))
 
     def _batch(self, nlp: Nlp, instances: Instances) -> BatchSolver | None:
-        """The batch solver that can take the problem, None where none can."""
+        """The batch solver that applies to the problem; None if none does."""
         if self.batch.can_take(nlp, instances):
             return self.batch
         return self.paths if self.paths.can_take(nlp, instances) else None

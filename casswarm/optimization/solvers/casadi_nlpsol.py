@@ -55,7 +55,7 @@ class NlpsolSolver(Solver):
         return False
 
     @abstractmethod
-    def _options(self) -> dict[str, Any]:
+    def plugin_options(self) -> dict[str, Any]:
         """Options of the plugin in addition to `COMMON`."""
 
     @classmethod
@@ -145,7 +145,7 @@ def _reason(error: RuntimeError) -> str:
 
 @lru_cache(maxsize=64)
 def _compiled(solver: NlpsolSolver, nlp: Nlp) -> Any:
-    options = {"expand": nlp.unroll, **COMMON, **solver._options()}
+    options = {"expand": nlp.unroll, **COMMON, **solver.plugin_options()}
     if nlp.hessian is not None and solver.second_derivatives:
         options["hess_lag"] = nlp.hessian
     free = solver.needs_constraint_row and not nlp.sizes[2]
@@ -155,4 +155,4 @@ def _compiled(solver: NlpsolSolver, nlp: Nlp) -> Any:
         with silence() if solver.prints_to_stdout else nullcontext():
             return ca.nlpsol("solver", solver.plugin, problem, options)
     except RuntimeError as error:
-        raise SolverError(f"{solver.name} cannot take {nlp.name}: {_reason(error)}") from error
+        raise SolverError(f"{solver.name} cannot solve {nlp.name}: {_reason(error)}") from error

@@ -67,7 +67,8 @@ class Ipopt(NlpsolSolver):
         """Whether Hessians are exact."""
         return self.hessian == "exact"
 
-    def _options(self) -> dict[str, Any]:
+    def plugin_options(self) -> dict[str, Any]:
+        """See `NlpsolSolver.plugin_options`."""
         pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
         pushed = {} if self.bound_push is None else dict.fromkeys(pushes, self.bound_push)
         barrier = {} if self.mu_init is None else {"mu_init": self.mu_init}

@@ -1,4 +1,4 @@
-"""The paper's projected gradient: a fixed step, and an exact projection."""
+"""The paper's projected gradient method, with a constant step and exact projections."""
 
 from __future__ import annotations
 
@@ -34,23 +34,23 @@ class ProjectedGradient(Solver):
     max_iter : int
     tolerance : float
         An instance has converged when no component of x moves by more than `tolerance` times the
-        step in one iteration. Running out of iterations is a limit, not a success.
+        step in one iteration. Reaching `max_iter` is not a success.
     keep : {"last", "best"}
-        Which iterate is the answer: the last, or the one with the least objective (with a fixed
-        step the iterates may circle around a kink).
-    start : {"given", "zero"}
-        Where to start: from the instance's own guess, or from the projection of zero, as the
-        paper does for the formation.
+        Which iterate is the answer: the last, or the one with the smallest objective (with a
+        constant step the iterates may circle around a kink).
+    start : {"x0", "zero"}
+        Initial guess: that of the instance, or the projection of zero, as in the paper for the
+        formation.
     """
 
     step: PositiveFinite = 0.05
     max_iter: NonNegativeInt = 2000
     tolerance: NonNegative = 1e-6
     keep: Literal["last", "best"] = "last"
-    start: Literal["given", "zero"] = "given"
+    start: Literal["x0", "zero"] = "x0"
 
     name: ClassVar[str] = "projected-gradient"
-    summary: ClassVar[str] = "the paper's fixed-step method; boxes and discs only"
+    summary: ClassVar[str] = "the paper's constant-step method; boxes and discs only"
     capabilities: ClassVar[Capabilities] = Capabilities("product sets", batch=True)
 
     def prepare(self, nlp: Nlp) -> None:
@@ -61,8 +61,8 @@ class ProjectedGradient(Solver):
         """See `Solver.run`."""
         if nlp.constraints and not isinstance(instances.feasible_set, PlanarSets):
             raise SolverError(
-                f"projected-gradient cannot take {nlp.name}: its constraints "
-                f"({', '.join(nlp.constraints)}) are no product of boxes and discs"
+                f"projected-gradient cannot solve {nlp.name}: its constraints "
+                f"({', '.join(nlp.constraints)}) are not a product of boxes and discs"
             )
         answers: list[Answer] = []
         for start in range(0, len(instances), CHUNK):
@@ -73,43 +73,47 @@ class ProjectedGradient(Solver):
         started = time.perf_counter()
         origin = np.zeros_like(instances.x0) if self.start == "zero" else instances.x0
         x = _project(instances, origin)
-        answer, least = x.copy(), np.full(len(x), np.inf)
-        spent = np.full(len(x), self.max_iter)
+        answer, smallest = x.copy(), np.full(len(x), np.inf)
+        iterations = np.full(len(x), self.max_iter)
         converged = np.zeros(len(x), bool)
-        moving, part = np.arange(len(x)), instances
+        active, remaining = np.arange(len(x)), instances
         for iteration in range(self.max_iter):
-            objective, gradient = gradients(nlp, x[moving], part.p)
+            objective, gradient = gradients(nlp, x[active], remaining.p)
             if self.keep == "best":
-                better = objective < least[moving]
-                least[moving[better]] = objective[better]
-                answer[moving[better]] = x[moving[better]]
-            step = x[moving] - self.step * gradient
+                better = objective < smallest[active]
+                smallest[active[better]] = objective[better]
+                answer[active[better]] = x[active[better]]
+            step = x[active] - self.step * gradient
             finite: BoolArray = np.asarray(np.isfinite(step).all(axis=1))
-            following = _project(part, np.where(finite[:, None], step, x[moving]))
-            change = np.abs(following - x[moving]).max(axis=1, initial=0.0)
-            x[moving] = np.where(finite[:, None], following, np.nan)
-            still: BoolArray = np.asarray(~finite | (change <= self.tolerance * self.step))
-            if still.any():
-                spent[moving[still]] = iteration + 1
-                converged[moving[still]] = finite[still]
-                moving = moving[~still]
-                part = instances[moving]
-            if not moving.size:
+            projected = _project(remaining, np.where(finite[:, None], step, x[active]))
+            change = np.abs(projected - x[active]).max(axis=1, initial=0.0)
+            x[active] = np.where(finite[:, None], projected, np.nan)
+            done: BoolArray = np.asarray(~finite | (change <= self.tolerance * self.step))
+            if done.any():
+                iterations[active[done]] = iteration + 1
+                converged[active[done]] = finite[done]
+                active = active[~done]
+                remaining = instances[active]
+            if not active.size:
                 break
-        lost: BoolArray = np.asarray(~np.isfinite(x).all(axis=1))
+        diverged: BoolArray = np.asarray(~np.isfinite(x).all(axis=1))
         if self.keep == "last":
             answer = x
         seconds = (time.perf_counter() - started) / max(1, len(x))
         return [
             Answer(
-                answer[i], *_outcome(lost[i], converged[i]), int(spent[i]), int(spent[i]), seconds
+                answer[i],
+                *_outcome(diverged[i], converged[i]),
+                int(iterations[i]),
+                int(iterations[i]),
+                seconds,
             )
             for i in range(len(x))
         ]
 
 
-def _outcome(lost: np.bool_, converged: np.bool_) -> tuple[Status, str]:
-    if lost:
+def _outcome(diverged: np.bool_, converged: np.bool_) -> tuple[Status, str]:
+    if diverged:
         return Status.FAILED, "gradient not finite"
     if converged:
         return Status.SOLVED, "step below tolerance"

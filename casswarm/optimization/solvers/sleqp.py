@@ -44,7 +44,8 @@ class Sleqp(NlpsolSolver):
     needs_constraint_row: ClassVar[bool] = True  # or some solves exceed their time limit
     statuses: ClassVar[dict[str, Status]] = STATUS
 
-    def _options(self) -> dict[str, Any]:
+    def plugin_options(self) -> dict[str, Any]:
+        """See `NlpsolSolver.plugin_options`."""
         return {
             "max_iter": self.max_iter,
             "max_wall_time": self.time_limit,

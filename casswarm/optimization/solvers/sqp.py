@@ -55,7 +55,8 @@ class Sqp(NlpsolSolver):
     prints_to_stdout: ClassVar[bool] = True  # qpOASES prints its licence
     statuses: ClassVar[dict[str, Status]] = STATUS
 
-    def _options(self) -> dict[str, Any]:
+    def plugin_options(self) -> dict[str, Any]:
+        """See `NlpsolSolver.plugin_options`."""
         options: dict[str, Any] = {
             "qpsol": self.qp_solver,
             "qpsol_options": {"error_on_fail": False, **QP_SOLVERS[self.qp_solver]},

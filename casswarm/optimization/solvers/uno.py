@@ -46,7 +46,8 @@ class Uno(NlpsolSolver):
     prints_to_stdout: ClassVar[bool] = True  # warnings on fixed variables and rows without bounds
     statuses: ClassVar[dict[str, Status]] = STATUS
 
-    def _options(self) -> dict[str, Any]:
+    def plugin_options(self) -> dict[str, Any]:
+        """See `NlpsolSolver.plugin_options`."""
         return {
             "uno": {
                 "preset": "filtersqp",

@@ -1,29 +1,29 @@
-"""Solvers that users may look for and do not find here, each with the reason."""
+"""Solvers that are not supported, each with the reason."""
 
 from __future__ import annotations
 
-NOT_SHIPPED = "CasADi's wheel has the adaptor only: the library itself is not shipped"
+NOT_SHIPPED = "CasADi's wheel contains only the interface, not the library"
 
 UNSUPPORTED: dict[str, str] = {
     "fatrop": (
-        "converges on 38 of 43 trial problems, but never returns where the objective becomes NaN "
-        "on the way, and neither a limit of time nor Ctrl-C stops it (casadi 3.8.2)"
+        "converges on 38 of 43 trial problems, but never returns if the objective becomes NaN "
+        "at an iterate, and neither a time limit nor Ctrl-C stops it (casadi 3.8.2)"
     ),
     "trust-constr": (
-        "calls itself done while its barrier is still large: the objective is off by 1e-6 to "
-        "1e-3 on 20 of 43 trial problems (scipy 1.17.1)"
+        "reports success while its barrier parameter is still large: the objective is off by 1e-6 "
+        "to 1e-3 on 20 of 43 trial problems (scipy 1.17.1)"
     ),
     "blocksqp": (
-        "right on 34 of 43 trial problems, not on the guide; its restoration phase needs HSL's "
-        "MA27, and it tells no status (casadi 3.8.2)"
+        "correct on 34 of 43 trial problems, but not on the guide; its restoration phase needs "
+        "HSL's MA27, and it reports no status (casadi 3.8.2)"
     ),
     "feasiblesqpmethod": (
-        "right on 14 of 43 trial problems: it raises on formations and refuses infeasible starts "
+        "correct on 14 of 43 trial problems: it raises on formations and refuses infeasible starts "
         "(casadi 3.8.2)"
     ),
-    "qrsqp": "right on 22 of 43 trial problems, raises on 15 (casadi 3.8.2)",
-    "scpgen": "right on 17 of 43 trial problems, raises on 21 (casadi 3.8.2)",
-    "bonmin": "for integer variables; without any it calls Ipopt, and tells no multipliers",
+    "qrsqp": "correct on 22 of 43 trial problems, raises on 15 (casadi 3.8.2)",
+    "scpgen": "correct on 17 of 43 trial problems, raises on 21 (casadi 3.8.2)",
+    "bonmin": "for integer variables; without any it calls Ipopt, and reports no multipliers",
     "ampl": "writes a file for an executable that is not shipped",
     "worhp": NOT_SHIPPED,
     "snopt": NOT_SHIPPED,
@@ -33,4 +33,4 @@ UNSUPPORTED: dict[str, str] = {
     "ccopt": NOT_SHIPPED,
 }
 """Reason by name. The trial problems are 38 of Hock and Schittkowski, four formations of five
-members and the guide of paper-1; right is the published (or Ipopt's) objective to 1e-6."""
+members and the guide of paper-1; correct is the published (or Ipopt's) objective to 1e-6."""
