@@ -128,7 +128,11 @@ class RunFigure:
         close.set_ylabel("")
         scales: list[tuple[ScalarMappable, Axes, str]] = [
             (self.image, self.map, "hazard rate of an additional agent"),
-            (ScalarMappable(RELATIVE_RATE_NORM, RELATIVE_RATES), close, "... relative to isolated"),
+            (
+                ScalarMappable(RELATIVE_RATE_NORM, RELATIVE_RATES),
+                close,
+                "relative to an isolated agent",
+            ),
         ]
         for mappable, axes, label in scales:
             fig.colorbar(mappable, ax=axes, label=label, extend="max", location="bottom", pad=0.02)
