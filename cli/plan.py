@@ -270,7 +270,7 @@ def _uncertified(scenario: Scenario) -> list[str]:
         return []
     return [
         "not certified: the bound needs a lower bound of your rates over boxes, "
-        "single_agent_lower_bound (see the documentation on custom hazard rates)"
+        "lower_bound (see the documentation on custom hazard rates)"
     ]
 
 

@@ -65,7 +65,7 @@ def lower_bound(lower, upper, radars=(), fire=1.5, reach=2.0, offset=0.05):
     return rates
 
 
-towers.single_agent_lower_bound = lower_bound
+towers.lower_bound = lower_bound
 
 scenario = csw.Scenario.from_data(
     {

@@ -68,7 +68,7 @@ def guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
             "length": length,
             "clock": clock,
         },
-        objective=ca.dot(weights, clock * hazard.lone_expression(points)),
+        objective=ca.dot(weights, clock * hazard.single_agent_expression(points)),
         constraints={
             "dynamics": X - previous - dt * V,
             "acceleration": ca.sum1(change**2),

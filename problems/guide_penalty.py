@@ -32,7 +32,7 @@ def penalised_guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
     squared = ca.sum1((X - ca.repmat(center, 1, horizon)) ** 2)
     inside = squared <= radius**2
     underway = (ca.cumsum(inside, 1) - inside) < 0.5  # not arrived before this step
-    risk = ca.dot(underway, dt * hazard.lone_expression(X))
+    risk = ca.dot(underway, dt * hazard.single_agent_expression(X))
     distance = ca.sqrt(ca.fmax(squared[-1], radius**2)) - radius
     return Nlp(
         name=f"penalised guide[{horizon}]",

@@ -1,4 +1,4 @@
-"""What every hazard offers: rates as numbers for batches of states, and as CasADi expressions."""
+"""Base class of hazards: rates as numbers for batches of states, and as CasADi expressions."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from numpy.typing import ArrayLike
 
 from ..errors import HazardError
 from ..typing import BoolArray, Expr, FloatArray
-from .protection import LeastRate
+from .lower_bounds import LeastRate
 
 
 class Hazard(ABC):
     """A field of destruction rates lambda_i(x, alive), per unit time.
 
-    A hazard knows positions and who is alive, nothing of time, policies or solvers. Subclasses are
-    immutable and hashable: the problems built from a hazard are cached by it.
+    A hazard depends on positions and on the living members only. Subclasses are immutable and
+    hashable: problems are cached by their hazard.
     """
 
     @property
     @abstractmethod
     def radar_positions(self) -> FloatArray:
-        """Positions of the radars, shape (k, 2); k = 0 where the hazard has none."""
+        """Positions of the radars, shape (k, 2); k = 0 if there are none."""
 
     @abstractmethod
     def expression(self, positions: Expr, alive: Expr) -> Expr:
@@ -32,24 +32,24 @@ class Hazard(ABC):
         Parameters
         ----------
         positions : MX of shape (2, n)
-            A column a member.
+            One column per member.
         alive : MX or DM of shape (1, n)
             1 for the living, 0 for the destroyed.
 
         Returns
         -------
         MX of shape (1, n)
-            lambda_i; for the destroyed, whom `rates` masks, whatever the formula gives.
+            lambda_i; entries of the destroyed are masked by `rates`.
         """
 
     def expressions(self, positions: Expr, sets: Expr) -> Expr:
-        """Rates of all members as `expression` gives them, in each of m sets of the living.
+        """Rates of all members for each of m sets of living members.
 
         Parameters
         ----------
         positions : MX of shape (2, n)
         sets : MX or DM of shape (m, n)
-            A row a set, 1 for the living. A mean field gives probabilities of being alive instead.
+            One row per set, 1 for the living; probabilities of being alive in a mean field.
 
         Returns
         -------
@@ -59,12 +59,12 @@ class Hazard(ABC):
         count, n = sets.shape
         x, living = ca.MX.sym("positions", 2, n), ca.MX.sym("alive", 1, n)
         rates = ca.Function("rates", [x, living], [self.expression(x, living)])
-        found = rates.map(count)(ca.repmat(positions, 1, count), ca.reshape(sets.T, 1, count * n))
-        return ca.reshape(found, n, count).T
+        values = rates.map(count)(ca.repmat(positions, 1, count), ca.reshape(sets.T, 1, count * n))
+        return ca.reshape(values, n, count).T
 
     @abstractmethod
-    def lone_expression(self, points: Expr) -> Expr:
-        """Rate lambda-bar of a lone member at each of m points: (2, m) to (1, m)."""
+    def single_agent_expression(self, points: Expr) -> Expr:
+        """Rate lambda-bar of a single member at each of m points: (2, m) to (1, m)."""
 
     @abstractmethod
     def _evaluate(self, positions: FloatArray, alive: BoolArray) -> FloatArray:
@@ -78,7 +78,7 @@ class Hazard(ABC):
         positions : array_like, shape (n, 2) or (B, n, 2)
             One state, or a batch of states.
         alive : array_like of bool, shape (n,) or (B, n), optional
-            Who is alive; everybody by default. One row serves a whole batch.
+            Living members, all by default. A single row applies to the whole batch.
 
         Returns
         -------
@@ -87,12 +87,12 @@ class Hazard(ABC):
         Raises
         ------
         HazardError
-            Wrong shapes, positions that are not finite, or (for rates written by users) a rate
-            that is negative or not finite.
+            Wrong shapes, positions that are not finite, or (for custom rates) a rate that is
+            negative or not finite.
 
         Examples
         --------
-        The rate of a member at distance 1 from a radar, alone and with another in its place:
+        The rate of a member at distance 1 from a radar, alone and with another at the same point:
 
         >>> import casswarm as csw
         >>> hazard = csw.Saturation(radars=[(0, 0)], alpha_1=4.0, alpha_2=3.0, alpha_3=4.0)
@@ -109,7 +109,7 @@ class Hazard(ABC):
         living = np.ones(x.shape[:-1], bool) if alive is None else np.asarray(alive, dtype=bool)
         if living.shape not in (x.shape[:-1], x.shape[-2:-1]):
             raise HazardError(
-                f"alive has shape {living.shape}; expected {x.shape[:-1]}, as positions have"
+                f"alive has shape {living.shape}; expected {x.shape[:-1]}, as for positions"
             )
         living = np.broadcast_to(living, x.shape[:-1])
         if not np.isfinite(x).all():
@@ -121,16 +121,16 @@ class Hazard(ABC):
         return rates.reshape(x.shape[:-1])
 
     def single_agent_rates(self, points: ArrayLike) -> FloatArray:
-        """Rate lambda-bar of a lone member at each point: (..., 2) to (...)."""
+        """Rate lambda-bar of a single member at each point: (..., 2) to (...)."""
         x = np.asarray(points, dtype=float)
         if x.shape[-1:] != (2,):
             raise HazardError(f"points have shape {x.shape}; expected (..., 2)")
         return self.rates(x.reshape(-1, 1, 2)).reshape(x.shape[:-1])
 
     def single_agent_lower_bound(self, lower: FloatArray, upper: FloatArray) -> FloatArray | None:  # noqa: ARG002
-        """Lower bounds of `single_agent_rates` over boxes, None where nobody knows any.
+        """Lower bounds of `single_agent_rates` over boxes, None if none are known.
 
-        Hazards that offer them can have guides certified: see `casswarm.planning.bounds`.
+        Guides are certified for hazards that provide them: see `casswarm.planning.bounds`.
 
         Parameters
         ----------
@@ -144,20 +144,20 @@ class Hazard(ABC):
         return None
 
     def least_rate(self, n: int) -> LeastRate | None:  # noqa: ARG002
-        """Least rate of a member of a swarm of n by its lone rate, None where nobody knows it.
+        """Lower bound of a member's rate in a swarm of n, given its single-agent rate; or None.
 
-        Hazards that offer it and `lone_rates_below` have success certified: see
+        Success is certified for hazards that provide it and `single_agent_rates_below`: see
         `casswarm.planning.bounds.success_bound`.
         """
         return None
 
-    def lone_rates_below(
+    def single_agent_rates_below(
         self, east: FloatArray, north: FloatArray, spacing: float
     ) -> FloatArray | None:
         """Values at grid nodes whose bilinear interpolation is nowhere above `single_agent_rates`.
 
-        Here the least rate of the four cells around each node, which comes up to the rate as the
-        spacing; hazards that know their second derivatives come up as its square.
+        By default the lower bound over the four cells around each node, whose error is of the order
+        of the spacing; with known second derivatives it is of the order of its square.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ class Hazard(ABC):
 
         Returns
         -------
-        ndarray of shape (n, m), or None where `single_agent_lower_bound` knows none
+        ndarray of shape (n, m), or None if `single_agent_lower_bound` is None
         """
         nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)
         return self.single_agent_lower_bound(nodes - spacing, nodes + spacing)
@@ -185,12 +185,12 @@ class Hazard(ABC):
 
 
 def checked_radars(radars: ArrayLike) -> tuple[tuple[float, float], ...]:
-    """Radars as pairs of floats, hashable whatever sequence was given.
+    """Radars as a hashable tuple of pairs of floats.
 
     Raises
     ------
     HazardError
-        They are no (k, 2) finite numbers.
+        They are not (k, 2) finite numbers.
     """
     try:
         array = np.array(radars, dtype=float)

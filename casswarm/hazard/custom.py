@@ -1,4 +1,4 @@
-"""Rates written by users: any CasADi function of all positions."""
+"""Custom rates: any CasADi function of all positions."""
 
 from __future__ import annotations
 
@@ -32,30 +32,26 @@ class CustomHazard(Hazard):
         It must work for every n >= 1 and be smooth where it is optimised: squared distances
         rather than ``norm_2``, whose derivative at zero is NaN.
     radars : k pairs (x, y), optional
-        Drawn on maps and used to find ways around; handed to the function as ``radars=`` if given.
+        Drawn on maps and used to find paths; passed to the function as ``radars=`` if given.
     parameters : mapping, optional
         Further keyword arguments; lists become tuples.
+    lower_bound : callable, optional
+        ``lower_bound(lower, upper, **parameters)`` with NumPy arrays, the corners (..., 2) of
+        boxes: lower bounds (...) of a single member's rate over them, the tighter the better.
+        Guides are certified only with it. By default the function's attribute ``lower_bound``, if
+        it has one, which is how the functions of scenario files provide it.
 
     Raises
     ------
     HazardError
         The function fails, or returns another number of rates than members; at evaluation, rates
         that are negative or not finite.
-
-    Notes
-    -----
-    Guides are certified where the function has an attribute ``single_agent_lower_bound``: a function of
-    NumPy arrays ``(lower, upper, **parameters)``, the corners (..., 2) of boxes, that returns lower
-    bounds (...) of a lone member's rate over them, the nearer to the least rate the better::
-
-        def rates(positions, alive): ...
-        def least(lower, upper): ...
-        rates.single_agent_lower_bound = least
     """
 
     function: Callable[..., Expr]
     radars: tuple[tuple[float, float], ...] = ()
     parameters: Mapping[str, Any] | tuple[tuple[str, Any], ...] = ()
+    lower_bound: Callable[..., FloatArray] | None = None
 
     def __post_init__(self) -> None:
         if not callable(self.function):
@@ -78,19 +74,19 @@ class CustomHazard(Hazard):
         radars: tuple[tuple[float, float], ...] = (),
         parameters: Mapping[str, Any] | None = None,
     ) -> CustomHazard:
-        """Hazard of the function called ``module:function``, looked for in `folder` first."""
+        """Hazard of the function ``module:function``, imported from `folder` first."""
         return cls(_import_function(name, folder), radars, parameters or {})
 
     @property
     def radar_positions(self) -> FloatArray:
-        """Positions of the radars that were given, shape (k, 2)."""
+        """Positions of the radars, shape (k, 2)."""
         return np.array(self.radars, dtype=float).reshape(-1, 2)
 
     def expression(self, positions: Expr, alive: Expr) -> Expr:
         """The user's function as an MX call: (2, n), (1, n) to (1, n)."""
         return rate_function(self, positions.shape[1])(positions, alive)
 
-    def lone_expression(self, points: Expr) -> Expr:
+    def single_agent_expression(self, points: Expr) -> Expr:
         """The user's function of one member, mapped over m points: (2, m) to (1, m)."""
         m = points.shape[1]
         return rate_function(self, 1).map(m)(points, ca.DM.ones(1, m))
@@ -109,36 +105,36 @@ class CustomHazard(Hazard):
         return out
 
     def single_agent_lower_bound(self, lower: FloatArray, upper: FloatArray) -> FloatArray | None:
-        """What the user's function of that name gives; None where there is none.
+        """Values of `lower_bound` over boxes; None if there is none.
 
         Raises
         ------
         HazardError
-            It returns another shape than (...), or what is above the rate at a box's centre.
+            It returns another shape than (...), or exceeds the rate at a box's centre.
         """
-        least = getattr(self.function, "single_agent_lower_bound", None)
-        if least is None:
+        lower_bound = self.lower_bound or getattr(self.function, "lower_bound", None)
+        if lower_bound is None:
             return None
-        found = np.asarray(least(lower, upper, **self._keywords), dtype=float)
+        bounds = np.asarray(lower_bound(lower, upper, **self._keywords), dtype=float)
         boxes = np.broadcast_shapes(lower.shape, upper.shape)[:-1]
-        if found.shape != boxes:
+        if bounds.shape != boxes:
             raise HazardError(
-                f"single_agent_lower_bound of {self!r} returned shape {found.shape} for boxes of shape "
-                f"{boxes}; expected a number a box"
+                f"lower_bound of {self!r} returned shape {bounds.shape} for boxes of shape "
+                f"{boxes}; expected one number per box"
             )
-        sample = np.linspace(0, found.size - 1, min(found.size, _CHUNK)).astype(int)
+        sample = np.linspace(0, bounds.size - 1, min(bounds.size, _CHUNK)).astype(int)
         rates = self.single_agent_rates((0.5 * (lower + upper)).reshape(-1, 2)[sample])
-        above = found.ravel()[sample] > rates * (1 + 1e-9)
-        if above.any() or np.isnan(found).any():
+        above = bounds.ravel()[sample] > rates * (1 + 1e-9)
+        if above.any() or np.isnan(bounds).any():
             raise HazardError(
-                f"single_agent_lower_bound of {self!r} is no lower bound: it exceeds the rate at the centre "
+                f"lower_bound of {self!r} is not a lower bound: it exceeds the rate at the centre "
                 "of a box, or is NaN"
             )
-        return found
+        return bounds
 
     @property
     def _keywords(self) -> dict[str, Any]:
-        """What the user's functions are given besides positions."""
+        """Keyword arguments of the user's functions."""
         return dict(self.parameters) | ({"radars": self.radars} if self.radars else {})
 
     def __repr__(self) -> str:
@@ -151,29 +147,29 @@ def user_hazard(
     radars: tuple[tuple[float, float], ...],
     parameters: Mapping[str, Any],
 ) -> Hazard:
-    """Hazard that a user wrote: of a function, or of a class derived from `Hazard`.
+    """Hazard of a user's function, or of a class derived from `Hazard`.
 
     Parameters
     ----------
     kind : str or callable
-        ``module:name``, looked for in `folder` first, or the function or class itself.
+        ``module:name``, imported from `folder` first, or the function or class itself.
     folder : Path, optional
     radars : k pairs (x, y)
     parameters : mapping
-        Keyword arguments; a class gets them, and the radars, when it is made.
+        Keyword arguments; a class is called with them and the radars.
 
     Raises
     ------
     HazardError
-        What cannot be imported or made, or does not work.
+        The function or class cannot be imported or called, or fails.
     """
-    found = _import_function(kind, folder) if isinstance(kind, str) else kind
-    if not (isinstance(found, type) and issubclass(found, Hazard)):
-        return CustomHazard(found, radars, parameters)
+    rates = _import_function(kind, folder) if isinstance(kind, str) else kind
+    if not (isinstance(rates, type) and issubclass(rates, Hazard)):
+        return CustomHazard(rates, radars, parameters)
     try:
-        return found(**{"radars": radars} | dict(parameters))
+        return rates(**{"radars": radars} | dict(parameters))
     except TypeError as error:
-        raise HazardError(f"{found.__name__} cannot be made: {error}") from error
+        raise HazardError(f"{rates.__name__} cannot be made: {error}") from error
 
 
 @lru_cache(maxsize=64)
@@ -236,9 +232,9 @@ def _import_function(name: str, folder: Path | None) -> Callable[..., Expr]:
 
 def _require_from(module: Any, name: str, folder: Path | None) -> None:
     """Raise HazardError if another module of this name hides the one in `folder`."""
-    wanted = None if folder is None else folder / f"{name.replace('.', '/')}.py"
+    path = None if folder is None else folder / f"{name.replace('.', '/')}.py"
     origin = getattr(module, "__file__", None)
-    if wanted is not None and wanted.exists() and Path(origin or "").resolve() != wanted.resolve():
+    if path is not None and path.exists() and Path(origin or "").resolve() != path.resolve():
         raise HazardError(
             f"the module {name!r} beside the scenario is hidden by another of the same name, "
             f"imported from {origin}; give it another name"

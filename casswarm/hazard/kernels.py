@@ -127,7 +127,7 @@ class KernelHazard(Hazard):
             sources if count == 1 else ca.repmat(sources, count, 1), density, collision
         )
 
-    def lone_expression(self, points: Expr) -> Expr:
+    def single_agent_expression(self, points: Expr) -> Expr:
         """Rate of a lone member at each of m points: (2, m) to (1, m)."""
         return self.combine(self._sources(points), self.density(0.0), 0.0)
 

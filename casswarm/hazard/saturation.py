@@ -11,8 +11,13 @@ import numpy as np
 from ..errors import HazardError
 from ..typing import Expr, FloatArray
 from .kernels import KernelHazard, lowered_kernels, regular
-from .lower_bounds import inverse_squares_below, least_inverse_squares
-from .protection import LeastRate, saturated, saturated_apart
+from .lower_bounds import (
+    LeastRate,
+    collision_least_rate,
+    inverse_squares_below,
+    least_inverse_squares,
+    saturation_least_rate,
+)
 
 
 @dataclass(frozen=True)
@@ -23,7 +28,7 @@ class Saturation(KernelHazard):
     D_i = sum over living j of 1 / (1 + alpha_3 ||x_i - x_j||^2), j = i included.
 
     Distances below `CORE_RADIUS` are regularised (see `regular`): at a radar the rate is large and
-    finite. A lone member has lambda-bar(x) = sum_l alpha_1 / (1 + alpha_2) / ||x - x_l||^2.
+    finite. A single member has lambda-bar(x) = sum_l alpha_1 / (1 + alpha_2) / ||x - x_l||^2.
     """
 
     alpha_1: float = 4.0
@@ -43,12 +48,12 @@ class Saturation(KernelHazard):
         return 1.0 / (1.0 + self.alpha_3 * squared_distance)
 
     def collision(self, squared_distance: Expr) -> Expr:
-        """None: members may meet."""
+        """Zero: members do not collide."""
         return 0.0 * squared_distance
 
     @property
     def gathers(self) -> bool:
-        """The density h falls with distance, and with it falls what it protects."""
+        """The density h, and with it the protection, decreases with distance."""
         return True
 
     def combine(self, source: Expr, density: Expr, collision: Expr) -> Expr:
@@ -56,36 +61,36 @@ class Saturation(KernelHazard):
         return source / (1.0 + self.alpha_2 * density) + collision
 
     def single_agent_lower_bound(self, lower: FloatArray, upper: FloatArray) -> FloatArray | None:
-        """The sum of every radar's least rate over the box; see `Hazard.single_agent_lower_bound`."""
-        if not self._is_the_papers:
+        """Sum over radars of the least rate in the box."""
+        if not self._has_papers_kernels:
             return None
         least = least_inverse_squares(lower, upper, self.radar_positions, self.radar_strengths)
-        return self._alone * least
+        return self._unit_rate * least
 
-    def lone_rates_below(
+    def single_agent_rates_below(
         self, east: FloatArray, north: FloatArray, spacing: float
     ) -> FloatArray | None:
-        """Rates less what interpolation adds, see `casswarm.hazard.lower_bounds`."""
-        if not self._is_the_papers:
-            return super().lone_rates_below(east, north, spacing)
+        """Rates minus the error of interpolation, see `casswarm.hazard.lower_bounds`."""
+        if not self._has_papers_kernels:
+            return super().single_agent_rates_below(east, north, spacing)
         radars, strengths = self.radar_positions, self.radar_strengths
-        return self._alone * inverse_squares_below(east, north, spacing, radars, strengths)
+        return self._unit_rate * inverse_squares_below(east, north, spacing, radars, strengths)
 
     def least_rate(self, n: int) -> LeastRate | None:
-        """With all n members in one place; see `casswarm.hazard.protection`."""
-        return saturated(n, self.alpha_2) if type(self) is Saturation else None
+        """With all n members at one point; see `casswarm.hazard.lower_bounds`."""
+        return saturation_least_rate(n, self.alpha_2) if type(self) is Saturation else None
 
     @property
-    def _is_the_papers(self) -> bool:
-        """Whether a subclass has left the kernels of a lone member as they are."""
+    def _has_papers_kernels(self) -> bool:
+        """Whether a subclass has not changed the kernels of a single member."""
         return all(
             getattr(type(self), name) is getattr(Saturation, name)
-            for name in ("source", "density", "combine", "lone_expression", "_evaluate")
+            for name in ("source", "density", "combine", "single_agent_expression", "_evaluate")
         )
 
     @property
-    def _alone(self) -> float:
-        """A lone member's rate at distance 1 from a radar of strength 1."""
+    def _unit_rate(self) -> float:
+        """Single-agent rate at distance 1 from a radar of strength 1."""
         return self.alpha_1 / (1.0 + self.alpha_2)
 
 
@@ -105,7 +110,7 @@ class SaturationCollision(Saturation):
 
     @property
     def gathers(self) -> bool:
-        """Not too near: members collide."""
+        """Not below some distance: members collide."""
         return False
 
     def collision(self, squared_distance: Expr) -> Expr:
@@ -113,11 +118,13 @@ class SaturationCollision(Saturation):
         return ca.exp(0.5 * self.beta_2 * ca.log(self.beta_1**2 / regular(squared_distance)))
 
     def least_rate(self, n: int) -> LeastRate | None:
-        """With the neighbours where saturation and collisions balance best."""
+        """With the neighbours at the best compromise of saturation and collisions."""
         if type(self) is not SaturationCollision:
             return None
         kernel = lowered_kernels(self)[2]
-        return saturated_apart(n, self.alpha_2, lambda h: kernel((1.0 / h - 1.0) / self.alpha_3))
+        return collision_least_rate(
+            n, self.alpha_2, lambda h: kernel((1.0 / h - 1.0) / self.alpha_3)
+        )
 
 
 def _require_finite(

@@ -50,7 +50,7 @@ def plan(
         returned.
     certify : bool
         Whether to prove a lower bound on the risk of any guide: see `Guide.risk_bound` and
-        `casswarm.planning.bounds`. User-defined hazards need a ``single_agent_lower_bound`` for it.
+        `casswarm.planning.bounds`. Custom hazards need a ``lower_bound`` for it.
     gap : float
         Relative distance of the bound from the best known risk at which the proof may end; above
         0, below 1.

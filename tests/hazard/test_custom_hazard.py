@@ -111,7 +111,7 @@ def test_the_lone_rate_of_a_users_formula_is_the_builtin_one(
     x = ca.MX.sym("x", 2, 7)
     values = []
     for hazard in (own, builtin):
-        lone = hazard.lone_expression(x)
+        lone = hazard.single_agent_expression(x)
         slope = ca.gradient(ca.sum2(lone), x)
         values.append(ca.Function("lone", [x], [ca.vertcat(lone, slope)])(points.T))
     np.testing.assert_allclose(*values, rtol=1e-9, atol=1e-12)

@@ -74,7 +74,7 @@ def test_positions_of_another_shape_are_refused(hazard: Hazard, shape: tuple[int
 @pytest.mark.parametrize("shape", [(), (3,), (1, 4), (4, 1), (3, 4), (2, 1)])
 def test_alive_of_another_shape_is_refused(hazard: Hazard, shape: tuple[int, ...]) -> None:
     text = message(hazard.rates, np.stack([SQUARE] * 2), np.ones(shape, bool))
-    assert text == f"alive has shape {shape}; expected (2, 4), as positions have"
+    assert text == f"alive has shape {shape}; expected (2, 4), as for positions"
 
 
 @pytest.mark.parametrize("shape", [(), (3,), (4, 3)])
@@ -226,7 +226,7 @@ def test_kernels_may_be_constants() -> None:
     assert hazard.rates(SQUARE, alive).tolist() == [expected[0], 0, *expected[2:]]
     assert hazard.single_agent_rates(SQUARE).tolist() == [16] * 4
     points = ca.MX.sym("points", 2, 4)
-    lone = ca.Function("lone", [points], [hazard.lone_expression(points)])(SQUARE.T)
+    lone = ca.Function("lone", [points], [hazard.single_agent_expression(points)])(SQUARE.T)
     assert np.asarray(lone)[0].tolist() == [16] * 4
 
 

@@ -68,7 +68,9 @@ def test_a_lone_member_has_the_rate_of_lone_rates(kind: type[Saturation]) -> Non
         hazard.rates(points[0, :1]), hazard.single_agent_rates(points[0, :1])
     )
     flat = ca.MX.sym("points", 2, 21)
-    lone = ca.Function("lone", [flat], [hazard.lone_expression(flat)])(points.reshape(-1, 2).T)
+    lone = ca.Function("lone", [flat], [hazard.single_agent_expression(flat)])(
+        points.reshape(-1, 2).T
+    )
     np.testing.assert_allclose(np.asarray(lone)[0], expected.ravel(), rtol=1e-13)
 
 
@@ -141,7 +143,7 @@ def test_derivatives_are_finite_where_members_or_radars_touch(
 
 def test_the_gradient_at_a_radar_is_zero() -> None:
     point = ca.MX.sym("point", 2, 1)
-    rate = Saturation(RADARS[:1]).lone_expression(point)
+    rate = Saturation(RADARS[:1]).single_agent_expression(point)
     gradient = ca.Function("gradient", [point], [ca.gradient(rate, point)])
     assert np.asarray(gradient(RADARS[0])).ravel().tolist() == [0, 0]
     assert float(gradient([4.3, 4.6])[0]) > 0  # towards the radar it grows

@@ -43,7 +43,7 @@ def bounded(positions: ca.MX, alive: ca.MX, **parameters: object) -> ca.MX:
     return patrolled(positions, alive, **parameters)
 
 
-bounded.single_agent_lower_bound = least_patrolled
+bounded.lower_bound = least_patrolled
 
 
 def test_certificate_uniform_rate_has_gap_of_rounding() -> None:
@@ -68,12 +68,12 @@ def test_certificate_custom_hazard_wrong_lower_bound_raises() -> None:
     def wrong(positions: ca.MX, alive: ca.MX) -> ca.MX:
         return patrolled(positions, alive)
 
-    wrong.single_agent_lower_bound = lambda lower, upper: 0.2 + 0 * lower[..., 0]  # noqa: ARG005
+    wrong.lower_bound = lambda lower, upper: 0.2 + 0 * lower[..., 0]  # noqa: ARG005
     scenario = free((5.0, 1.0), [(2.5, 0.2)], 16)
-    with pytest.raises(HazardError, match="is no lower bound"):
+    with pytest.raises(HazardError, match="is not a lower bound"):
         plan(scenario.with_hazard(wrong))
-    wrong.single_agent_lower_bound = lambda lower, upper: 0.05  # noqa: ARG005
-    with pytest.raises(HazardError, match="expected a number a box"):
+    wrong.lower_bound = lambda lower, upper: 0.05  # noqa: ARG005
+    with pytest.raises(HazardError, match="expected one number per box"):
         plan(scenario.with_hazard(wrong))
 
 
@@ -89,7 +89,7 @@ def test_hazard_subclass_does_not_inherit_lower_bound() -> None:
     hazard = Weaker(tuple(TWO))
     corner = np.zeros(2)
     assert hazard.single_agent_lower_bound(corner, corner) is None
-    assert hazard.lone_rates_below(np.zeros(2), np.zeros(2), 0.1) is None
+    assert hazard.single_agent_rates_below(np.zeros(2), np.zeros(2), 0.1) is None
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ from casswarm import (
     plan_swarm,
     success_bound,
 )
-from casswarm.hazard.protection import LeastRate
+from casswarm.hazard.lower_bounds import LeastRate
 from casswarm.planning.bounds import Relaxation, certify
 from casswarm.planning.joint import PlanDistribution
 from casswarm.policies import JointPolicy

@@ -29,7 +29,7 @@ class StageCosts:
     grid : Grid
     certified : bool
         Whether costs are such that the least cost bounds the risk of every guide (`Hazard.
-        lone_rates_below`), or the rates at the nodes.
+        single_agent_rates_below`), or the rates at the nodes.
     multiplier : float
         Weight of the distance to the target's rim in the terminal cost; see `terminal`.
     inside : bool
@@ -70,7 +70,7 @@ class StageCosts:
         grid, hazard = self.grid, self.grid.task.hazard
         east, north = grid.axes(low, shape)
         if self.certified:
-            rates = hazard.lone_rates_below(east, north, grid.spacing)
+            rates = hazard.single_agent_rates_below(east, north, grid.spacing)
             assert rates is not None
         else:
             nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)

@@ -110,7 +110,7 @@ def certify(
     Parameters
     ----------
     task : Relaxation
-        Its hazard must provide `lone_rates_below`.
+        Its hazard must provide `single_agent_rates_below`.
     best : float
         Risk of a known path of the relaxation.
     multiplier : float

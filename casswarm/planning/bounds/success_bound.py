@@ -22,7 +22,7 @@ import casadi as ca
 import numpy as np
 
 from ...hazard import Hazard
-from ...hazard.protection import LeastRate
+from ...hazard.lower_bounds import LeastRate
 from ...typing import BoolArray, Expr, FloatArray
 from ..kinematics import remaining_distance
 from .dynamic_programming import StageCosts, costs_to_go, least_cost, minimum_within_reach, trace
@@ -198,9 +198,9 @@ class ProtectedHazard(Hazard):
         """Positions of the base hazard's radars."""
         return self.base.radar_positions
 
-    def lone_expression(self, points: Expr) -> Expr:
+    def single_agent_expression(self, points: Expr) -> Expr:
         """phi of the single-agent rate, (2, m) to (1, m)."""
-        rates = self.base.lone_expression(points)
+        rates = self.base.single_agent_expression(points)
         least = math.inf
         for intercept, slope in zip(self.least.intercepts, self.least.slopes, strict=True):
             least = ca.fmin(least, float(intercept) + float(slope) * rates)
@@ -208,7 +208,7 @@ class ProtectedHazard(Hazard):
 
     def expression(self, positions: Expr, alive: Expr) -> Expr:  # noqa: ARG002
         """Rates of all members as if the others were where they protect best."""
-        return self.lone_expression(positions)
+        return self.single_agent_expression(positions)
 
     def _evaluate(self, positions: FloatArray, alive: BoolArray) -> FloatArray:  # noqa: ARG002
         return self.least(self.base.single_agent_rates(positions))
@@ -218,7 +218,7 @@ class ProtectedHazard(Hazard):
         bound = self.base.single_agent_lower_bound(lower, upper)
         return None if bound is None else self.least(np.maximum(bound, 0.0))
 
-    def lone_rates_below(
+    def single_agent_rates_below(
         self, east: FloatArray, north: FloatArray, spacing: float
     ) -> FloatArray | None:
         """Phi of the base hazard's node values; valid because phi is concave and non-decreasing.
@@ -226,9 +226,9 @@ class ProtectedHazard(Hazard):
         I phi(v) <= phi(I v) <= phi(b) for I v <= b, if all v are at least 0; otherwise the least
         rates of the cells around each node.
         """
-        below = self.base.lone_rates_below(east, north, spacing)
+        below = self.base.single_agent_rates_below(east, north, spacing)
         if below is None:
             return None
         if (below < 0).any():
-            return super().lone_rates_below(east, north, spacing)
+            return super().single_agent_rates_below(east, north, spacing)
         return self.least(below)
