@@ -92,11 +92,11 @@ def reproduce(output: ReproduceOutput, selection: ReproduceOptions, figures: Fig
 
 
 def _text(reproduction: Reproduction) -> str:
-    from ..reproduction.report import words
+    from ..reproduction.report import table_text
     from ..reproduction.reproduce import TABLES
 
     return "\n\n".join(
-        f"{TABLES[name]}\n\n{aligned(words(reproduction, name))}"
+        f"{TABLES[name]}\n\n{aligned(table_text(reproduction, name))}"
         for name in ("table-1", "table-2", "empty-sets", "beyond")
         if name in reproduction.tables
     )

@@ -22,9 +22,9 @@
 # %matplotlib inline
 import casswarm as csw
 from casswarm.figures import convergence_chart, table_2_chart
-from casswarm.reproduction import readings, reproduce
+from casswarm.reproduction import interpretations, reproduce
 from casswarm.reproduction.convergence import condensed, formation_convergence, guide_convergence
-from casswarm.reproduction.report import table_2_words
+from casswarm.reproduction.report import table_2_text
 
 first, second = csw.load_scenario("paper-1"), csw.load_scenario("paper-2")
 paper = reproduce(only=["table-1", "geometry", "table-2", "infeasible", "figures"])
@@ -48,7 +48,7 @@ paper.tables["geometry"]
 # proven, and at most 0.001 apart.
 
 # %%
-table_2_words(paper.tables["table-2"], paper.runs)
+table_2_text(paper.tables["table-2"], paper.runs)
 
 # %%
 table_2_chart(paper.tables["table-2"], paper.runs)
@@ -118,7 +118,7 @@ for policy in ("naive", "constrained", "leader"):
 # consequences.
 
 # %%
-readings()[["place", "kind", "paper", "reading"]]
+interpretations()[["location", "kind", "paper", "interpretation"]]
 
 # %% [markdown]
 # `results/paper/README.md` shows all of it as one page.

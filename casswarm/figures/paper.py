@@ -135,7 +135,7 @@ def infeasible_chart(table: pd.DataFrame) -> Figure:
     styles = policy_styles(policies)
     for panel, policy in zip(axes, policies, strict=True):
         rows = table[table["policy"] == policy]
-        panel.bar(rows["step"], rows["short"], color=styles[str(policy)].color, width=0.8)
+        panel.bar(rows["step"], rows["infeasible"], color=styles[str(policy)].color, width=0.8)
         panel.step(rows["step"], rows["alive"], where="mid", color=INK)
         panel.set(title=str(policy), xlabel="step", ylabel="mean number of members")
         panel.set_ylim(0, 1.1 * float(table["alive"].max()))

@@ -1,6 +1,6 @@
-"""The paper reproduced: its tables and figures once more, and what follows from them."""
+"""Reproduction of the paper: its tables and figures, and results beyond them."""
 
-from .paper import PAPER_RUNS, PAPER_SUCCESS, readings, table_1
+from .paper import PAPER_RUNS, PAPER_SUCCESS, interpretations, table_1
 from .report import page
 from .reproduce import FIGURES, TABLES, Reproduction, reproduce
 
@@ -10,8 +10,8 @@ __all__ = [
     "PAPER_SUCCESS",
     "TABLES",
     "Reproduction",
+    "interpretations",
     "page",
-    "readings",
     "reproduce",
     "table_1",
 ]

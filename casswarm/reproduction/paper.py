@@ -1,4 +1,4 @@
-"""What the paper states: its Table I and Table II, and where it slips or is silent."""
+"""Contents of the paper: its Table I and Table II, its errors and ambiguities."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PAPER_SUCCESS = {"naive": 0.32, "constrained": 0.64, "leader": 0.68}
 """Table II: success probabilities in scenario I."""
 
 PAPER_RUNS = 50
-"""Simulations behind each of them (section V.B)."""
+"""Number of simulations behind each of them (section V.B)."""
 
 TABLE_1 = (
     ("n", "members", 5.0, "n"),
@@ -36,14 +36,14 @@ TABLE_1 = (
 
 
 def table_1(scenario: Scenario) -> pd.DataFrame:
-    """Table I beside what a scenario uses.
+    """Table I beside the values of a scenario.
 
-    Columns: parameter, meaning, key (in the scenario file), paper, used. The rates' parameters are
-    those of `scenario`, so give one with collisions to have them all.
+    Columns: parameter, meaning, key (in the scenario file), paper, casswarm. The hazard parameters
+    are those of `scenario`: a scenario with collisions has them all.
     """
     values = tomllib.loads(scenario.to_toml())
 
-    def used(key: str) -> float:
+    def value(key: str) -> float:
         if key == "n":
             return float(scenario.n)
         table, _, name = key.partition(".")
@@ -51,25 +51,32 @@ def table_1(scenario: Scenario) -> pd.DataFrame:
 
     return pd.DataFrame(
         [
-            {"parameter": symbol, "meaning": meaning, "key": key, "paper": paper, "used": used(key)}
+            {
+                "parameter": symbol,
+                "meaning": meaning,
+                "key": key,
+                "paper": paper,
+                "casswarm": value(key),
+            }
             for symbol, meaning, paper, key in TABLE_1
         ]
     )
 
 
 def geometry(scenario: Scenario) -> pd.DataFrame:
-    """What the paper shows as a picture only: a row a member, radar or target, with its place."""
-    rows = [("member", *place) for place in scenario.swarm.positions]
-    rows += [("radar", *place) for place in scenario.hazard.radar_positions.tolist()]
+    """Positions that the paper only shows as a picture: a row per member, radar or target."""
+    rows = [("member", *position) for position in scenario.swarm.positions]
+    rows += [("radar", *position) for position in scenario.hazard.radar_positions.tolist()]
     rows += [("target", *scenario.target.center)]
-    return pd.DataFrame(rows, columns=["what", "x", "y"])
+    return pd.DataFrame(rows, columns=["item", "x", "y"])
 
 
-def readings() -> pd.DataFrame:
-    """Where the paper slips or is silent: a row each, with casswarm's reading.
+def interpretations() -> pd.DataFrame:
+    """Errors and ambiguities of the paper: a row each, with casswarm's interpretation.
 
-    Columns: place (section or equation), kind (slip, silence, unit or geometry), paper, reading,
-    letter (how to have the paper's letter, empty where it cannot be had or is the same).
+    Columns: location (section or equation), kind (error, omission, unit or geometry), paper,
+    interpretation, to_follow_the_paper (how to follow the paper literally; empty if that is
+    impossible or makes no difference).
     """
     text = (files(__package__) / "interpretations.toml").read_text(encoding="utf-8")
-    return pd.DataFrame(tomllib.loads(text)["reading"])
+    return pd.DataFrame(tomllib.loads(text)["interpretation"])

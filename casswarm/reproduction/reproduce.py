@@ -27,9 +27,9 @@ from ..results.catalogue import FigureCatalogue
 from ..scenario import Scenario, load_scenario
 from ..studies.simulation import simulate
 from .convergence import condensed, formation_convergence, guide_convergence
-from .infeasibility import cost, shortfall_steps
-from .paper import PAPER_RUNS, PAPER_SUCCESS, geometry, readings, table_1
-from .success import Tell, beyond, sensitivity, table_2, variants
+from .infeasibility import infeasibility_cost, infeasible_steps
+from .paper import PAPER_RUNS, PAPER_SUCCESS, geometry, interpretations, table_1
+from .success import Report, beyond, sensitivity, table_2, variants
 
 RUNS = 10_000
 """Runs of every policy in Table II."""
@@ -38,15 +38,15 @@ TABLES = {
     "table-1": "Table I: the parameters, as the paper states and as casswarm uses them",
     "geometry": "Members, radars and target: a calibration, not the paper's figure",
     "table-2": "Table II: success probabilities in scenario I",
-    "sensitivity": "Table II where the geometry is moved a little",
+    "sensitivity": "Table II after small changes of the geometry",
     "guide-convergence": "The paper's projected gradient on its guide problem",
     "formation-convergence": "The paper's projected gradient on its formation problems",
-    "infeasible": "Members whose constraint set is empty, step by step",
-    "empty-sets": "What empty constraint sets cost",
+    "infeasible": "Members with an empty constraint set, step by step",
+    "empty-sets": "Cost of empty constraint sets",
     "beyond": "Success with other guides, in other scenarios, and in scenario II",
-    "readings": "Where the paper slips or is silent, and casswarm's reading",
+    "interpretations": "Errors and ambiguities of the paper, and casswarm's interpretation",
 }
-"""Names of the tables, each with what it holds."""
+"""Names of the tables, each with its title."""
 
 FIGURES = (
     "figure-1",
@@ -62,19 +62,19 @@ FIGURES = (
 """Names of the figures; the first four are the paper's."""
 
 DRAWN = "figures"
-"""What stands for the paper's own figures where only some things are made."""
+"""Name of the paper's own figures in `only`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """The paper reproduced.
+    """Reproduction of the paper.
 
     Parameters
     ----------
     tables : mapping of name to DataFrame
-        Of `TABLES`, those that were asked for.
+        The requested ones of `TABLES`.
     figures : mapping of name to function
-        Of `FIGURES`, likewise; each draws its figure in the look of its context.
+        The requested ones of `FIGURES`; each draws its figure in the theme of its context.
     guide : Guide
         The local guide of scenario I, which the paper's policies follow.
     runs, seed : int
@@ -89,29 +89,29 @@ class Reproduction:
 
     @property
     def complete(self) -> bool:
-        """Whether everything was made."""
+        """Whether all tables and figures are present."""
         return {*self.tables} == {*TABLES} and {*self.figures} == {*FIGURES}
 
 
 def reproduce(
     runs: int = RUNS,
     seed: int = 0,
-    progress: Tell | None = None,
+    progress: Report | None = None,
     only: Collection[str] | None = None,
 ) -> Reproduction:
-    """Reproduce the paper's tables and figures, and what goes beyond them, in a few minutes.
+    """Reproduce the paper's tables and figures, and results beyond them, in a few minutes.
 
     Parameters
     ----------
     runs : int
-        Of every policy in the larger simulation of Table II, above 50.
+        Number of runs per policy in the larger simulation of Table II, above 50.
     seed : int
         Of all random numbers.
     progress : callable, optional
-        Called with what is being made.
+        Called with the name of the current task.
     only : collection of str, optional
         Some of `TABLES`, and ``"figures"`` for the paper's own; by default everything. The other
-        figures are drawn where their tables are made.
+        figures are drawn with their tables.
 
     Returns
     -------
@@ -128,38 +128,38 @@ def reproduce(
     unknown = sorted({*(only or ())} - {*TABLES, DRAWN})
     if unknown:
         raise ValueError(f"only = {unknown[0]!r}; allowed: {', '.join([*TABLES, DRAWN])}")
-    tell: Tell = progress or (lambda _: None)
+    report: Report = progress or (lambda _: None)
     first, second = load_scenario("paper-1"), load_scenario("paper-2")
     guide = plan(first, certify=False)
     makers: dict[str, Callable[[], pd.DataFrame]] = {
         "table-1": lambda: table_1(second),
         "geometry": lambda: geometry(first),
         "table-2": lambda: table_2(first, guide, runs, seed),
-        "sensitivity": lambda: sensitivity(first, tell),
+        "sensitivity": lambda: sensitivity(first, report),
         "guide-convergence": lambda: guide_convergence(first),
-        "formation-convergence": lambda: _formations(first, second, guide, tell),
-        "infeasible": lambda: shortfall_steps(first, guide, seed=seed),
-        "empty-sets": lambda: cost(first, tell),
-        "beyond": lambda: beyond(variants(), tell, seed=seed),
-        "readings": readings,
+        "formation-convergence": lambda: _formations(first, second, guide, report),
+        "infeasible": lambda: infeasible_steps(first, guide, seed=seed),
+        "empty-sets": lambda: infeasibility_cost(first, report),
+        "beyond": lambda: beyond(variants(), report, seed=seed),
+        "interpretations": interpretations,
     }
     tables = {}
     for name in TABLES:
         if only is None or name in only:
-            tell(name)
+            report(name)
             tables[name] = makers[name]()
     figures: FigureCatalogue = {}
     if only is None or DRAWN in only:
-        tell(DRAWN)
+        report(DRAWN)
         figures = paper_figures(first, second, guide, seed)
     return Reproduction(tables, figures | _charts(tables, guide, runs), guide, runs, seed)
 
 
-def _formations(first: Scenario, second: Scenario, guide: Guide, tell: Tell) -> pd.DataFrame:
+def _formations(first: Scenario, second: Scenario, guide: Guide, report: Report) -> pd.DataFrame:
     tables = {}
     for number, scenario in (("I", first), ("II", second)):
         for policy in ("leader", "constrained"):
-            tell(f"projected gradient: {policy}, scenario {number}")
+            report(f"projected gradient: {policy}, scenario {number}")
             tables[f"{policy}, {number}"] = formation_convergence(scenario, policy, guide)
     return condensed(tables)
 
@@ -167,39 +167,39 @@ def _formations(first: Scenario, second: Scenario, guide: Guide, tell: Tell) -> 
 def paper_figures(
     first: Scenario, second: Scenario, guide: Guide, seed: int = 0
 ) -> FigureCatalogue:
-    """The paper's Figures 1 to 4, in its layout: maps of a run each, and the naive guides."""
+    """The paper's Figures 1 to 4: maps of a run each, and the guides of the naive policy."""
     runs = {
         "figure-1": (first, "leader", "leader protection, scenario I"),
         "figure-2": (first, "constrained", "constrained trajectory, scenario I"),
         "figure-3": (second, "leader", "leader protection, scenario II"),
     }
     figures: FigureCatalogue = {}
-    for name, (scenario, policy, words) in runs.items():
-        number, trace = run_like_the_papers(scenario, policy, guide, seed)
-        title, kept = f"{words}, run {number}", policy == "constrained"
-        figures[name] = partial(swarm_map, scenario, trace, guide, title, corridors=kept)
+    for name, (scenario, policy, label) in runs.items():
+        number, trajectory = representative_run(scenario, policy, guide, seed)
+        title, corridors = f"{label}, run {number}", policy == "constrained"
+        figures[name] = partial(swarm_map, scenario, trajectory, guide, title, corridors=corridors)
     title = "naive, every member's own guide: its survival alone and arrival"
     guides = {f"member {k}": own for k, own in enumerate(member_guides(first, guide), start=1)}
     figures["figure-4"] = partial(comparison_map, first, guides, title)
     return figures
 
 
-def run_like_the_papers(
+def representative_run(
     scenario: Scenario, policy: str, guide: Guide, seed: int = 0, runs: int = 200
 ) -> tuple[int, RunTrajectory]:
-    """The first run that succeeds and loses two members, as the paper tells of its Figures 1 and 2.
+    """The first run that succeeds and loses two members, as in the paper's Figures 1 and 2.
 
-    Where there is none among `runs`, the first that succeeds, or else the first. With its number.
+    If there is none among `runs`, the first that succeeds, or else the first. Also its number.
     """
     study = simulate(scenario, [policy], runs, seed, guide=guide, save_trajectories=runs)
     success = study.runs["success"].to_numpy(bool)
     two_lost = study.runs["survivors"].to_numpy() == scenario.n - 2
-    wanted = [*np.flatnonzero(success & two_lost), *np.flatnonzero(success), 0]
-    return int(wanted[0]), study.trajectories[policy][int(wanted[0])]
+    number = int([*np.flatnonzero(success & two_lost), *np.flatnonzero(success), 0][0])
+    return number, study.trajectories[policy][number]
 
 
 def _charts(tables: Mapping[str, pd.DataFrame], guide: Guide, runs: int) -> FigureCatalogue:
-    """The figures of the tables that there are."""
+    """The figures of the requested tables."""
     charts: FigureCatalogue = {}
     if "table-2" in tables:
         charts["table-2"] = partial(table_2_chart, tables["table-2"], runs)

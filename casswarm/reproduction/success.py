@@ -1,4 +1,4 @@
-"""Success probabilities: the paper's, exact ones, sampled ones, and those of other scenarios."""
+"""Success probabilities: the paper's, exact and sampled, and those of other scenarios."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from ..studies.simulation import PAPER_POLICIES, simulate
 from .paper import PAPER_RUNS, PAPER_SUCCESS
 
 WIDTH = 1e-3
-"""Width of the exact brackets of Table II."""
+"""Width of the exact bounds of Table II."""
 
 STATES, RUNS = 150_000, 2000
-"""Elsewhere: states after which the rest of a law is sampled, and runs that do that."""
+"""Elsewhere: states after which the residual mass is sampled, and runs that sample it."""
 
-Tell = Callable[[str], None]
+Report = Callable[[str], None]
+"""Receives the name of the current task."""
 
 DIGITS = 6  # of probabilities in tables: more differ between processors
 
@@ -30,39 +31,39 @@ DIGITS = 6  # of probabilities in tables: more differ between processors
 def table_2(
     scenario: Scenario, guide: Guide, runs: int = 10_000, seed: int = 0, tolerance: float = WIDTH
 ) -> pd.DataFrame:
-    """Table II four times over, a row a policy.
+    """Table II from four sources, a row per policy.
 
-    Columns: policy; the paper's number and its Wilson interval (of 50 runs); the exact bracket, no
-    wider than `tolerance`; the paper's method once more (50 runs of plain Monte Carlo), and `runs`
-    of them, each with its Wilson interval; whether the exact bracket lies in the paper's interval.
+    Columns: policy; the paper's number and its Wilson interval (of 50 runs); the exact bounds, no
+    wider than `tolerance`; the paper's method repeated (50 runs of plain Monte Carlo), and `runs`
+    of them, each with its Wilson interval; whether the exact bounds lie in the paper's interval.
     """
     few = simulate(
         scenario, PAPER_POLICIES, PAPER_RUNS, seed, guide=guide, save_trajectories=0
     ).summary
     many = simulate(scenario, PAPER_POLICIES, runs, seed, guide=guide, save_trajectories=0).summary
     rows = []
-    for place, policy in enumerate(PAPER_POLICIES):
+    for row, policy in enumerate(PAPER_POLICIES):
         paper = PAPER_SUCCESS[policy]
         low, high = wilson(round(paper * PAPER_RUNS), PAPER_RUNS)
         exact = evaluate(scenario, policy, tolerance, guide=guide).success
         rows.append(
             {"policy": policy, "paper": paper, "paper_low": low, "paper_high": high}
-            | {"exact_low": exact[0], "exact_high": exact[1]}
-            | _sampled(few.iloc[place], PAPER_RUNS)
-            | _sampled(many.iloc[place], runs)
-            | {"inside": low <= exact[0] and exact[1] <= high}
+            | {"exact_low": exact.low, "exact_high": exact.high}
+            | _sampled(few.iloc[row], PAPER_RUNS)
+            | _sampled(many.iloc[row], runs)
+            | {"within_paper_interval": low <= exact.low and exact.high <= high}
         )
     return pd.DataFrame(rows).round(DIGITS)
 
 
 def _sampled(row: pd.Series, runs: int) -> dict[str, float]:
     return {
-        f"runs_{runs}{ending}": float(row[f"success{ending}"]) for ending in ("", "_low", "_high")
+        f"runs_{runs}{suffix}": float(row[f"success{suffix}"]) for suffix in ("", "_low", "_high")
     }
 
 
 def variants() -> dict[str, Scenario]:
-    """Scenarios beyond the paper's, by what they show."""
+    """Scenarios beyond the paper's, by their titles."""
     first, second = load_scenario("paper-1"), load_scenario("paper-2")
     best = {"guide.search": "global", "guide.arrival": "any"}
     short = {**best, "time.t_f": 4.0}
@@ -80,33 +81,33 @@ def variants() -> dict[str, Scenario]:
 
 def beyond(
     scenarios: Mapping[str, Scenario],
-    tell: Tell,
+    report: Report,
     *,
     states: int = STATES,
     runs: int = RUNS,
     seed: int = 0,
 ) -> pd.DataFrame:
-    """Success of the paper's policies in other scenarios, a row a scenario and policy.
+    """Success of the paper's policies in other scenarios, a row per scenario and policy.
 
-    Columns: scenario; policy; the guide's arrival step, survival, and the sides on which it passes
-    the radars; success_low and success_high; kind: "proven" where the law was followed to a width
-    of `WIDTH`, else "95 %": the head proven and the rest sampled; shortfalls in a run, mean (of
-    what was followed).
+    Columns: scenario; policy; the guide's arrival step, survival and homotopy signature;
+    success_low and success_high; kind: "proven" if the bounds are exact and at most `WIDTH` wide,
+    else "95 %": an interval, because the residual mass was sampled; infeasible: mean number of
+    infeasible member-steps per run (of the enumerated part).
     """
     rows = []
     for name, scenario in scenarios.items():
-        tell(name)
+        report(name)
         guide = plan(scenario, certify=False)
-        sides = homotopy_signature(guide.positions, scenario.hazard.radar_positions)
+        homotopy = homotopy_signature(guide.positions, scenario.hazard.radar_positions)
         for policy in PAPER_POLICIES:
-            low, high, kind, infeasible = _bracket(scenario, policy, guide, states, runs, seed)
+            low, high, kind, infeasible = _success(scenario, policy, guide, states, runs, seed)
             rows.append(
                 {
                     "scenario": name,
                     "policy": policy,
                     "arrival": guide.arrival,
                     "guide_survival": guide.survival,
-                    "sides": sides,
+                    "homotopy": homotopy,
                     "success_low": low,
                     "success_high": high,
                     "kind": kind,
@@ -116,20 +117,20 @@ def beyond(
     return pd.DataFrame(rows).round(DIGITS)
 
 
-def _bracket(
+def _success(
     scenario: Scenario, policy: str, guide: Guide, states: int, runs: int, seed: int
 ) -> tuple[float, float, str, float]:
-    law = evaluate(scenario, policy, WIDTH, max_states=states, guide=guide)
-    if law.complete:
-        return *law.success, "proven", law.infeasible
-    found = estimate(
+    distribution = evaluate(scenario, policy, WIDTH, max_states=states, guide=guide)
+    if distribution.complete:
+        return *distribution.success, "proven", distribution.infeasible
+    sampled = estimate(
         scenario, policy, runs, seed, max_states=states // 15, tolerance=1e-4, guide=guide
     )
-    return *found.success, "95 %", found.enumerated.infeasible
+    return *sampled.success, "95 %", sampled.enumerated.infeasible
 
 
 def small_changes(scenario: Scenario) -> Iterator[tuple[str, dict[str, object]]]:
-    """Changes of a calibrated geometry that should not matter much: a name, and values."""
+    """Small changes of the calibrated geometry: names and values."""
     yield "as calibrated", {}
     for margin in (0.05, 0.1, 0.15, 0.3):
         yield f"guide.margin = {margin}", {"guide.margin": margin}
@@ -139,9 +140,9 @@ def small_changes(scenario: Scenario) -> Iterator[tuple[str, dict[str, object]]]
     radars = scenario.hazard.radar_positions
     gate = radars[0] - radars[-1]
     along = gate / np.hypot(*gate)
-    for word, shift in (("wider", 0.05), ("narrower", -0.05)):
+    for label, shift in (("wider", 0.05), ("narrower", -0.05)):
         moved = radars + np.outer([shift, *[0.0] * (len(radars) - 2), -shift], along)
-        yield f"gate 0.1 {word}", {"hazard.radars": moved.tolist()}
+        yield f"gate 0.1 {label}", {"hazard.radars": moved.tolist()}
     for name, offset in {
         "right": (0.05, 0.0),
         "left": (-0.05, 0.0),
@@ -152,23 +153,23 @@ def small_changes(scenario: Scenario) -> Iterator[tuple[str, dict[str, object]]]
 
 
 def sensitivity(
-    scenario: Scenario, tell: Tell, policies: Sequence[str] = PAPER_POLICIES
+    scenario: Scenario, report: Report, policies: Sequence[str] = PAPER_POLICIES
 ) -> pd.DataFrame:
-    """Exact success where the geometry is moved a little: a row a change, middles of brackets.
+    """Exact success after small changes of the geometry: a row per change, midpoints of bounds.
 
-    Columns: change, the guide's risk and arrival step, a column a policy, and a column NAME_within
-    that says whether it lies in the paper's interval. Brackets are at most 0.01 wide.
+    Columns: change, the guide's risk and arrival step, a column per policy, and a column
+    POLICY_within: whether the bounds, at most 0.01 wide, lie in the paper's interval.
     """
     rows = []
     for name, change in small_changes(scenario):
-        tell(f"change: {name}")
+        report(f"change: {name}")
         moved = scenario.with_values(change) if change else scenario
         guide = plan(moved, certify=False)
         row: dict[str, object] = {"change": name, "risk": guide.risk, "arrival": guide.arrival}
         for policy in policies:
-            law = evaluate(moved, policy, 10 * WIDTH, guide=guide)
+            success = evaluate(moved, policy, 10 * WIDTH, guide=guide).success
             low, high = wilson(round(PAPER_SUCCESS[policy] * PAPER_RUNS), PAPER_RUNS)
-            row[policy] = sum(law.success) / 2
-            row[f"{policy}_within"] = low <= law.success[0] and law.success[1] <= high
+            row[policy] = sum(success) / 2
+            row[f"{policy}_within"] = low <= success.low and success.high <= high
         rows.append(row)
     return pd.DataFrame(rows).round(4)

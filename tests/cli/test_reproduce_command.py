@@ -11,7 +11,7 @@ from reproduced import CHECKED_IN, checked_in
 from casswarm.reproduction import TABLES, Reproduction, page
 from casswarm.reproduction.reproduce import FIGURES
 
-QUICK = ("table-1", "geometry", "table-2", "infeasible", "readings", "figures")
+QUICK = ("table-1", "geometry", "table-2", "infeasible", "interpretations", "figures")
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_reproduce_twice_gives_same_tables(reproduced):
 
 
 def test_reproduced_tables_equal_those_in_repository(reproduced):
-    for name in ("table-1", "geometry", "readings"):
+    for name in ("table-1", "geometry", "interpretations"):
         text = (reproduced[0] / "again" / f"{name}.csv").read_text()
         assert text == (CHECKED_IN / f"{name}.csv").read_text()
 

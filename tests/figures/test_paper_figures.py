@@ -64,7 +64,7 @@ INFEASIBLE = pd.DataFrame(
         "policy": ["constrained"] * 3 + ["leader"] * 3,
         "step": [0, 1, 2] * 2,
         "alive": [3.0, 2.5, 2.0, 3.0, 2.8, 2.1],
-        "short": [2.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+        "infeasible": [2.0, 0.0, 1.0, 0.0, 0.0, 0.0],
     }
 )
 HORIZONS = pd.DataFrame(

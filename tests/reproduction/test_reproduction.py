@@ -19,7 +19,14 @@ from casswarm.figures import (
 from casswarm.optimization.problem import Instances
 from casswarm.optimization.solvers import ProjectedGradient
 from casswarm.policies import member_guides
-from casswarm.reproduction import FIGURES, PAPER_SUCCESS, TABLES, readings, reproduce, table_1
+from casswarm.reproduction import (
+    FIGURES,
+    PAPER_SUCCESS,
+    TABLES,
+    interpretations,
+    reproduce,
+    table_1,
+)
 from casswarm.reproduction.convergence import (
     condensed,
     formation_convergence,
@@ -27,9 +34,9 @@ from casswarm.reproduction.convergence import (
     iterates,
     whole_swarm,
 )
-from casswarm.reproduction.infeasibility import POLICIES, shortfall_steps
+from casswarm.reproduction.infeasibility import POLICIES, infeasible_steps
 from casswarm.reproduction.paper import geometry
-from casswarm.reproduction.reproduce import run_like_the_papers
+from casswarm.reproduction.reproduce import representative_run
 from casswarm.reproduction.success import beyond, sensitivity, small_changes, table_2, variants
 
 FIRST, SECOND = csw.load_scenario("paper-1"), csw.load_scenario("paper-2")
@@ -52,9 +59,11 @@ def guide():
 
 def test_table_1_is_what_the_scenarios_use():
     table = table_1(SECOND)
-    assert (table["paper"] == table["used"]).all()
+    assert (table["paper"] == table["casswarm"]).all()
     assert len(table) == 15
-    assert (table_1(SECOND.with_values({"formation.rho": 0.1}))["used"] != table["used"]).sum() == 1
+    assert (
+        table_1(SECOND.with_values({"formation.rho": 0.1}))["casswarm"] != table["casswarm"]
+    ).sum() == 1
 
 
 def test_both_scenarios_share_their_geometry():
@@ -62,10 +71,16 @@ def test_both_scenarios_share_their_geometry():
 
 
 def test_every_reading_says_what_the_paper_has_and_what_casswarm_does():
-    table = readings()
-    assert list(table.columns) == ["place", "kind", "paper", "reading", "letter"]
-    assert set(table["kind"]) == {"slip", "silence", "unit", "geometry"}
-    assert (table.drop(columns="letter").map(len) > 2).all(axis=None)
+    table = interpretations()
+    assert list(table.columns) == [
+        "location",
+        "kind",
+        "paper",
+        "interpretation",
+        "to_follow_the_paper",
+    ]
+    assert set(table["kind"]) == {"error", "omission", "unit", "geometry"}
+    assert (table.drop(columns="to_follow_the_paper").map(len) > 2).all(axis=None)
 
 
 # --- what is checked in
@@ -78,7 +93,7 @@ def test_every_table_and_figure_is_checked_in_and_shown():
         assert f"({name}.png)" in shown
     for name in TABLES:
         assert (CHECKED_IN / f"{name}.csv").exists()
-        assert f"`{name}.csv`" in shown or name == "readings"
+        assert f"`{name}.csv`" in shown or name == "interpretations"
 
 
 @pytest.mark.parametrize(
@@ -89,8 +104,8 @@ def test_stated_tables_are_those_checked_in(name, made):
     pd.testing.assert_frame_equal(checked_in(name), made(), check_dtype=False)
 
 
-def test_readings_are_those_checked_in():
-    pd.testing.assert_frame_equal(checked_in("readings").fillna(""), readings())
+def test_interpretations_are_those_checked_in():
+    pd.testing.assert_frame_equal(checked_in("interpretations").fillna(""), interpretations())
 
 
 def test_table_2_is_the_one_checked_in_and_lies_in_the_papers_intervals(guide):
@@ -103,7 +118,7 @@ def test_table_2_is_the_one_checked_in_and_lies_in_the_papers_intervals(guide):
         for row in (old, new):
             assert row["exact_high"] - row["exact_low"] <= 1e-3
             assert row["paper_low"] < row["exact_low"] <= row["exact_high"] < row["paper_high"]
-            assert row["inside"]
+            assert row["within_paper_interval"]
             # the larger simulation and the law tell of one number
             assert wilson(round(10_000 * row["runs_10000"]), 10_000, 0.9999)[0] < row["exact_high"]
             assert wilson(round(10_000 * row["runs_10000"]), 10_000, 0.9999)[1] > row["exact_low"]
@@ -195,13 +210,13 @@ def test_formation_convergence_is_the_one_checked_in(guide):
 
 
 def test_shortfalls_are_those_that_the_simulation_counts(guide):
-    table = shortfall_steps(FIRST, guide, runs=50)
+    table = infeasible_steps(FIRST, guide, runs=50)
     study = csw.simulate(FIRST, POLICIES, 50, guide=guide)
     for policy in POLICIES:
         rows = table[table["policy"] == policy]
         counted = study.runs.loc[study.runs["policy"] == policy, "infeasible"].sum()
-        assert (rows["short"] * rows["runs"]).sum() == pytest.approx(counted, abs=0.5)
-        assert (rows["short"] <= rows["alive"] + 1e-9).all()
+        assert (rows["infeasible"] * rows["runs"]).sum() == pytest.approx(counted, abs=0.5)
+        assert (rows["infeasible"] <= rows["alive"] + 1e-9).all()
 
 
 def test_sets_are_empty_less_often_where_limits_are_looser():
@@ -216,7 +231,7 @@ def test_sets_are_empty_less_often_where_limits_are_looser():
 
 
 def test_the_run_shown_succeeds_and_loses_two(guide):
-    number, trace = run_like_the_papers(FIRST, "leader", guide, runs=50)
+    number, trace = representative_run(FIRST, "leader", guide, runs=50)
     assert trace.alive[-1].sum() == 3
     assert csw.simulate(FIRST, ["leader"], 50, guide=guide).runs["success"][number]
 
