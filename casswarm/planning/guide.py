@@ -167,7 +167,11 @@ class Guide(Displayed):
         return list(best.values())
 
     def __repr__(self) -> str:
-        bound = "" if self.survival_bound is None else f", survival_bound={self.survival_bound:.4f}"
+        bound = (
+            ""
+            if self.survival_bound is None
+            else f", survival_bound={rounded_up(self.survival_bound):.4f}"
+        )
         return (
             f"Guide(arrives={self.arrives}, arrival={self.arrival}, "
             f"survival={self.survival:.4f}{bound})"
