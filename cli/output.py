@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from ..typing import Progress
 
 
+_BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
+
+
 def aligned(rows: Iterable[tuple[str, ...]]) -> str:
     """Rows as columns of text, the first to the left and the others to the right."""
     table = list(rows)
@@ -56,7 +59,7 @@ def progress_report(quiet: bool) -> Iterator[Progress | None]:
                 say(task)
                 return
             if task not in bars:
-                bars[task] = stack.enter_context(tqdm(desc=task, disable=None))
+                bars[task] = stack.enter_context(tqdm(desc=task, bar_format=_BAR, disable=None))
             bars[task].total = total
             bars[task].update(done - bars[task].n)
 
