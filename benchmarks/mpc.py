@@ -10,8 +10,8 @@ Run with the installed package::
 ratio to Ipopt, medians of passes in turn; then the time of exact evaluation and of a thousand
 runs. `value` prints a Markdown table, and writes mpc.csv and mpc.png in the current folder: bounds
 by exact evaluation, where its states suffice for a width of 0.01, and otherwise (marked ~)
-intervals with 95 % confidence, what the states leave being sampled. It is what ``casswarm evaluate SCENARIO
---policy leader-mpc-3 --aggregation-tol 1e-6`` gives.
+intervals with 95 % confidence of simulated runs. ``casswarm evaluate SCENARIO --policy leader-mpc-3
+--aggregation-tol 1e-6`` gives the same bounds.
 """
 
 from __future__ import annotations
