@@ -240,6 +240,7 @@ def test_feedback_samples_agree_with_exact_distribution() -> None:
     assert row.solver_failures == 0
 
 
+@pytest.mark.slow
 def test_simulate_command_accepts_feedback_policies(tmp_path: Path) -> None:
     words = "simulate single-agent --policy leader-feedback --policy constrained-feedback"
     command = [Path(sys.executable).parent / "casswarm", *words.split(), "--runs", "20", "--json"]

@@ -300,6 +300,7 @@ def test_leader_with_horizon_keeps_leader_selection() -> None:
     assert policy.leader_selection == "first"
 
 
+@pytest.mark.slow
 def test_commands_accept_several_horizons(tmp_path: Path) -> None:
     names = ["leader", "leader-mpc-2", "constrained-mpc-3"]
     policies = [word for name in names for word in ("--policy", name)]
