@@ -28,8 +28,32 @@ import pandas as pd
 import casswarm as csw
 import casswarm.policies
 from casswarm import Guide, Scenario
+from casswarm.figures import success_chart
+from casswarm.results.folder import FigureFormat, ResultsFolder
 
-WIDE = 0.01
+WIDE = 0.01  # bounds that are wider are replaced by an interval from RUNS runs
+RUNS = 4000
+COMMAND = "python benchmarks/policies.py --out results/policies"
+README = f"""# Policies where radars cannot be avoided
+
+Written by `{COMMAND}`, which takes some minutes; `run.json` records its inputs and the versions.
+`docs/policies.md` discusses the results.
+
+![Success probability of every policy in six scenarios](policies.png)
+
+`policies.csv` has a row per scenario and policy:
+
+| column | meaning |
+| :-- | :-- |
+| scenario, policy | names; scenarios differ from the built-in ones as the benchmark states |
+| bound | proven upper bound on the success probability of any policy |
+| success_low, success_high | proven bounds if `exact`, else a 95 % interval from {RUNS} runs |
+| exact | whether the bounds are proven and at most {WIDE} apart |
+| infeasible | mean number of member-steps per run whose soft constraint could not be met |
+| failures | mean number of solver failures per run |
+| planning_seconds | CPU time until the policy is ready, guide included |
+| decision_microseconds | CPU time per step and distinct state, the chain's own work included |
+"""
 GENTLE = {"guide.a_max": 0.1, "guide.search": "global", "guide.arrival": "any"}
 
 Maker = Callable[[Scenario, Guide], Any]
@@ -69,8 +93,8 @@ def makers() -> dict[str, Maker]:
     return {name: partial(named, name) for name in names} | rules
 
 
-def decided(scenario: Scenario, policy: Any, guide: Guide) -> float:
-    """Microseconds of processor time a step and distinct state, in a thousand runs."""
+def decision_time(scenario: Scenario, policy: Any, guide: Guide) -> float:
+    """Microseconds of processor time per step and distinct state, in a thousand runs."""
     options: dict[str, Any] = {"guide": guide, "save_trajectories": 0}
     csw.simulate(scenario, [policy], 10, **options)  # compiled before the clock starts
     started = time.process_time()
@@ -81,25 +105,25 @@ def decided(scenario: Scenario, policy: Any, guide: Guide) -> float:
 def row(
     scenario: Scenario, guide: Guide, planned: float, make: Maker, options: dict[str, Any]
 ) -> dict[str, Any]:
-    """What the table says of a policy."""
+    """Measurements of a policy: a row of the table."""
     started = time.process_time()
     policy = make(scenario, guide)
     planned += time.process_time() - started
     distribution = csw.evaluate(scenario, policy, guide=guide, **options)
-    (low, high), proven = distribution.success, True
+    (low, high), exact = distribution.success, True
     if high - low > WIDE:
-        (low, high), proven = (
-            csw.estimate(scenario, policy, 4000, tolerance=1e-4, guide=guide).success,
+        (low, high), exact = (
+            csw.estimate(scenario, policy, RUNS, tolerance=1e-4, guide=guide).success,
             False,
         )
     return {
         "success_low": low,
         "success_high": high,
-        "proven": proven,
+        "exact": exact,
         "infeasible": distribution.infeasible,
         "failures": distribution.failures,
-        "plan_seconds": planned,
-        "decide_microseconds": decided(scenario, policy, guide),
+        "planning_seconds": planned,
+        "decision_microseconds": decision_time(scenario, policy, guide),
     }
 
 
@@ -108,17 +132,26 @@ def markdown_row(measured: dict[str, Any]) -> str:
     bounds = f"{measured['success_low']:.4f} to {measured['success_high']:.4f}"
     columns = (
         measured["policy"],
-        bounds if measured["proven"] else f"~ {bounds}",
+        bounds if measured["exact"] else f"~ {bounds}",
         f"{measured['infeasible']:.1f}",
         f"{measured['failures']:.3g}",
-        f"{measured['plan_seconds']:.2f}",
-        f"{measured['decide_microseconds']:.0f}",
+        f"{measured['planning_seconds']:.2f}",
+        f"{measured['decision_microseconds']:.0f}",
     )
     return f"| {' | '.join(columns)} |"
 
 
+def write(path: Path, table: pd.DataFrame, options: dict[str, Any]) -> None:
+    """Write policies.csv, policies.png, README.md and run.json, the record of how."""
+    folder = ResultsFolder.create(COMMAND, None, path, FigureFormat(dpi=130))
+    folder.write_table("policies", table.round(6))
+    folder.write_figures({"policies": partial(success_chart, table)})
+    folder.write_file("README.md", README)
+    folder.write_record({}, options | {"runs": RUNS, "decision_runs": 1000, "seed": 0})
+
+
 def main() -> None:
-    """Print the tables; with --out FOLDER, leave them there as policies.csv and policies.png."""
+    """Print the tables; with --out FOLDER, also write table, figure, README and run.json."""
     quick = "--quick" in sys.argv
     options: dict[str, Any] = {"tolerance": 1e-2 if quick else 1e-3, "max_states": 20_000}
     rows = []
@@ -135,13 +168,7 @@ def main() -> None:
             rows.append({"scenario": name, "policy": policy, "bound": float(bound)} | measured)
             print(markdown_row(rows[-1]), flush=True)
     if "--out" in sys.argv:
-        from casswarm.figures import save, success_chart
-
-        folder = Path(sys.argv[sys.argv.index("--out") + 1])
-        folder.mkdir(parents=True, exist_ok=True)
-        table = pd.DataFrame(rows)
-        table.round(6).to_csv(folder / "policies.csv", index=False)
-        save(success_chart(table), folder / "policies.png", dpi=130)
+        write(Path(sys.argv[sys.argv.index("--out") + 1]), pd.DataFrame(rows), options)
 
 
 if __name__ == "__main__":
