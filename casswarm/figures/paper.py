@@ -125,7 +125,7 @@ def infeasible_chart(table: pd.DataFrame) -> Figure:
     Parameters
     ----------
     table : DataFrame
-        With the columns policy, step, alive and short.
+        With the columns policy, step, alive and infeasible.
     """
     policies = list(dict.fromkeys(table["policy"]))
     narrow = current_theme().narrow
