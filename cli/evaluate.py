@@ -22,7 +22,7 @@ from .output import aligned, open_folder, print_result, progress_report, say
 if TYPE_CHECKING:
     from ..chain.distribution import OutcomeDistribution
     from ..chain.stratified import Estimate
-    from ..planning.bounds.success_bound import SuccessBound
+    from ..planning.bounds import SuccessBound
     from ..results.folder import ResultsFolder
     from ..scenario import Scenario
 

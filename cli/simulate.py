@@ -28,7 +28,7 @@ from .output import (
 )
 
 if TYPE_CHECKING:
-    from ..planning.bounds.success_bound import SuccessBound
+    from ..planning.bounds import SuccessBound
     from ..results.folder import ResultsFolder
     from ..studies.simulation import Study
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from .._util.text import did_you_mean
 from ..errors import PolicyError
 from ..optimization.solvers import ProjectedGradient, Solver, make_solver
-from ..planning.bounds.value_function import ValueFunction
+from ..planning.bounds import ValueFunction
 from ..planning.guide import Guide
 from ..planning.joint import PlanTree, plan_swarm
 from ..planning.plan import initial_velocities, plan, plan_from

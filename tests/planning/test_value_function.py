@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from small_scenarios import DT, V_MAX, patrolled, small
 
 from casswarm import PlanningError, Scenario, plan
-from casswarm.planning.bounds.value_function import ValueFunction
+from casswarm.planning.bounds import ValueFunction
 from casswarm.planning.plan import plan_from
 
 SCENARIO = small(

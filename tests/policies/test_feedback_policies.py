@@ -20,7 +20,7 @@ from small_scenarios import DT, Array, single_agent_rate_by_hand, small
 
 from casswarm import Scenario, evaluate, make_policy, plan, simulate
 from casswarm.optimization.feasible_sets.planar import PlanarSets
-from casswarm.planning.bounds.value_function import ValueFunction
+from casswarm.planning.bounds import ValueFunction
 from casswarm.planning.plan import plan_from
 from casswarm.policies.feedback import FeedbackPolicy
 
