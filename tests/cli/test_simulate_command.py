@@ -92,6 +92,7 @@ def test_second_simulate_removes_files_of_the_first(tmp_path):
     assert b"/Type3" not in (tmp_path / "here" / "success.pdf").read_bytes()
 
 
+@pytest.mark.slow
 def test_same_seed_with_two_workers_gives_same_files(simulated, tmp_path):
     casswarm(tmp_path, "simulate", "paper-1", "--runs", 40, "--seed", 5, "--workers", 2)
     for name in ("runs.csv", "summary.csv"):
