@@ -1,4 +1,4 @@
-"""Jobs in several processes, or wherever an executor sends them; none is lost."""
+"""Jobs in several processes or on an executor; jobs of a process that dies are repeated."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class SubmitsJobs(Protocol):
     """An executor in the style of `concurrent.futures`: `submit` returns a future."""
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Any:
-        """Begin function(*arguments) and return its `concurrent.futures.Future`."""
+        """Start function(*arguments) and return its `concurrent.futures.Future`."""
 
 
 Workers = int | SubmitsJobs
@@ -37,7 +37,7 @@ Workers = int | SubmitsJobs
 
 _ONE_AT_A_TIME = threading.Lock()  # in a process: threads must not share CasADi's functions
 
-_FRUITLESS = 2  # pools that may die in a row without one job done
+_MAX_FRUITLESS = 2  # pools that may die in a row without finishing a job
 
 _GUARD = (
     "in a script, use more than one only under `if __name__ == '__main__':`, and never from "
@@ -46,15 +46,15 @@ _GUARD = (
 
 
 def checked_workers(workers: Workers) -> Workers:
-    """`workers` as it is.
+    """Check a number of workers or an executor, and return it.
 
     Raises
     ------
     ValueError
         Neither a whole number from 1 nor an executor.
     """
-    whole = isinstance(workers, Integral) and int(workers) >= 1
-    if not (whole or isinstance(workers, SubmitsJobs)):
+    valid = isinstance(workers, Integral) and int(workers) >= 1
+    if not (valid or isinstance(workers, SubmitsJobs)):
         raise ValueError(
             f"workers = {workers!r}; allowed: whole numbers from 1, or an executor with submit()"
         )
@@ -62,20 +62,20 @@ def checked_workers(workers: Workers) -> Workers:
 
 
 def done_jobs(jobs: Sequence[Callable[[], T]], workers: Workers) -> Iterator[tuple[int, T]]:
-    """Every job's place and result, as they are done.
+    """Yield the index and result of every job as soon as it is finished.
 
     Parameters
     ----------
     jobs : sequence of callables without arguments
         They pickle, unless `workers` is 1.
     workers : int or executor
-        1 does them here, one after the other. An executor is neither started nor shut down. Jobs
-        in one process wait for each other, so threads bring nothing.
+        1 runs them in this process, one after the other. An executor is neither started nor shut
+        down. Jobs in one process wait for each other, so threads save no time.
 
     Raises
     ------
     WorkerError
-        Processes died again and again without finishing a job, or the executor lost its workers.
+        Processes died repeatedly without finishing a job, or the executor lost its workers.
     Exception
         What a job raises.
     """
@@ -83,20 +83,20 @@ def done_jobs(jobs: Sequence[Callable[[], T]], workers: Workers) -> Iterator[tup
         try:
             yield from _gathered(workers, dict(enumerate(jobs)))
         except Exception as error:
-            if not _lost(error):
+            if not _is_executor_error(error):
                 raise
             raise WorkerError(f"the executor lost its workers: {error or type(error)}") from error
     elif workers == 1:
-        for place, job in enumerate(jobs):
+        for index, job in enumerate(jobs):
             with interruptible():  # CasADi loses an interrupt that comes while it builds
                 result = job()
-            yield place, result
+            yield index, result
     else:
         yield from _in_processes(jobs, int(workers))
 
 
 def require_sendable(jobs: Mapping[str, Any]) -> None:
-    """Raise PolicyError for what does not pickle; a pool whose tasks do not ends untidily.
+    """Raise PolicyError for jobs that do not pickle: a pool could not report them clearly.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def require_sendable(jobs: Mapping[str, Any]) -> None:
 
 
 def _gathered(pool: SubmitsJobs, jobs: dict[int, Callable[[], T]]) -> Iterator[tuple[int, T]]:
-    with blocked():  # which processes that are started now inherit
+    with blocked():  # inherited by the processes that are started now
         futures: dict[Future[T], int] = {pool.submit(_call, job): at for at, job in jobs.items()}
     try:
         for future in as_completed(futures):
@@ -123,10 +123,10 @@ def _gathered(pool: SubmitsJobs, jobs: dict[int, Callable[[], T]]) -> Iterator[t
             future.cancel()
 
 
-def _lost(error: Exception) -> bool:
-    """Whether an executor failed, and not a job: of the standard library's errors, or Dask's."""
-    theirs = type(error).__module__.partition(".")[0] == "distributed"
-    return theirs or isinstance(error, BrokenExecutor | CancelledError)
+def _is_executor_error(error: Exception) -> bool:
+    """Whether an executor failed, and not a job: an error of the standard library or of Dask."""
+    from_dask = type(error).__module__.partition(".")[0] == "distributed"
+    return from_dask or isinstance(error, BrokenExecutor | CancelledError)
 
 
 def _call(job: Callable[[], T]) -> T:
@@ -135,26 +135,26 @@ def _call(job: Callable[[], T]) -> T:
 
 
 def _in_processes(jobs: Sequence[Callable[[], T]], workers: int) -> Iterator[tuple[int, T]]:
-    """In processes of our own; where one dies, the jobs that were lost are done again."""
+    """Run jobs in a pool of processes; if one dies, run the unfinished jobs again."""
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise PolicyError(f"a worker process cannot have workers of its own: {_GUARD}")
-    left, fruitless = dict(enumerate(jobs)), 0
-    while left:
-        pool = _pool(min(workers, len(left)))
+    unfinished, fruitless = dict(enumerate(jobs)), 0
+    while unfinished:
+        pool = _pool(min(workers, len(unfinished)))
         try:
-            for place, result in _gathered(pool, dict(left)):
-                del left[place]
+            for index, result in _gathered(pool, dict(unfinished)):
+                del unfinished[index]
                 fruitless = 0
-                yield place, result
+                yield index, result
         except BrokenProcessPool as error:
-            _end(pool)
+            _terminate(pool)
             fruitless += 1
-            if fruitless >= _FRUITLESS:
+            if fruitless >= _MAX_FRUITLESS:
                 raise WorkerError(
                     f"a worker process died, and the next one too: {_GUARD}"
                 ) from error
-        except BaseException:  # nobody waits for work that nobody will read
-            _end(pool)
+        except BaseException:  # do not wait for results that will not be read
+            _terminate(pool)
             raise
         else:
             pool.shutdown()
@@ -165,7 +165,7 @@ def _pool(workers: int) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(workers, get_context("spawn"), initializer=begin_child)
 
 
-def _end(pool: ProcessPoolExecutor) -> None:
+def _terminate(pool: ProcessPoolExecutor) -> None:
     for process in list((pool._processes or {}).values()):
         process.terminate()
-    pool.shutdown(cancel_futures=True)  # waits for the dead, so that no semaphore is left behind
+    pool.shutdown(cancel_futures=True)  # waits for the processes, which releases semaphores

@@ -1,8 +1,8 @@
-"""How the paper's projected gradient converges, on its two problems.
+"""Convergence of the paper's projected gradient on its two problems.
 
-With a fixed step the method has no memory: k iterations from the iterate of m are the iterate of
-m + k. So it is followed by solving again and again from where it stopped, by the solver itself, and
-every iterate is judged as any answer is.
+With a fixed step the method has no memory: k iterations from iterate m give iterate m + k. The
+solver itself is therefore restarted from its last iterate, and every iterate is verified like any
+other answer.
 """
 
 from __future__ import annotations
@@ -28,29 +28,29 @@ from ..scenario import Scenario
 from ..typing import FloatArray
 
 POINTS = (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 3000, 4000, 5000, 6000)
-"""Iterations at which iterates are judged."""
+"""Numbers of iterations at which iterates are verified."""
 
 
 def iterates(
     nlp: Nlp, instances: Instances, step: float, points: Sequence[int], start: str = "x0"
 ) -> Iterator[tuple[int, list[Solution]]]:
-    """Iterates of the projected gradient after so many iterations, for every instance."""
+    """Yield numbers of iterations and the iterates of all instances after them."""
     first = ProjectedGradient(step=step, max_iter=points[0], start=start)  # type: ignore[arg-type]
-    found = first.solve(nlp, instances)
-    yield points[0], found
+    solutions = first.solve(nlp, instances)
+    yield points[0], solutions
     for before, after in pairwise(points):
-        x = np.stack([solution.x for solution in found])
+        x = np.stack([solution.x for solution in solutions])
         solver = ProjectedGradient(step=step, max_iter=after - before)
-        found = solver.solve(nlp, instances.with_x0(x))
-        yield after, found
+        solutions = solver.solve(nlp, instances.with_x0(x))
+        yield after, solutions
 
 
 def guide_convergence(scenario: Scenario, points: Sequence[int] = POINTS) -> pd.DataFrame:
-    """The paper's penalised form of the guide, from the straight line, by its projected gradient.
+    """Projected gradient on the paper's penalised guide problem, from the straight line.
 
-    A row a number of iterations: iteration, objective, residual (stationarity, recomputed), risk
-    and survival of the path up to its arrival (missing where it does not arrive), and the distance
-    of its last point from the target zone.
+    A row per number of iterations: iteration, objective, residual (stationarity, recomputed), risk
+    and survival of the path up to its arrival (missing if it does not arrive), and the distance of
+    its last point from the target zone.
     """
     task = GuideTask(
         start=scenario.guide_start,
@@ -86,7 +86,7 @@ def guide_convergence(scenario: Scenario, points: Sequence[int] = POINTS) -> pd.
 
 
 def _risk(scenario: Scenario, path: FloatArray) -> float:
-    """Risk of a path up to its first arrival; not a number where it does not arrive."""
+    """Risk of a path up to its first arrival; NaN if it does not arrive."""
     inside = scenario.target.contains(path[1:])
     if not inside.any():
         return float("nan")
@@ -95,17 +95,17 @@ def _risk(scenario: Scenario, path: FloatArray) -> float:
 
 
 def whole_swarm(scenario: Scenario, policy: str, guide: Guide) -> Step:
-    """The steps of the run in which nobody is lost, as a batch of formation problems' data."""
-    made = make_policy(policy, scenario, guide)
+    """Formation problem data of all steps of the run in which no member is lost."""
+    chosen = make_policy(policy, scenario, guide)
     positions = [scenario.positions]
     previous_velocities = [initial_velocities(scenario, guide)]
     alive = np.ones((1, scenario.n), bool)
     for step in range(guide.arrival - 1):
-        taken = made.decide(
+        velocities = chosen.decide(
             step, positions[-1][None], previous_velocities[-1][None], alive
         ).velocities[0]
-        positions.append(positions[-1] + scenario.time.dt * taken)
-        previous_velocities.append(taken)
+        positions.append(positions[-1] + scenario.time.dt * velocities)
+        previous_velocities.append(velocities)
     return Step(
         scenario.hazard,
         Motion.from_scenario(scenario),
@@ -119,12 +119,12 @@ def whole_swarm(scenario: Scenario, policy: str, guide: Guide) -> Step:
 def formation_convergence(
     scenario: Scenario, policy: str, guide: Guide, points: Sequence[int] = POINTS
 ) -> pd.DataFrame:
-    """The formation problems of the run in which nobody is lost, by the paper's projected gradient.
+    """Projected gradient on the formation problems of the run in which no member is lost.
 
-    It starts from zero, projected. A row a step and number of iterations, those steps in which
-    somebody is free to choose: step, iteration, objective (a rate per unit time), best (of the
+    It starts from zero, projected. A row per step and number of iterations, of the steps in which
+    at least one member is free: step, iteration, objective (a rate per unit time), best (of the
     default solver), gap ((objective - best) / best), residual (stationarity, recomputed, in units
-    of the scenario), converged (whether the method had stopped by itself).
+    of the scenario), converged (whether the method had converged).
     """
     options, data = scenario.formation, whole_swarm(scenario, policy, guide)
     if policy == "leader":
@@ -137,16 +137,16 @@ def formation_convergence(
     units = np.ones((len(steps), 2)) if instances.scale is None else instances.scale
     up_to = [k for k in points if k <= options.iterations]
     rows = []
-    for iteration, found in iterates(nlp, instances, options.learning_rate, up_to, "zero"):
-        for place, solution in enumerate(found):
-            residual = solution.residuals.stationarity * units[place, 0] / units[place, 1]
+    for iteration, solutions in iterates(nlp, instances, options.learning_rate, up_to, "zero"):
+        for row, solution in enumerate(solutions):
+            residual = solution.residuals.stationarity * units[row, 0] / units[row, 1]
             rows.append(
                 {
-                    "step": int(steps[place]),
+                    "step": int(steps[row]),
                     "iteration": iteration,
                     "objective": solution.objective,
-                    "best": float(best[place]),
-                    "gap": solution.objective / float(best[place]) - 1.0,
+                    "best": float(best[row]),
+                    "gap": solution.objective / float(best[row]) - 1.0,
                     "residual": float(residual),
                     "converged": solution.status.success,
                 }
@@ -155,10 +155,10 @@ def formation_convergence(
 
 
 def condensed(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """Formation problems over iterations: a row a kind of problem and number of iterations.
+    """Summary of formation problems: a row per kind of problem and number of iterations.
 
-    Columns: problems, iteration, count, converged (how many had stopped by themselves), and the
-    median and largest gap and residual.
+    Columns: problems, iteration, count, converged (how many had converged), and the median and
+    largest gap and residual.
     """
     rows = []
     for name, table in tables.items():
@@ -179,7 +179,7 @@ def condensed(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
 
 
 def _rounded(table: pd.DataFrame) -> pd.DataFrame:
-    """To four significant digits, and to nothing below 1e-9: the rest is rounding."""
+    """Round to four significant digits; values below 1e-9 are rounding errors and become zero."""
     return table.map(
         lambda value: (
             float(f"{value if abs(value) >= 1e-9 else 0.0:.4g}")

@@ -1,4 +1,4 @@
-"""Guides, laws and runs as tables."""
+"""Outcome distributions, estimates and runs as tables."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from ..typing import FloatArray
 
 
 def trajectory_table(trajectories: Mapping[str, Sequence[RunTrajectory]]) -> pd.DataFrame:
-    """A row a member and step of every run that was kept: where it is, alive or not, who leads.
+    """Trajectories of saved runs: a row per policy, run, step and member.
 
     Columns: policy, run, step, member, x, y, alive, leads (from this step to the next).
     """
     parts = []
-    for policy, kept in trajectories.items():
-        for run, trace in enumerate(kept):
-            steps, members = trace.alive.shape
-            leaders = np.append(trace.leaders, -1)
+    for policy, saved in trajectories.items():
+        for run, trajectory in enumerate(saved):
+            steps, members = trajectory.alive.shape
+            leaders = np.append(trajectory.leaders, -1)
             parts.append(
                 pd.DataFrame(
                     {
@@ -34,9 +34,9 @@ def trajectory_table(trajectories: Mapping[str, Sequence[RunTrajectory]]) -> pd.
                         "run": run,
                         "step": np.repeat(np.arange(steps), members),
                         "member": np.tile(np.arange(members), steps),
-                        "x": trace.positions[..., 0].ravel(),
-                        "y": trace.positions[..., 1].ravel(),
-                        "alive": trace.alive.ravel(),
+                        "x": trajectory.positions[..., 0].ravel(),
+                        "y": trajectory.positions[..., 1].ravel(),
+                        "alive": trajectory.alive.ravel(),
                         "leads": (leaders[:, None] == np.arange(members)).ravel(),
                     }
                 )
@@ -44,96 +44,105 @@ def trajectory_table(trajectories: Mapping[str, Sequence[RunTrajectory]]) -> pd.
     return pd.concat(parts, ignore_index=True)
 
 
-def distribution_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:
-    """A row a law: policy, brackets of success and of the mean number of survivors, counts."""
+def distribution_table(distributions: Sequence[OutcomeDistribution]) -> pd.DataFrame:
+    """Bounds of success and of the mean number of survivors, and counts: a row per policy."""
     return pd.DataFrame(
         {
-            "policy": law.policy,
-            "success_low": law.success[0],
-            "success_high": law.success[1],
-            "survivors_mean_low": law.survivors_mean[0],
-            "survivors_mean_high": law.survivors_mean[1],
-            "residual_mass": law.residual_mass,
-            "complete": law.complete,
-            "aggregation_tol": law.aggregation_tol,
-            "states": law.states,
-            "infeasible_mean": law.infeasible,
-            "solver_failures_mean": law.failures,
+            "policy": distribution.policy,
+            "success_low": distribution.success.low,
+            "success_high": distribution.success.high,
+            "survivors_mean_low": distribution.survivors_mean.low,
+            "survivors_mean_high": distribution.survivors_mean.high,
+            "residual_mass": distribution.residual_mass,
+            "complete": distribution.complete,
+            "aggregation_tol": distribution.aggregation_tol,
+            "states": distribution.states,
+            "infeasible_mean": distribution.infeasible,
+            "solver_failures_mean": distribution.failures,
         }
-        for law in laws
+        for distribution in distributions
     )
 
 
 def estimate_table(estimates: Sequence[Estimate]) -> pd.DataFrame:
-    """A row an estimate: its interval, and its parts.
+    """Estimates of success and their parts: a row per policy.
 
-    The head's bracket is proven where `aggregation_tol` is 0; `sampled_mass` is statistical.
+    The bounds of the enumerated part are proven if `aggregation_tol` is 0; the part of
+    `sampled_mass` is statistical.
     """
     return pd.DataFrame(
         {
-            "policy": found.policy,
-            "success_low": found.success[0],
-            "success_high": found.success[1],
-            "level": found.level,
-            "enumerated_low": found.enumerated.success[0],
-            "enumerated_high": found.enumerated.success[1],
-            "aggregation_tol": found.enumerated.aggregation_tol,
-            "sampled_mass": found.sampled_mass,
-            "pruned_mass": found.pruned_mass,
-            "runs": found.runs,
-            "successes": found.successes,
-            "effective_runs": found.effective_runs,
-            "states": found.states,
+            "policy": estimate.policy,
+            "success_low": estimate.success[0],
+            "success_high": estimate.success[1],
+            "level": estimate.level,
+            "enumerated_low": estimate.enumerated.success[0],
+            "enumerated_high": estimate.enumerated.success[1],
+            "aggregation_tol": estimate.enumerated.aggregation_tol,
+            "sampled_mass": estimate.sampled_mass,
+            "pruned_mass": estimate.pruned_mass,
+            "runs": estimate.runs,
+            "successes": estimate.successes,
+            "effective_runs": estimate.effective_runs,
+            "states": estimate.states,
         }
-        for found in estimates
+        for estimate in estimates
     )
 
 
-def arrival_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:
-    """A row a step: the probability of the first arrival at it, a column a policy, low ends.
+def arrival_table(distributions: Sequence[OutcomeDistribution]) -> pd.DataFrame:
+    """Probability of the first arrival at every step: a row per step, a column per policy.
 
-    The high end is the low end plus the column NAME_residual_mass.
+    These are lower bounds; the upper bound is larger by the column POLICY_residual_mass.
     """
-    steps = np.arange(len(laws[0].arrival))
-    columns = {law.policy: law.arrival for law in laws}
-    return pd.DataFrame({"step": steps} | columns | _unknown(laws))
+    steps = np.arange(len(distributions[0].arrival))
+    columns = {distribution.policy: distribution.arrival for distribution in distributions}
+    return pd.DataFrame({"step": steps} | columns | _residual_masses(distributions))
 
 
-def population_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:
-    """A row a step: the probability that k members are alive, a column NAME_k, low ends.
+def population_table(distributions: Sequence[OutcomeDistribution]) -> pd.DataFrame:
+    """Probability that k members are alive: a row per step, a column POLICY_k, lower bounds.
 
-    Runs that have ended keep the number that they ended with.
+    Runs that have ended count with their last number.
     """
-    steps = np.arange(len(laws[0].arrival))
+    steps = np.arange(len(distributions[0].arrival))
     columns = {
-        f"{law.policy}_{k}": law.population[:, k]
-        for law in laws
-        for k in range(law.population.shape[1])
+        f"{distribution.policy}_{k}": distribution.population[:, k]
+        for distribution in distributions
+        for k in range(distribution.population.shape[1])
     }
-    return pd.DataFrame({"step": steps} | columns | _unknown(laws))
+    return pd.DataFrame({"step": steps} | columns | _residual_masses(distributions))
 
 
-def _unknown(laws: Sequence[OutcomeDistribution]) -> dict[str, FloatArray]:
-    return {f"{law.policy}_residual_mass": law.residual_mass_before for law in laws}
+def _residual_masses(distributions: Sequence[OutcomeDistribution]) -> dict[str, FloatArray]:
+    return {
+        f"{distribution.policy}_residual_mass": distribution.residual_mass_before
+        for distribution in distributions
+    }
 
 
-def survivor_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:
-    """A row a number of survivors at the end: its probability, a column a policy (low ends)."""
-    numbers = np.arange(len(laws[0].survivors))
-    return pd.DataFrame({"survivors": numbers} | {law.policy: law.survivors for law in laws})
+def survivor_table(distributions: Sequence[OutcomeDistribution]) -> pd.DataFrame:
+    """Probability of every number of survivors: a row per number, a column per policy."""
+    numbers = np.arange(len(distributions[0].survivors))
+    return pd.DataFrame(
+        {"survivors": numbers}
+        | {distribution.policy: distribution.survivors for distribution in distributions}
+    )
 
 
-def member_table(laws: Sequence[OutcomeDistribution]) -> pd.DataFrame:
-    """A row a member: the probability that it is alive at the end, brackets."""
+def member_table(distributions: Sequence[OutcomeDistribution]) -> pd.DataFrame:
+    """Bounds of the probability that a member is alive at the end: a row per member."""
     columns = {}
-    for law in laws:
-        columns[f"{law.policy}_low"] = law.members
-        columns[f"{law.policy}_high"] = np.minimum(1.0, law.members + law.residual_mass)
-    return pd.DataFrame({"member": np.arange(len(laws[0].members))} | columns)
+    for distribution in distributions:
+        columns[f"{distribution.policy}_low"] = distribution.members
+        columns[f"{distribution.policy}_high"] = np.minimum(
+            1.0, distribution.members + distribution.residual_mass
+        )
+    return pd.DataFrame({"member": np.arange(len(distributions[0].members))} | columns)
 
 
 def run_table(name: str, part: Runs) -> pd.DataFrame:
-    """A row a run of a policy; see `Study`."""
+    """Runs of a policy: a row per run; see `Study`."""
     arrived = part.arrival >= 0
     arrival = pd.array(np.where(arrived, part.arrival, 0), dtype="Int64")
     arrival[~arrived] = pd.NA
@@ -154,7 +163,7 @@ def run_table(name: str, part: Runs) -> pd.DataFrame:
 
 
 def summarise(runs: pd.DataFrame) -> pd.DataFrame:
-    """A row a policy of a table with a row a run; see `Study`."""
+    """Summary of a table of runs: a row per policy; see `Study`."""
     rows = []
     for name, table in runs.groupby("policy", sort=False):
         successes = int(table["success"].sum())
@@ -181,7 +190,7 @@ def summarise(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def paired_table(runs: pd.DataFrame) -> pd.DataFrame:
-    """A row a pair of policies of a table with a row a run: their difference in success.
+    """Differences in success of pairs of policies, from a table of runs: a row per pair.
 
     Columns: first, second, difference (first minus second) with its 95 % interval difference_low
     and difference_high, first_only and second_only (the discordant runs), p_value (McNemar's exact
