@@ -61,7 +61,7 @@ def comparison_map(scenario: Scenario, guides: Mapping[str, Guide], title: str =
     The title is by default the best known upper bound on survival.
     """
     labels = [
-        f"{name},\nsurvival {guide.survival:.3g}, step {guide.arrival}"
+        f"{name},\nsurvival {guide.survival:.3g}, {guide.arrival} steps"
         for name, guide in guides.items()
     ]
     paths = [guide.positions for guide in guides.values()]
