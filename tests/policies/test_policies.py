@@ -16,7 +16,6 @@ from casswarm import (
     Guide,
     Policy,
     PolicyError,
-    Saturation,
     Scenario,
     SolverError,
     Status,
@@ -27,8 +26,7 @@ from casswarm import (
 from casswarm.optimization.problem import Instances, Nlp
 from casswarm.optimization.solvers import Answer, Ipopt, Solver
 from casswarm.planning.plan import initial_velocities
-from casswarm.policies import LEADER_SELECTION, POLICIES, member_guides
-from casswarm.problems.formation import Motion, Step
+from casswarm.policies import POLICIES, member_guides
 
 Flags = NDArray[np.bool_]
 POSITIONS = [(0.0, 0.0), (0.4, -0.3), (-0.3, 0.35), (0.1, 0.6)]
@@ -203,31 +201,6 @@ def test_nearest_survivor_leads_after_loss_of_leader() -> None:
         following = positions[0] + DT * decided("leader", state).velocities[0]
         distances = np.where(alive, np.hypot(*(following - goal).T), np.inf)
         assert distances[leader] < 1e-9
-
-
-HAZARD = Saturation(((2.0, 2.0),))
-
-
-def leaders(rule: str, positions: Array, alive: list[list[int]]) -> list[int]:
-    batch = np.array([positions] * len(alive))
-    living = np.array(alive, bool)
-    step = Step(HAZARD, Motion(2.0, 0.5, DT), batch, 0 * batch, living, np.zeros((1, 2)))
-    return [int(i) for i in LEADER_SELECTION[rule](step, np.zeros(2))]
-
-
-def test_leader_selection_follows_rule_and_breaks_ties_by_index() -> None:
-    # distances from the guide 1, 1, 1/2, 2; the radar is nearest to member 3, then to 0 and 1
-    positions = np.array([[1.0, 0.0], [0.0, 1.0], [-0.5, 0.0], [2.0, 0.0]])
-    alive = [[1, 1, 1, 1], [1, 1, 0, 1], [0, 1, 0, 1], [0, 0, 0, 1]]
-    assert leaders("nearest", positions, alive) == [2, 0, 1, 3]
-    assert leaders("first", positions, alive) == [0, 0, 1, 3]
-    assert leaders("safest", positions[[3, 0, 1, 2]], [[1, 1, 1, 0]]) == [1]
-    assert leaders("safest", positions, [[1, 1, 0, 0], [0, 1, 0, 1], [0, 0, 0, 1]]) == [0, 1, 3]
-
-
-def test_leader_selection_ties_tolerate_rounding() -> None:
-    positions = np.array([[0.1 + 0.2, 0.0], [0.0, 0.3], [0.3, 0.0], [5.0, 5.0]])
-    assert leaders("nearest", positions, [[1, 1, 1, 1], [0, 1, 1, 1]]) == [0, 1]
 
 
 # --- constrained
