@@ -1,4 +1,4 @@
-"""Look-ahead problems and their solver: formulas, known answers, Ipopt and the judge."""
+"""MPC formation problems and their solver: formulas, known answers, Ipopt, KKT residuals."""
 
 from __future__ import annotations
 

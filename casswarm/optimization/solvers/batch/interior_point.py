@@ -52,7 +52,7 @@ class InteriorPoint(BatchSolver):
     n_starts: PositiveInt | None = None
 
     name: ClassVar[str] = "barrier"
-    summary: ClassVar[str] = "compiled interior point over batches; look-ahead problems only"
+    summary: ClassVar[str] = "compiled interior point over batches; MPC formations only"
     capabilities: ClassVar[Capabilities] = Capabilities("paths", batch=True, multipliers=True)
 
     @staticmethod
