@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +35,7 @@ def evaluate(
     aggregation_tol: float = 0.0,
     guide: Guide | None = None,
     solver: str | Solver = "auto",
+    solver_options: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> OutcomeDistribution:
     """Compute the outcome distribution of the chain under a policy, within proven bounds.
@@ -63,6 +65,8 @@ def evaluate(
         Planned from the scenario by default.
     solver : str or Solver
         For the formation problems.
+    solver_options : mapping, optional
+        Options of a solver that is given by name.
     progress : Progress, optional
         Receives the policy's name and the enumerated probability mass, of a total of 1.
 
@@ -88,7 +92,7 @@ def evaluate(
     True
     """
     options = _options(scenario, tolerance, max_states, aggregation_tol)
-    expansion, _ = _expansion(scenario, policy, options, guide, solver, progress)
+    expansion, _ = _expansion(scenario, policy, options, guide, (solver, solver_options), progress)
     return expansion.distribution()
 
 
@@ -103,6 +107,7 @@ def estimate(
     aggregation_tol: float = 0.0,
     guide: Guide | None = None,
     solver: str | Solver = "auto",
+    solver_options: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """Estimate the success probability: probable states are enumerated, the rest is sampled.
@@ -116,8 +121,10 @@ def estimate(
 
     Parameters
     ----------
-    scenario, policy, max_states, tolerance, aggregation_tol, guide, solver, progress
+    scenario, policy, max_states, tolerance, aggregation_tol, guide, progress
         As in `evaluate`, for the enumerated part.
+    solver, solver_options
+        As in `evaluate`.
     runs : int
         Number of runs that sample the residual mass, at least 1.
     seed : int
@@ -140,7 +147,9 @@ def estimate(
         max_pruned_fraction=MAX_PRUNED_FRACTION,
         min_probability=VISITS / runs if max_states is None else 0.0,
     )
-    expansion, velocities = _expansion(scenario, policy, options, guide, solver, progress)
+    expansion, velocities = _expansion(
+        scenario, policy, options, guide, (solver, solver_options), progress
+    )
     return sample_residual(expansion, Chain(scenario, velocities, seed), runs)
 
 
@@ -169,11 +178,11 @@ def _expansion(
     policy: Any,
     options: ExpansionOptions,
     guide: Guide | None,
-    solver: str | Solver,
+    solver: tuple[str | Solver, Mapping[str, Any] | None],
     progress: Progress | None,
 ) -> tuple[StateSpaceExpansion, FloatArray]:
     """Expand the chain's states; also returns V(-1)."""
     guide = plan(scenario, certify=False) if guide is None else guide
-    resolved = resolve_policy(single_policy(policy), scenario, guide, solver)
+    resolved = resolve_policy(single_policy(policy), scenario, guide, *solver)
     velocities = initial_velocities(scenario, guide)
     return expand(scenario, resolved, velocities, options, progress), velocities

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ..errors import PolicyError
@@ -15,10 +15,16 @@ if TYPE_CHECKING:
     from ..scenario import Scenario
 
 
-def resolve_policy(policy: Any, scenario: Scenario, guide: Guide, solver: str | Solver) -> Policy:
+def resolve_policy(
+    policy: Any,
+    scenario: Scenario,
+    guide: Guide,
+    solver: str | Solver,
+    solver_options: Mapping[str, Any] | None = None,
+) -> Policy:
     """Policy of a name, or of a function or object by `as_policy`."""
     if isinstance(policy, str):
-        return make_policy(policy, scenario, guide, solver)
+        return make_policy(policy, scenario, guide, solver, solver_options=solver_options)
     return as_policy(policy)
 
 

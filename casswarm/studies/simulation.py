@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -97,6 +97,7 @@ def simulate(
     *,
     guide: Guide | None = None,
     solver: str | Solver = "auto",
+    solver_options: Mapping[str, Any] | None = None,
     save_trajectories: int = 1,
     progress: Progress | None = None,
     checkpoint: Path | None = None,
@@ -127,6 +128,8 @@ def simulate(
         Planned from the scenario by default.
     solver : str or Solver
         For the formation problems of the policies that are given by name.
+    solver_options : mapping, optional
+        Options of a solver that is given by name.
     save_trajectories : int
         Number of runs per policy, the first ones, whose trajectories are saved.
     progress : callable, optional
@@ -167,12 +170,14 @@ def simulate(
             raise ValueError(f"{name} = {value}; allowed: whole numbers from {least}")
     checked_workers(workers)
     guide = plan(scenario) if guide is None else guide
-    chosen = [resolve_policy(p, scenario, guide, solver) for p in policy_list(policies)]
+    listed = policy_list(policies)
+    chosen = [resolve_policy(p, scenario, guide, solver, solver_options) for p in listed]
     chain = Chain(scenario, initial_velocities(scenario, guide), seed)
     with ExitStack() as stack:
         store = None
         if checkpoint is not None:
-            inputs = _inputs(chain, guide, chosen, runs, save_trajectories, solver)
+            label = f"{solver} {dict(solver_options)}" if solver_options else str(solver)
+            inputs = _inputs(chain, guide, chosen, runs, save_trajectories, label)
             store = stack.enter_context(Checkpoint(checkpoint, inputs, if_exists))
         results = saved_results(store, chosen, runs)
         batches = missing_batches(chain, chosen, results, runs, save_trajectories, workers)
@@ -190,7 +195,7 @@ def _inputs(
     policies: Sequence[Policy],
     runs: int,
     save_trajectories: int,
-    solver: str | Solver,
+    solver: str,
 ) -> dict[str, Any]:
     """All that determines a study, for its checkpoint."""
     return {
@@ -201,7 +206,7 @@ def _inputs(
         "runs": int(runs),
         "save_trajectories": int(save_trajectories),
         "seed": int(chain.seed),
-        "solver": str(solver),
+        "solver": solver,
         "casswarm": version("casswarm"),
     }
 
