@@ -49,7 +49,7 @@ class SolverError(CasswarmError, ValueError):
 
 
 class PlanningError(CasswarmError, RuntimeError):
-    """No guide was found; the message tells the outcome of every start."""
+    """No guide was found; the message counts the outcomes of all starts."""
 
 
 class ComparisonError(CasswarmError, ValueError):

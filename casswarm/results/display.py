@@ -16,7 +16,7 @@ from ..comparison import Comparison
 from ..figures import arrival_chart, success_chart, theme
 from ..figures.base_map import add_start, base_map
 from ..figures.style import add_legend, single_panel, themed
-from ..planning.guide import Guide
+from ..planning.guide import Guide, rounded_up
 from ..planning.joint import SwarmPlan
 from ..scenario import Scenario
 from ..studies.simulation import Study
@@ -50,7 +50,7 @@ def _(result: Guide) -> str:
     values = {
         "arrival step": result.arrival if result.arrives else "does not arrive",
         "survival": f"{result.survival:.4f}",
-        "survival bound": "not certified" if bound is None else f"{bound:.4f}",
+        "survival bound": "not certified" if bound is None else f"{rounded_up(bound):.4f}",
         "search": result.search,
         "solver": f"{result.solution.solver}: {result.solution.status}",
     }

@@ -94,7 +94,8 @@ def test_node_rates_converge_quadratically() -> None:
     hazard = Saturation(tuple(TWO))
     missing = []
     for h in (0.1, 0.05, 0.025):
-        below = hazard.single_agent_rates_below(np.array([0.0, h]), np.array([1.0, 1.0 + h]), h)[0, 0]
+        east, north = np.array([0.0, h]), np.array([1.0, 1.0 + h])
+        below = hazard.single_agent_rates_below(east, north, h)[0, 0]
         missing.append(hazard.single_agent_rates(np.array([0.0, 1.0])) - below)
     assert 3.5 < missing[0] / missing[1] < 4.8
     assert 3.8 < missing[1] / missing[2] < 4.4
@@ -105,7 +106,8 @@ def explicit_least(task: Relaxation, reach: int) -> float:
     h = task.step / reach
     size = task.steps * reach + 1
     axis = np.arange(-size, size + 1)
-    rates = task.hazard.single_agent_rates_below(task.start[0] + h * axis, task.start[1] + h * axis, h)
+    east, north = (start + h * axis for start in task.start)
+    rates = task.hazard.single_agent_rates_below(east, north, h)
     cost = {
         (i, j): task.dt * rates[a, b]
         for (a, i), (b, j) in itertools.product(enumerate(axis), enumerate(axis))
