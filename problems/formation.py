@@ -239,7 +239,7 @@ def corridor_formation(
         np.stack([step.previous_velocities, to_goal], axis=-2),
         np.sqrt([step.motion.a_max, rho]) / [1.0, step.motion.dt],
     )
-    sets, infeasible = corridor.fulfil()
+    sets, infeasible = corridor.relax_infeasible()
     free, prescribed = step.alive & ~infeasible, sets.lower
     if lead_agents is not None:
         leads = np.arange(step.alive.shape[1]) == lead_agents[:, None]

@@ -84,13 +84,13 @@ def numbers(limits: tuple[float, float]) -> st.SearchStrategy[list[float]]:
     return st.lists(st.one_of(whole, st.floats(low, high)), min_size=7, max_size=7)
 
 
-def test_every_operation_of_the_tables_is_compared() -> None:
+def test_all_operations_are_compared() -> None:
     # an assignment is nothing that an expression could ask for
     assert {*UNARY, *BINARY, ca.OP_ASSIGN} == set(FROM_TABLES)
 
 
 @pytest.mark.parametrize("operation", UNARY, ids=codegen._operation_name)
-def test_operations_of_one_input_equal_casadis(operation: int) -> None:
+def test_unary_operation_equals_casadi(operation: int) -> None:
     kernel, limits = UNARY[operation]
     assert operation in operations(kernel, 1)
 
@@ -103,7 +103,7 @@ def test_operations_of_one_input_equal_casadis(operation: int) -> None:
 
 
 @pytest.mark.parametrize("operation", BINARY, ids=codegen._operation_name)
-def test_operations_of_two_inputs_equal_casadis(operation: int) -> None:
+def test_binary_operation_equals_casadi(operation: int) -> None:
     kernel, limits = BINARY[operation]
     assert operation in operations(kernel, 2)
 
@@ -115,7 +115,7 @@ def test_operations_of_two_inputs_equal_casadis(operation: int) -> None:
     check()
 
 
-def test_intermediate_results_do_not_overwrite_one_another() -> None:
+def test_intermediate_results_are_not_overwritten() -> None:
     def kernel(x: Any, y: Any, z: Any) -> Any:
         a, b = ca.exp(-x / 2), ca.sin(y) * z
         c = a * b + x
@@ -126,26 +126,26 @@ def test_intermediate_results_do_not_overwrite_one_another() -> None:
 
 
 @pytest.mark.parametrize("value", [2.5, np.inf, -np.inf, 0.1 + 0.2])
-def test_a_constant_keeps_every_digit(value: float) -> None:
+def test_constant_keeps_every_digit(value: float) -> None:
     assert lower(lambda x: ca.SX(value), 1, "constant")(np.zeros(3)) == value  # noqa: ARG005
     values = lower(lambda x: x + value, 1, "shifted")(np.zeros(3))
     assert values.tolist() == [value] * 3
 
 
-def test_a_branch_not_taken_gives_no_nan() -> None:
+def test_branch_not_taken_gives_no_nan() -> None:
     kernel = lower(lambda x: ca.if_else(x > 0, ca.log(x), -1), 1, "kernel")
     with np.errstate(all="ignore"):
         assert kernel(np.array([-1.0, 0.0, 1.0])).tolist() == [-1, -1, 0]
 
 
-def test_arrays_of_any_shape_keep_it() -> None:
+def test_lowered_function_keeps_array_shape() -> None:
     kernel = lower(lambda x, y: x * y + 1, 2, "kernel")
     values = kernel(np.ones((2, 1, 3)), np.arange(4.0)[:, None])
     assert values.shape == (2, 4, 3)
     assert values[1, :, 2].tolist() == [1, 2, 3, 4]
 
 
-def test_the_source_is_a_function_a_line_an_operation() -> None:
+def test_source_has_one_line_per_operation() -> None:
     x = ca.SX.sym("x")
     source = lower_source("density", {"x": x}, [1 / (1 + 3 * x)])
     assert source.startswith("def density(x):\n    w0 = ")
@@ -154,7 +154,7 @@ def test_the_source_is_a_function_a_line_an_operation() -> None:
     assert sum(line.startswith("    w") for line in source.splitlines()) == 6
 
 
-def test_the_source_of_a_column_indexes_it_and_several_outputs_are_a_tuple() -> None:
+def test_source_indexes_columns_and_returns_tuples() -> None:
     x, c = ca.SX.sym("x"), ca.SX.sym("c", 2)
     source = lower_source("f", {"x": x, "c": c}, [c[1] * x, ca.SX(0), x - c[0]])
     namespace: dict[str, Any] = {}
@@ -165,7 +165,7 @@ def test_the_source_of_a_column_indexes_it_and_several_outputs_are_a_tuple() -> 
 @pytest.mark.parametrize(
     ("kernel", "name"), [(ca.erf, "OP_ERF"), (ca.asin, "OP_ASIN"), (ca.acosh, "OP_ACOSH")]
 )
-def test_an_operation_that_is_in_no_table_is_named(kernel: Callable[..., Any], name: str) -> None:
+def test_unsupported_operation_is_named(kernel: Callable[..., Any], name: str) -> None:
     with pytest.raises(HazardError) as caught:
         lower(kernel, 1, "source")
     assert str(caught.value) == (

@@ -85,7 +85,7 @@ def builtin() -> SaturationCollision:
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])
-def test_the_papers_formula_written_by_a_user_gives_the_builtin_rates(
+def test_custom_paper_formula_equals_builtin_rates(
     own: CustomHazard, builtin: SaturationCollision, n: int
 ) -> None:
     rng = np.random.default_rng(n)
@@ -101,7 +101,7 @@ def test_the_papers_formula_written_by_a_user_gives_the_builtin_rates(
         np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-12)
 
 
-def test_the_lone_rate_of_a_users_formula_is_the_builtin_one(
+def test_custom_single_agent_rate_equals_builtin(
     own: CustomHazard, builtin: SaturationCollision
 ) -> None:
     points = np.random.default_rng(1).uniform(0, 6, (7, 2))
@@ -118,7 +118,7 @@ def test_the_lone_rate_of_a_users_formula_is_the_builtin_one(
 
 
 @pytest.mark.parametrize("chunk", [1, 3, 256])
-def test_batches_of_any_size_equal_single_states_to_the_bit(
+def test_custom_rates_of_batch_equal_single_states(
     own: CustomHazard, chunk: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rng = np.random.default_rng(0)
@@ -130,7 +130,7 @@ def test_batches_of_any_size_equal_single_states_to_the_bit(
     assert own.rates(states[:0], alive[:0]).shape == (0, 3)
 
 
-def test_rates_may_be_a_row_or_a_column_or_numbers() -> None:
+def test_custom_rates_may_be_row_column_or_numbers() -> None:
     row = CustomHazard(lambda positions, alive: (positions[:, 1] + alive).T)
     assert row.rates([[0, 1], [0, 2]]).tolist() == [2, 3]
     assert CustomHazard(height).rates([[0, 1], [0, 2]]).tolist() == [1, 2]
@@ -138,7 +138,7 @@ def test_rates_may_be_a_row_or_a_column_or_numbers() -> None:
     assert calm.rates([[0, 1], [0, 2]]).tolist() == [0, 0]
 
 
-def test_the_function_sees_the_living_as_one_and_the_destroyed_as_zero() -> None:
+def test_custom_function_receives_alive_as_ones() -> None:
     counted = CustomHazard(lambda positions, alive: 0 * positions[:, 0] + ca.sum1(alive))
     assert counted.rates(np.zeros((3, 2)), [True, False, True]).tolist() == [2, 0, 2]
 
@@ -146,19 +146,19 @@ def test_the_function_sees_the_living_as_one_and_the_destroyed_as_zero() -> None
 # --- parameters
 
 
-def test_parameters_and_radars_reach_the_function_as_tuples() -> None:
+def test_parameters_and_radars_arrive_as_tuples() -> None:
     parameters = {"table": [[1.0, 2.0], np.array([3.0, 4.0])], "label": "any text"}
     hazard = CustomHazard(tabulated, [list(r) for r in RADARS], parameters)  # type: ignore[arg-type]
     assert hazard.rates([[0, 0]]).tolist() == [3]
     assert hazard.radar_positions.tolist() == [list(radar) for radar in RADARS]
 
 
-def test_radars_are_not_handed_over_unless_given() -> None:
+def test_radars_are_passed_only_if_given() -> None:
     assert CustomHazard(height).radar_positions.shape == (0, 2)
     assert "unexpected keyword argument 'radars'" in message(CustomHazard, height, RADARS)
 
 
-def test_hazards_of_equal_functions_and_parameters_are_equal() -> None:
+def test_custom_hazards_of_equal_arguments_are_equal() -> None:
     one, other = (CustomHazard(height, (), {"scale": scale}) for scale in (2, 2.0))
     assert one == other
     assert hash(one) == hash(other)
@@ -177,7 +177,7 @@ def test_custom_hazards_pickle(own: CustomHazard) -> None:
 # --- errors
 
 
-def test_a_function_that_raises_is_named_with_its_words() -> None:
+def test_function_that_raises_is_named_with_message() -> None:
     def broken(positions: Any, alive: Any) -> Any:  # noqa: ARG001
         raise LookupError("no such radar")
 
@@ -185,11 +185,11 @@ def test_a_function_that_raises_is_named_with_its_words() -> None:
     assert "broken' failed on 1 members with CasADi arguments: LookupError: no such radar" in text
 
 
-def test_what_cannot_be_called_is_no_hazard() -> None:
+def test_function_not_callable_is_refused() -> None:
     assert message(CustomHazard, 3) == "3 is not a function of (positions, alive)"
 
 
-def test_a_function_that_works_for_some_sizes_only_is_found_out_at_once() -> None:
+def test_function_of_fixed_size_is_refused_at_once() -> None:
     def pair(positions: Any, alive: Any) -> Any:
         return alive * (positions[1, 0] if positions.shape[0] == 1 else 1.0)
 
@@ -206,9 +206,7 @@ def test_a_function_that_works_for_some_sizes_only_is_found_out_at_once() -> Non
         (lambda x: "much", "returned 'much', a str; expected a CasADi expression"),  # noqa: ARG005
     ],
 )
-def test_a_wrong_return_value_is_shown_with_what_is_expected(
-    returned: Callable[[Any], Any], words: str
-) -> None:
+def test_wrong_return_value_is_shown(returned: Callable[[Any], Any], words: str) -> None:
     def mine(positions: Any, alive: Any) -> Any:  # noqa: ARG001
         return returned(positions)
 
@@ -220,9 +218,7 @@ def test_a_wrong_return_value_is_shown_with_what_is_expected(
 
 
 @pytest.mark.parametrize(("function", "value"), [(height, "-2"), (root, "nan")])
-def test_rates_that_are_negative_or_not_finite_name_the_member(
-    function: Callable[..., Any], value: str
-) -> None:
+def test_invalid_rate_names_the_member(function: Callable[..., Any], value: str) -> None:
     hazard = CustomHazard(function)
     text = message(hazard.rates, [[[0, 1], [3, 1]], [[0, 1], [3.5, -2]]])
     assert f"gives the rate {value}" in text
@@ -244,7 +240,7 @@ def test_wrong_radars_are_shown(radars: Any, words: str) -> None:
 
 
 @pytest.mark.parametrize("value", [{1, 2}, ca.DM([1, 2]), [bytearray()]])
-def test_a_parameter_that_cannot_be_hashed_is_named(value: object) -> None:
+def test_unhashable_parameter_is_named(value: object) -> None:
     text = message(CustomHazard, height, (), {"scale": value})
     assert text.startswith("parameter 'scale' is ")
     assert text.endswith("; allowed: numbers, texts, lists of these")
@@ -253,12 +249,12 @@ def test_a_parameter_that_cannot_be_hashed_is_named(value: object) -> None:
 # --- by name
 
 
-def test_a_function_is_found_by_name() -> None:
+def test_function_is_imported_by_name() -> None:
     hazard = CustomHazard.from_name(f"{__name__}:height", parameters={"scale": 2})
     assert hazard == CustomHazard(height, (), {"scale": 2})
 
 
-def test_a_function_is_looked_for_in_the_folder_given_and_in_classes(
+def test_function_is_imported_from_folder_or_class(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "path", [*sys.path])
@@ -285,11 +281,11 @@ def test_a_function_is_looked_for_in_the_folder_given_and_in_classes(
         (f"{__name__}:not_a_function", f"'{__name__}:not_a_function' is not a function"),
     ],
 )
-def test_a_name_that_leads_nowhere_says_where_it_ends(name: str, words: str) -> None:
+def test_wrong_name_names_the_missing_part(name: str, words: str) -> None:
     assert message(CustomHazard.from_name, name) == words
 
 
-def test_a_module_that_fails_to_import_says_why(
+def test_module_that_fails_to_import_is_explained(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "path", [*sys.path])
@@ -299,9 +295,7 @@ def test_a_module_that_fails_to_import_says_why(
     assert text.endswith("ZeroDivisionError: division by zero")
 
 
-def test_a_module_hidden_by_another_of_its_name_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_hidden_module_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = "def rate(positions, alive):\n    return {} + 0 * alive\n"
     monkeypatch.setattr(sys, "path", list(sys.path))
     for folder, value in (("one", 1.0), ("two", 2.0)):

@@ -42,18 +42,18 @@ def test_rates_have_the_shape_of_the_state(hazard: Hazard) -> None:
     assert hazard.rates(SQUARE).dtype == float
 
 
-def test_everybody_is_alive_by_default(hazard: Hazard) -> None:
+def test_all_members_are_alive_by_default(hazard: Hazard) -> None:
     np.testing.assert_array_equal(hazard.rates(SQUARE), hazard.rates(SQUARE, np.ones(4, bool)))
 
 
-def test_one_row_of_alive_serves_a_whole_batch(hazard: Hazard) -> None:
+def test_one_row_of_alive_applies_to_batch(hazard: Hazard) -> None:
     batch, alive = np.stack([SQUARE, SQUARE + 1]), np.array([True, False, True, True])
     rates = hazard.rates(batch, alive)
     np.testing.assert_array_equal(rates, hazard.rates(batch, [alive, alive]))
     assert (rates[:, 1] == 0).all()
 
 
-def test_rates_do_not_touch_their_arguments(hazard: Hazard) -> None:
+def test_rates_do_not_change_arguments(hazard: Hazard) -> None:
     positions, alive = SQUARE.copy(), np.array([True, False, True, True])
     hazard.rates(positions, alive)
     np.testing.assert_array_equal(positions, SQUARE)
@@ -61,30 +61,30 @@ def test_rates_do_not_touch_their_arguments(hazard: Hazard) -> None:
 
 
 @pytest.mark.parametrize("shape", [(2,), (4, 2), (3, 5, 2), (0, 2)])
-def test_lone_rates_have_the_shape_of_the_points(hazard: Hazard, shape: tuple[int, ...]) -> None:
+def test_single_agent_rates_have_shape_of_points(hazard: Hazard, shape: tuple[int, ...]) -> None:
     assert hazard.single_agent_rates(np.ones(shape)).shape == shape[:-1]
 
 
 @pytest.mark.parametrize("shape", [(), (2,), (4, 3), (2, 4), (1, 2, 4, 2), (0, 2), (3, 0, 2)])
-def test_positions_of_another_shape_are_refused(hazard: Hazard, shape: tuple[int, ...]) -> None:
+def test_positions_of_wrong_shape_are_refused(hazard: Hazard, shape: tuple[int, ...]) -> None:
     text = message(hazard.rates, np.zeros(shape))
     assert text == f"positions have shape {shape}; expected (n, 2) or (B, n, 2), n >= 1"
 
 
 @pytest.mark.parametrize("shape", [(), (3,), (1, 4), (4, 1), (3, 4), (2, 1)])
-def test_alive_of_another_shape_is_refused(hazard: Hazard, shape: tuple[int, ...]) -> None:
+def test_alive_of_wrong_shape_is_refused(hazard: Hazard, shape: tuple[int, ...]) -> None:
     text = message(hazard.rates, np.stack([SQUARE] * 2), np.ones(shape, bool))
     assert text == f"alive has shape {shape}; expected (2, 4), as for positions"
 
 
 @pytest.mark.parametrize("shape", [(), (3,), (4, 3)])
-def test_points_of_another_shape_are_refused(hazard: Hazard, shape: tuple[int, ...]) -> None:
+def test_points_of_wrong_shape_are_refused(hazard: Hazard, shape: tuple[int, ...]) -> None:
     text = message(hazard.single_agent_rates, np.zeros(shape))
     assert text == f"points have shape {shape}; expected (..., 2)"
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_positions_that_are_not_finite_are_refused(hazard: Hazard, value: float) -> None:
+def test_positions_not_finite_are_refused(hazard: Hazard, value: float) -> None:
     state = SQUARE.copy()
     state[2, 1] = value
     alive = [True, True, False, True]  # not even those of the destroyed
@@ -92,7 +92,7 @@ def test_positions_that_are_not_finite_are_refused(hazard: Hazard, value: float)
     assert message(hazard.single_agent_rates, state) == "positions hold NaN or infinity"
 
 
-def test_rates_far_away_vanish_and_warn_of_nothing(hazard: Hazard) -> None:
+def test_rates_far_away_vanish_without_warnings(hazard: Hazard) -> None:
     rates = hazard.rates([[1e200, 0], [-1e200, 1e-200], [1e8, 0]])
     assert rates[:2].tolist() == [0, 0]
     assert 0 < rates[2] < 1e-15
@@ -123,23 +123,21 @@ def test_rates_far_away_vanish_and_warn_of_nothing(hazard: Hazard) -> None:
         ({"beta_2": np.inf}, "beta_2 = inf; allowed: a finite number above zero"),
     ],
 )
-def test_wrong_parameters_are_named_with_what_is_allowed(
-    changes: dict[str, Any], words: str
-) -> None:
+def test_wrong_parameter_names_allowed_values(changes: dict[str, Any], words: str) -> None:
     assert words in message(SaturationCollision, **{"radars": RADARS, **changes})
 
 
-def test_no_saturation_is_allowed() -> None:
+def test_zero_saturation_is_allowed() -> None:
     rates = Saturation(RADARS, alpha_2=0.0).rates(SQUARE)
     np.testing.assert_allclose(rates, Saturation(RADARS, alpha_2=0.0).single_agent_rates(SQUARE))
 
 
-def test_errors_can_be_caught_as_casswarms_and_as_value_errors() -> None:
+def test_hazard_error_is_value_error() -> None:
     assert issubclass(HazardError, CasswarmError)
     assert issubclass(HazardError, ValueError)
 
 
-def test_radars_and_strengths_come_back_as_arrays() -> None:
+def test_radars_and_strengths_are_arrays() -> None:
     hazard = Saturation(RADARS, strengths=(2.0, 3.0))
     assert hazard.radar_positions.tolist() == [list(radar) for radar in RADARS]
     assert hazard.radar_strengths.tolist() == [2, 3]
@@ -149,7 +147,7 @@ def test_radars_and_strengths_come_back_as_arrays() -> None:
 # --- equality, copies, pickles
 
 
-def test_equal_parameters_make_equal_hazards_whatever_holds_them() -> None:
+def test_hazards_of_equal_parameters_are_equal() -> None:
     lists = Saturation([list(radar) for radar in RADARS], [1, 2])  # type: ignore[arg-type]
     arrays = Saturation(np.array(RADARS), np.array([1, 2]))  # type: ignore[arg-type]
     assert lists == arrays == Saturation(RADARS, (1.0, 2.0))
@@ -230,7 +228,7 @@ def test_kernels_may_be_constants() -> None:
     assert np.asarray(lone)[0].tolist() == [16] * 4
 
 
-def test_kernels_may_branch_and_warn_of_nothing() -> None:
+def test_kernels_may_branch_without_warnings() -> None:
     hazard, alive = Branching(((0.5, 0.0),)), np.array([1, 1, 0, 1])
     rates = np.asarray(symbolic(hazard, 4)(SQUARE.T, alive)[0])[0]
     np.testing.assert_allclose(hazard.rates(SQUARE, alive)[[0, 1, 3]], rates[[0, 1, 3]], rtol=1e-14)
@@ -238,7 +236,7 @@ def test_kernels_may_branch_and_warn_of_nothing() -> None:
     assert rates[0] == pytest.approx(source + 10 * density + 100 * 2)
 
 
-def test_rates_that_are_negative_or_not_finite_are_refused_with_their_place() -> None:
+def test_invalid_rates_are_refused_with_position() -> None:
     hazard = Branching(((0.5, 0.0),))
     text = message(hazard.rates, [[3.0, 3.0], [0.5, 0.0]])  # -log(0) at the radar
     assert text == (

@@ -34,20 +34,20 @@ def rates_of(state: State) -> Array:
 
 @random(200)
 @given(state=states())
-def test_rates_are_the_sums_of_the_paper(state: State) -> None:
+def test_rates_equal_sums_of_the_paper(state: State) -> None:
     expected = np.where(state.alive, by_loops(state.hazard, state.positions, state.alive), 0)
     np.testing.assert_allclose(rates_of(state), expected, rtol=1e-12)
 
 
 @random(50)
 @given(state=states())
-def test_the_expression_is_the_sums_of_the_paper_for_the_destroyed_too(state: State) -> None:
+def test_expression_equals_sums_for_destroyed_too(state: State) -> None:
     rates = symbolic(state.hazard, len(state.alive))(state.positions.T, state.alive)[0]
     expected = by_loops(state.hazard, state.positions, state.alive)
     np.testing.assert_allclose(np.asarray(rates)[0], expected, rtol=1e-12)
 
 
-def test_rates_of_two_members_by_hand() -> None:
+def test_rates_of_two_members_equal_hand_calculation() -> None:
     hazard = SaturationCollision(((0, 0), (3, 4)), (1.0, 2.0), 6.0, 2.0, 3.0, beta_1=2.0, beta_2=3)
     # distances: members 1; radars 1 and sqrt(20), 2 and sqrt(17); h = 1 / 4, density 5 / 4
     saturated = 6 / (1 + 2 * 5 / 4)
@@ -58,7 +58,7 @@ def test_rates_of_two_members_by_hand() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_lone_member_has_the_rate_of_lone_rates(kind: type[Saturation]) -> None:
+def test_rate_of_one_member_equals_single_agent_rate(kind: type[Saturation]) -> None:
     hazard = kind(RADARS, strengths=(1.0, 3.0))
     points = np.random.default_rng(0).uniform(0, 8, (3, 7, 2))
     squares = [((points - radar) ** 2).sum(axis=-1) for radar in RADARS]
@@ -77,13 +77,13 @@ def test_a_lone_member_has_the_rate_of_lone_rates(kind: type[Saturation]) -> Non
 # --- near zero distance
 
 
-def test_distances_from_the_core_radius_on_are_not_touched() -> None:
+def test_distances_above_core_radius_are_unchanged() -> None:
     squared = CORE_RADIUS**2 * np.concatenate([[1.0], 1 + np.geomspace(1e-12, 1e9, 1000)])
     kept = [float(regular(value)) for value in squared]
     assert kept == squared.tolist()
 
 
-def test_regularised_distances_are_smooth_and_above_zero() -> None:
+def test_regularised_distances_are_smooth_and_positive() -> None:
     core = CORE_RADIUS**2
     s = ca.SX.sym("s")
     slope = ca.Function("slope", [s], [regular(s), ca.gradient(regular(s), s)])
@@ -96,7 +96,7 @@ def test_regularised_distances_are_smooth_and_above_zero() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_rate_at_a_radar_is_large_and_finite(kind: type[Saturation]) -> None:
+def test_rate_at_radar_is_large_and_finite(kind: type[Saturation]) -> None:
     hazard = kind(((1, 2), (1, 3)))
     rates = hazard.rates([[1, 2], [1, 2 + 1e-9], [1, 2.01]])
     assert np.isfinite(rates).all()
@@ -104,7 +104,7 @@ def test_the_rate_at_a_radar_is_large_and_finite(kind: type[Saturation]) -> None
     np.testing.assert_allclose(hazard.single_agent_rates([1, 2]), peak, rtol=1e-12)
 
 
-def test_the_rate_of_members_that_touch_is_large_and_finite() -> None:
+def test_rate_of_touching_members_is_large_and_finite() -> None:
     hazard = SaturationCollision(((100, 0),), beta_1=0.2, beta_2=6)
     together = (0.2**2 / (CORE_RADIUS**2 / 2)) ** 3
     np.testing.assert_allclose(hazard.rates([[0, 0], [0, 0]]), together, rtol=1e-9)
@@ -115,7 +115,7 @@ def test_the_rate_of_members_that_touch_is_large_and_finite() -> None:
 
 @random(40)
 @given(state=states(n_max=4))
-def test_the_jacobian_of_the_expression_equals_differences_of_rates(state: State) -> None:
+def test_jacobian_equals_differences_of_rates(state: State) -> None:
     n = len(state.alive)
     jacobian = np.asarray(symbolic(state.hazard, n)(state.positions.T, state.alive)[1])
     step = 1e-6
@@ -131,9 +131,7 @@ def test_the_jacobian_of_the_expression_equals_differences_of_rates(state: State
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("apart", [0.0, 1e-160, 1e-12, CORE_RADIUS, CORE_RADIUS / 2])
-def test_derivatives_are_finite_where_members_or_radars_touch(
-    kind: type[Saturation], apart: float
-) -> None:
+def test_derivatives_are_finite_at_contact(kind: type[Saturation], apart: float) -> None:
     hazard = kind(RADARS)
     x = np.array([[0, 0], [apart, 0], RADARS[0], np.add(RADARS[0], [0, apart]), [1, 1], [1, 1]])
     for alive in (np.ones(6), np.array([1, 0, 0, 1, 1, 1])):
@@ -141,7 +139,7 @@ def test_derivatives_are_finite_where_members_or_radars_touch(
             assert np.isfinite(np.asarray(part)).all()
 
 
-def test_the_gradient_at_a_radar_is_zero() -> None:
+def test_gradient_at_radar_is_zero() -> None:
     point = ca.MX.sym("point", 2, 1)
     rate = Saturation(RADARS[:1]).single_agent_expression(point)
     gradient = ca.Function("gradient", [point], [ca.gradient(rate, point)])
@@ -154,7 +152,7 @@ def test_the_gradient_at_a_radar_is_zero() -> None:
 
 @random(100)
 @given(state=states(), seed=st.integers(0, 99))
-def test_the_order_of_the_members_does_not_matter(state: State, seed: int) -> None:
+def test_rates_are_independent_of_member_order(state: State, seed: int) -> None:
     order = np.random.default_rng(seed).permutation(len(state.alive))
     permuted = replace(state, positions=state.positions[order], alive=state.alive[order])
     np.testing.assert_allclose(rates_of(permuted), rates_of(state)[order], rtol=1e-13)
@@ -162,7 +160,7 @@ def test_the_order_of_the_members_does_not_matter(state: State, seed: int) -> No
 
 @random(100)
 @given(state=states(), shift=st.tuples(st.integers(-50, 50), st.integers(-50, 50)))
-def test_only_relative_positions_matter(state: State, shift: tuple[int, int]) -> None:
+def test_rates_depend_on_relative_positions_only(state: State, shift: tuple[int, int]) -> None:
     def moved(points: object) -> Array:  # a quarter turn and a shift, both without rounding
         return np.asarray(points)[..., ::-1] * [-1, 1] + shift
 
@@ -175,7 +173,7 @@ def test_only_relative_positions_matter(state: State, shift: tuple[int, int]) ->
 
 @random(100)
 @given(state=states(), seed=st.integers(0, 99))
-def test_where_the_destroyed_lie_does_not_matter(state: State, seed: int) -> None:
+def test_rates_are_independent_of_destroyed_positions(state: State, seed: int) -> None:
     anywhere = np.random.default_rng(seed).uniform(-5, 5, state.positions.shape)
     anywhere[::2] = state.positions[0]  # on top of a living member, perhaps
     moved = np.where(state.alive[:, None], state.positions, anywhere)
@@ -189,7 +187,7 @@ def test_where_the_destroyed_lie_does_not_matter(state: State, seed: int) -> Non
 
 @random(100)
 @given(state=states())
-def test_rates_of_the_living_are_positive_and_of_the_destroyed_zero(state: State) -> None:
+def test_rates_are_positive_for_the_living_only(state: State) -> None:
     np.testing.assert_array_equal(rates_of(state) > 0, state.alive)
 
 
@@ -211,7 +209,7 @@ def test_saturation_rates_are_proportional_to_strength(state: State, factor: flo
 
 @random(100)
 @given(state=states())
-def test_every_death_raises_the_saturation_rates_of_the_others(state: State) -> None:
+def test_destruction_raises_saturation_rates_of_others(state: State) -> None:
     hazard = Saturation(state.hazard.radars)
     before = hazard.rates(state.positions, state.alive)
     for fallen in np.flatnonzero(state.alive):
@@ -219,7 +217,7 @@ def test_every_death_raises_the_saturation_rates_of_the_others(state: State) -> 
         assert (hazard.rates(state.positions, left)[left] > before[left]).all()
 
 
-def test_a_living_member_close_by_lowers_saturation_rates_and_the_closer_the_more() -> None:
+def test_near_member_lowers_saturation_rates() -> None:
     hazard = Saturation(RADARS)
     others = np.array([[1.0, 1.0], [0.6, 1.2]])
     alone = hazard.rates(others)
@@ -229,7 +227,7 @@ def test_a_living_member_close_by_lowers_saturation_rates_and_the_closer_the_mor
     assert (np.diff(rates) < 0).all()
 
 
-def test_collisions_add_to_the_rates_only_of_members_that_are_near_one_another() -> None:
+def test_collisions_raise_rates_of_near_members_only() -> None:
     state = [[0, 0], [0.1, 0], [3, 0]]
     added = SaturationCollision(RADARS).rates(state) - Saturation(RADARS).rates(state)
     np.testing.assert_allclose(added, [2**6, 2**6, 0], rtol=1e-6, atol=1e-6)
@@ -245,7 +243,7 @@ def hazards() -> list[Hazard]:
 @pytest.mark.parametrize("hazard", hazards(), ids=repr)
 @pytest.mark.parametrize("n", [1, 2, 5, 8, 9, 17])
 @pytest.mark.parametrize("pairs", [1, 100, 1 << 19])
-def test_batches_of_any_size_equal_single_states_to_the_bit(
+def test_rates_of_batch_equal_single_states(
     hazard: Hazard, n: int, pairs: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rng = np.random.default_rng(n)

@@ -89,7 +89,7 @@ def test_compiled_objective_equals_casadi(hazard):
 
 def called(evaluate):
     """Python function that calls a compiled objective, as kernels do."""
-    return numba.njit(lambda x, p, c, gradient, scratch: evaluate(x, p, c, gradient, scratch))
+    return numba.njit(lambda *arguments: evaluate(*arguments))  # noqa: PLW0108  (a CFunc)
 
 
 def test_hazards_of_one_class_share_compiled_code():

@@ -28,7 +28,7 @@ from casswarm.problems.mpc_formation import mpc_formation_nlp
 # --- the program
 
 
-def test_program_of_one_step_is_the_formation_program_with_every_number_the_same() -> None:
+def test_mpc_program_of_one_step_equals_formation_program() -> None:
     rng = np.random.default_rng(0)
     step = Step(HAZARD, MOTION, *_state(rng), np.ones((1, 4), bool), GOAL[None])
     for corridor in (False, True):
@@ -46,7 +46,7 @@ def _state(rng: np.random.Generator) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize("corridor", [False, True])
-def test_program_is_the_stated_one_with_every_formula_written_out(corridor: bool) -> None:
+def test_mpc_program_equals_written_out_formulas(corridor: bool) -> None:
     data = window(1, 3, 3, seed=3)
     problem = both(data)[corridor]
     u = np.random.default_rng(4).normal(size=(3, 3, 2))
@@ -78,7 +78,7 @@ def stopping(steps: int) -> Step:
     )
 
 
-def test_leader_too_fast_for_its_guide_brakes_in_time_as_computed_by_hand() -> None:
+def test_leader_too_fast_for_guide_brakes_in_time() -> None:
     """One step ahead it flies there, cannot stop, and is 0.5 beyond. In view of three steps the
     squares (1 - x)^2 + (1.5 - 2x)^2 + 0 of its lags are least at x = 0.8: lags 0.2, -0.1, 0.
     """
@@ -97,7 +97,7 @@ def test_leader_too_fast_for_its_guide_brakes_in_time_as_computed_by_hand() -> N
 
 
 @pytest.mark.parametrize("steps", [2, 5, 8])
-def test_nearest_paths_on_a_line_are_those_of_bounded_least_squares(steps: int) -> None:
+def test_nearest_trajectories_on_line_equal_least_squares(steps: int) -> None:
     """On a line the discs of a_max are intervals of the changes of velocity: a convex QP."""
     rng = np.random.default_rng(5)
     data = window(1, 1, steps, seed=6)
@@ -119,7 +119,7 @@ def test_nearest_paths_on_a_line_are_those_of_bounded_least_squares(steps: int) 
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.5])
-def test_nearest_paths_are_those_of_ipopt(radius: float) -> None:
+def test_nearest_trajectories_equal_ipopt(radius: float) -> None:
     rng = np.random.default_rng(7)
     limits = path_limits(window(1, 1, 4, seed=0))
     before = rng.uniform(-1.9, 1.9, (12, 2))
@@ -157,7 +157,7 @@ def _nearest_by_ipopt(
 
 
 @pytest.mark.parametrize("steps", [2, 3, 5])
-def test_batch_solver_is_no_worse_than_ipopt_from_the_same_start(steps: int) -> None:
+def test_interior_point_is_no_worse_than_ipopt(steps: int) -> None:
     data = window(12, 4, steps, seed=8)
     for problem in both(data):
         rows = np.flatnonzero(problem.free.any(axis=1))
@@ -173,7 +173,7 @@ def test_batch_solver_is_no_worse_than_ipopt_from_the_same_start(steps: int) -> 
         assert (batch.objective <= exact * (1 + 1e-6) + 1e-9).all()
 
 
-def test_with_collisions_the_batch_solver_is_more_often_better_than_ipopt_than_worse() -> None:
+def test_interior_point_with_collisions_is_mostly_better() -> None:
     """Local minima abound; the batch solver has several starts, Ipopt the one."""
     data = replace(window(16, 4, 3, seed=9, deaths=0.1), hazard=COLLIDING)
     worse, better = 0, 0
@@ -187,7 +187,7 @@ def test_with_collisions_the_batch_solver_is_more_often_better_than_ipopt_than_w
     assert worse <= 6 < better
 
 
-def test_residuals_and_multipliers_are_those_of_the_independent_judge() -> None:
+def test_interior_point_residuals_equal_kkt_residuals() -> None:
     data = window(8, 4, 3, seed=10)
     for problem in both(data):
         rows = np.flatnonzero(problem.free.any(axis=1))

@@ -21,7 +21,7 @@ def cases() -> tuple[PlanarSets, Array]:
 # --- Emptiness by exact reasoning. ---
 
 
-def test_discs_apart_by_a_known_gap_are_empty_and_overlapping_are_not() -> None:
+def test_emptiness_of_two_discs_follows_their_gap() -> None:
     rng = np.random.default_rng(12)
     count = 5_000
     angle, radii = rng.uniform(0, 2 * np.pi, count), rng.exponential(size=(count, 2))
@@ -34,7 +34,7 @@ def test_discs_apart_by_a_known_gap_are_empty_and_overlapping_are_not() -> None:
     np.testing.assert_array_equal(sets.is_empty, gap > 0)
 
 
-def test_disc_outside_box_by_a_known_gap_is_empty() -> None:
+def test_disc_outside_box_is_empty() -> None:
     rng = np.random.default_rng(13)
     gap = rng.choice([-1, 1], 5_000) * 10.0 ** rng.uniform(-12, -1, 5_000)
     angle = rng.uniform(0, np.pi / 2, 5_000)  # off the corner (1, 1)
@@ -43,7 +43,7 @@ def test_disc_outside_box_by_a_known_gap_is_empty() -> None:
     np.testing.assert_array_equal(sets.is_empty, gap > 0)
 
 
-def test_three_sets_that_meet_pairwise_only_are_empty() -> None:
+def test_sets_that_meet_only_pairwise_are_empty() -> None:
     # The discs meet in the lens around the origin of half-height sqrt(0.75); the box is above it.
     top = np.sqrt(0.75)
     for gap, empty in ((1e-12, True), (-1e-12, False)):
@@ -86,14 +86,14 @@ CASES = [
 @pytest.mark.parametrize(
     ("sets", "point", "expected"), [case[1:] for case in CASES], ids=[case[0] for case in CASES]
 )
-def test_known_projection(
+def test_projection_equals_known_answer(
     sets: PlanarSets, point: tuple[float, float], expected: tuple[float, float]
 ) -> None:
     assert not sets.is_empty
     np.testing.assert_allclose(sets.project(point), expected, rtol=1e-14, atol=1e-14)
 
 
-def test_tangent_discs_at_any_angle_and_scale_meet_where_they_touch() -> None:
+def test_tangent_discs_meet_where_they_touch() -> None:
     rng = np.random.default_rng(14)
     count = 5_000
     factor = 10.0 ** rng.uniform(-8, 8, count)
@@ -113,7 +113,7 @@ def test_tangent_discs_at_any_angle_and_scale_meet_where_they_touch() -> None:
     assert (sets.violation(nearest) <= ROUNDING * scale(sets, nearest)).all()
 
 
-def test_slivers_as_thin_as_rounding_are_projected_on_from_anywhere() -> None:
+def test_projection_onto_sliver_of_rounding_width_exists() -> None:
     rng = np.random.default_rng(15)
     count = 20_000
     angle, radii = rng.uniform(0, 2 * np.pi, count), np.exp(2 * rng.normal(size=(count, 2)))
@@ -146,7 +146,7 @@ def test_points_and_sets_broadcast() -> None:
         sets[0, 0, 0]
 
 
-def test_index_selects_the_sets(cases: tuple[PlanarSets, Array]) -> None:
+def test_index_selects_sets(cases: tuple[PlanarSets, Array]) -> None:
     sets, points = cases
     chosen = points[:, 0] > 1
     np.testing.assert_array_equal(
@@ -155,7 +155,7 @@ def test_index_selects_the_sets(cases: tuple[PlanarSets, Array]) -> None:
     np.testing.assert_array_equal(sets[3].project(points[3]), sets.project(points)[3])
 
 
-def test_violation_is_the_largest_distance_to_one_of_the_sets() -> None:
+def test_violation_is_largest_distance() -> None:
     sets = single([-1, -1], [1, 1], (0, 0, 1), (2, 0, INF))
     np.testing.assert_allclose(sets.violation([[0, 0], [0, 3], [4, 5]]), [0, 2, np.sqrt(41) - 1])
     assert single([-1, -1], [1, 1]).violation([4.0, 5.0]) == 5
@@ -164,7 +164,7 @@ def test_violation_is_the_largest_distance_to_one_of_the_sets() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, INF, -INF])
-def test_points_that_are_not_finite_give_nan_and_leave_the_others(bad: float) -> None:
+def test_points_not_finite_give_nan(bad: float) -> None:
     sets = single([-1, -1], [1, 1], (0, 0, 1), (1, 0, 1))
     nearest = sets.project([[bad, 0], [0, bad], [3, 0]])
     assert np.isnan(nearest[:2]).all()
@@ -173,7 +173,7 @@ def test_points_that_are_not_finite_give_nan_and_leave_the_others(bad: float) ->
     assert not sets.contains([bad, 0], 1.0)
 
 
-def test_projection_on_empty_sets_raises_with_their_number() -> None:
+def test_projection_onto_empty_sets_raises() -> None:
     sets = PlanarSets(
         -np.ones(2), np.ones(2), np.array([[[0.0, 0]], [[9, 9]], [[7, 0]]]), np.ones(1)
     )
@@ -181,7 +181,7 @@ def test_projection_on_empty_sets_raises_with_their_number() -> None:
         sets.project([0.0, 0.0])
 
 
-def test_sets_are_immutable_and_leave_the_arguments_alone() -> None:
+def test_sets_are_immutable_copies() -> None:
     lower = -np.ones(2)
     sets = PlanarSets(lower, np.ones(2), np.zeros((1, 2)), np.ones(1))
     points = np.full((2, 2), 3.0)
@@ -209,7 +209,7 @@ def test_sets_are_immutable_and_leave_the_arguments_alone() -> None:
         ({"lower": np.zeros((3, 2)), "upper": np.ones((4, 2))}, "broadcast"),
     ],
 )
-def test_wrong_sets_raise(changes: dict[str, object], message: str) -> None:
+def test_sets_of_wrong_shape_or_value_raise(changes: dict[str, object], message: str) -> None:
     right = {"lower": [-1.0, -1], "upper": [1.0, 1], "centers": [[0.0, 0]], "radii": [1.0]}
     with pytest.raises(ValueError, match=message):
         PlanarSets(**(right | changes))
@@ -223,7 +223,7 @@ def test_points_of_wrong_shape_raise() -> None:
 # --- Wishes. ---
 
 
-def test_unfulfillable_wish_becomes_the_nearest_physical_point() -> None:
+def test_relax_infeasible_set_becomes_nearest_point() -> None:
     rng = np.random.default_rng(16)
     count = 300
     lower = -rng.exponential(size=(count, 2))
@@ -231,15 +231,15 @@ def test_unfulfillable_wish_becomes_the_nearest_physical_point() -> None:
     centers = np.stack([0.3 * rng.normal(size=(count, 2)), 2 * rng.normal(size=(count, 2))], axis=1)
     radii = np.column_stack([1 + rng.random(count), 0.5 * rng.random(count)])
     sets = PlanarSets(lower, upper, centers, radii)
-    fulfilled, shortfall = sets.fulfil()
-    assert 100 < np.count_nonzero(shortfall) < 290
-    assert not fulfilled.is_empty.any()
+    relaxed, infeasible = sets.relax_infeasible()
+    assert 100 < np.count_nonzero(infeasible) < 290
+    assert not relaxed.is_empty.any()
     angles, shares = np.meshgrid(np.linspace(0, 2 * np.pi, 721), np.linspace(0, 1, 101))
     polar = np.stack([shares * np.cos(angles), shares * np.sin(angles)], axis=-1).reshape(-1, 2)
-    for i in np.flatnonzero(shortfall):
-        point = fulfilled.lower[i]
-        np.testing.assert_array_equal(point, fulfilled.upper[i])
-        np.testing.assert_array_equal(fulfilled[i].project(rng.normal(size=2)), point)
+    for i in np.flatnonzero(infeasible):
+        point = relaxed.lower[i]
+        np.testing.assert_array_equal(point, relaxed.upper[i])
+        np.testing.assert_array_equal(relaxed[i].project(rng.normal(size=2)), point)
         physical = PlanarSets(lower[i], upper[i], centers[i, :1], radii[i, :1])
         assert physical.contains(point, 1e-13)
         tries = np.clip(centers[i, 0] + radii[i, 0] * polar, lower[i], upper[i])
@@ -247,31 +247,31 @@ def test_unfulfillable_wish_becomes_the_nearest_physical_point() -> None:
         best = np.hypot(*(tries - centers[i, 1]).T).min()
         reached = np.hypot(*(point - centers[i, 1]))
         assert best - 0.02 <= reached <= best + 1e-12
-        assert reached > radii[i, 1]  # the wish is indeed not fulfilled
+        assert reached > radii[i, 1]  # disc 1 indeed cannot be reached
 
 
-def test_fulfillable_wishes_are_untouched() -> None:
+def test_relax_feasible_sets_are_unchanged() -> None:
     sets = PlanarSets(
         -np.ones(2), np.ones(2), np.array([[[0.0, 0], [1, 0]], [[0, 0], [5, 0]]]), np.ones(2)
     )
-    fulfilled, shortfall = sets.fulfil()
-    np.testing.assert_array_equal(shortfall, [False, True])
-    np.testing.assert_array_equal(fulfilled.lower, [[-1, -1], [1, 0]])
-    np.testing.assert_array_equal(fulfilled.upper, [[1, 1], [1, 0]])
-    np.testing.assert_array_equal(fulfilled.centers, sets.centers)
-    np.testing.assert_array_equal(fulfilled.radii, [[1, 1], [INF, INF]])
-    same, none = sets[:1].fulfil()
+    relaxed, infeasible = sets.relax_infeasible()
+    np.testing.assert_array_equal(infeasible, [False, True])
+    np.testing.assert_array_equal(relaxed.lower, [[-1, -1], [1, 0]])
+    np.testing.assert_array_equal(relaxed.upper, [[1, 1], [1, 0]])
+    np.testing.assert_array_equal(relaxed.centers, sets.centers)
+    np.testing.assert_array_equal(relaxed.radii, [[1, 1], [INF, INF]])
+    same, none = sets[:1].relax_infeasible()
     assert same.radii[0, 1] == 1
     assert not none.any()
 
 
-def test_a_single_set_without_leading_axes_is_fulfilled() -> None:
-    fulfilled, shortfall = single([-9, -9], [9, 9], (0, 0, 1), (5, 0, 1)).fulfil()
-    assert shortfall.shape == fulfilled.shape == ()
-    np.testing.assert_allclose(fulfilled.project([3, 3]), [1, 0])
+def test_relax_accepts_single_set() -> None:
+    relaxed, infeasible = single([-9, -9], [9, 9], (0, 0, 1), (5, 0, 1)).relax_infeasible()
+    assert infeasible.shape == relaxed.shape == ()
+    np.testing.assert_allclose(relaxed.project([3, 3]), [1, 0])
 
 
-def test_impossible_physical_limits_raise_with_their_number() -> None:
+def test_relax_empty_hard_constraints_raise() -> None:
     centers = np.array([[[0.0, 0], [1, 0]], [[9, 0], [1, 0]], [[0, 9], [1, 0]]])
     with pytest.raises(ValueError, match="2 of 3 sets"):
-        PlanarSets(-np.ones(2), np.ones(2), centers, np.ones(2)).fulfil()
+        PlanarSets(-np.ones(2), np.ones(2), centers, np.ones(2)).relax_infeasible()

@@ -35,6 +35,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..._util.jit import contiguous
 from ...typing import BoolArray, FloatArray
 
 Index: TypeAlias = int | np.integer[Any] | slice | NDArray[np.bool_] | NDArray[np.integer[Any]]
@@ -44,7 +45,7 @@ Index: TypeAlias = int | np.integer[Any] | slice | NDArray[np.bool_] | NDArray[n
 class PlanarSets:
     """Sets in the plane, each the intersection of a box and 0, 1 or 2 discs.
 
-    The arrays broadcast to a common leading shape, `shape`; kept are read-only views of that shape.
+    The arrays broadcast to a common leading shape, `shape`; the fields are read-only views of it.
     Shapes or values other than the following raise ValueError.
 
     Parameters
@@ -84,7 +85,7 @@ class PlanarSets:
 
     @cached_property
     def packed(self) -> FloatArray:
-        """The sets as rows of ten numbers, (..., 10), as `planar_core` wants them."""
+        """The sets as rows of ten numbers, (..., 10), for `planar_kernels`."""
         rows = np.zeros((*self.shape, 10))
         rows[..., 0:2], rows[..., 2:4], rows[..., (6, 9)] = self.lower, self.upper, np.inf
         for k in range(self.radii.shape[-1]):
@@ -121,17 +122,17 @@ class PlanarSets:
         Raises
         ------
         ValueError
-            If a set is empty (see `is_empty`, `fulfil`), or if shapes do not fit.
+            If a set is empty (see `is_empty`, `relax_infeasible`), or if shapes do not fit.
         """
         flat, sets, shape = self._paired(points)
-        nearest, found = _search(flat, sets)
-        if not found.all():  # of a sliver as thin as rounding, p may see no candidate; is_empty may
-            lost = np.flatnonzero(~found)
-            nearest[lost], found[lost] = _search(_anchors(sets[lost]), sets[lost])
-        if not found.all():
+        nearest, exists = _search(flat, sets)
+        if not exists.all():  # a sliver as thin as rounding may have candidates only from within
+            rows = np.flatnonzero(~exists)
+            nearest[rows], exists[rows] = _search(_anchors(sets[rows]), sets[rows])
+        if not exists.all():
             raise ValueError(
-                f"{np.count_nonzero(~found)} of {found.size} points have no projection: their sets "
-                "are empty; drop these, or call fulfil() first"
+                f"{np.count_nonzero(~exists)} of {exists.size} points have no projection: their "
+                "sets are empty; drop these, or call relax_infeasible() first"
             )
         return nearest.reshape(*shape, 2)
 
@@ -141,7 +142,7 @@ class PlanarSets:
         largest = np.empty(len(flat))
         from .planar_kernels import violation_batch  # Numba takes a second to import
 
-        violation_batch(flat, sets.packed, largest)
+        violation_batch(contiguous(flat), sets.packed, largest)
         return largest.reshape(shape)
 
     def contains(self, points: ArrayLike, tolerance: float) -> BoolArray:
@@ -154,48 +155,48 @@ class PlanarSets:
         _, sets, shape = self._paired(np.zeros(2))
         return np.asarray(~_search(_anchors(sets), sets)[1]).reshape(shape)
 
-    def fulfil(self) -> tuple[PlanarSets, BoolArray]:
-        """Make every set non-empty by giving up wishes that cannot be fulfilled.
+    def relax_infeasible(self) -> tuple[PlanarSets, BoolArray]:
+        """Make every set non-empty by relaxing soft constraints that cannot be met.
 
-        The box and disc 0 are physical and always hold; disc 1 is a wish. Where the three do not
+        The box and disc 0 are hard constraints; disc 1 is a soft constraint. Where the three do not
         meet, the set becomes the point of box ∩ disc 0 nearest to the centre of disc 1, and so to
         disc 1: a box of zero width, both discs absent.
 
         Returns
         -------
         sets : PlanarSets
-            None of them empty; those whose wish can be fulfilled are unchanged.
-        shortfall : numpy.ndarray of bool, (...)
-            Which sets were replaced.
+            None of them empty; feasible sets are unchanged.
+        infeasible : numpy.ndarray of bool, (...)
+            The sets that were replaced.
 
         Raises
         ------
         ValueError
-            If box ∩ disc 0 is empty somewhere; the message tells how often.
+            If box ∩ disc 0 is empty somewhere; the message says how often.
         """
-        shortfall = self.is_empty
-        if not shortfall.any():
-            return self, shortfall
-        unmet = self[shortfall]
-        physical = replace(unmet, centers=unmet.centers[:, :1], radii=unmet.radii[:, :1])
-        if physical.is_empty.any():
+        infeasible = self.is_empty
+        if not infeasible.any():
+            return self, infeasible
+        relaxed = self[infeasible]
+        hard = replace(relaxed, centers=relaxed.centers[:, :1], radii=relaxed.radii[:, :1])
+        if hard.is_empty.any():
             raise ValueError(
-                f"{np.count_nonzero(physical.is_empty)} of {shortfall.size} sets are empty even "
+                f"{np.count_nonzero(hard.is_empty)} of {infeasible.size} sets are empty even "
                 "without disc 1: widen the box, or move or enlarge disc 0"
             )
         lower, upper, radii = self.lower.copy(), self.upper.copy(), self.radii.copy()
-        lower[shortfall] = upper[shortfall] = physical.project(unmet.centers[:, 1])
-        radii[shortfall] = np.inf
-        return replace(self, lower=lower, upper=upper, radii=radii), shortfall
+        lower[infeasible] = upper[infeasible] = hard.project(relaxed.centers[:, 1])
+        radii[infeasible] = np.inf
+        return replace(self, lower=lower, upper=upper, radii=radii), infeasible
 
     def _paired(self, points: ArrayLike) -> tuple[FloatArray, PlanarSets, tuple[int, ...]]:
         """Points (M, 2), NaN where not finite; their sets, shape (M,); the shape to return to."""
-        given = np.asarray(points, dtype=np.float64)
-        if given.shape[-1:] != (2,):
-            raise ValueError(f"points must have shape (..., 2); got {given.shape}")
-        shape = np.broadcast_shapes(given.shape[:-1], self.shape)
-        finite = np.isfinite(given).all(axis=-1, keepdims=True)
-        flat = np.broadcast_to(np.where(finite, given, np.nan), (*shape, 2)).reshape(-1, 2)
+        x = np.asarray(points, dtype=np.float64)
+        if x.shape[-1:] != (2,):
+            raise ValueError(f"points must have shape (..., 2); got {x.shape}")
+        shape = np.broadcast_shapes(x.shape[:-1], self.shape)
+        finite = np.isfinite(x).all(axis=-1, keepdims=True)
+        flat = np.broadcast_to(np.where(finite, x, np.nan), (*shape, 2)).reshape(-1, 2)
         if self.shape == (len(flat),):
             return flat, self, shape
         arrays = (
@@ -215,9 +216,9 @@ def _anchors(sets: PlanarSets) -> FloatArray:
 
 
 def _search(points: FloatArray, sets: PlanarSets) -> tuple[FloatArray, BoolArray]:
-    """Nearest points (M, 2), and whether there is one (M,); NaN stays NaN and counts as found."""
+    """Nearest points (M, 2), and whether there is one (M,); NaN stays NaN and counts as one."""
     from .planar_kernels import nearest_batch  # Numba takes a second to import
 
     nearest, exists = np.empty(points.shape), np.empty(len(points), dtype=bool)
-    nearest_batch(points, sets.packed, nearest, exists)
+    nearest_batch(contiguous(points), sets.packed, nearest, exists)
     return nearest, exists

@@ -46,7 +46,7 @@ def within(x: float, y: float, sets: FloatArray, i: int) -> bool:
 def nearer(
     x: float, y: float, px: float, py: float, sets: FloatArray, i: int, best: Candidate
 ) -> Candidate:
-    """The point (x, y), clipped, if it is in set i and nearer to (px, py) than `best`; else that."""
+    """The clipped point (x, y) if it is in set i and nearer to (px, py) than `best`, or `best`."""
     x, y = clip(x, sets[i, 0], sets[i, 2]), clip(y, sets[i, 1], sets[i, 3])
     if within(x, y, sets, i):
         # |p - q|^2 - |p - x|^2 without the cancellation that spoils it far from the set
