@@ -23,12 +23,12 @@ def compared(tmp_path_factory):
         [CASSWARM, *OPTIONS], cwd=folder, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     deadline = time.monotonic() + 100
-    while not list(records.glob("*.npz")) and time.monotonic() < deadline:
+    while not list(records.glob("[!.]*.npz")) and time.monotonic() < deadline:
         time.sleep(0.005)
     os.kill(running.pid, signal.SIGINT)
     _, error = running.communicate(timeout=60)
     assert running.returncode == 1, error
-    saved = len(list(records.glob("*.npz")))
+    saved = len(list(records.glob("[!.]*.npz")))
     return folder, saved, error, casswarm(folder, *OPTIONS)
 
 
