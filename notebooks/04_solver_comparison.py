@@ -23,10 +23,10 @@
 import casswarm as csw
 from casswarm.comparison.profiles import (
     data_profile,
+    fraction_at,
     pairwise_profiles,
     pairwise_wins,
     performance_profile,
-    fraction_at,
 )
 from casswarm.comparison.report import make_report
 from casswarm.comparison.verification import by_problem, costs, failures
