@@ -1,13 +1,15 @@
-"""The batch solver's competitor: the same spectral projected gradient in JAX, for one jit.
+"""The spectral projected gradient of the batch solver in JAX, compiled by one jit, as a baseline.
 
-What an expert would write in JAX for the formation problems with the paper's rates. All states are
-lanes of arrays whose last axis is the batch, so that XLA's loops are vectorised; projections are
-closed forms, the objective's gradient too; the line search is no inner loop but part of each lane's
-state, so that a tick is one gradient of every lane; and when most lanes have ended, the rest are
-gathered and go on alone. Where one member alone has a weight, it is the first, and no other rate is
-computed. The method is SPG2 (Birgin, Martinez and Raydan, SIAM J.
-Optim. 10(4), 2000) from casswarm's starts: coarsely from each, then from the best to tolerance.
-Needs ``pip install jax``, which only this benchmark does.
+A program that an expert might write in JAX for the formation problems with the paper's rates. All
+states are lanes of arrays whose last axis is the batch, so that XLA's loops are vectorised.
+Projections and the objective's gradient are closed forms. The line search is no inner loop but part
+of each lane's state, so that an iteration is one gradient of every lane; when most lanes have
+finished, the remaining ones are gathered and continue by themselves. If a single member has a
+weight, it is the first, and no other rate is computed.
+
+The method is SPG2 (Birgin, Martinez and Raydan, SIAM J. Optim. 10(4), 2000) from casswarm's initial
+guesses: coarsely from each, then from the best to tolerance. Needs ``pip install jax``, which is
+required by this benchmark only.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from jax import lax
 jax.config.update("jax_enable_x64", True)
 
 MEMORY, SUFFICIENT, ROUNDING, COARSE = 10, 1e-4, 2.0**-46, 1e-3
-PART = 4  # of the lanes, that go on together when so few are left
+PART = 4  # of the lanes: fewer active ones are gathered
 Array = Any
 Lanes = dict[str, Array]
 

@@ -105,13 +105,13 @@ def _repeated(evaluate: Callable[..., float]) -> Callable[..., float]:
 
 def flight(hazard: csw.Hazard, policy: str, n: int) -> list[Measured]:
     """Measure the states of one flight."""
-    places, velocities = lattice(n)[None], np.broadcast_to(PACE, (1, n, 2))
+    positions, velocities = lattice(n)[None], np.broadcast_to(PACE, (1, n, 2))
     alive, solver, rows = np.ones((1, n), bool), Auto(), []
     copies = max(1, 4000 // n) if n < 200 else 1  # so that no call's overhead counts
     for t in range(STEPS):
         here, goal = MOTION.dt * PACE * t, MOTION.dt * PACE * (t + 1)
         started = time.perf_counter()
-        step = Step(hazard, MOTION, places, velocities, alive, goal[None])
+        step = Step(hazard, MOTION, positions, velocities, alive, goal[None])
         problem = formation(step, policy, here)
         build = time.perf_counter() - started
         many = problem.instances[np.zeros(copies, int)]
@@ -122,14 +122,14 @@ def flight(hazard: csw.Hazard, policy: str, n: int) -> list[Measured]:
             Measured(
                 build,
                 statistics.median(run.seconds for run in runs) / copies,
-                int(runs[0].counts[0, 1]) + 1,  # and one to judge
+                int(runs[0].counts[0, 1]) + 1,  # and one to verify
                 gradient_seconds(found.x[0], problem),
                 bool(found.success[0]),
                 bool(found.used_fallback[0]),
             )
         )
         velocities = found.x.reshape(1, n, 2)
-        places = places + MOTION.dt * velocities
+        positions = positions + MOTION.dt * velocities
     return rows
 
 

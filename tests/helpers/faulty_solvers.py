@@ -1,4 +1,4 @@
-"""Solvers that go wrong in every way, in a module, so that another process can import them."""
+"""Faulty solvers, in a module so that another process can import them."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from casswarm.optimization.solvers import Answer, Ipopt, Solver
 
 FAULTS = (
     "nan",
-    "infeasible lie",
-    "feasible lie",
+    "infeasible success",
+    "non-stationary success",
     "wrong shape",
     "nothing",
     "raise",
@@ -33,16 +33,13 @@ FAULTS = (
 
 @dataclass(frozen=True)
 class Faulty(Solver):
-    """Ipopt, but for the instances whose first parameter is at least `above`.
-
-    `fault` is what happens then: a word of `FAULTS`.
-    """
+    """Ipopt with a fault of `FAULTS` in instances whose first parameter is at least `above`."""
 
     fault: str = "nan"
     above: float = -np.inf
 
     name: ClassVar[str] = "faulty"
-    summary: ClassVar[str] = "goes wrong"
+    summary: ClassVar[str] = "Ipopt with a fault"
 
     def prepare(self, nlp: Nlp) -> None:  # noqa: ARG002
         if self.fault == "build":
@@ -76,9 +73,9 @@ class Faulty(Solver):
         match self.fault:
             case "nan":
                 return replace(answer, x=np.full_like(answer.x, np.nan), message="fine")
-            case "infeasible lie":
+            case "infeasible success":
                 return replace(answer, x=answer.x + 10.0, status=Status.SOLVED, message="fine")
-            case "feasible lie":
+            case "non-stationary success":
                 start = instance.x0[0]
                 if isinstance(instance.feasible_set, PlanarSets):
                     points = start.reshape(*instance.feasible_set.shape, 2)

@@ -1,4 +1,4 @@
-"""Backends that answer NaN, lie, raise, hang or kill their process: counted, and life goes on."""
+"""Fault tolerance: solvers that return NaN or false successes, raise, hang or crash."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from casswarm.problems.formation import formation_nlp
 
 PAPER = csw.load_scenario("paper-1")
 DEADLY = ("hang", "exit", "abort", "kill")
-WORDS = {
+MESSAGES = {
     "hang": "no answer within",
     "exit": "exit code 3",
     "abort": "(SIGABRT); the last line that it printed: something terrible",
@@ -34,7 +34,7 @@ WORDS = {
     "wrong shape": "gave x of shape (1,)",
     "nothing": "raised TypeError",
     "nan": "fine",
-    "infeasible lie": "fine",
+    "infeasible success": "fine",
 }
 
 
@@ -46,12 +46,12 @@ def goals(*points):
 # --- one instance costs no other
 
 
-@pytest.mark.parametrize("fault", [f for f in WORDS if f not in DEADLY])
+@pytest.mark.parametrize("fault", [f for f in MESSAGES if f not in DEADLY])
 def test_faulty_instance_leaves_others_solved(fault):
     solver = Faulty(fault, above=-np.inf if fault == "build" else 2.0)
     fine, bad, other = solver.solve(*goals((0.5, 3.0), (2.5, 0.0), (-2.0, 0.1)))
     assert bad.status is Status.FAILED
-    assert WORDS[fault] in bad.message
+    assert MESSAGES[fault] in bad.message
     if fault == "build":
         assert fine.status is other.status is Status.FAILED
     else:
@@ -76,7 +76,7 @@ def test_isolated_replaces_process_after_crash_or_hang(fault):
     solver = Isolated(Faulty(fault, above=2.0), time_limit=2.0)
     fine, bad, other = solver.solve(*goals((0.5, 3.0), (2.5, 0.0), (-2.0, 0.1)))
     assert bad.status is (Status.TIME_LIMIT if fault == "hang" else Status.FAILED)
-    assert WORDS[fault] in bad.message
+    assert MESSAGES[fault] in bad.message
     assert fine.status is other.status is Status.SOLVED
     np.testing.assert_allclose([fine.x, other.x], [[0.5, 1], [-1, 0.1]], atol=1e-6)
     solver.close()
@@ -177,7 +177,7 @@ def test_compare_reports_every_fault_with_reason(study):
         bad = runs.loc[fault, "goal-1"]
         assert not bad["solved"]
         assert bad["status"] == ("time limit" if fault == "hang" else bad["status"])
-        assert WORDS.get(fault, "") in bad["message"]
+        assert MESSAGES.get(fault, "") in bad["message"]
         assert bad["reason"]
         assert runs.loc[fault, "goal-0"]["solved"] == (fault != "build")
     assert runs.loc["ipopt"]["solved"].all()
@@ -185,15 +185,15 @@ def test_compare_reports_every_fault_with_reason(study):
 
 def test_compare_counts_false_positives(study):
     runs = study.runs[study.runs["problem"] == "goal-1"].set_index("solver")
-    for lie in ("nan", "infeasible lie", "feasible lie"):
-        assert runs.loc[lie, "reported_success"]
-        assert not runs.loc[lie, "verified"]
-        assert runs.loc[lie, "reason"].startswith("reported as solved, but ")
-    assert "stationarity" in runs.loc["feasible lie", "reason"]
-    assert "violation" in runs.loc["infeasible lie", "reason"]
+    for fault in ("nan", "infeasible success", "non-stationary success"):
+        assert runs.loc[fault, "reported_success"]
+        assert not runs.loc[fault, "verified"]
+        assert runs.loc[fault, "reason"].startswith("reported as solved, but ")
+    assert "stationarity" in runs.loc["non-stationary success", "reason"]
+    assert "violation" in runs.loc["infeasible success", "reason"]
     counts = study.summary.set_index("solver")
-    assert counts.loc["feasible lie", "false_positives"] == 1
-    assert counts.loc["feasible lie", "solved"] == 0.5
+    assert counts.loc["non-stationary success", "false_positives"] == 1
+    assert counts.loc["non-stationary success", "solved"] == 0.5
     assert counts.loc["hang", "unsolved"] == 1
 
 
@@ -209,8 +209,8 @@ def guide():
     ("fault", "reason"),
     [
         ("nan", "failed: fine"),
-        ("infeasible lie", "failed: fine"),
-        ("feasible lie", "solved: fine, but not stationary"),
+        ("infeasible success", "failed: fine"),
+        ("non-stationary success", "solved: fine, but not stationary"),
         ("raise", "raised ZeroDivisionError: not today"),
     ],
 )

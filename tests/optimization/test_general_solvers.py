@@ -187,7 +187,10 @@ GUIDES = (4.62, 5.5, 6.0)
 """Times of flight, 14 to 18 steps; each has several minima, on either side of the radars."""
 
 
-@general
+@pytest.mark.parametrize(
+    "solver",
+    [pytest.param(s, marks=pytest.mark.slow) if s == "slsqp" else s for s in GENERAL],
+)
 def test_solver_finds_minima_of_guides_or_reports_failure(solver: str) -> None:
     solutions = [solve(solver, guide(t_f)) for t_f in GUIDES]
     solved = [solution for solution in solutions if solution.status.success]

@@ -130,19 +130,19 @@ def test_status_success_is_solved_or_acceptable() -> None:
     assert [status for status in Status if status.success] == [Status.SOLVED, Status.ACCEPTABLE]
 
 
-# --- solvers that lie
+# --- verification of reported statuses
 
 
 @dataclass(frozen=True)
-class Liar(Solver):
-    """Answers `x` to everything, with the status and words it was told."""
+class FixedAnswer(Solver):
+    """Solver that reports the same x and status for every instance."""
 
     x: tuple[float, ...]
     status: Status = Status.SOLVED
     answers: int | None = None
 
-    name: ClassVar[str] = "liar"
-    summary: ClassVar[str] = "says what it was told"
+    name: ClassVar[str] = "fixed"
+    summary: ClassVar[str] = "reports a fixed answer"
 
     def prepare(self, nlp: Nlp) -> None:
         pass
@@ -152,13 +152,13 @@ class Liar(Solver):
         return [Answer(np.array(self.x), self.status, "trust me", 3, 4, 0.5)] * count
 
 
-def lie(*x: float, status: Status = Status.SOLVED) -> Solution:
+def reported(*x: float, status: Status = Status.SOLVED) -> Solution:
     case = hs_35()
-    return Liar(x, status).solve(case.nlp, case.instance)[0]
+    return FixedAnswer(x, status).solve(case.nlp, case.instance)[0]
 
 
 def test_solve_keeps_verified_status() -> None:
-    solution = lie(4 / 3, 7 / 9, 4 / 9)
+    solution = reported(4 / 3, 7 / 9, 4 / 9)
     assert solution.status is Status.SOLVED
     assert solution.objective == pytest.approx(1 / 9)
     assert solution.residuals.stationarity < 1e-6
@@ -180,7 +180,7 @@ def test_solve_keeps_verified_status() -> None:
 def test_solve_unverified_success_is_failed(
     x: tuple[float, ...], worst: str, status: Status
 ) -> None:
-    solution = lie(*x, status=status)
+    solution = reported(*x, status=status)
     assert solution.status is Status.FAILED
     assert solution.message == "trust me"
     assert solution.residuals.violated_row == worst
@@ -188,31 +188,31 @@ def test_solve_unverified_success_is_failed(
 
 
 def test_solve_tolerates_small_violation() -> None:
-    assert lie(1, 1, 0.5 + VIOLATION / 4).status is Status.SOLVED
+    assert reported(1, 1, 0.5 + VIOLATION / 4).status is Status.SOLVED
 
 
 @pytest.mark.parametrize("status", [status for status in Status if not status.success])
 def test_solve_never_turns_failure_into_success(status: Status) -> None:
-    assert lie(4 / 3, 7 / 9, 4 / 9, status=status).status is status
-    assert lie(9, 9, 9, status=status).status is status
+    assert reported(4 / 3, 7 / 9, 4 / 9, status=status).status is status
+    assert reported(9, 9, 9, status=status).status is status
 
 
 def test_solve_missing_answer_raises() -> None:
-    with pytest.raises(SolverError, match="liar gave 1 answers for 3"):
-        Liar((0.0, 0.0), answers=1).solve(*nearest_in_box(np.zeros((3, 2))))
+    with pytest.raises(SolverError, match="fixed gave 1 answers for 3"):
+        FixedAnswer((0.0, 0.0), answers=1).solve(*nearest_in_box(np.zeros((3, 2))))
 
 
 # --- solutions
 
 
 def test_solution_str_states_status_and_residuals() -> None:
-    text = str(lie(1, 1, 1))
-    assert text.startswith("failed by liar (trust me): objective 0, violation 1.0e+00,")
+    text = str(reported(1, 1, 1))
+    assert text.startswith("failed by fixed (trust me): objective 0, violation 1.0e+00,")
     assert text.endswith("3 iterations, 500.0 ms")
 
 
 def test_solution_as_row_contains_plain_values() -> None:
-    row = lie(1, 1, 1).as_row()
+    row = reported(1, 1, 1).as_row()
     assert "x" not in row
     assert row["status"] == "failed"
     assert type(row["status"]) is str
@@ -233,12 +233,12 @@ def test_solvers_are_registered_by_name() -> None:
 
 def test_make_solver_accepts_name_or_solver() -> None:
     assert make_solver("ipopt", max_iter=7) == Ipopt(max_iter=7)
-    own = Liar((0.0,))
+    own = FixedAnswer((0.0,))
     assert make_solver(own) is own
 
 
 @pytest.mark.parametrize(
-    ("name", "options", "words"),
+    ("name", "options", "message"),
     [
         ("ipop", {}, f"solver 'ipop' is unknown; did you mean 'ipopt'? (known: {NAMES})"),
         ("simplex", {}, f"solver 'simplex' is unknown (known: {NAMES})"),
@@ -272,11 +272,11 @@ def test_make_solver_accepts_name_or_solver() -> None:
     ],
 )
 def test_make_solver_rejects_wrong_names_and_options(
-    name: str, options: dict[str, Any], words: str
+    name: str, options: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(SolverError) as caught:
         make_solver(name, **options)
-    assert words in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["ipopt", "projected-gradient"])
