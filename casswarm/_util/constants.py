@@ -1,6 +1,6 @@
-"""Numbers that several modules share."""
+"""Constants that rooms share which need not import CasADi."""
 
 from __future__ import annotations
 
 CORE_RADIUS = 0.01
-"""Distance below which rates are regularised: nearer than this to a radar is inside it."""
+"""Distance below which rates are regularised; members must start farther from radars."""

@@ -1,4 +1,4 @@
-"""Hazards: the rates at which members are destroyed."""
+"""Destruction rates of members: kernels, the paper's two hazards, and custom ones."""
 
 from .base import Hazard
 from .custom import CustomHazard

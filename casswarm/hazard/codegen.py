@@ -1,8 +1,8 @@
-"""From a scalar CasADi expression to plain Python source that NumPy runs over whole arrays.
+"""Python source from scalar CasADi expressions, for NumPy and Numba.
 
-CasADi evaluates a function one point at a time; a kernel has to be evaluated at millions of squared
-distances. The expression stays the only definition: its instructions are written out again, one
-line each, as Python.
+CasADi evaluates a function at one point at a time; a kernel has to be evaluated at millions of
+squared distances. The expression remains the only definition: its instructions are translated to
+Python, one line each.
 """
 
 from __future__ import annotations
@@ -61,20 +61,20 @@ _UNARY = {
 
 
 def lower_source(name: str, inputs: dict[str, Expr], outputs: Sequence[Expr]) -> str:
-    """Python source of a function: the expressions' values, a tuple where there are several.
+    """Python source of a function that returns the values of expressions.
 
     Parameters
     ----------
     name : str
-        Of the function.
+        Name of the function.
     inputs : dict of name to SX
-        Symbols, its arguments in order; a column is an argument that is indexed.
+        Symbols of its arguments, in order; a column is an argument that is indexed.
     outputs : sequence of scalar SX
 
     Raises
     ------
     HazardError
-        An operation that has no counterpart here (the message names it).
+        An operation has no counterpart here (the message names it).
     """
     function = ca.Function(name, list(inputs.values()), [ca.SX(y) for y in outputs])
     scalar = [symbol.is_scalar() for symbol in inputs.values()]

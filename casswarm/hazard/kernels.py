@@ -1,4 +1,4 @@
-"""Rates composed of scalar kernels of squared distance, and their two assemblies.
+"""Rates composed of scalar kernels of squared distance.
 
 A member's rate is combine(S, D, C) of three sums of scalar kernels::
 
@@ -7,8 +7,8 @@ A member's rate is combine(S, D, C) of three sums of scalar kernels::
     C = sum over living j != i collision(||x_i - x_j||^2)
 
 Each kernel is written once, as a CasADi expression. `KernelHazard` assembles it in matrix form for
-the optimisation problems (n^2 pairs as one matrix, never an unrolled loop) and, lowered to NumPy,
-for batches of states.
+the optimisation problems (n^2 pairs as one matrix, never an unrolled loop) and, translated to
+NumPy, for batches of states.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from ..typing import BoolArray, Expr, FloatArray
 from .base import Hazard, checked_radars
 from .codegen import differentiated_source, lower
 
-_CHUNK_PAIRS = 1 << 19  # pairs evaluated at once: a few arrays of 4 MiB, whatever the batch
+_CHUNK_PAIRS = 1 << 19  # pairs evaluated at once: a few arrays of 4 MiB
 
 
 def regular(squared_distance: Expr) -> Expr:
     """Squared distance, kept above zero so that its inverse is finite.
 
-    With e = `CORE_RADIUS` it is the argument itself, to the letter, from e^2 on; below, it is
-    (e^2 + s^2 / e^2) / 2, which meets it with equal value and slope and never falls under e^2 / 2.
+    With e = `CORE_RADIUS` it is exactly the argument s from e^2 on; below, it is
+    (e^2 + s^2 / e^2) / 2, which has the same value and slope at e^2 and is at least e^2 / 2.
     """
     core = CORE_RADIUS**2
     missing = core - ca.fmin(squared_distance, core)
@@ -47,12 +47,12 @@ class KernelHazard(Hazard):
     """Base of the hazards that are composed of kernels.
 
     Kernels must be finite at zero distance, where `regular` helps: every member is paired with
-    itself, and the pair then left out where it does not count.
+    itself, and the pair is masked where it does not count.
 
     Parameters
     ----------
     radars : k pairs (x, y)
-        Where the hazard comes from; at least one.
+        Positions of the sources of the hazard; at least one.
     strengths : k positive floats, optional
         Factor of every radar; 1 by default.
     """
@@ -102,7 +102,7 @@ class KernelHazard(Hazard):
 
     @property
     def gathers(self) -> bool:
-        """Whether a member is the safer the nearer the others are, whatever the distance."""
+        """Whether a member's rate increases with every distance to another."""
         return False
 
     @property
@@ -128,7 +128,7 @@ class KernelHazard(Hazard):
         )
 
     def single_agent_expression(self, points: Expr) -> Expr:
-        """Rate of a lone member at each of m points: (2, m) to (1, m)."""
+        """Rate of a single member at each of m points: (2, m) to (1, m)."""
         return self.combine(self._sources(points), self.density(0.0), 0.0)
 
     def _sources(self, points: Expr) -> Expr:
@@ -154,7 +154,7 @@ class KernelHazard(Hazard):
         source, density, collision, combine = lowered_kernels(self)
         living = alive[:, None, :]
         others = living & ~np.eye(positions.shape[1], dtype=bool)
-        with np.errstate(all="ignore"):  # what is not finite is refused by `rates`
+        with np.errstate(all="ignore"):  # `rates` refuses values that are not finite
             to_radars = _squared_distances(positions, self.radar_positions[None])
             pairs = _squared_distances(positions, positions)
             return combine(
@@ -192,8 +192,8 @@ def lowered_kernels(hazard: KernelHazard) -> tuple[Callable[..., FloatArray], ..
 def differentiated_kernels(hazard: KernelHazard) -> tuple[str, tuple[float, ...]]:
     """Python source of the kernels with their derivatives, and the parameters that it reads.
 
-    The hazard's own numbers (its fields of type float) are arguments of the source, so that one
-    text, compiled once, serves all hazards of a class.
+    The numerical fields of the hazard are parameters of the source, so that all hazards of a class
+    share compiled code.
     """
     names = [f.name for f in fields(hazard) if isinstance(getattr(hazard, f.name), (int, float))]
     parameters = ca.SX.sym("parameters", max(2, len(names)))  # never a scalar: it is indexed
@@ -204,7 +204,7 @@ def differentiated_kernels(hazard: KernelHazard) -> tuple[str, tuple[float, ...]
         source = _kernel_sources(symbolic, parameters)
     except HazardError:
         raise
-    except Exception:  # a kernel that wants its numbers as numbers, to branch on them
+    except Exception:  # a kernel that branches on its numbers
         return _kernel_sources(hazard, parameters), ()
     return source, tuple(float(getattr(hazard, name)) for name in names)
 
@@ -216,5 +216,5 @@ def _kernel_sources(hazard: KernelHazard, parameters: Expr) -> str:
         (hazard.collision, 1, "collision"),
         (hazard.combine, 3, "combine"),
     )
-    texts = (differentiated_source(k, inputs, name, parameters) for k, inputs, name in kernels)
-    return "\n\n".join(f"@kernel\n{text}" for text in texts)
+    sources = (differentiated_source(k, inputs, name, parameters) for k, inputs, name in kernels)
+    return "\n\n".join(f"@kernel\n{source}" for source in sources)

@@ -243,7 +243,7 @@ class Instances:
             object.__setattr__(self, name, np.broadcast_to(array, (batch, width)))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # the constructor makes broadcast arrays read-only again, as Numba's compiled kinds need
+        # the constructor makes broadcast arrays read-only again
         return type(self), tuple(getattr(self, field.name) for field in fields(self))
 
     def __len__(self) -> int:

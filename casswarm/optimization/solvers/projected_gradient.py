@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from functools import lru_cache
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -15,8 +16,9 @@ from ..feasible_sets.planar import PlanarSets
 from ..problem import Instances, Nlp
 from ..solution import Status
 from .base import Answer, Capabilities, Solver
-from .casadi_map import CHUNK, gradients
 from .options import NonNegative, NonNegativeInt, PositiveFinite
+
+_CHUNK = 256  # instances evaluated at once
 
 
 @dataclass(frozen=True)
@@ -65,8 +67,8 @@ class ProjectedGradient(Solver):
                 f"({', '.join(nlp.constraints)}) are not a product of boxes and discs"
             )
         answers: list[Answer] = []
-        for start in range(0, len(instances), CHUNK):
-            answers += self._run_chunk(nlp, instances[slice(start, start + CHUNK)])
+        for start in range(0, len(instances), _CHUNK):
+            answers += self._run_chunk(nlp, instances[slice(start, start + _CHUNK)])
         return answers
 
     def _run_chunk(self, nlp: Nlp, instances: Instances) -> list[Answer]:
@@ -78,7 +80,7 @@ class ProjectedGradient(Solver):
         converged = np.zeros(len(x), bool)
         active, remaining = np.arange(len(x)), instances
         for iteration in range(self.max_iter):
-            objective, gradient = gradients(nlp, x[active], remaining.p)
+            objective, gradient = _gradients(nlp, x[active], remaining.p)
             if self.keep == "best":
                 better = objective < smallest[active]
                 smallest[active[better]] = objective[better]
@@ -125,3 +127,27 @@ def _project(instances: Instances, x: FloatArray) -> FloatArray:
     if not isinstance(sets, PlanarSets):
         return np.clip(x, instances.lbx, instances.ubx)
     return sets.project(x.reshape(*sets.shape, 2)).reshape(x.shape)
+
+
+def _gradients(nlp: Nlp, x: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Objectives (B,) and gradients (B, nx) at x (B, nx); not finite where they do not exist.
+
+    Batches are padded to powers of two, so that few sizes of `Function.map` are built.
+    """
+    f, gradient = np.empty(len(x)), np.empty_like(x)
+    for first in range(0, len(x), _CHUNK):
+        rows = slice(first, first + _CHUNK)
+        f[rows], gradient[rows] = _chunk(nlp, x[rows], parameters[rows])
+    return f, gradient
+
+
+def _chunk(nlp: Nlp, x: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+    size = 1 << max(0, len(x) - 1).bit_length()
+    pad = ((0, size - len(x)), (0, 0))
+    f, gradient = _mapped(nlp, size)(np.pad(x, pad, "edge").T, np.pad(parameters, pad, "edge").T)
+    return np.asarray(f)[0, : len(x)], np.asarray(gradient).T[: len(x)]
+
+
+@lru_cache(maxsize=64)
+def _mapped(nlp: Nlp, size: int) -> Any:
+    return nlp.gradient.map(size)

@@ -1,1 +1,1 @@
-"""Compiled solvers for batches of small problems."""
+"""Compiled solvers for batches of small problems, and the kernels that they call."""
