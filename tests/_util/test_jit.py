@@ -10,7 +10,7 @@ import pytest
 
 from casswarm._util.jit import cache_folder, contiguous, generated_module
 
-TEXT = '''
+TEXT = """
 @objective
 def square(x, p, constants, gradient, scratch):
     return x[0] * x[0]
@@ -19,7 +19,7 @@ def square(x, p, constants, gradient, scratch):
 @kernel
 def call(function, x):
     return function(x, x, x, x, x)
-'''
+"""
 
 
 def test_generated_module_of_same_text_is_loaded_once():

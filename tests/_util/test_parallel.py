@@ -24,7 +24,7 @@ from casswarm._util.parallel import done_jobs
 from casswarm.errors import WorkerError
 
 
-def test_results_come_with_their_places() -> None:
+def test_done_jobs_yields_indices_and_results() -> None:
     jobs = [lambda value=value: value**2 for value in range(5)]
     assert dict(done_jobs(jobs, 1)) == {0: 0, 1: 1, 2: 4, 3: 9, 4: 16}
     with ThreadPoolExecutor(2) as pool:
@@ -33,21 +33,19 @@ def test_results_come_with_their_places() -> None:
 
 
 @pytest.mark.parametrize("workers", [0, -1, 1.5, None, "two"])
-def test_wrong_workers_are_told(workers: object) -> None:
+def test_wrong_workers_raise(workers: object) -> None:
     with pytest.raises(ValueError, match="or an executor"):
         csw.sweep(SMALL, GRID, [toward], runs=2, workers=workers)  # type: ignore[arg-type]
 
 
-def test_an_executor_gives_the_numbers_of_one_process() -> None:
+def test_executor_gives_same_tables_as_one_process() -> None:
     alone = csw.simulate(SMALL, ["leader", toward], 100)
     with ThreadPoolExecutor(2) as pool:
         shared = csw.simulate(SMALL, ["leader", toward], 100, workers=pool)
     pd.testing.assert_frame_equal(shared.runs, alone.runs, check_exact=True)
 
 
-def test_a_worker_that_dies_costs_time_and_no_result(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_jobs_of_dead_worker_are_repeated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FATAL", str(tmp_path / "died"))
     shared = csw.sweep(SMALL, GRID, [fatal_once], runs=20, workers=2)
     assert (tmp_path / "died").exists()
@@ -55,12 +53,12 @@ def test_a_worker_that_dies_costs_time_and_no_result(
     assert shared.table.to_csv() == alone.table.to_csv()
 
 
-def test_workers_that_always_die_are_an_error() -> None:
+def test_workers_that_always_die_raise() -> None:
     with pytest.raises(WorkerError, match="a worker process died"):
         list(done_jobs([exit_at_once, exit_at_once], 2))
 
 
-def test_an_executor_whose_workers_die_is_an_error() -> None:
+def test_executor_whose_workers_die_raises() -> None:
     with (
         ProcessPoolExecutor(1, get_context("spawn")) as pool,
         pytest.raises(WorkerError, match="lost its workers"),
@@ -68,7 +66,7 @@ def test_an_executor_whose_workers_die_is_an_error() -> None:
         list(done_jobs([exit_at_once], pool))
 
 
-def test_a_jobs_own_error_stays_what_it_is() -> None:
+def test_error_of_job_is_raised_unchanged() -> None:
     with (
         ProcessPoolExecutor(1, get_context("spawn")) as pool,
         pytest.raises(ZeroDivisionError),
@@ -76,7 +74,7 @@ def test_a_jobs_own_error_stays_what_it_is() -> None:
         list(done_jobs([divide], pool))
 
 
-def test_the_command_says_that_workers_died_and_ends_with_1(tmp_path: Path) -> None:
+def test_command_reports_dead_workers_with_exit_code_1(tmp_path: Path) -> None:
     csw.save_scenario(SMALL, tmp_path / "small.toml")
     shutil.copy(slow_policy.__file__, tmp_path)
     fatal = ("simulate", "small.toml", "--policy", "slow_policy:fatal", "--runs", 4)
@@ -126,7 +124,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
             yield str(client.scheduler.address)
 
 
-def test_dask_gives_the_numbers_of_one_process_though_a_worker_dies(cluster: str) -> None:
+def test_dask_with_dead_worker_gives_same_tables(cluster: str) -> None:
     import distributed
 
     alone = csw.sweep(SMALL, GRID, [toward], runs=20)
@@ -142,7 +140,7 @@ def test_dask_gives_the_numbers_of_one_process_though_a_worker_dies(cluster: str
     assert hurt.table.to_csv() == expected.to_csv()
 
 
-def test_the_command_sends_its_work_to_the_cluster(cluster: str, tmp_path: Path) -> None:
+def test_sweep_command_runs_on_dask_cluster(cluster: str, tmp_path: Path) -> None:
     csw.save_scenario(SMALL, tmp_path / "small.toml")
     arguments = ("sweep", "small.toml", "--runs", 9, "--set", "n=1,2,3", "--policy", "leader")
     for name, more in (("here", []), ("there", ["--dask", cluster])):
@@ -151,7 +149,7 @@ def test_the_command_sends_its_work_to_the_cluster(cluster: str, tmp_path: Path)
     assert here == there
 
 
-def test_simulate_sends_its_work_to_the_cluster(cluster: str, tmp_path: Path) -> None:
+def test_simulate_command_runs_on_dask_cluster(cluster: str, tmp_path: Path) -> None:
     csw.save_scenario(SMALL, tmp_path / "small.toml")
     arguments = ["simulate", "small.toml", "--runs", 50, "--policy", "leader", "--policy", "naive"]
     for name, more in (("here", []), ("there", ["--dask", cluster])):
@@ -161,7 +159,7 @@ def test_simulate_sends_its_work_to_the_cluster(cluster: str, tmp_path: Path) ->
         assert here == there
 
 
-def test_a_cluster_that_loses_every_worker_ends_with_1(cluster: str, tmp_path: Path) -> None:
+def test_command_reports_lost_cluster_with_exit_code_1(cluster: str, tmp_path: Path) -> None:
     csw.save_scenario(SMALL, tmp_path / "small.toml")
     shutil.copy(slow_policy.__file__, tmp_path)
     fatal = ("simulate", "small.toml", "--policy", "slow_policy:fatal", "--runs", 4)

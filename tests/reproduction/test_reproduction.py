@@ -57,7 +57,7 @@ def guide():
 # --- what the paper states
 
 
-def test_table_1_is_what_the_scenarios_use():
+def test_table_1_equals_values_of_scenario():
     table = table_1(SECOND)
     assert (table["paper"] == table["casswarm"]).all()
     assert len(table) == 15
@@ -66,11 +66,11 @@ def test_table_1_is_what_the_scenarios_use():
     ).sum() == 1
 
 
-def test_both_scenarios_share_their_geometry():
+def test_geometry_of_both_scenarios_is_equal():
     pd.testing.assert_frame_equal(geometry(FIRST), geometry(SECOND))
 
 
-def test_every_reading_says_what_the_paper_has_and_what_casswarm_does():
+def test_interpretations_are_complete():
     table = interpretations()
     assert list(table.columns) == [
         "location",
@@ -86,7 +86,7 @@ def test_every_reading_says_what_the_paper_has_and_what_casswarm_does():
 # --- what is checked in
 
 
-def test_every_table_and_figure_is_checked_in_and_shown():
+def test_saved_results_are_complete_and_shown():
     shown = (CHECKED_IN / "README.md").read_text(encoding="utf-8")
     for name in FIGURES:
         assert (CHECKED_IN / f"{name}.png").stat().st_size > 10_000
@@ -100,15 +100,15 @@ def test_every_table_and_figure_is_checked_in_and_shown():
     ("name", "made"),
     [("table-1", lambda: table_1(SECOND)), ("geometry", lambda: geometry(FIRST))],
 )
-def test_stated_tables_are_those_checked_in(name, made):
+def test_tables_of_the_paper_equal_saved_ones(name, made):
     pd.testing.assert_frame_equal(checked_in(name), made(), check_dtype=False)
 
 
-def test_interpretations_are_those_checked_in():
+def test_interpretations_equal_saved_ones():
     pd.testing.assert_frame_equal(checked_in("interpretations").fillna(""), interpretations())
 
 
-def test_table_2_is_the_one_checked_in_and_lies_in_the_papers_intervals(guide):
+def test_table_2_equals_saved_one_within_paper_intervals(guide):
     told, made = checked_in("table-2"), table_2(FIRST, guide)
     assert list(made.columns) == list(told.columns)
     assert made["policy"].tolist() == told["policy"].tolist() == list(PAPER_SUCCESS)
@@ -130,7 +130,7 @@ def test_table_2_is_the_one_checked_in_and_lies_in_the_papers_intervals(guide):
     assert exact == sorted(exact), "the paper's order"
 
 
-def test_sensitivity_is_the_one_checked_in():
+def test_sensitivity_equals_saved_table():
     told = checked_in("sensitivity")
     assert told["change"].tolist() == [name for name, _ in small_changes(FIRST)]
     made = sensitivity(FIRST, silent, ["naive", "leader"]).set_index("change")
@@ -146,7 +146,7 @@ def test_sensitivity_is_the_one_checked_in():
 @pytest.mark.parametrize(
     "name", ["I: no time to go around, t_f = 4", "I: ring", "II: the paper's, local guide"]
 )
-def test_scenarios_beyond_are_those_checked_in(name):
+def test_beyond_equals_saved_table(name):
     told = checked_in("beyond").set_index(["scenario", "policy"]).loc[name]
     made = beyond({name: variants()[name]}, silent, states=5000, runs=500).set_index("policy")
     for policy, row in made.iterrows():
@@ -156,7 +156,7 @@ def test_scenarios_beyond_are_those_checked_in(name):
         assert old["success_low"] <= row["success_high"] + 1e-3
 
 
-def test_scenario_2_is_harder_under_every_policy():
+def test_beyond_scenario_2_has_less_success():
     success = checked_in("beyond").set_index(["scenario", "policy"])
     for guide_of in ("the paper's, local guide", "global guide", "no time to go around, t_f = 4"):
         for policy in PAPER_SUCCESS:
@@ -167,7 +167,7 @@ def test_scenario_2_is_harder_under_every_policy():
 # --- convergence
 
 
-def test_iterates_are_those_of_one_solve():
+def test_iterates_equal_those_of_a_single_solve():
     formation = formations("paper-1", 3)[1]
     nlp, instances = formation.nlp, formation.instances
     assert isinstance(instances, Instances)
@@ -178,7 +178,7 @@ def test_iterates_are_those_of_one_solve():
             np.testing.assert_array_equal(part.x, all_.x)
 
 
-def test_the_papers_method_improves_the_straight_line_but_hardly():
+def test_guide_convergence_improves_risk_slightly():
     points = (0, 10, 100)
     made, told = guide_convergence(FIRST, points), checked_in("guide-convergence")
     told = told[told["iteration"].isin(points)].reset_index(drop=True)
@@ -187,7 +187,7 @@ def test_the_papers_method_improves_the_straight_line_but_hardly():
     assert (np.diff(made["objective"]) < 0).all()
 
 
-def test_whole_swarm_is_the_run_in_which_nobody_is_lost(guide):
+def test_whole_swarm_is_the_run_without_losses(guide):
     data = whole_swarm(FIRST, "leader", guide)
     study = csw.simulate(FIRST.with_values({"hazard.alpha_1": 1e-9}), ["leader"], 1, guide=guide)
     trace = study.trajectories["leader"][0]
@@ -196,7 +196,7 @@ def test_whole_swarm_is_the_run_in_which_nobody_is_lost(guide):
     np.testing.assert_allclose(data.positions[:, 0], guide.positions[:-1], atol=1e-6)
 
 
-def test_formation_convergence_is_the_one_checked_in(guide):
+def test_formation_convergence_equals_saved_table(guide):
     points = (0, 1, 10, 50)
     made = condensed({"leader, I": formation_convergence(FIRST, "leader", guide, points)})
     told = checked_in("formation-convergence")
@@ -209,7 +209,7 @@ def test_formation_convergence_is_the_one_checked_in(guide):
 # --- empty sets
 
 
-def test_shortfalls_are_those_that_the_simulation_counts(guide):
+def test_infeasible_steps_equal_counts_of_simulation(guide):
     table = infeasible_steps(FIRST, guide, runs=50)
     study = csw.simulate(FIRST, POLICIES, 50, guide=guide)
     for policy in POLICIES:
@@ -219,7 +219,7 @@ def test_shortfalls_are_those_that_the_simulation_counts(guide):
         assert (rows["infeasible"] <= rows["alive"] + 1e-9).all()
 
 
-def test_sets_are_empty_less_often_where_limits_are_looser():
+def test_infeasibility_decreases_with_looser_limits():
     table = checked_in("empty-sets").set_index(["change", "policy"])
     short = table["infeasible"].xs("constrained", level="policy")
     by_a_max = [short[f"a_max = {a_max}, rho = 0.05"] for a_max in ("0.5", "1", "4")]
@@ -230,13 +230,13 @@ def test_sets_are_empty_less_often_where_limits_are_looser():
 # --- pictures
 
 
-def test_the_run_shown_succeeds_and_loses_two(guide):
+def test_representative_run_succeeds_and_loses_two(guide):
     number, trace = representative_run(FIRST, "leader", guide, runs=50)
     assert trace.alive[-1].sum() == 3
     assert csw.simulate(FIRST, ["leader"], 50, guide=guide).runs["success"][number]
 
 
-def test_charts_are_drawn_from_what_is_checked_in(guide):
+def test_charts_draw_saved_tables(guide):
     beyond_table = checked_in("beyond")
     figures = [
         table_2_chart(checked_in("table-2"), 10_000),
@@ -254,6 +254,6 @@ def test_charts_are_drawn_from_what_is_checked_in(guide):
 
 
 @pytest.mark.parametrize("runs", [50, 10.5])
-def test_runs_must_be_more_than_the_papers(runs):
+def test_reproduce_with_too_few_runs_raises(runs):
     with pytest.raises(ValueError, match="above 50"):
         reproduce(runs)

@@ -16,7 +16,7 @@ INPUTS = {"scenario": {"name": "a", "rho": 0.05}, "runs": 10}
 CELL = {"x": np.array([0.1, -0.0, np.nan]), "name": np.array("µ")}
 
 
-def test_cells_come_back_bit_for_bit(tmp_path: Path) -> None:
+def test_checkpoint_returns_saved_arrays_bit_for_bit(tmp_path: Path) -> None:
     with Checkpoint(tmp_path, INPUTS) as store:
         store.save("one", CELL)
     with Checkpoint(tmp_path, INPUTS, if_exists="resume") as store:
@@ -29,7 +29,7 @@ def test_cells_come_back_bit_for_bit(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("spoil", ["cut", "flip", "empty"])
-def test_a_cell_that_the_disk_spoilt_is_none(tmp_path: Path, spoil: str) -> None:
+def test_checkpoint_load_of_damaged_record_is_none(tmp_path: Path, spoil: str) -> None:
     with Checkpoint(tmp_path, INPUTS) as store:
         store.save("one", CELL)
         path = tmp_path / "checkpoint" / "one.npz"
@@ -39,7 +39,7 @@ def test_a_cell_that_the_disk_spoilt_is_none(tmp_path: Path, spoil: str) -> None
         assert store.load("one") is None
 
 
-def test_other_inputs_are_refused_and_the_difference_named(tmp_path: Path) -> None:
+def test_checkpoint_with_other_inputs_names_differences(tmp_path: Path) -> None:
     with Checkpoint(tmp_path, INPUTS) as store:
         store.save("one", CELL)
     other = {"scenario": {"name": "a", "rho": 0.1}, "runs": 10, "seed": 1}
@@ -52,7 +52,7 @@ def test_other_inputs_are_refused_and_the_difference_named(tmp_path: Path) -> No
         assert store.names() == ["one"]  # nothing was touched
 
 
-def test_unfinished_work_is_not_thrown_away_unasked(tmp_path: Path) -> None:
+def test_checkpoint_with_unfinished_study_raises(tmp_path: Path) -> None:
     with Checkpoint(tmp_path, INPUTS) as store:
         store.save("one", CELL)
     with (
@@ -77,7 +77,7 @@ with Checkpoint(sys.argv[1], {}, if_exists="overwrite"):
 """
 
 
-def test_two_processes_never_write_one_folder_and_the_dead_hold_no_lock(tmp_path: Path) -> None:
+def test_checkpoint_lock_excludes_second_process_until_death(tmp_path: Path) -> None:
     holder = subprocess.Popen(
         [sys.executable, "-c", HOLD, tmp_path], stdout=subprocess.PIPE, text=True
     )
@@ -96,14 +96,14 @@ def test_two_processes_never_write_one_folder_and_the_dead_hold_no_lock(tmp_path
         pass
 
 
-def test_the_lock_is_free_after_an_error(tmp_path: Path) -> None:
+def test_checkpoint_lock_is_released_after_error(tmp_path: Path) -> None:
     with pytest.raises(KeyError), Checkpoint(tmp_path, INPUTS):
         raise KeyError
     with Checkpoint(tmp_path, INPUTS, if_exists="resume"):
         pass
 
 
-def test_names_of_cells_differ_and_are_fit_for_files() -> None:
+def test_file_names_are_unique_and_valid() -> None:
     names = [file_name(text) for text in ("leader", "a/b", "a:b", "a b", "ä", "x" * 300 + "/")]
     assert names[0] == "leader"
     assert len(set(names)) == len(names)

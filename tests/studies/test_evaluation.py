@@ -77,7 +77,7 @@ def enumerated(scenario, before):
     return go(0, scenario.positions, before, (True,) * n, 1.0), survivors
 
 
-def test_two_members_have_the_law_of_enumeration_by_hand():
+def test_evaluate_two_members_equals_enumeration_by_hand():
     given = SMALL.with_values({"swarm.velocity": [1.0, 0.0]})
     law = evaluate(given, homing(given), tolerance=0.0)
     success, survivors = enumerated(given, np.tile([1.0, 0.0], (2, 1)))
@@ -87,7 +87,7 @@ def test_two_members_have_the_law_of_enumeration_by_hand():
     np.testing.assert_allclose(law.survivors, survivors, rtol=1e-12, atol=1e-15)
 
 
-def test_one_member_along_the_guide_has_the_guides_survival():
+def test_evaluate_single_agent_equals_guide_survival():
     scenario = csw.load_scenario("single-agent")
     guide = csw.plan(scenario)
     law = evaluate(scenario, "leader", tolerance=0.0, guide=guide)
@@ -95,7 +95,7 @@ def test_one_member_along_the_guide_has_the_guides_survival():
     assert law.arrival.argmax() == guide.arrival
 
 
-def test_naive_has_the_law_of_the_recursion_over_alive_sets(guide):
+def test_evaluate_naive_equals_recursion_over_alive_sets(guide):
     law = evaluate(PAPER, "naive", tolerance=0.0, guide=guide)
     policy = csw.make_policy("naive", PAPER, guide)
     n, dt = PAPER.n, PAPER.time.dt
@@ -129,7 +129,7 @@ WIDE = {("paper-2", "constrained"), ("paper-1", "constrained-mpc-3")}
 
 
 @pytest.mark.parametrize(("name", "policy"), PAIRS)
-def test_the_law_agrees_with_twenty_thousand_runs(name, policy):
+def test_evaluate_agrees_with_twenty_thousand_runs(name, policy):
     scenario = csw.load_scenario(name)
     guide = csw.plan(scenario)
     paper = policy in ("naive", "constrained", "leader")
@@ -145,7 +145,7 @@ def test_the_law_agrees_with_twenty_thousand_runs(name, policy):
     assert low <= interval.high
 
 
-def test_brackets_are_nested_as_the_tolerance_shrinks(guide):
+def test_evaluate_bounds_are_nested_for_smaller_tolerance(guide):
     brackets = [
         evaluate(PAPER, "leader", tolerance, guide=guide).success
         for tolerance in (1e-1, 1e-2, 1e-3, 1e-4)
@@ -156,14 +156,14 @@ def test_brackets_are_nested_as_the_tolerance_shrinks(guide):
         assert high - low <= tolerance
 
 
-def test_all_mass_is_accounted_for(guide):
+def test_evaluate_probabilities_sum_to_one(guide):
     law = evaluate(PAPER, "leader", 1e-3, guide=guide)
     assert law.survivors.sum() + law.residual_mass == pytest.approx(1.0, abs=1e-12)
     assert law.members.sum() == pytest.approx(law.survivors @ np.arange(6), rel=1e-12)
     assert law.arrival.sum() <= law.survivors[1:].sum() + 1e-12
 
 
-def test_too_few_states_widen_the_bracket_around_the_truth(guide):
+def test_evaluate_with_few_states_has_wider_bounds(guide):
     narrow = evaluate(PAPER, "leader", 1e-3, guide=guide)
     wide = evaluate(PAPER, "leader", 1e-3, max_states=20, guide=guide)
     assert wide.residual_mass > 1e-3
@@ -193,7 +193,7 @@ def test_evaluate_progress_reports_enumerated_mass(guide):
     assert 1.0 - done[-1] == pytest.approx(law.residual_mass, rel=1e-9)
 
 
-def test_the_number_alive_at_every_step_is_that_of_the_runs(guide):
+def test_evaluate_population_agrees_with_runs(guide):
     law = evaluate(PAPER, "leader", 1e-4, guide=guide)
     np.testing.assert_allclose(
         law.population.sum(axis=1) + law.residual_mass_before, 1.0, atol=1e-12
@@ -213,7 +213,7 @@ def test_the_number_alive_at_every_step_is_that_of_the_runs(guide):
 
 
 @pytest.mark.parametrize("policy", ["leader", "constrained"])
-def test_merging_nearly_equal_states_changes_nothing_beyond_the_bracket(guide, policy):
+def test_evaluate_aggregation_stays_within_bounds(guide, policy):
     exact = evaluate(PAPER, policy, 3e-3, guide=guide)
     assert exact.proven
     for aggregation_tol in (1e-8, 1e-6):
@@ -224,7 +224,7 @@ def test_merging_nearly_equal_states_changes_nothing_beyond_the_bracket(guide, p
         assert max(law.success[0], exact.success[0]) <= min(law.success[1], exact.success[1])
 
 
-def test_what_is_too_light_in_a_step_is_counted():
+def test_expansion_counts_pruned_mass():
     """Thirteen members have 8192 outcomes a step, which are not all followed."""
     ring = 0.3 * np.stack([np.cos(np.arange(13)), np.sin(np.arange(13))], axis=1)
     given = SMALL.with_values({"swarm.positions": ring.tolist(), "hazard.alpha_1": 1.0})
@@ -240,7 +240,7 @@ def test_what_is_too_light_in_a_step_is_counted():
 # --- the head exactly, the rest sampled
 
 
-def test_estimate_holds_the_truth_and_says_what_is_proven(guide):
+def test_estimate_contains_exact_value(guide):
     truth = evaluate(PAPER, "leader", 1e-4, guide=guide).success
     found = csw.estimate(PAPER, "leader", 2000, max_states=300, guide=guide)
     low, high = found.success
@@ -252,7 +252,7 @@ def test_estimate_holds_the_truth_and_says_what_is_proven(guide):
 
 
 @pytest.mark.parametrize("runs", [60, 100])
-def test_estimates_cover_the_truth_as_often_as_they_say(runs):
+def test_estimate_covers_exact_value_at_its_level(runs):
     given = SMALL.with_values({"swarm.velocity": [1.0, 0.0]})
     policy, before = as_policy(homing(given)), np.tile([1.0, 0.0], (2, 1))
     truth = evaluate(given, policy, 0.0).success[0]
@@ -266,7 +266,7 @@ def test_estimates_cover_the_truth_as_often_as_they_say(runs):
 
 @pytest.mark.parametrize("name", ["paper-1", "paper-2"])
 @pytest.mark.parametrize("policy", ["leader", "constrained"])
-def test_estimate_is_narrower_than_plain_sampling_with_as_many_solves(name, policy):
+def test_estimate_is_narrower_than_plain_sampling(name, policy):
     scenario = csw.load_scenario(name)
     guide = csw.plan(scenario, certify=False)
     found = csw.estimate(scenario, policy, 2000, tolerance=1e-4, guide=guide)
@@ -279,7 +279,7 @@ def test_estimate_is_narrower_than_plain_sampling_with_as_many_solves(name, poli
     assert found.success[1] - found.success[0] < row.success_high - row.success_low
 
 
-def test_estimate_is_plain_sampling_where_no_head_can_be_followed():
+def test_estimate_without_enumeration_is_plain_sampling():
     scenario = csw.load_scenario("large-swarm")
     found = csw.estimate(scenario, homing(scenario), 50)
     row = csw.simulate(scenario, [homing(scenario)], 50).summary.iloc[0]
@@ -287,7 +287,7 @@ def test_estimate_is_plain_sampling_where_no_head_can_be_followed():
     assert found.success == pytest.approx((row.success_low, row.success_high))
 
 
-def test_estimate_takes_fifty_members():
+def test_estimate_handles_fifty_members():
     scenario = csw.load_scenario("large-swarm")
     found = csw.estimate(scenario, homing(scenario), 50, max_states=20)
     low, high = found.success
@@ -295,7 +295,7 @@ def test_estimate_takes_fifty_members():
     assert found.runs == 50
 
 
-def test_nothing_is_sampled_where_the_law_is_closed():
+def test_estimate_without_residual_mass_samples_nothing():
     given = SMALL.with_values({"swarm.velocity": [1.0, 0.0]})
     found = csw.estimate(given, homing(given), 10, tolerance=0.0, max_states=1000)
     assert found.runs == 0
@@ -317,6 +317,13 @@ def test_wrong_arguments_are_explained(guide, options, error, words):
         evaluate(PAPER, guide=guide, **options)
 
 
-def test_a_swarm_too_large_to_be_enumerated_is_refused_with_a_way_out():
+def test_evaluate_accepts_list_of_one_policy(guide):
+    single = evaluate(PAPER, "leader", 0.1, guide=guide)
+    assert evaluate(PAPER, ["leader"], 0.1, guide=guide).success == single.success
+    with pytest.raises(PolicyError, match="one policy is evaluated at a time, not 2"):
+        evaluate(PAPER, ["leader", "naive"], 0.1, guide=guide)
+
+
+def test_evaluate_large_swarm_without_tolerance_raises():
     with pytest.raises(PolicyError, match=r"50 members.*give a tolerance"):
         evaluate(csw.load_scenario("large-swarm"), tolerance=0.0)

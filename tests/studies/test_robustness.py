@@ -38,7 +38,7 @@ class NotANumber(Solver):
         return [Answer(nothing, Status.SOLVED, "fine", 0, 0, 0.0) for _ in range(len(instances))]
 
 
-def test_backend_that_answers_nan_gives_no_guide():
+def test_plan_with_nan_answers_raises():
     with pytest.raises(PlanningError, match=r"1 failed"):
         csw.plan(PAPER, NotANumber())
     guide = csw.plan(PAPER, NotANumber(), check=False)
@@ -46,7 +46,7 @@ def test_backend_that_answers_nan_gives_no_guide():
     assert guide.solution.status is Status.FAILED
 
 
-def test_backend_that_answers_nan_is_counted_at_every_step():
+def test_simulate_counts_nan_answers_as_failures():
     guide = csw.plan(PAPER)
     study = csw.simulate(PAPER, ["leader"], 20, guide=guide, solver=NotANumber())
     runs = study.runs
@@ -64,7 +64,7 @@ class Hasty(SpectralProjectedGradient):
         return run
 
 
-def test_auto_does_not_take_the_batch_solvers_word():
+def test_auto_verifies_answers_of_batch_solver():
     guide = csw.plan(PAPER)
     honest, lied_to = (
         csw.simulate(PAPER, ["constrained"], 40, guide=guide, solver=solver).runs
@@ -74,7 +74,7 @@ def test_auto_does_not_take_the_batch_solvers_word():
     assert (lied_to["success"] == honest["success"]).all()
 
 
-def test_policy_cannot_bring_the_dead_back():
+def test_simulate_ignores_changes_of_alive_by_policy():
     def cheat(step, positions, previous_velocities, alive):  # noqa: ARG001
         alive[:] = True
         return previous_velocities
@@ -83,20 +83,20 @@ def test_policy_cannot_bring_the_dead_back():
         csw.simulate(PAPER, [cheat], 5)
 
 
-def test_guide_of_another_scenario_is_refused():
+def test_simulate_with_guide_of_another_scenario_raises():
     guide = csw.plan(csw.load_scenario("single-agent"))
     with pytest.raises(PolicyError, match="plan a guide for this scenario"):
         csw.simulate(PAPER, ["leader"], 5, guide=guide)
 
 
-def test_member_whose_planning_fails_is_counted_and_steers_at_the_target():
+def test_naive_member_without_guide_steers_at_target():
     far = PAPER.with_values({"swarm.positions": [[0.0, 0.0], [0.1, 0.0], [-30.0, -30.0]]})
     assert not plan_from(far, (-30.0, -30.0)).arrives
     study = csw.simulate(far, ["naive"], 20)
     assert (study.runs["solver_failures"] > 0).all()
 
 
-def test_members_guides_are_searched_for_as_the_swarms_guide_was():
+def test_naive_member_guides_use_search_of_guide():
     scenario = PAPER.with_values({"guide.arrival": "any"})
     guide = csw.plan(scenario, search="global")
     own = csw.make_policy("naive", scenario, guide).guides
@@ -104,7 +104,7 @@ def test_members_guides_are_searched_for_as_the_swarms_guide_was():
     assert min(g.survival for g in own) > 0.8 * guide.survival
 
 
-def test_global_search_by_projected_gradient_is_refused():
+def test_plan_global_search_by_projected_gradient_raises():
     with pytest.raises(SolverError, match="straight line"):
         csw.plan(PAPER, "projected-gradient", search="global")
     quick = PAPER.with_values({"guide.search": "global", "guide.iterations": 5})
@@ -131,7 +131,7 @@ class Branching(KernelHazard):
         return source / (1 + density) + collision
 
 
-def test_kernels_that_branch_on_their_numbers_are_compiled_with_them():
+def test_kernels_with_branches_are_compiled_per_parameter():
     sharp, blunt = (formation_nlp(Branching(((1.0, 1.0),), sharp=s), 2, False) for s in (2.0, 0.5))
     assert sharp.compiled.source != blunt.compiled.source
 
@@ -148,7 +148,7 @@ def script(text, tmp_path, *command):
     )
 
 
-def test_script_without_a_guard_is_told_about_it(tmp_path):
+def test_script_without_main_guard_is_explained(tmp_path):
     done = script(
         "import casswarm as csw\n"
         "csw.simulate(csw.load_scenario('paper-1'), ['naive'], 10, workers=2)\n",
@@ -158,7 +158,7 @@ def test_script_without_a_guard_is_told_about_it(tmp_path):
     assert "if __name__ == '__main__':" in done.stderr.splitlines()[-1]
 
 
-def test_worker_that_dies_is_an_error_and_no_hang(tmp_path):
+def test_worker_that_always_dies_raises_without_hanging(tmp_path):
     done = script(
         "import os, casswarm as cs\n"
         "def die(step, positions, previous, alive):\n"
@@ -172,7 +172,7 @@ def test_worker_that_dies_is_an_error_and_no_hang(tmp_path):
 
 
 @pytest.mark.skipif(not (ROOT / "problems").exists(), reason="not in a checkout")
-def test_package_can_be_imported_in_the_folder_of_a_checkout():
+def test_package_is_importable_in_checkout_folder():
     done = subprocess.run(
         [sys.executable, "-c", "import casswarm.problems.guide, casswarm.cli; print('fine')"],
         cwd=ROOT,

@@ -75,12 +75,12 @@ def of(table: pd.DataFrame, policy: str) -> pd.DataFrame:
 # --- same seed, same numbers
 
 
-def test_same_seed_gives_the_same_tables_and_another_seed_others() -> None:
+def test_simulate_same_seed_gives_same_tables() -> None:
     assert_same_tables(study(), reference())
     assert not study(seed=5).runs.equals(reference().runs)
 
 
-def test_tables_do_not_depend_on_the_number_of_workers() -> None:
+def test_simulate_tables_are_independent_of_workers() -> None:
     found = study(workers=2, save_trajectories=160)  # more than the first worker's share
     assert_same_tables(found, reference())
     alone = study(save_trajectories=160)
@@ -92,14 +92,16 @@ def test_tables_do_not_depend_on_the_number_of_workers() -> None:
 
 
 @pytest.mark.parametrize("batch", [1, 7, 299])
-def test_tables_do_not_depend_on_the_batches(batch: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_simulate_tables_are_independent_of_batch_size(
+    batch: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     runs = 20 if batch == 1 else 300
     expected = study(runs=runs)
     monkeypatch.setattr(casswarm.studies.batches, "BATCH", batch)
     assert_same_tables(study(runs=runs), expected)
 
 
-def test_rows_of_a_policy_do_not_depend_on_the_others_or_their_order() -> None:
+def test_simulate_policy_is_independent_of_other_policies() -> None:
     for policies in (POLICIES[::-1], (straight_on,), ("leader",), ("constrained", *POLICIES)):
         found = study(policies)
         for name in {"leader", "straight_on"} & set(found.runs["policy"]):
@@ -109,14 +111,14 @@ def test_rows_of_a_policy_do_not_depend_on_the_others_or_their_order() -> None:
             pd.testing.assert_frame_equal(of(found.summary, name), expected, check_exact=True)
 
 
-def test_more_runs_extend_a_study() -> None:
+def test_simulate_more_runs_extend_tables() -> None:
     fewer, more = study(runs=50), study(runs=100)
     for policy in ("leader", "straight_on"):
         extended = of(more.runs, policy)
         pd.testing.assert_frame_equal(extended[:50], of(fewer.runs, policy), check_exact=True)
 
 
-def test_policies_are_compared_on_common_random_numbers() -> None:
+def test_simulate_uses_common_random_numbers() -> None:
     """A run that succeeds in more danger succeeds in less."""
     harder = scenario().with_values({"hazard.alpha_1": 5.0})
     easy = of(reference().runs, "straight_on")
@@ -129,7 +131,7 @@ def test_policies_are_compared_on_common_random_numbers() -> None:
 # --- tables
 
 
-def test_tables_have_the_promised_columns_and_rows() -> None:
+def test_study_tables_have_documented_columns() -> None:
     found = reference()
     assert set(found.summary.columns) >= SUMMARY
     assert set(found.runs.columns) >= RUNS
@@ -140,7 +142,7 @@ def test_tables_have_the_promised_columns_and_rows() -> None:
     assert found.effort["policy"].tolist() == ["leader", "straight_on"]
 
 
-def test_summary_sums_the_runs_up() -> None:
+def test_summary_aggregates_runs() -> None:
     for _, row in reference().summary.iterrows():
         runs = of(reference().runs, row["policy"])
         arrivals = [int(step) for step in runs["arrival_step"] if step is not pd.NA]
@@ -155,36 +157,36 @@ def test_summary_sums_the_runs_up() -> None:
     assert reference().summary["saturated"].tolist() == [0, reference().runs["saturated"].sum()]
 
 
-def test_arrival_step_is_missing_exactly_where_nobody_arrived() -> None:
+def test_arrival_step_is_missing_without_arrival() -> None:
     runs = reference().runs
     assert (runs["arrival_step"].isna() == ~runs["success"]).all()
     assert (runs.loc[runs["success"], "survivors"] > 0).all()
 
 
-def test_no_success_at_all_leaves_an_interval_above_zero_and_no_mean_arrival() -> None:
+def test_summary_without_success_has_upper_bound() -> None:
     found = study([stay], runs=40).summary.iloc[0]
     assert (found["successes"], found["success"], found["success_low"]) == (0, 0.0, 0.0)
     assert 0.05 < found["success_high"] < 0.15
     assert math.isnan(found["arrival_step_mean"])
 
 
-def test_summary_of_a_table_that_was_read_back_is_the_same(tmp_path: Any) -> None:
+def test_summary_of_table_from_csv_is_equal(tmp_path: Any) -> None:
     reference().runs.to_csv(tmp_path / "runs.csv", index=False)
     again = summarise(pd.read_csv(tmp_path / "runs.csv"))
     pd.testing.assert_frame_equal(again, reference().summary)
 
 
-def test_study_prints_the_guide_and_a_row_a_policy() -> None:
+def test_study_text_shows_guide_and_policies() -> None:
     lines = str(reference()).splitlines()
     assert lines[0] == str(guide())
     assert [line.split()[0] for line in lines[1:]] == ["policy", "leader", "straight_on"]
 
 
-def test_study_pickles() -> None:
+def test_study_can_be_pickled() -> None:
     assert_same_tables(pickle.loads(pickle.dumps(reference())), reference())
 
 
-def test_traces_are_kept_of_the_first_runs() -> None:
+def test_trajectories_are_those_of_first_runs() -> None:
     assert {name: len(kept) for name, kept in study(save_trajectories=3).trajectories.items()} == {
         "leader": 3,
         "straight_on": 3,
@@ -197,9 +199,7 @@ def test_traces_are_kept_of_the_first_runs() -> None:
 
 
 @given(st.integers(1, 10**6), st.floats(0, 1), st.sampled_from([0.9, 0.95, 0.999]))
-def test_wilson_interval_is_where_the_score_test_turns(
-    runs: int, share: float, level: float
-) -> None:
+def test_wilson_interval_solves_score_test(runs: int, share: float, level: float) -> None:
     """Both ends solve (p - k/n)^2 = z^2 p (1 - p) / n."""
     successes = round(share * runs)
     z = {0.9: 1.6448536269514722, 0.95: 1.959963984540054, 0.999: 3.2905267314918945}[level]
@@ -221,7 +221,7 @@ def test_wilson_interval_is_where_the_score_test_turns(
         (81, 263, 0.2553, 0.3662),
     ],
 )
-def test_wilson_interval_has_known_values(
+def test_wilson_interval_equals_published_values(
     successes: int, runs: int, low: float, high: float
 ) -> None:
     """81 of 263 is the example of Newcombe, Statistics in Medicine 17 (1998), table I."""
@@ -232,7 +232,7 @@ def test_wilson_interval_has_known_values(
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_progress_is_told_for_every_policy_and_ends_at_the_total(workers: int) -> None:
+def test_simulate_progress_reaches_total_for_every_policy(workers: int) -> None:
     told: list[tuple[str, int, int]] = []
     study(runs=30, workers=workers, progress=lambda *news: told.append(news))
     assert {total for _, _, total in told} == {30}
@@ -252,7 +252,7 @@ def test_progress_is_told_for_every_policy_and_ends_at_the_total(workers: int) -
         ({"workers": 0}, "workers = 0; allowed: whole numbers from 1"),
     ],
 )
-def test_wrong_numbers_are_told_with_what_is_allowed(options: dict[str, Any], message: str) -> None:
+def test_simulate_with_wrong_numbers_raises(options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         study(**options)
 
@@ -267,17 +267,27 @@ def test_wrong_numbers_are_told_with_what_is_allowed(options: dict[str, Any], me
         ([3], "3 is no policy"),
     ],
 )
-def test_wrong_policies_are_told_before_anything_runs(policies: Any, message: str) -> None:
+def test_simulate_with_wrong_policies_raises(policies: Any, message: str) -> None:
     with pytest.raises(PolicyError, match=message):
         study(policies)
 
 
-def test_policy_that_cannot_be_sent_to_a_worker_is_an_error_that_says_what_to_do() -> None:
+def test_simulate_accepts_single_policy() -> None:
+    assert_same_tables(study("leader", runs=20), study(["leader"], runs=20))
+    assert_same_tables(study(straight_on, runs=20), study([straight_on], runs=20))
+
+
+def test_study_repr_is_one_line() -> None:
+    assert repr(reference()).startswith("Study(")
+    assert len(repr(reference()).splitlines()) == 1
+
+
+def test_simulate_with_unpicklable_policy_raises() -> None:
     with pytest.raises(PolicyError, match=r"'<lambda>'.* in a module, or use workers=1"):
         study([lambda *state: 0 * state[1]], workers=2)
 
 
-def test_error_in_a_worker_is_the_policy_s_own() -> None:
+def test_simulate_raises_error_of_policy_in_worker() -> None:
     with pytest.raises(PolicyError, match="policy 'too_short' returned velocities of shape"):
         study([too_short], workers=2)
 

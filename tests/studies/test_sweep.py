@@ -25,7 +25,7 @@ from casswarm.scenario.variations import with_parameters
 CASSWARM = Path(sys.executable).parent / "casswarm"
 
 
-def test_cells_are_what_evaluate_and_simulate_give() -> None:
+def test_sweep_points_equal_evaluate_and_simulate() -> None:
     exact = csw.sweep(SMALL, GRID, [toward, "leader"], tolerance=1e-3).table
     sampled = csw.sweep(SMALL, GRID, [toward], runs=50, seed=3).table
     assert len(exact) == 12
@@ -43,7 +43,7 @@ def test_cells_are_what_evaluate_and_simulate_give() -> None:
         assert row["successes"] == summary["successes"]
 
 
-def test_a_cell_that_fails_is_a_row_with_its_reason() -> None:
+def test_sweep_point_that_fails_has_reason() -> None:
     found = csw.sweep(SMALL, {"formation.rho": [0.05, -1.0, 0.1]}, ["leader"], tolerance=0.1)
     assert found.table["status"].tolist() == ["ok", "failed", "ok"]
     assert "formation.rho is -1" in found.table["reason"][1]
@@ -60,12 +60,12 @@ def test_a_cell_that_fails_is_a_row_with_its_reason() -> None:
         ({"n": [2], "swarm.positions": [[[0.0, 0.0]]]}, "together with n"),
     ],
 )
-def test_wrong_grids_are_told_before_anything_runs(grid: dict[str, Any], message: str) -> None:
+def test_sweep_with_wrong_grid_raises(grid: dict[str, Any], message: str) -> None:
     with pytest.raises(ScenarioError, match=f"(?s){message}"):
         csw.sweep(SMALL, grid, ["leader"])
 
 
-def test_n_and_spacing_place_the_members() -> None:
+def test_sweep_over_n_and_spacing_places_members() -> None:
     places = SMALL.positions
     np.testing.assert_array_equal(with_parameters(SMALL, {"n": 2}).positions, places[:2])
     more = with_parameters(SMALL, {"n": 12}).positions
@@ -83,7 +83,7 @@ def test_n_and_spacing_place_the_members() -> None:
 # --- nothing is lost
 
 
-def test_a_sweep_that_was_stopped_is_resumed_to_the_same_table(tmp_path: Path) -> None:
+def test_interrupted_sweep_is_resumed_to_same_table(tmp_path: Path) -> None:
     whole = csw.sweep(SMALL, GRID, [toward], runs=20)
 
     def stop(task: str, done: float, total: float | None) -> None:  # noqa: ARG001
@@ -145,7 +145,7 @@ work("resume").table.to_csv(sys.argv[4], index=False)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork to begin children quickly")
-def test_twenty_kills_at_random_moments_lose_nothing(tmp_path: Path) -> None:
+def test_sweep_killed_twenty_times_loses_nothing(tmp_path: Path) -> None:
     csw.save_scenario(SMALL, tmp_path / "small.toml")
     (tmp_path / "killed.py").write_text(KILLED)
     done = {}
@@ -170,7 +170,7 @@ def test_twenty_kills_at_random_moments_lose_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 @pytest.mark.parametrize("command", ["sweep", "simulate"])
-def test_commands_that_were_stopped_are_resumed_to_the_same_bytes(
+def test_interrupted_command_is_resumed_to_same_bytes(
     tmp_path: Path, how: signal.Signals, command: str
 ) -> None:
     csw.save_scenario(SMALL, tmp_path / "small.toml")
@@ -204,7 +204,7 @@ def test_commands_that_were_stopped_are_resumed_to_the_same_bytes(
             assert (tmp_path / "cut" / table.name).read_bytes() == table.read_bytes()
 
 
-def test_a_disk_that_fills_up_costs_nothing_that_is_done(tmp_path: Path) -> None:
+def test_full_disk_loses_no_finished_work(tmp_path: Path) -> None:
     """A limit on the size of files stands for the full disk: writing raises the same way."""
     resource = pytest.importorskip("resource")
     csw.save_scenario(SMALL, tmp_path / "small.toml")
@@ -241,7 +241,7 @@ def run(folder: Path, *arguments: object, code: int = 0) -> subprocess.Completed
     return done
 
 
-def test_sweep_draws_lines_and_a_heat_map_in_one_folder(tmp_path: Path) -> None:
+def test_sweep_command_draws_lines_and_heat_map(tmp_path: Path) -> None:
     grid = ("--set", "hazard.alpha_1=1:100:3:log", "--set", "n=1,2")
     done = run(tmp_path, "paper-1", *grid, "--policy", "naive", "--tolerance", 0.01)
     folder = tmp_path / "results" / "sweep-paper-1"
@@ -254,7 +254,7 @@ def test_sweep_draws_lines_and_a_heat_map_in_one_folder(tmp_path: Path) -> None:
     assert "bounds" in done.stdout
 
 
-def test_a_sweep_in_which_every_cell_fails_has_failed(tmp_path: Path) -> None:
+def test_sweep_command_without_success_fails(tmp_path: Path) -> None:
     done = run(tmp_path, "paper-1", "--set", "formation.rho=-1,-2", "--policy", "naive", code=1)
     assert "every sweep point failed" in done.stderr
     assert "formation.rho is -2" in done.stdout
@@ -273,7 +273,7 @@ def test_a_sweep_in_which_every_cell_fails_has_failed(tmp_path: Path) -> None:
         (("--set", "n=1", "--runs", 2, "--dask", "tcp://127.0.0.1:1"), "Dask"),
     ],
 )
-def test_wrong_sweeps_are_explained(
+def test_sweep_command_with_wrong_options_is_explained(
     tmp_path: Path, arguments: tuple[object, ...], message: str
 ) -> None:
     code = 1 if "--dask" in arguments else 2
@@ -282,12 +282,12 @@ def test_wrong_sweeps_are_explained(
     assert message in run(tmp_path, "paper-1", *arguments, code=code).stderr
 
 
-def test_policies_that_cannot_be_sent_are_told() -> None:
+def test_sweep_with_unpicklable_policy_raises() -> None:
     with pytest.raises(PolicyError, match="cannot be sent"):
         csw.sweep(SMALL, {"n": [1, 2]}, [lambda *state: 0 * state[1]], runs=2, workers=2)
 
 
-def test_random_is_seeded_nowhere() -> None:
+def test_sweep_leaves_global_random_state_unchanged() -> None:
     before = random.getstate()
     csw.sweep(SMALL, {"n": [1]}, [toward], runs=2)
     assert random.getstate() == before

@@ -31,25 +31,32 @@ def swept(settings: dict[str, Any], **options: Any) -> pd.DataFrame:
     return csw.sweep(SMALL, settings, ["leader"], **({"tolerance": 0.1} | options)).table
 
 
-def test_parameters_in_another_order_are_another_sweep(tmp_path: Path) -> None:
+def test_sweep_with_reordered_parameters_is_not_resumed(tmp_path: Path) -> None:
     swept({"n": [1, 2], "formation.rho": [0.02, 0.1]}, checkpoint=tmp_path)
     with pytest.raises(CheckpointError, match="keys"):
         swept({"formation.rho": [0.02, 0.1], "n": [1, 2]}, checkpoint=tmp_path, if_exists="resume")
 
 
-def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
+def test_sweep_accepts_numpy_numbers(tmp_path: Path) -> None:
     table = swept({"n": np.arange(1, 3)}, runs=np.int64(5), checkpoint=tmp_path)
     assert table["status"].tolist() == ["ok", "ok"]
     assert table["n"].tolist() == [1, 2]
 
 
 @pytest.mark.parametrize("policies", [[], ["leader", "leader"]])
-def test_policies_are_a_list_of_names_that_differ(policies: Any) -> None:
+def test_sweep_without_distinct_policies_raises(policies: Any) -> None:
     with pytest.raises(PolicyError, match="polic"):
         csw.sweep(SMALL, {"n": [1]}, policies)
 
 
-def test_what_failed_is_tried_again(tmp_path: Path) -> None:
+def test_sweep_accepts_single_policy() -> None:
+    table = csw.sweep(SMALL, {"n": [1]}, "naive", runs=2).table
+    assert table["policy"].tolist() == ["naive"]
+    columns = ["success_low", "success_high", "success"]
+    assert [name for name in table.columns if name in columns] == columns
+
+
+def test_resumed_sweep_repeats_failed_points(tmp_path: Path) -> None:
     settings = {"formation.rho": [0.05, -1.0]}
     first = swept(settings, checkpoint=tmp_path)
     kept = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "checkpoint").glob("*.npz")}
@@ -59,20 +66,20 @@ def test_what_failed_is_tried_again(tmp_path: Path) -> None:
     assert [now[name] == kept[name] for name in sorted(kept)] == [True, False]
 
 
-def test_a_bracket_that_stayed_wide_says_why() -> None:
+def test_sweep_point_with_wide_bounds_has_reason() -> None:
     table = swept({"n": [2]}, tolerance=1e-9, max_states=2)
     assert table["status"].tolist() == ["ok"]
     assert "state budget exhausted" in table["reason"][0]
     assert swept({"n": [2]})["reason"].tolist() == [""]
 
 
-def test_members_are_added_where_all_are_at_one_place() -> None:
+def test_sweep_adds_members_to_coincident_ones() -> None:
     crowd = SMALL.with_values({"swarm.positions": [[1.0, 1.0], [1.0, 1.0]]})
     positions = with_parameters(crowd, {"n": 5}).positions
     assert positions.shape == (5, 2)
 
 
-def test_ranges_of_whole_numbers_are_whole() -> None:
+def test_sweep_command_ranges_of_integers_are_integers() -> None:
     assert _values("formation.iterations=500:2000:4") == (
         "formation.iterations",
         [500, 1000, 1500, 2000],
@@ -81,7 +88,7 @@ def test_ranges_of_whole_numbers_are_whole() -> None:
     assert all(type(n) is int for n in _values("n=1:6:6:linear")[1])
 
 
-def test_threads_of_one_process_take_turns() -> None:
+def test_sweep_jobs_in_threads_take_turns() -> None:
     """CasADi's functions must not be shared by threads that run."""
     settings = {"hazard.alpha_1": [5.0, 10.0, 15.0, 20.0]}
     with ThreadPoolExecutor(4) as pool:
@@ -90,7 +97,7 @@ def test_threads_of_one_process_take_turns() -> None:
 
 
 @pytest.mark.parametrize("choice", ["error", "resume", "overwrite"])
-def test_files_of_other_origin_are_not_removed(tmp_path: Path, choice: Any) -> None:
+def test_checkpoint_keeps_foreign_files(tmp_path: Path, choice: Any) -> None:
     (tmp_path / "checkpoint").mkdir()
     (tmp_path / "checkpoint" / "thesis.tex").write_text("years of work")
     with (
@@ -101,7 +108,7 @@ def test_files_of_other_origin_are_not_removed(tmp_path: Path, choice: Any) -> N
     assert (tmp_path / "checkpoint" / "thesis.tex").read_text() == "years of work"
 
 
-def test_cells_whose_inputs_are_lost_are_not_removed_unasked(tmp_path: Path) -> None:
+def test_checkpoint_keeps_records_with_lost_inputs(tmp_path: Path) -> None:
     with Checkpoint(tmp_path, {"runs": 1}) as store:
         store.save("one", {"x": np.zeros(1)})
     (tmp_path / "checkpoint" / "inputs.json").write_text("{")
@@ -115,7 +122,7 @@ def test_cells_whose_inputs_are_lost_are_not_removed_unasked(tmp_path: Path) -> 
         assert store.names() == []
 
 
-def test_a_round_that_leaves_nothing_ends_the_law() -> None:
+def test_evaluate_ends_when_all_states_are_expanded() -> None:
     """Budgets and tolerances around the place where every state has been followed."""
     for max_states in (20, 60, 200, 600):
         law = csw.evaluate(SMALL, "leader", 1e-7, max_states=max_states)
