@@ -264,7 +264,7 @@ def test_simulate_with_wrong_numbers_raises(options: dict[str, Any], message: st
         (["leader", "leader"], "repeated: leader"),
         ([stay, straight_on, stay], "repeated: stay"),
         ([], "no policy given"),
-        ([3], "3 is no policy"),
+        ([3], "3 is not a policy"),
     ],
 )
 def test_simulate_with_wrong_policies_raises(policies: Any, message: str) -> None:
