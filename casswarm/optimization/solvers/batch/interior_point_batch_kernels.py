@@ -17,16 +17,8 @@ from ...feasible_sets.trajectory_kernels import (
     slacks,
 )
 from .engine import NO_INTERIOR, NOT_FINITE, Results
-from .interior_point_kernels import (
-    Objective,
-    Schedule,
-    clear,
-    copy,
-    gather,
-    minimise,
-    residuals,
-    total,
-)
+from .interior_point_kernels import Schedule, minimise, residuals
+from .newton_system_kernels import Objective, clear, copy, gather, total
 
 MU_INIT = 1e-2  # barrier parameter at the beginning, in units of the objective
 COARSE = 1e-4  # barrier parameter at which starts are compared
