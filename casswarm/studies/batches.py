@@ -20,7 +20,7 @@ BATCH = 20_000
 """Maximum number of runs that are simulated together: bounds memory, changes no result."""
 
 _EXECUTOR_SIZE = 8
-"""Assumed number of workers of an executor, which does not tell it."""
+"""Assumed number of workers of an executor, which does not report it."""
 
 BatchResults = dict[str, list[tuple[Runs, float]]]
 """Simulated batches by policy, each with the seconds that it took."""

@@ -109,20 +109,20 @@ def test_interpretations_equal_saved_ones():
 
 
 def test_table_2_equals_saved_one_within_paper_intervals(guide):
-    told, made = checked_in("table-2"), table_2(FIRST, guide)
-    assert list(made.columns) == list(told.columns)
-    assert made["policy"].tolist() == told["policy"].tolist() == list(PAPER_SUCCESS)
-    for (_, old), (_, new) in zip(told.iterrows(), made.iterrows(), strict=True):
+    saved, made = checked_in("table-2"), table_2(FIRST, guide)
+    assert list(made.columns) == list(saved.columns)
+    assert made["policy"].tolist() == saved["policy"].tolist() == list(PAPER_SUCCESS)
+    for (_, old), (_, new) in zip(saved.iterrows(), made.iterrows(), strict=True):
         for column in ("paper", "paper_low", "paper_high"):
             assert new[column] == pytest.approx(old[column], abs=1e-6)
         for row in (old, new):
             assert row["exact_high"] - row["exact_low"] <= 1e-3
             assert row["paper_low"] < row["exact_low"] <= row["exact_high"] < row["paper_high"]
             assert row["within_paper_interval"]
-            # the larger simulation and the law tell of one number
+            # the larger simulation estimates the exact value
             assert wilson(round(10_000 * row["runs_10000"]), 10_000, 0.9999)[0] < row["exact_high"]
             assert wilson(round(10_000 * row["runs_10000"]), 10_000, 0.9999)[1] > row["exact_low"]
-        assert new["exact_low"] <= old["exact_high"] + 1e-4  # two brackets of one number
+        assert new["exact_low"] <= old["exact_high"] + 1e-4  # bounds of the same number
         assert old["exact_low"] <= new["exact_high"] + 1e-4
         assert new["runs_50"] == pytest.approx(old["runs_50"], abs=0.02)  # one run of fifty
         assert new["runs_10000"] == pytest.approx(old["runs_10000"], abs=FATE)
@@ -131,26 +131,26 @@ def test_table_2_equals_saved_one_within_paper_intervals(guide):
 
 
 def test_sensitivity_equals_saved_table():
-    told = checked_in("sensitivity")
-    assert told["change"].tolist() == [name for name, _ in small_changes(FIRST)]
+    saved = checked_in("sensitivity")
+    assert saved["change"].tolist() == [name for name, _ in small_changes(FIRST)]
     made = sensitivity(FIRST, silent, ["naive", "leader"]).set_index("change")
-    for _, row in told.iterrows():
+    for _, row in saved.iterrows():
         for column in ("risk", "naive", "leader"):
             assert made.loc[row["change"], column] == pytest.approx(row[column], abs=0.011), row[
                 "change"
             ]
-    assert told["leader_within"].all()
-    assert told["constrained_within"].all()
+    assert saved["leader_within"].all()
+    assert saved["constrained_within"].all()
 
 
 @pytest.mark.parametrize(
     "name", ["I: no time to go around, t_f = 4", "I: ring", "II: the paper's, local guide"]
 )
 def test_beyond_equals_saved_table(name):
-    told = checked_in("beyond").set_index(["scenario", "policy"]).loc[name]
+    saved = checked_in("beyond").set_index(["scenario", "policy"]).loc[name]
     made = beyond({name: variants()[name]}, silent, states=5000, runs=500).set_index("policy")
     for policy, row in made.iterrows():
-        old = told.loc[policy]
+        old = saved.loc[policy]
         assert row["guide_survival"] == pytest.approx(old["guide_survival"], rel=1e-3)
         assert row["success_low"] <= old["success_high"] + 1e-3  # intervals of one number
         assert old["success_low"] <= row["success_high"] + 1e-3
@@ -180,10 +180,10 @@ def test_iterates_equal_those_of_a_single_solve():
 
 def test_guide_convergence_improves_risk_slightly():
     points = (0, 10, 100)
-    made, told = guide_convergence(FIRST, points), checked_in("guide-convergence")
-    told = told[told["iteration"].isin(points)].reset_index(drop=True)
+    made, saved = guide_convergence(FIRST, points), checked_in("guide-convergence")
+    saved = saved[saved["iteration"].isin(points)].reset_index(drop=True)
     for column in ("objective", "risk", "survival"):
-        np.testing.assert_allclose(made[column], told[column], rtol=1e-3)
+        np.testing.assert_allclose(made[column], saved[column], rtol=1e-3)
     assert (np.diff(made["objective"]) < 0).all()
 
 
@@ -199,10 +199,10 @@ def test_whole_swarm_is_the_run_without_losses(guide):
 def test_formation_convergence_equals_saved_table(guide):
     points = (0, 1, 10, 50)
     made = condensed({"leader, I": formation_convergence(FIRST, "leader", guide, points)})
-    told = checked_in("formation-convergence")
-    told = told[(told["problems"] == "leader, I") & told["iteration"].isin(points)]
-    np.testing.assert_allclose(made["gap_median"], told["gap_median"], rtol=0.01)
-    np.testing.assert_array_equal(made["count"], told["count"])
+    saved = checked_in("formation-convergence")
+    saved = saved[(saved["problems"] == "leader, I") & saved["iteration"].isin(points)]
+    np.testing.assert_allclose(made["gap_median"], saved["gap_median"], rtol=0.01)
+    np.testing.assert_array_equal(made["count"], saved["count"])
     assert (np.diff(made["gap_median"]) <= 0).all()
 
 

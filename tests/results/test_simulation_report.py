@@ -59,8 +59,8 @@ def test_page_shows_tables_of_folder(folder, page):
 def test_page_shows_success_bound(folder, page):
     bound = json.loads((folder / "run.json").read_text())["result"]["success_bound"]
     assert bound["certified"]
-    told = float(re.search(r"No policy can exceed (0\.\d+): proven", plain(page))[1])
-    assert 0 <= told - bound["bound"] < 1e-3
+    shown = float(re.search(r"No policy can exceed (0\.\d+): proven", plain(page))[1])
+    assert 0 <= shown - bound["bound"] < 1e-3
 
 
 def test_page_figures_have_alt_texts(page):
@@ -71,7 +71,7 @@ def test_page_figures_have_alt_texts(page):
         "Map of the rates with the guide",
         "Trajectories of the members under naive",
         "Trajectories of the members under leader",
-    ]  # a lone member has no formation
+    ]  # a single agent has no formation
     assert page.count("<figcaption>") == len(images)
 
 

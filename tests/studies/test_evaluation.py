@@ -1,4 +1,4 @@
-"""Exact laws, against enumeration by hand, closed recursions and Monte Carlo."""
+"""Exact distributions, against enumeration by hand, closed recursions and Monte Carlo."""
 
 import math
 from itertools import pairwise, product
@@ -125,7 +125,7 @@ def test_evaluate_naive_equals_recursion_over_alive_sets(guide):
 PAIRS = [("paper-1", policy) for policy in POLICIES]
 PAIRS += [("paper-2", policy) for policy in POLICIES if "mpc" not in policy]  # beyond any budget
 WIDE = {("paper-2", "constrained"), ("paper-1", "constrained-mpc-3")}
-"""Laws that need more states than a test has time for; they are brackets all the same."""
+"""Distributions that need more states than a test has time for; their bounds hold anyway."""
 
 
 @pytest.mark.parametrize(("name", "policy"), PAIRS)
@@ -146,13 +146,13 @@ def test_evaluate_agrees_with_twenty_thousand_runs(name, policy):
 
 
 def test_evaluate_bounds_are_nested_for_smaller_tolerance(guide):
-    brackets = [
+    bounds = [
         evaluate(PAPER, "leader", tolerance, guide=guide).success
         for tolerance in (1e-1, 1e-2, 1e-3, 1e-4)
     ]
-    for (low, high), (inner_low, inner_high) in pairwise(brackets):
+    for (low, high), (inner_low, inner_high) in pairwise(bounds):
         assert low <= inner_low <= inner_high <= high
-    for tolerance, (low, high) in zip((1e-1, 1e-2, 1e-3, 1e-4), brackets, strict=True):
+    for tolerance, (low, high) in zip((1e-1, 1e-2, 1e-3, 1e-4), bounds, strict=True):
         assert high - low <= tolerance
 
 

@@ -1,4 +1,4 @@
-"""Studies: reproducible tables, whatever the workers, the batches and the order."""
+"""Studies: reproducible tables, independent of workers, batches and order."""
 
 from __future__ import annotations
 
@@ -233,11 +233,11 @@ def test_wilson_interval_equals_published_values(
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_simulate_progress_reaches_total_for_every_policy(workers: int) -> None:
-    told: list[tuple[str, int, int]] = []
-    study(runs=30, workers=workers, progress=lambda *news: told.append(news))
-    assert {total for _, _, total in told} == {30}
+    reports: list[tuple[str, int, int]] = []
+    study(runs=30, workers=workers, progress=lambda *news: reports.append(news))
+    assert {total for _, _, total in reports} == {30}
     for policy in ("leader", "straight_on"):
-        ended = [done for name, done, _ in told if name == policy]
+        ended = [done for name, done, _ in reports if name == policy]
         assert ended == sorted(ended)
         assert ended[-1] == 30
 

@@ -1,4 +1,4 @@
-"""Sweeps: every cell what evaluate and simulate give, failures told, nothing lost."""
+"""Sweeps: points equal evaluate and simulate, failures are rows, nothing is lost."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_interrupted_sweep_is_resumed_to_same_table(tmp_path: Path) -> None:
         csw.sweep(SMALL, GRID, [toward], runs=20, checkpoint=tmp_path)
     with pytest.raises(CheckpointError, match=r"options\.runs: 20 there, 30 now"):
         csw.sweep(SMALL, GRID, [toward], runs=30, checkpoint=tmp_path, if_exists="resume")
-    told: list[int] = []
+    reported: list[int] = []
     resumed = csw.sweep(
         SMALL,
         GRID,
@@ -105,9 +105,9 @@ def test_interrupted_sweep_is_resumed_to_same_table(tmp_path: Path) -> None:
         runs=20,
         checkpoint=tmp_path,
         if_exists="resume",
-        progress=lambda task, done, total: told.append(done),  # noqa: ARG005
+        progress=lambda task, done, total: reported.append(done),  # noqa: ARG005
     )
-    assert told == [3, 4, 5, 6]
+    assert reported == [3, 4, 5, 6]
     assert resumed.table.to_csv() == whole.table.to_csv()
 
 
@@ -187,11 +187,11 @@ def test_interrupted_command_is_resumed_to_same_bytes(
     while not list(records.glob("[0-9p]*.npz")) and time.monotonic() < deadline:
         time.sleep(0.01)
     begun.send_signal(how)
-    _, told = begun.communicate(timeout=60)
+    _, reported = begun.communicate(timeout=60)
     assert begun.returncode != 0
-    assert "Traceback" not in told
+    assert "Traceback" not in reported
     if how == signal.SIGINT:
-        assert "continue with --resume" in told
+        assert "continue with --resume" in reported
     kept = {path.name: path.stat().st_mtime_ns for path in records.glob("[0-9p]*.npz")}
     assert kept
     for more in (["--out", "cut", "--resume"], ["--out", "whole"]):
