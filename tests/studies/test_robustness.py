@@ -160,7 +160,7 @@ def test_script_without_main_guard_is_explained(tmp_path):
 
 def test_worker_that_always_dies_raises_without_hanging(tmp_path):
     done = script(
-        "import os, casswarm as cs\n"
+        "import os, casswarm as csw\n"
         "def die(step, positions, previous, alive):\n"
         "    os._exit(1)\n"
         "if __name__ == '__main__':\n"
