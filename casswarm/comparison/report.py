@@ -22,15 +22,6 @@ from .profiles import data_profile, pairwise_profiles, pairwise_wins, performanc
 from .run import Comparison
 from .verification import SHIFT, by_problem, costs, failures, not_applicable
 
-REFERENCES = (
-    "E. D. Dolan, J. J. Moré, Benchmarking optimization software with performance profiles, "
-    "Math. Program. 91 (2002) 201-213",
-    "J. J. Moré, S. M. Wild, Benchmarking derivative-free optimization algorithms, "
-    "SIAM J. Optim. 20 (2009) 172-191",
-    "N. Gould, J. Scott, A note on performance profiles for benchmarking software, "
-    "ACM Trans. Math. Software 43 (2016) 15",
-)
-
 
 @dataclass(frozen=True, eq=False)
 class Report:
@@ -105,7 +96,6 @@ def make_report(comparison: Comparison) -> Report:
         "groups": [_group(comparison, *group) for group in _groups(comparison)],
         "failures": _failures(tables["failures"], list(inputs["solvers"])),
         "by_problem": _by_problem(tables["problems"]),
-        "references": REFERENCES,
     }
     return Report(content, tables, figures(comparison))
 

@@ -34,10 +34,7 @@ MAX_FAILURES = 3
 _START_SECONDS = 60.0
 _MAX_OUTPUT = 500  # characters in which the last line that a process printed is looked for
 _MAX_PROGRAMS = 64  # sent to a process before it is replaced: it stores them all
-_GUARD = (
-    "in a script, call this only under `if __name__ == '__main__':`, since the process imports "
-    "the script again; and never from standard input"
-)
+_GUARD = "a script must call this under `if __name__ == '__main__':`, and not be standard input"
 
 
 @dataclass(frozen=True)
@@ -99,13 +96,7 @@ class Isolated(Solver):
         return replace(solution, solver=self.solver.name)
 
     def start(self) -> None:
-        """Start the process now, if there is none; otherwise the first solve does.
-
-        Raises
-        ------
-        SolverError
-            No process can be started, or the solver cannot be sent to it.
-        """
+        """Start the process now, if there is none; raise SolverError if that is impossible."""
         _worker(self).start()
 
     def close(self) -> None:
@@ -236,9 +227,8 @@ class _Worker:
                 return self._connection.recv()
         except (EOFError, OSError):
             self._child.join(_START_SECONDS)
-            raise WorkerEndedError(
-                Status.FAILED, _exit_description(self._child.exitcode, self._output)
-            ) from None
+            message = _exit_description(self._child.exitcode, self._output)
+            raise WorkerEndedError(Status.FAILED, message) from None
         message = f"no answer within {seconds:g} s, so its process was ended"
         raise WorkerEndedError(Status.TIME_LIMIT, message)
 
