@@ -18,8 +18,8 @@ def interruptible() -> Iterator[None]:
 
     CasADi checks for signals when it evaluates a function, and some plugins treat the resulting
     exception as a failed evaluation and continue; while expressions are built, Python is called
-    from code that clears exceptions. A user's handler of SIGINT is called and restored. Does nothing
-    in threads, which receive no signals.
+    from code that clears exceptions. A user's handler of SIGINT is called and restored. Does
+    nothing in threads, which receive no signals.
     """
     previous = _replaceable_handler()
     if previous is None:
