@@ -19,7 +19,7 @@ from ..scenario import Scenario
 from ..typing import FloatArray
 
 if TYPE_CHECKING:
-    from .folder import ResultsFolder
+    from .reader import ResultsReader
 
 FigureCatalogue = dict[str, Callable[[], Figure]]
 """Functions that draw a figure in the theme of their context, by the figure's name."""
@@ -108,7 +108,7 @@ def sweep_figures(name: str, table: pd.DataFrame, keys: Sequence[str]) -> Figure
     return catalogue
 
 
-def saved_figures(folder: ResultsFolder, run: int = 0) -> FigureCatalogue:
+def saved_figures(folder: ResultsReader, run: int = 0) -> FigureCatalogue:
     """Figures of a results folder, as its command drew them; of simulated runs, number `run`."""
     if folder.command == "compare":
         from ..comparison.report import figures as comparison_figures

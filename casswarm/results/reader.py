@@ -1,0 +1,242 @@
+"""Reading of results folders: the record, tables, saved objects and figures."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+from zipfile import BadZipFile
+
+import numpy as np
+import pandas as pd
+
+from .._util.text import did_you_mean
+from ..chain.trajectories import RunTrajectory
+from ..errors import CheckpointError
+from ..planning.guide import Guide
+from .serialization import unpack
+
+if TYPE_CHECKING:
+    from ..comparison import Comparison
+    from ..scenario import Scenario
+    from .catalogue import FigureCatalogue
+
+COMMANDS = ("plan", "plan-swarm", "simulate", "evaluate", "sweep", "compare")
+"""Commands whose folders hold all that their figures need."""
+
+_EXPECTED = f"expected one written by {', '.join(COMMANDS[:-1])} or {COMMANDS[-1]}"
+_EXAMPLE = "such as results/simulate-paper-1"
+OBJECTS = "results.npz"
+RECORD = "run.json"
+
+
+class ResultsReader:
+    """What the folder of a finished command holds.
+
+    Parameters
+    ----------
+    path : Path
+    command : str
+        One of `COMMANDS`.
+    record : mapping
+        Content of run.json.
+    """
+
+    def __init__(self, path: Path, command: str, record: Mapping[str, Any]) -> None:
+        self.path, self.command, self.record = path, command, record
+
+    @classmethod
+    def open(cls, path: Path) -> Self:
+        """Folder with the results of one of `COMMANDS`.
+
+        Raises
+        ------
+        CheckpointError
+            Not a folder, or not a results folder of such a command.
+        """
+        if not path.is_dir():
+            raise CheckpointError(f"{path} is not a folder: {_EXPECTED}, {_EXAMPLE}", folder=path)
+        file = path / RECORD
+        try:
+            record = json.loads(file.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise CheckpointError(
+                f"{path} has no {RECORD}, so it is not a results folder of a finished command: "
+                f"{_EXPECTED}, {_EXAMPLE}",
+                folder=path,
+            ) from None
+        except (OSError, ValueError) as error:
+            raise CheckpointError(f"{file} cannot be read ({error}): {_EXPECTED}") from None
+        command = record.get("command") if isinstance(record, dict) else None
+        if command == "reproduce":
+            raise CheckpointError(
+                f"{file} is of casswarm reproduce, which does not save the runs that its figures "
+                "show; to draw them differently run casswarm reproduce again, which takes "
+                "--format, --width and --dpi (and --only figures for the paper's own)"
+            )
+        if command not in COMMANDS:
+            origin = "an unknown origin" if command is None else f"casswarm {command}"
+            raise CheckpointError(f"{file} is of {origin}, without figures to draw: {_EXPECTED}")
+        return cls(path, command, record)
+
+    def part(self, name: str) -> Any:
+        """Part of the record.
+
+        Raises
+        ------
+        CheckpointError
+            The record lacks it.
+        """
+        try:
+            return self.record[name]
+        except KeyError:
+            raise CheckpointError(
+                f"{self.path / RECORD} has no {name!r}: it is damaged; {self._advice}"
+            ) from None
+
+    @property
+    def _advice(self) -> str:
+        return f"run casswarm {self.command} again"
+
+    @cached_property
+    def scenario(self) -> Scenario:
+        """Scenario of the record; a user's hazard is imported from the current folder.
+
+        Raises
+        ------
+        ScenarioError
+            The hazard cannot be imported.
+        """
+        from ..scenario import Scenario
+
+        data = tomllib.loads(self.part("scenario"))
+        source = f"the scenario in {self.path / RECORD}"
+        return Scenario.from_data(data, source=source, folder=Path.cwd())
+
+    def has_table(self, name: str) -> bool:
+        """Whether the table NAME.csv exists."""
+        return (self.path / f"{name}.csv").is_file()
+
+    def table(self, name: str) -> pd.DataFrame:
+        """The table NAME.csv, its numbers equal to the last bit.
+
+        Raises
+        ------
+        CheckpointError
+            It does not exist, or cannot be read.
+        """
+        file = self.path / f"{name}.csv"
+        try:
+            table: pd.DataFrame = pd.read_csv(file, **_exact_numbers())
+        except FileNotFoundError:
+            raise CheckpointError(
+                f"{self.path} has no {file.name}: it was removed, or written by an older "
+                f"casswarm; {self._advice}"
+            ) from None
+        except (OSError, ValueError) as error:
+            raise CheckpointError(f"{file} cannot be read: {error}") from None
+        return table
+
+    @cached_property
+    def objects(self) -> dict[str, Any]:
+        """The objects of `write_objects`, by name.
+
+        Raises
+        ------
+        CheckpointError
+            They do not exist, or cannot be read.
+        """
+        file = self.path / OBJECTS
+        try:
+            with np.load(file, allow_pickle=False) as arrays:
+                objects: dict[str, Any] = unpack(arrays)
+        except FileNotFoundError:
+            raise CheckpointError(
+                f"{self.path} has no {OBJECTS}: it was removed, or written by an older casswarm; "
+                f"{self._advice}"
+            ) from None
+        except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as error:
+            raise CheckpointError(f"{file} cannot be read ({error}); {self._advice}") from None
+        return objects
+
+    @property
+    def guide(self) -> Guide:
+        """The guide, without its candidates."""
+        guide: Guide = self._object("guide")
+        return guide
+
+    @property
+    def trajectories(self) -> dict[str, tuple[RunTrajectory, ...]]:
+        """Trajectories of the first runs of every policy."""
+        trajectories: dict[str, tuple[RunTrajectory, ...]] = self._object("trajectories")
+        return trajectories
+
+    def _object(self, name: str) -> Any:
+        try:
+            return self.objects[name]
+        except KeyError:
+            raise CheckpointError(
+                f"{self.path} was written by casswarm {self.command}, which saves no {name}",
+                folder=self.path,
+            ) from None
+
+    def trajectory(self, policy: str | None = None, run: int = 0) -> tuple[str, RunTrajectory]:
+        """Name of a policy, by default the last one, and the trajectory of one of its runs.
+
+        Raises
+        ------
+        CheckpointError
+            The folder has no such trajectory.
+        """
+        if self.command != "simulate":
+            raise CheckpointError(
+                f"{self.path} was written by casswarm {self.command}, which saves no trajectories: "
+                "expected one written by casswarm simulate"
+            )
+        name = policy or list(self.trajectories)[-1]
+        if name not in self.trajectories:
+            hint = did_you_mean(name, self.trajectories)
+            raise CheckpointError(f"{self.path} has no trajectories of {name!r}{hint}")
+        saved = self.trajectories[name]
+        if not 0 <= run < len(saved):
+            raise CheckpointError(
+                f"{self.path} has no trajectory of run {run} of {name}; saved: 0 to "
+                f"{len(saved) - 1}. casswarm simulate --save-trajectories {run + 1} saves it"
+            )
+        return name, saved[run]
+
+    @cached_property
+    def comparison(self) -> Comparison:
+        """The comparison of solvers, without the properties of its problems."""
+        from ..comparison import Comparison, Tolerances
+
+        inputs = dict(self.part("inputs"))
+        tolerances = Tolerances(**inputs["tolerances"])
+        return Comparison(self.table("runs"), pd.DataFrame(), inputs, tolerances)
+
+    def figures(self, run: int = 0) -> FigureCatalogue:
+        """The figures that the command drew; of simulated runs, number `run`.
+
+        Raises
+        ------
+        CheckpointError
+            A table or object is missing or damaged, or the run was not saved.
+        """
+        from .catalogue import saved_figures
+
+        try:
+            return saved_figures(self, run)
+        except KeyError as error:
+            raise CheckpointError(
+                f"the tables in {self.path} lack {error}: one of them is damaged, or written by an "
+                f"older casswarm; {self._advice}"
+            ) from None
+
+
+def _exact_numbers() -> dict[str, Any]:
+    """Option for pandas to read numbers to the last bit; from 3.1 on it always does."""
+    release = tuple(map(int, pd.__version__.split(".")[:2]))
+    return {} if release >= (3, 1) else {"float_precision": "round_trip"}
