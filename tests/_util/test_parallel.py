@@ -74,6 +74,7 @@ def test_error_of_job_is_raised_unchanged() -> None:
         list(done_jobs([divide], pool))
 
 
+@pytest.mark.slow
 def test_command_reports_dead_workers_with_exit_code_1(tmp_path: Path) -> None:
     csw.save_scenario(SMALL, tmp_path / "small.toml")
     shutil.copy(slow_policy.__file__, tmp_path)
@@ -124,6 +125,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
             yield str(client.scheduler.address)
 
 
+@pytest.mark.slow
 def test_dask_with_dead_worker_gives_same_tables(cluster: str) -> None:
     import distributed
 
@@ -140,6 +142,7 @@ def test_dask_with_dead_worker_gives_same_tables(cluster: str) -> None:
     assert hurt.table.to_csv() == expected.to_csv()
 
 
+@pytest.mark.slow
 def test_sweep_command_runs_on_dask_cluster(cluster: str, tmp_path: Path) -> None:
     csw.save_scenario(SMALL, tmp_path / "small.toml")
     arguments = ("sweep", "small.toml", "--runs", 9, "--set", "n=1,2,3", "--policy", "leader")
@@ -149,6 +152,7 @@ def test_sweep_command_runs_on_dask_cluster(cluster: str, tmp_path: Path) -> Non
     assert here == there
 
 
+@pytest.mark.slow
 def test_simulate_command_runs_on_dask_cluster(cluster: str, tmp_path: Path) -> None:
     csw.save_scenario(SMALL, tmp_path / "small.toml")
     arguments = ["simulate", "small.toml", "--runs", 50, "--policy", "leader", "--policy", "naive"]
@@ -159,6 +163,7 @@ def test_simulate_command_runs_on_dask_cluster(cluster: str, tmp_path: Path) -> 
         assert here == there
 
 
+@pytest.mark.slow
 def test_command_reports_lost_cluster_with_exit_code_1(cluster: str, tmp_path: Path) -> None:
     csw.save_scenario(SMALL, tmp_path / "small.toml")
     shutil.copy(slow_policy.__file__, tmp_path)

@@ -33,6 +33,7 @@ def test_plan_writes_tables_figure_and_record(planned):
         "candidates.csv",
         "paths.csv",
         "guide.png",
+        "results.npz",
         "run.json",
     }
     assert (results / "guide.png").read_bytes().startswith(PNG)
@@ -80,6 +81,7 @@ def test_plan_without_certificate_lists_homotopy_classes(tmp_path):
     assert sorted(signatures) == ["LL", "LR", "RR"]
 
 
+@pytest.mark.slow
 def test_global_search_has_greater_survival_than_local(tmp_path):
     survival = {
         search: json.loads(

@@ -37,6 +37,7 @@ def test_plan_swarm_prints_success_and_bound(tmp_path: Path) -> None:
         assert len(list(csv.DictReader(file))) == len(result["outcomes"])
 
 
+@pytest.mark.slow
 def test_plan_swarm_of_a_large_swarm_is_estimated(tmp_path: Path) -> None:
     positions = json.dumps([[0.1 * i, 0.1 * (i % 3)] for i in range(11)])
     settings = ("--set", f"swarm.positions={positions}", "--set", "hazard.alpha_1=30.0")
@@ -49,6 +50,7 @@ def test_plan_swarm_of_a_large_swarm_is_estimated(tmp_path: Path) -> None:
     assert 0 <= estimate["success_low"] < estimate["success_high"] <= 1
 
 
+@pytest.mark.slow
 def test_evaluate_and_simulate_print_the_success_bound(tmp_path: Path) -> None:
     for command in (
         ("evaluate", *PAIR, "--policy", "naive", "--runs", "100"),

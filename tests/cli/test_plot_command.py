@@ -62,6 +62,7 @@ def test_plot_of_simulate_draws_same_figures(simulated):
     assert set(done.stdout.split()) == {f"{simulated.name}/{name}" for name in before}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "names"),
     [
@@ -102,6 +103,7 @@ def test_plot_options_choose_run_figure_and_size(simulated):
     assert {path.name for path in (where / "small").iterdir()} == {"run-leader.png"}
 
 
+@pytest.mark.slow
 def test_simulate_removes_figures_added_by_plot(simulated):
     where = simulated.parent
     casswarm(where, "plot", simulated.name, "--format", "pdf", "--figure", "success")

@@ -68,6 +68,7 @@ def test_simulate_writes_tables_figures_and_record(simulated):
     }
 
 
+@pytest.mark.slow
 def test_second_simulate_removes_files_of_the_first(tmp_path):
     options = ("--runs", 3, "--out", "here", "--quiet")
     casswarm(tmp_path, *NAIVE, *options)
@@ -101,6 +102,7 @@ def test_same_seed_with_two_workers_gives_same_files(simulated, tmp_path):
         ).read_bytes()
 
 
+@pytest.mark.slow
 def test_another_seed_gives_other_runs(simulated, tmp_path):
     casswarm(tmp_path, *NAIVE, "--runs", 40, "--seed", 6)
     first = pd.read_csv(simulated[0] / RESULTS / "runs.csv").query("policy == 'naive'")
@@ -114,11 +116,13 @@ def test_no_success_is_printed_with_its_upper_bound(tmp_path):
     assert row[:5] == ["naive", "10", "0", "(<=", "0.278)"]
 
 
+@pytest.mark.slow
 def test_settings_reach_the_simulation(tmp_path):
     done = casswarm(tmp_path, *NAIVE, "--runs", 10, "--set", "hazard.alpha_1=1e-6", "--json")
     assert json.loads(done.stdout)["result"]["summary"][0]["successes"] == 10
 
 
+@pytest.mark.slow
 def test_half_width_chooses_the_number_of_runs(tmp_path):
     done = casswarm(tmp_path, *NAIVE, "--half-width", 0.1, "--json")
     runs = json.loads(done.stdout)["inputs"]["runs"]
@@ -126,6 +130,7 @@ def test_half_width_chooses_the_number_of_runs(tmp_path):
     assert f"pilot study: {runs} runs per policy needed" in done.stderr
 
 
+@pytest.mark.slow
 def test_named_solver_is_used(tmp_path):
     options = ("--runs", 3, "--policy", "leader", "--solver", "spectral", "--json")
     done = casswarm(tmp_path, "simulate", "paper-1", *options)

@@ -38,6 +38,7 @@ def test_test_command_runs_pytest():
     assert "'.[test]'" in block("test")
 
 
+@pytest.mark.slow
 def test_run_command_prints_table(tmp_path):
     command = block("run").removeprefix(SETUP + ". && .venv/bin/").split()
     done = subprocess.run(

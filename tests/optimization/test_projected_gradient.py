@@ -117,7 +117,7 @@ def test_projected_gradient_instances_are_independent(
     nlp, instances = nearest_in_box(np.random.default_rng(3).uniform(-2, 2, (9, 2)))
     solver = ProjectedGradient()
     alone = [solver.solve(nlp, instances[i : i + 1])[0] for i in range(9)]
-    monkeypatch.setattr("casswarm.optimization.solvers.projected_gradient.CHUNK", chunk)
+    monkeypatch.setattr("casswarm.optimization.solvers.projected_gradient._CHUNK", chunk)
     for one, other in zip(alone, solver.solve(nlp, instances), strict=True):
         np.testing.assert_array_equal(one.x, other.x)
         assert (one.iterations, one.status) == (other.iterations, other.status)

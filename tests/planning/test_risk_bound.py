@@ -270,6 +270,7 @@ def test_certify_stride_weakens_bound(stride: int) -> None:
     assert 0.5 * guide.risk < bounds[1] <= bounds[0] <= guide.risk
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.sampled_from([2_000, 5_000, 20_000]))
 @settings(max_examples=8, deadline=None)
 def test_certify_strided_refinement_is_below_guides(seed: int, first: int) -> None:

@@ -148,6 +148,7 @@ def script(text, tmp_path, *command):
     )
 
 
+@pytest.mark.slow
 def test_script_without_main_guard_is_explained(tmp_path):
     done = script(
         "import casswarm as csw\n"
@@ -158,6 +159,7 @@ def test_script_without_main_guard_is_explained(tmp_path):
     assert "if __name__ == '__main__':" in done.stderr.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_worker_that_always_dies_raises_without_hanging(tmp_path):
     done = script(
         "import os, casswarm as csw\n"

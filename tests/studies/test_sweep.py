@@ -144,6 +144,7 @@ work("resume").table.to_csv(sys.argv[4], index=False)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork to begin children quickly")
 def test_sweep_killed_twenty_times_loses_nothing(tmp_path: Path) -> None:
     csw.save_scenario(SMALL, tmp_path / "small.toml")
@@ -168,6 +169,7 @@ def test_sweep_killed_twenty_times_loses_nothing(tmp_path: Path) -> None:
     assert (tmp_path / "20.csv").read_bytes() == (tmp_path / "0.csv").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 @pytest.mark.parametrize("command", ["sweep", "simulate"])
 def test_interrupted_command_is_resumed_to_same_bytes(
@@ -204,6 +206,7 @@ def test_interrupted_command_is_resumed_to_same_bytes(
             assert (tmp_path / "cut" / table.name).read_bytes() == table.read_bytes()
 
 
+@pytest.mark.slow
 def test_full_disk_loses_no_finished_work(tmp_path: Path) -> None:
     """A limit on the size of files stands for the full disk: writing raises the same way."""
     resource = pytest.importorskip("resource")
