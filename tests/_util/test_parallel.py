@@ -45,6 +45,7 @@ def test_executor_gives_same_tables_as_one_process() -> None:
     pd.testing.assert_frame_equal(shared.runs, alone.runs, check_exact=True)
 
 
+@pytest.mark.slow
 def test_jobs_of_dead_worker_are_repeated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FATAL", str(tmp_path / "died"))
     shared = csw.sweep(SMALL, GRID, [fatal_once], runs=20, workers=2)

@@ -110,6 +110,7 @@ def test_another_seed_gives_other_runs(simulated, tmp_path):
     assert not (first["steps"].to_numpy() == second["steps"].to_numpy()).all()
 
 
+@pytest.mark.slow
 def test_no_success_is_printed_with_its_upper_bound(tmp_path):
     text = casswarm(tmp_path, *NAIVE, "--runs", 10, "--set", "hazard.alpha_1=400.0").stdout
     row = text.split("\n\n")[1].splitlines()[-1].split()

@@ -30,16 +30,8 @@ PUBLIC = {name: getattr(casswarm, name) for name in casswarm.__all__}
 # --- pages
 
 
-@pytest.mark.parametrize(
-    "page",
-    [
-        pytest.param(
-            page, marks=[] if page.stem == "quickstart" else pytest.mark.slow, id=page.stem
-        )
-        for page in PAGES
-        if blocks(page)
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("page", filter(blocks, PAGES), ids=lambda page: page.stem)
 def test_page_with_marked_examples_runs(page: Path, tmp_path: Path) -> None:
     run(page, tmp_path)
 

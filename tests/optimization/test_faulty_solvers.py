@@ -231,6 +231,7 @@ def test_simulate_counts_only_failed_states(guide):
     assert 0 < study.runs["solver_failures"].max() < late
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "runs", "reason"),
     [

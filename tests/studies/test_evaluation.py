@@ -265,6 +265,7 @@ def test_estimate_covers_exact_value_at_its_level(runs):
     assert covered >= binom(1000, 0.95).ppf(0.001)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper-1", "paper-2"])
 @pytest.mark.parametrize("policy", ["leader", "constrained"])
 def test_estimate_is_narrower_than_plain_sampling(name, policy):

@@ -25,6 +25,7 @@ from casswarm.scenario.variations import with_parameters
 CASSWARM = Path(sys.executable).parent / "casswarm"
 
 
+@pytest.mark.slow
 def test_sweep_points_equal_evaluate_and_simulate() -> None:
     exact = csw.sweep(SMALL, GRID, [toward, "leader"], tolerance=1e-3).table
     sampled = csw.sweep(SMALL, GRID, [toward], runs=50, seed=3).table
@@ -244,6 +245,7 @@ def run(folder: Path, *arguments: object, code: int = 0) -> subprocess.Completed
     return done
 
 
+@pytest.mark.slow
 def test_sweep_command_draws_lines_and_heat_map(tmp_path: Path) -> None:
     grid = ("--set", "hazard.alpha_1=1:100:3:log", "--set", "n=1,2")
     done = run(tmp_path, "paper-1", *grid, "--policy", "naive", "--tolerance", 0.01)
@@ -273,7 +275,11 @@ def test_sweep_command_without_success_fails(tmp_path: Path) -> None:
         (("--set", "formation.rho=0:1:3:log"), "above 0 for log"),
         (("--set", "n=1,2", "--exact", "--runs", 5), "give one of them"),
         (("--set", "n=1,2", "--policy", "no_such:policy"), "cannot be imported"),
-        (("--set", "n=1", "--runs", 2, "--dask", "tcp://127.0.0.1:1"), "Dask"),
+        pytest.param(
+            ("--set", "n=1", "--runs", 2, "--dask", "tcp://127.0.0.1:1"),
+            "Dask",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_sweep_command_with_wrong_options_is_explained(
