@@ -31,7 +31,7 @@ PUBLIC = {name: getattr(casswarm, name) for name in casswarm.__all__}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", filter(blocks, PAGES), ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", list(filter(blocks, PAGES)), ids=lambda page: page.stem)
 def test_page_with_marked_examples_runs(page: Path, tmp_path: Path) -> None:
     run(page, tmp_path)
 
