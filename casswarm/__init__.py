@@ -9,6 +9,8 @@ from pathlib import Path
 
 import lazy_loader
 
+from ._util import display as _display
+
 __version__ = version("casswarm")
 
 _FOLDER = Path(__file__).parent
@@ -17,3 +19,5 @@ if not (_FOLDER / "problems").exists() and (_FOLDER.parent / "problems").exists(
     __path__.append(str(_FOLDER.parent))
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+_display.RENDERER = f"{__name__}.results.display"
