@@ -20,7 +20,7 @@ T has weight zero, and their velocities are fixed at zero.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -45,32 +45,33 @@ UNROLL = 3000
 
 @lru_cache(maxsize=16)
 def guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
-    """The program above for arrival at any step up to `horizon`."""
+    """The program above for arrival at any step up to `horizon`.
+
+    Positions are relative to the start; units are steps and lengths of a step at v_max, because
+    solvers' tolerances are absolute and a solve must not depend on the scenario's units.
+    """
     X = ca.MX.sym("positions", 2, horizon)
     V = ca.MX.sym("velocities", 2, horizon)
-    start, center = ca.MX.sym("start", 2), ca.MX.sym("center", 2)
-    initial_velocity = ca.MX.sym("initial_velocity", 2)
+    center, initial_velocity = ca.MX.sym("center", 2), ca.MX.sym("initial_velocity", 2)
     weights, origin = ca.MX.sym("weights", 1, horizon), ca.MX.sym("origin", 2)
-    dt, length, clock = (ca.MX.sym(name) for name in ("dt", "length", "clock"))
+    length, clock = ca.MX.sym("length"), ca.MX.sym("clock")
     points = ca.repmat(origin, 1, horizon) + length * X
-    previous = ca.horzcat(start, X[:, :-1])
+    previous = ca.horzcat(ca.DM.zeros(2), X[:, :-1])
     change = V - ca.horzcat(initial_velocity, V[:, :-1])
     return Nlp(
         name=f"guide[{horizon}]",
         variables={"positions": X, "velocities": V},
         parameters={
-            "start": start,
             "initial_velocity": initial_velocity,
             "center": center,
             "weights": weights,
-            "dt": dt,
             "origin": origin,
             "length": length,
             "clock": clock,
         },
         objective=ca.dot(weights, clock * hazard.single_agent_expression(points)),
         constraints={
-            "dynamics": X - previous - dt * V,
+            "dynamics": X - previous - V,
             "acceleration": ca.sum1(change**2),
             "arrival": ca.sumsqr(X[:, -1] - center),
         },
@@ -80,7 +81,7 @@ def guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
 
 @dataclass(frozen=True, eq=False)
 class GuideTask:
-    """A single agent's task, in the scenario's units or dimensionless.
+    """A single agent's task.
 
     Parameters
     ----------
@@ -93,9 +94,6 @@ class GuideTask:
     a_max, a_max_first : float
         Bounds on ||V(t) - V(t-1)||^2 for t >= 1, and for t = 0; may be infinite.
     v_max, dt : float
-    origin, length, clock : (2,), float, float
-        In the hazard's units, a point x is ``origin + length x``, and a step lasts `clock` (`dt` by
-        default).
     """
 
     start: FloatArray
@@ -106,9 +104,6 @@ class GuideTask:
     a_max_first: float
     v_max: float
     dt: float
-    origin: FloatArray = field(default_factory=lambda: np.zeros(2))
-    length: float = 1.0
-    clock: float | None = None
 
     @classmethod
     def from_scenario(
@@ -129,26 +124,6 @@ class GuideTask:
             dt=scenario.time.dt,
         )
 
-    def dimensionless(self) -> GuideTask:
-        """The same task from the origin, in steps and in lengths of a step at v_max.
-
-        Solvers' tolerances are absolute, and a solve must not depend on the scenario's units.
-        """
-        length = self.dt * self.v_max
-        return GuideTask(
-            start=np.zeros(2),
-            center=(self.center - self.start) / length,
-            radius=self.radius / length,
-            initial_velocity=self.initial_velocity / self.v_max,
-            a_max=self.a_max / self.v_max**2,
-            a_max_first=self.a_max_first / self.v_max**2,
-            v_max=1.0,
-            dt=1.0,
-            origin=self.start,
-            length=length,
-            clock=self.dt,
-        )
-
 
 def guide_instance(
     nlp: Nlp, task: GuideTask, arrival: int, velocities: FloatArray, scale: float = 1.0
@@ -167,27 +142,23 @@ def guide_instance(
     scale : float
         Factor of the objective, for solvers whose tolerances and barriers are absolute.
     """
-    horizon = nlp.parameters["weights"].shape[1]
+    horizon, length = nlp.parameters["weights"].shape[1], task.dt * task.v_max
     moving = np.arange(horizon) < arrival
     guess = np.zeros((horizon, 2))
-    guess[:arrival] = np.clip(velocities, -task.v_max, task.v_max)
-    limit = np.where(moving[:, None], task.v_max, 0.0) * np.ones(2)
+    guess[:arrival] = np.clip(velocities / task.v_max, -1.0, 1.0)
+    limit = np.where(moving[:, None], 1.0, 0.0) * np.ones(2)
     free = np.full((horizon, 2), np.inf)
     a_max = np.where(moving, task.a_max, np.inf)
     a_max[0] = task.a_max_first
     return Instances(
-        x0=nlp.pack_variables(
-            positions=task.start + task.dt * np.cumsum(guess, axis=0), velocities=guess
-        ),
+        x0=nlp.pack_variables(positions=np.cumsum(guess, axis=0), velocities=guess),
         p=nlp.pack_parameters(
-            start=task.start[None],
-            initial_velocity=task.initial_velocity[None],
-            center=task.center[None],
+            initial_velocity=task.initial_velocity[None] / task.v_max,
+            center=(task.center - task.start)[None] / length,
             weights=scale * moving[:, None],
-            dt=[[task.dt]],
-            origin=task.origin[None],
-            length=[[task.length]],
-            clock=[[task.dt if task.clock is None else task.clock]],
+            origin=task.start[None],
+            length=[[length]],
+            clock=[[task.dt]],
         ),
         lbx=nlp.pack_variables(positions=-free, velocities=-limit),
         ubx=nlp.pack_variables(positions=free, velocities=limit),
@@ -198,8 +169,8 @@ def guide_instance(
         ),
         ubg=nlp.pack_constraints(
             dynamics=np.zeros((horizon, 2)),
-            acceleration=tightened(a_max)[:, None],
-            arrival=tightened(np.array([[task.radius**2]])),
+            acceleration=tightened(a_max / task.v_max**2)[:, None],
+            arrival=tightened(np.array([[(task.radius / length) ** 2]])),
         ),
     )
 

@@ -134,11 +134,10 @@ class Multistart:
 
     def _solve(self, name: str, start: InitialPath, steps: Iterable[int]) -> Iterator[Candidate]:
         nlp = guide_nlp(self.scenario.hazard, self.scenario.n_steps)
-        task, unit = self.task.dimensionless(), self.task.v_max
         for arrival in steps:
             guess = start(arrival, self.task.dt)
             scale = 1.0 if name == STRAIGHT else self._scale(guess)
-            instance = guide_instance(nlp, task, arrival, guess / unit, scale)
+            instance = guide_instance(nlp, self.task, arrival, guess, scale)
             solution = self.solver.solve(nlp, instance)[0]
             residuals = replace(
                 solution.residuals,
@@ -146,7 +145,7 @@ class Multistart:
                 complementarity=solution.residuals.complementarity / scale,
             )
             solution = replace(solution, objective=solution.objective / scale, residuals=residuals)
-            velocities = unit * nlp.variable("velocities", solution.x)[:arrival]
+            velocities = self.task.v_max * nlp.variable("velocities", solution.x)[:arrival]
             yield self._candidate(name, arrival, velocities, solution)
 
     def _scale(self, velocities: FloatArray) -> float:

@@ -8,6 +8,7 @@ other answer.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -52,16 +53,8 @@ def guide_convergence(scenario: Scenario, points: Sequence[int] = POINTS) -> pd.
     and survival of the path up to its arrival (missing if it does not arrive), and the distance of
     its last point from the target zone.
     """
-    task = GuideTask(
-        start=scenario.guide_start,
-        center=np.asarray(scenario.target.center, float),
-        radius=scenario.target.radius,
-        initial_velocity=np.zeros(2),
-        a_max=np.inf,
-        a_max_first=np.inf,
-        v_max=scenario.swarm.v_max,
-        dt=scenario.time.dt,
-    )
+    task = GuideTask.from_scenario(scenario, scenario.guide_start)
+    task = replace(task, radius=scenario.target.radius)
     nlp = penalised_guide_nlp(scenario.hazard, scenario.n_steps)
     line = resample(np.stack([task.start, task.center]), scenario.n_steps, task.dt)
     instance = penalised_guide_instance(nlp, task, scenario.guide.gamma, line)

@@ -53,7 +53,7 @@ def guide(t_f: float) -> Case:
     task = _task(scenario)
     nlp = guide_nlp(scenario.hazard, scenario.n_steps)
     line = resample(np.stack([task.start, task.center]), scenario.n_steps, task.dt)
-    return nlp, guide_instance(nlp, task.dimensionless(), scenario.n_steps, line / task.v_max)
+    return nlp, guide_instance(nlp, task, scenario.n_steps, line)
 
 
 def _task(scenario: Scenario) -> GuideTask:

@@ -164,10 +164,11 @@ def task_instance(horizon: int, arrival: int, seed: int) -> tuple[Nlp, Instances
 
 
 def test_guide_nlp_matches_written_out_formulas() -> None:
+    """Positions are relative to the start, in steps of 0.66 at v_max = 2."""
     nlp, instance = task_instance(horizon=6, arrival=4, seed=5)
     rng = np.random.default_rng(6)
     X, V = rng.uniform(0, 4, (6, 2)), rng.uniform(-2, 2, (6, 2))
-    x = nlp.pack_variables(positions=X, velocities=V)[0]
+    x = nlp.pack_variables(positions=(X - TASK.start) / 0.66, velocities=V / 2.0)[0]
     objective, g = (np.asarray(part).ravel() for part in nlp.evaluate(x, instance.p[0]))
 
     risk = sum(0.33 * single_agent_rate_by_hand(*X[t], RADARS) for t in range(4))
@@ -176,12 +177,13 @@ def test_guide_nlp_matches_written_out_formulas() -> None:
     dynamics = [points[t + 1] - points[t] - 0.33 * V[t] for t in range(6)]
     turns = [math.dist(speeds[t + 1], speeds[t]) ** 2 for t in range(6)]
     expected = [*np.ravel(dynamics), *turns, math.dist(X[-1], TASK.center) ** 2]
-    np.testing.assert_allclose(g, expected, rtol=1e-12, atol=1e-12)
+    units = [0.66] * 12 + [4.0] * 6 + [0.66**2]
+    np.testing.assert_allclose(units * g, expected, rtol=1e-12, atol=1e-12)
 
 
 def test_guide_instance_bounds_are_limits_until_arrival() -> None:
     nlp, instance = task_instance(horizon=6, arrival=4, seed=7)
-    box = [[2.0, 2.0]] * 4 + [[0.0, 0.0]] * 2
+    box = [[1.0, 1.0]] * 4 + [[0.0, 0.0]] * 2
     assert nlp.variable("velocities", instance.ubx[0]).tolist() == box
     assert nlp.variable("velocities", -instance.lbx[0]).tolist() == box
     assert np.isinf(nlp.variable("positions", instance.ubx[0])).all()
@@ -189,8 +191,8 @@ def test_guide_instance_bounds_are_limits_until_arrival() -> None:
     assert (instance.lbg[0, names == "dynamics"] == 0).all()
     assert (instance.ubg[0, names == "dynamics"] == 0).all()
     limits = instance.ubg[0, (names == "acceleration") | (names == "arrival")]
-    exact = np.array([0.7, 0.4, 0.4, 0.4, math.inf, math.inf, 0.25])
-    np.testing.assert_allclose(limits, exact, rtol=1e-6)
+    exact = np.array([0.7 / 4, 0.1, 0.1, 0.1, math.inf, math.inf, (0.5 / 0.66) ** 2])
+    np.testing.assert_allclose(limits, exact, rtol=0, atol=1.01e-7)
     assert (limits[np.isfinite(exact)] <= exact[np.isfinite(exact)] - 0.9e-7).all()
 
 
@@ -198,29 +200,10 @@ def test_guide_instance_start_obeys_dynamics_and_box() -> None:
     nlp = guide_nlp(HAZARD, 6)
     instance = guide_instance(nlp, TASK, 4, 3 * random_velocities(4, 8))
     V = nlp.variable("velocities", instance.x0[0])
-    np.testing.assert_array_equal(V[:4], np.clip(3 * random_velocities(4, 8), -2, 2))
+    np.testing.assert_array_equal(V[:4], np.clip(3 * random_velocities(4, 8), -2, 2) / 2)
     np.testing.assert_array_equal(V[4:], 0.0)
     X = nlp.variable("positions", instance.x0[0])
-    np.testing.assert_allclose(X, integrate(TASK.start, V, 0.33)[1:], rtol=1e-14)
-
-
-def test_guide_task_dimensionless_is_scaled_program() -> None:
-    nlp, unit = guide_nlp(HAZARD, 4), 0.33 * 2.0
-    X, V = random_velocities(4, 12) + np.array([3.0, 1.0]), random_velocities(4, 13)
-    scaled = []
-    for task, x in (
-        (TASK, nlp.pack_variables(positions=X, velocities=V)),
-        (
-            TASK.dimensionless(),
-            nlp.pack_variables(positions=(X - TASK.start) / unit, velocities=V / 2.0),
-        ),
-    ):
-        instance = guide_instance(nlp, task, 4, V)
-        values = [np.asarray(part) for part in nlp.evaluate(x[0], instance.p[0])]
-        scaled.append([np.concatenate(values).ravel(), instance.ubg[0]])
-    scale = np.array([1.0, *[unit] * 8, *[4.0] * 4, unit**2])
-    np.testing.assert_allclose(scale * scaled[1][0], scaled[0][0], rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(scale[1:] * scaled[1][1], scaled[0][1], rtol=1e-6)
+    np.testing.assert_allclose(X, integrate(np.zeros(2), V, 1.0)[1:], rtol=1e-14)
 
 
 # --- the paper's penalised program
