@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from dataclasses import dataclass
 
 from scipy.stats import binomtest, norm
@@ -58,16 +59,7 @@ def effective_runs(outcomes: BoolArray) -> float:
     return runs * max(1.0, mean * (1 - mean) / ((discordant + 1) / (2 * pairs)))
 
 
-def clopper_pearson(successes: int, runs: int, level: float = LEVEL) -> Interval:
-    """Clopper and Pearson's interval (Biometrika 26, 1934), whose coverage is at least `level`.
-
-    Parameters are as in `wilson`.
-    """
-    interval = binomtest(successes, runs).proportion_ci(level, method="exact")
-    return Interval(float(interval.low), float(interval.high))
-
-
-def required_runs(half_width: float, successes: int, pilot: int, level: float = LEVEL) -> int:
+def required_runs(half_width: float, successes: int, pilot: int) -> int:
     """Number of runs after which Wilson's interval is no wider than +- `half_width`.
 
     The probability is unknown; the worst value in the Wilson interval (of level 0.99) of a pilot
@@ -80,24 +72,17 @@ def required_runs(half_width: float, successes: int, pilot: int, level: float = 
         Between 0 and 1/2.
     successes, pilot : int
         Successes and runs of the pilot study.
-    level : float
     """
     low, high = wilson(successes, pilot, 0.99)
     worst = min(max(0.5, low), high)
 
     def sufficient(runs: int) -> bool:
-        return wilson(round(worst * runs), runs, level).width <= 2 * half_width
+        return wilson(round(worst * runs), runs).width <= 2 * half_width
 
-    low_runs, high_runs = 1, 2
-    while not sufficient(high_runs):
-        low_runs, high_runs = high_runs, 2 * high_runs
-    while low_runs < high_runs:
-        middle = (low_runs + high_runs) // 2
-        if sufficient(middle):
-            high_runs = middle
-        else:
-            low_runs = middle + 1
-    return high_runs
+    upper = 2
+    while not sufficient(upper):
+        upper *= 2
+    return upper // 2 + bisect_left(range(upper // 2, upper), True, key=sufficient)
 
 
 @dataclass(frozen=True)

@@ -1,30 +1,29 @@
 """Exact evaluation of the controlled Markov chain: outcome distributions without sampling.
 
-Policies are deterministic, so between two destructions nothing is random. The distribution is
-carried by distinct states (positions, previous velocities, living members) with probabilities. A
-step solves every state once and splits it by which members survive; equal states are aggregated.
-States that are not expanded may succeed or not, so every probability is bounded by
-[low, low + residual mass] and is not an estimate.
-
-States are expanded in rounds, most probable first: a round goes through the steps and expands every
-state whose probability is at least a threshold, and the threshold decreases from round to round
-until the residual mass is within tolerance. So bounds are available at any time, and they tighten.
+The distribution is carried by distinct states (positions, previous velocities, living members) with
+probabilities. A step solves every state once and splits it by which members survive; equal states
+are aggregated. States are expanded in rounds, most probable first: a round goes through the steps
+and expands every state whose probability is at least a threshold, and the threshold decreases from
+round to round until the residual mass, that of all states not expanded, is within tolerance. The
+bounds that it leaves are derived in ``docs/chain.md``.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._util.jit import contiguous
 from ..policies.base import Policy
 from ..typing import BoolArray, FloatArray, Progress
 from .distribution import OutcomeDistribution
 from .frontier import Frontier
-from .states import AbsorptionStatistics, States, split
-from .transition import transition
+from .states import States
+from .transition import Transition, transition
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -36,6 +35,7 @@ FIRST_THRESHOLD = 1e-3  # the first threshold, in tolerances
 PRUNING_FACTOR = 1e-3  # outcomes less probable than this, in thresholds, are pruned
 BATCH = 1 << 16  # members solved at once: bounds memory
 MAX_BYTES = 1 << 28  # of the states of the frontier
+OUTCOME_BYTES = 1 << 26  # of the buffer of outcomes: bounds memory
 
 
 @dataclass(frozen=True)
@@ -65,40 +65,6 @@ class ExpansionOptions:
     min_probability: float = 0.0
 
 
-def expand(
-    scenario: Scenario,
-    policy: Policy,
-    initial_velocities: FloatArray,
-    options: ExpansionOptions,
-    progress: Progress | None = None,
-) -> StateSpaceExpansion:
-    """Expand the most probable states until the residual mass is within tolerance.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    policy : Policy
-    initial_velocities : (n, 2)
-        V(-1).
-    options : ExpansionOptions
-    progress : Progress, optional
-        Receives the policy's name and the enumerated probability mass, of a total of 1.
-    """
-    expansion = StateSpaceExpansion(scenario, policy, options)
-    expansion.frontier.add(0, States.initial(scenario, initial_velocities))
-    tolerance, max_states, least = options.tolerance, options.max_states, options.min_probability
-    threshold = max(FIRST_THRESHOLD * tolerance, 1.0 / max_states) if tolerance > 0 else 0.0
-    threshold = max(threshold, least)
-    history: list[tuple[float, float, int]] = []
-    while not expansion.done:
-        expansion.expand_round(threshold, progress)
-        if expansion.done or threshold <= least:
-            break
-        history.append((threshold, expansion.frontier.mass, expansion.statistics.states))
-        threshold = max(_next_threshold(history, tolerance, max_states), least)
-    return expansion
-
-
 class StateSpaceExpansion:
     """A partially enumerated distribution.
 
@@ -106,6 +72,8 @@ class StateSpaceExpansion:
     ----------
     scenario : Scenario
     policy : Policy
+    initial_velocities : (n, 2)
+        V(-1).
     options : ExpansionOptions
 
     Attributes
@@ -116,14 +84,35 @@ class StateSpaceExpansion:
         Solved states that were not split, because too much of them would have been pruned.
     pruned : (N+1,)
         Mass of the outcomes of every step that were too improbable to be stored.
-    statistics : AbsorptionStatistics
+    arrival : (N+1,)
+        Mass of the runs that were absorbed by an arrival at step t.
+    survivors, members : (n+1,), (n,)
+        Mass of the absorbed runs with k survivors, and of those that a member survives.
+    population, ended : (N+1, n+1)
+        Mass of the states with k alive that were reached at step t, and of the absorbed ones.
+    solved : int
+        Number of states solved.
+    infeasible, failures : float
+        Expected numbers of infeasible member-steps and of solver failures.
     """
 
-    def __init__(self, scenario: Scenario, policy: Policy, options: ExpansionOptions) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        policy: Policy,
+        initial_velocities: FloatArray,
+        options: ExpansionOptions,
+    ) -> None:
         self.scenario, self.policy, self.options = scenario, policy, options
-        self.frontier, self.unsplit = Frontier(scenario.n_steps), Frontier(scenario.n_steps)
-        self.pruned: FloatArray = np.zeros(scenario.n_steps + 1)
-        self.statistics = AbsorptionStatistics.initial(scenario)
+        n, steps = scenario.n, scenario.n_steps
+        self.frontier, self.unsplit = Frontier(steps), Frontier(steps)
+        self.pruned: FloatArray = np.zeros(steps + 1)
+        self.arrival, self.survivors = np.zeros(steps + 1), np.zeros(n + 1)
+        self.members = np.zeros(n)
+        self.population, self.ended = np.zeros((2, steps + 1, n + 1))
+        self.population[0, n] = 1.0
+        self.solved, self.infeasible, self.failures = 0, 0.0, 0.0
+        self.frontier.add(0, States.initial(scenario, initial_velocities))
 
     @property
     def done(self) -> bool:
@@ -133,11 +122,31 @@ class StateSpaceExpansion:
         return (
             mass <= tolerance - pruned
             or mass == 0.0
-            or self.statistics.states >= self.options.max_states
+            or self.solved >= self.options.max_states
             or (pruned > tolerance and mass <= pruned)
         )
 
-    def expand_round(self, threshold: float, progress: Progress | None = None) -> None:
+    def expand(self, progress: Progress | None = None) -> None:
+        """Expand the most probable states until the residual mass is within tolerance.
+
+        Parameters
+        ----------
+        progress : Progress, optional
+            Receives the policy's name and the enumerated probability mass, of a total of 1.
+        """
+        tolerance, max_states = self.options.tolerance, self.options.max_states
+        least = self.options.min_probability
+        threshold = max(FIRST_THRESHOLD * tolerance, 1.0 / max_states) if tolerance > 0 else 0.0
+        threshold = max(threshold, least)
+        history: list[tuple[float, float, int]] = []
+        while not self.done:
+            self._expand_round(threshold, progress)
+            if self.done or threshold <= least:
+                break
+            history.append((threshold, self.frontier.mass, self.solved))
+            threshold = max(_next_threshold(history, tolerance, max_states), least)
+
+    def _expand_round(self, threshold: float, progress: Progress | None) -> None:
         """Expand the states of probability at least `threshold`, step after step."""
         for step in range(self.scenario.n_steps):
             if not self.frontier.batches[step]:
@@ -149,10 +158,13 @@ class StateSpaceExpansion:
             rows = np.flatnonzero(selected)
             size = max(1, BATCH // self.scenario.n)
             for start in range(0, len(rows), size):
-                self._expand(step, pool[rows[start : start + size]], threshold)
+                self._expand_states(step, pool[rows[start : start + size]], threshold)
             if step + 1 == self.scenario.n_steps:
                 for batch in self.frontier.pop(step + 1):
-                    self.statistics.absorb(batch)
+                    self.survivors += np.bincount(
+                        batch.alive.sum(axis=1), batch.weights, len(self.survivors)
+                    )
+                    self.members += batch.weights @ batch.alive
             self.pruned += self.frontier.prune(self._max_stored)
             if rows.size and progress is not None:
                 residual = self.frontier.mass + float(self.pruned.sum())
@@ -163,34 +175,20 @@ class StateSpaceExpansion:
     def _selected(self, weights: FloatArray, threshold: float) -> BoolArray:
         """States to solve: those at least as probable as the threshold, within the budget."""
         selected = np.asarray(weights >= threshold)
-        budget = self.options.max_states - self.statistics.states
+        budget = self.options.max_states - self.solved
         if selected.sum() > budget:
             selected = np.zeros(len(weights), bool)
             selected[np.argsort(-weights, kind="stable")[:budget]] = True
         return selected
 
-    def _expand(self, step: int, states: States, threshold: float) -> None:
+    def _expand_states(self, step: int, states: States, threshold: float) -> None:
         """Solve states of a step, and add their outcomes to the frontier or the statistics."""
-        move = transition(
-            self.scenario,
-            self.policy,
-            step,
-            states.positions,
-            states.previous_velocities,
-            states.alive,
-        )
-        self.statistics.count(states, move)
+        move = transition(self.scenario, self.policy, step, states)
+        self.solved += len(states)
+        self.infeasible += float(states.weights @ move.counts["infeasible"])
+        self.failures += float(states.weights @ move.counts["solver_failures"])
         pruned, added = np.zeros(len(states)), 0
-        outcomes = split(
-            move,
-            states,
-            step,
-            self._cutoff(threshold),
-            self.options.max_pruned_fraction,
-            self.statistics,
-            pruned,
-        )
-        for batch in outcomes:
+        for batch in self._outcomes(step, states, move, self._cutoff(threshold), pruned):
             if len(batch):
                 self.frontier.add(step + 1, batch.aggregated(self.options.aggregation_tol))
                 added += len(batch)
@@ -200,6 +198,47 @@ class StateSpaceExpansion:
         if (pruned < 0).any():
             self.unsplit.add(step, states[pruned < 0])
         self.pruned[step] += pruned[pruned > 0].sum()
+
+    def _outcomes(
+        self, step: int, states: States, move: Transition, cutoff: float, pruned: FloatArray
+    ) -> Iterator[States]:
+        """Yield the states after a step in which the run goes on, in batches of `OUTCOME_BYTES`.
+
+        Absorbed runs are added to the statistics. The mass that was pruned from every state is
+        written to `pruned` (S,): outcomes less probable than `cutoff`, or too many for the buffer.
+        It is -1 where it would exceed `max_pruned_fraction`; the state is then not split.
+        """
+        from . import state_kernels  # Numba takes a second to import
+
+        n = self.scenario.n
+        capacity = min(OUTCOME_BYTES // (33 * n + 8), len(states) << min(n, 20))
+        outcomes = state_kernels.Outcomes(
+            np.empty(capacity, np.int64), np.empty((capacity, n), bool), np.empty(capacity)
+        )
+        data = state_kernels.Step(
+            contiguous(states.weights),
+            contiguous(move.survival),
+            contiguous(states.alive),
+            contiguous(move.inside),
+        )
+        first, population = 0, self.population[step + 1]
+        while first < len(states):
+            arrival, survivors = np.zeros(1), np.zeros(n + 1)
+            totals = state_kernels.Totals(arrival, population, survivors, self.members, pruned)
+            first, filled = state_kernels.split(
+                first, data, cutoff, self.options.max_pruned_fraction, outcomes, totals
+            )
+            self.arrival[step + 1] += arrival[0]
+            self.survivors += survivors
+            self.ended[step + 1] += survivors
+            origin, alive = outcomes.parents[:filled], outcomes.survived[:filled].copy()
+            living = alive[..., None]
+            yield States(
+                np.where(living, move.positions[origin], 0.0),
+                np.where(living, move.velocities[origin], 0.0),
+                alive,
+                outcomes.masses[:filled].copy(),
+            )
 
     def _cutoff(self, threshold: float) -> float:
         """Mass below which an outcome is pruned."""
@@ -216,21 +255,20 @@ class StateSpaceExpansion:
 
     def distribution(self) -> OutcomeDistribution:
         """Bounds of the distribution, from what is enumerated so far."""
-        statistics = self.statistics
         residual = self.frontier.masses + self.unsplit.masses + self.pruned
-        ended = statistics.ended.cumsum(axis=0)
+        ended = self.ended.cumsum(axis=0)
         ended = np.vstack([np.zeros_like(ended[:1]), ended[:-1]])
         return OutcomeDistribution(
             policy=self.policy.name,
-            arrival=statistics.arrival,
-            survivors=statistics.survivors,
-            members=statistics.members,
-            population=statistics.population + ended,
+            arrival=self.arrival,
+            survivors=self.survivors,
+            members=self.members,
+            population=self.population + ended,
             residual_mass_before=np.concatenate([[0.0], np.cumsum(residual)[:-1]]),
             residual_mass=float(residual.sum()),
-            states=statistics.states,
-            infeasible=statistics.infeasible,
-            failures=statistics.failures,
+            states=self.solved,
+            infeasible=self.infeasible,
+            failures=self.failures,
             tolerance=self.options.tolerance,
             aggregation_tol=self.options.aggregation_tol,
         )

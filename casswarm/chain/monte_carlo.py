@@ -10,7 +10,9 @@ Policies are deterministic, so runs in equal states share one decision and one e
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -22,13 +24,12 @@ from ..typing import BoolArray, FloatArray, IntArray, Progress
 from .random_streams import uniforms
 from .states import States, distinct_states
 from .trajectories import RunTrajectory, TrajectoryRecorder
-from .transition import transition
+from .transition import COUNTS, transition
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
-_DECISION_COUNTS = ("infeasible", "solver_failures", "fallbacks", "saturated")
-_RUN_ARRAYS = ("arrival", "survivors", "steps", *_DECISION_COUNTS)
+_RUN_ARRAYS = ("arrival", "survivors", "steps")
 _TRAJECTORY_ARRAYS = ("positions", "alive", "leaders")
 
 
@@ -46,16 +47,12 @@ class Runs:
         Members alive at the end of the run.
     steps : (R,) int
         Length of the run.
-    infeasible : (R,) int
-        Member-steps in which a soft constraint could not be met.
-    solver_failures : (R,) int
-        Steps in which the solver failed.
-    fallbacks : (R,) int
-        Steps in which a first solution was not good enough and Ipopt was called.
-    saturated : (R,) int
-        Member-steps in which the policy exceeded v_max or a_max, and its velocity was projected.
+    counts : dict of name to (R,) int
+        Sums of the counts of `COUNTS` over the steps of the run.
     states : int
         Number of distinct states in which the policy was evaluated.
+    seconds : float
+        Time that the computation took.
     trajectories : tuple of RunTrajectory
         Trajectories of the first runs.
     """
@@ -64,11 +61,9 @@ class Runs:
     arrival: IntArray
     survivors: IntArray
     steps: IntArray
-    infeasible: IntArray
-    solver_failures: IntArray
-    fallbacks: IntArray
-    saturated: IntArray
+    counts: dict[str, IntArray]
     states: int
+    seconds: float
     trajectories: tuple[RunTrajectory, ...]
 
     @property
@@ -78,11 +73,10 @@ class Runs:
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """Named arrays from which `from_arrays` restores the runs."""
-        arrays: dict[str, NDArray[Any]] = {name: getattr(self, name) for name in _RUN_ARRAYS}
-        arrays |= {"first": np.array(self.first), "states": np.array(self.states)}
+        arrays = {name: np.array(getattr(self, name)) for name in ("first", "states", "seconds")}
+        arrays |= {name: getattr(self, name) for name in _RUN_ARRAYS} | self.counts
         for k, trajectory in enumerate(self.trajectories):
-            for name in _TRAJECTORY_ARRAYS:
-                arrays[f"{name}-{k}"] = getattr(trajectory, name)
+            arrays |= {f"{name}-{k}": getattr(trajectory, name) for name in _TRAJECTORY_ARRAYS}
         return arrays
 
     @classmethod
@@ -91,7 +85,9 @@ class Runs:
         number = sum(name.startswith("positions-") for name in arrays)
         return cls(
             first=int(arrays["first"]),
+            counts={name: arrays[name] for name in COUNTS},
             states=int(arrays["states"]),
+            seconds=float(arrays["seconds"]),
             trajectories=tuple(
                 RunTrajectory(*(arrays[f"{name}-{k}"] for name in _TRAJECTORY_ARRAYS))
                 for k in range(number)
@@ -140,23 +136,9 @@ class Chain:
         PolicyError, HazardError
             Velocities or rates that are not finite or of the wrong shape.
         """
-        scenario = self.scenario
-        states = States(
-            np.tile(scenario.positions, (runs, 1, 1)),
-            np.tile(self.initial_velocities, (runs, 1, 1)),
-            np.ones((runs, scenario.n), bool),
-            np.ones(runs),
-        )
+        states = States.initial(self.scenario, self.initial_velocities, runs)
         batch = _RunBatch(states, np.zeros(runs, np.int64), save_trajectories)
-        for step in range(scenario.n_steps):
-            active = np.flatnonzero(batch.running)
-            if not active.size:
-                break
-            draws = uniforms(self.seed, step, first, runs, scenario.n)[active]
-            batch.advance(scenario, policy, step, active, draws)
-            if progress is not None:
-                progress(policy.name, runs - int(batch.running.sum()), runs)
-        return batch.outcome(first)
+        return batch.finish(self, policy, first, progress)
 
     def finish(self, policy: Policy, states: States, steps: IntArray) -> Runs:
         """Sample one run from each of the given states, at the given steps, to its end.
@@ -169,68 +151,63 @@ class Chain:
         steps : (R,) int
             The step t of each.
         """
-        batch = _RunBatch(states, steps)
-        for step in range(self.scenario.n_steps):
-            active = np.flatnonzero(batch.running & (steps <= step))
-            if active.size:
-                draws = uniforms(self.seed, step, 0, len(states), self.scenario.n)[active]
-                batch.advance(self.scenario, policy, step, active, draws)
-        return batch.outcome(0)
+        return _RunBatch(states, steps).finish(self, policy)
 
 
 class _RunBatch:
-    """Runs that advance together, from given states at given steps; the states are copied."""
+    """Runs that advance together, from given states at given steps."""
 
     def __init__(self, states: States, steps: IntArray, save_trajectories: int = 0) -> None:
-        self.states = States(
-            states.positions.copy(),
-            states.previous_velocities.copy(),
-            states.alive.copy(),
-            states.weights,
-        )
+        self.started = time.perf_counter()
+        self.states, self.steps = deepcopy(states), steps.copy()
         self.running: BoolArray = np.ones(len(states), bool)
         self.arrival: IntArray = np.full(len(states), -1)
-        self.steps = steps.copy()
-        self.counts = {name: np.zeros(len(states), np.int64) for name in _DECISION_COUNTS}
+        self.counts = {name: np.zeros(len(states), np.int64) for name in COUNTS}
         self.solved = 0
-        self.recorder = TrajectoryRecorder.start(self.states, save_trajectories)
+        self.recorder = TrajectoryRecorder(states, save_trajectories)
 
-    def advance(
-        self, scenario: Scenario, policy: Policy, step: int, active: IntArray, draws: FloatArray
-    ) -> None:
-        """Advance the active runs from `step` to step + 1; `draws` (len(active), n) are uniform."""
-        states = self.states
-        first, inverse = distinct_states(
-            states.positions[active], states.previous_velocities[active], states.alive[active]
-        )
-        rows = active[first]
-        alive = states.alive[rows]
-        move = transition(
-            scenario, policy, step, states.positions[rows], states.previous_velocities[rows], alive
-        )
-        survives = alive[inverse] & (draws < move.survival[inverse])
-        arrived = (survives & move.inside[inverse]).any(axis=1)
-        self.solved += len(rows)
-        self.recorder.record_leaders(active, policy, step, states)
-        for name, count in self.counts.items():
-            count[active] += getattr(move, name)[inverse]
-        living = survives[..., None]
-        states.positions[active] = np.where(living, move.positions[inverse], 0.0)
-        states.previous_velocities[active] = np.where(living, move.velocities[inverse], 0.0)
-        states.alive[active] = survives
-        self.steps[active] = step + 1
-        self.arrival[active[arrived]] = step + 1
-        self.running[active] = survives.any(axis=1) & ~arrived
-        self.recorder.record_positions(active, move.positions[inverse], states.alive)
-
-    def outcome(self, first: int) -> Runs:
-        """Outcomes of the runs, once they have all ended or the horizon is reached."""
+    def finish(
+        self, chain: Chain, policy: Policy, first: int = 0, progress: Progress | None = None
+    ) -> Runs:
+        """Advance all runs to their ends; `first` is the index of the first one."""
+        scenario, runs = chain.scenario, len(self.states)
+        for step in range(scenario.n_steps):
+            active = np.flatnonzero(self.running & (self.steps <= step))
+            if not active.size:
+                continue
+            draws = uniforms(chain.seed, step, first, runs, scenario.n)[active]
+            self.advance(scenario, policy, step, active, draws)
+            if progress is not None:
+                progress(policy.name, runs - int(self.running.sum()), runs)
         return Runs(
             first=first,
             arrival=self.arrival,
             survivors=self.states.alive.sum(axis=1),
             steps=self.steps,
-            **self.counts,
+            counts=self.counts,
             states=self.solved,
+            seconds=time.perf_counter() - self.started,
             trajectories=self.recorder.trajectories(self.steps),
         )
+
+    def advance(
+        self, scenario: Scenario, policy: Policy, step: int, active: IntArray, draws: FloatArray
+    ) -> None:
+        """Advance the active runs from `step` to step + 1; `draws` (len(active), n) are uniform."""
+        states, before = self.states, self.states[active]
+        first, inverse = distinct_states(before.positions, before.previous_velocities, before.alive)
+        move = transition(scenario, policy, step, before[first])
+        following = move.positions[inverse]
+        survives = before.alive & (draws < move.survival[inverse])
+        arrived = (survives & move.inside[inverse]).any(axis=1)
+        self.solved += len(first)
+        for name, count in move.counts.items():
+            self.counts[name][active] += count[inverse]
+        living = survives[..., None]
+        states.positions[active] = np.where(living, following, 0.0)
+        states.previous_velocities[active] = np.where(living, move.velocities[inverse], 0.0)
+        states.alive[active] = survives
+        self.steps[active] = step + 1
+        self.arrival[active[arrived]] = step + 1
+        self.running[active] = survives.any(axis=1) & ~arrived
+        self.recorder.record(policy, step, active, before, following, states.alive)

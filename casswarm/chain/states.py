@@ -1,24 +1,18 @@
-"""Batches of states with probabilities: aggregation of equal states, splitting by survivors."""
+"""Batches of states with probabilities, and the aggregation of equal states."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._util.jit import contiguous
 from ..typing import BoolArray, FloatArray, IntArray
-from .transition import Transition
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
-
-OUTCOME_BYTES = 1 << 26
-"""Size of the buffer of outcomes: bounds memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +32,12 @@ class States:
     weights: FloatArray
 
     @classmethod
-    def initial(cls, scenario: Scenario, initial_velocities: FloatArray) -> States:
-        """The initial state, with probability 1."""
-        alive = np.ones((1, scenario.n), bool)
-        positions, velocities = scenario.positions[None], initial_velocities[None]
-        return cls(positions.copy(), velocities.copy(), alive, np.ones(1))
+    def initial(cls, scenario: Scenario, initial_velocities: FloatArray, copies: int = 1) -> States:
+        """The initial state, with probability 1, or several copies of it."""
+        positions, velocities = (
+            np.tile(array, (copies, 1, 1)) for array in (scenario.positions, initial_velocities)
+        )
+        return cls(positions, velocities, np.ones((copies, scenario.n), bool), np.ones(copies))
 
     @classmethod
     def concatenate(cls, batches: list[States]) -> States:
@@ -87,106 +82,6 @@ class States:
             first = order[np.searchsorted(inverse[order], np.arange(len(first)))]
         return States(
             self.positions[first], self.previous_velocities[first], self.alive[first], weights
-        )
-
-
-@dataclass
-class AbsorptionStatistics:
-    """Statistics of an enumeration so far: masses of absorbed runs, and expected counts.
-
-    Parameters
-    ----------
-    arrival : (N+1,)
-    survivors : (n+1,)
-    members : (n,)
-    population : (N+1, n+1)
-        Mass of the states with k alive that were reached at step t, absorbed or not.
-    ended : (N+1, n+1)
-        Mass of the runs that were absorbed at step t with k alive.
-    states : int
-        Number of states solved.
-    infeasible, failures : float
-        Expected numbers of infeasible member-steps and of solver failures.
-    """
-
-    arrival: FloatArray
-    survivors: FloatArray
-    members: FloatArray
-    population: FloatArray
-    ended: FloatArray
-    states: int = 0
-    infeasible: float = 0.0
-    failures: float = 0.0
-
-    @classmethod
-    def initial(cls, scenario: Scenario) -> AbsorptionStatistics:
-        """Statistics at step 0, where all members are alive."""
-        n, steps = scenario.n, scenario.n_steps
-        population = np.zeros((steps + 1, n + 1))
-        population[0, n] = 1.0
-        ended = np.zeros_like(population)
-        return cls(np.zeros(steps + 1), np.zeros(n + 1), np.zeros(n), population, ended)
-
-    def absorb(self, states: States) -> None:
-        """Add states at the horizon."""
-        self.survivors += np.bincount(
-            states.alive.sum(axis=1), states.weights, minlength=len(self.survivors)
-        )
-        self.members += states.weights @ states.alive
-
-    def count(self, states: States, move: Transition) -> None:
-        """Add states that were solved, with what their decisions report."""
-        self.states += len(states)
-        self.infeasible += float(states.weights @ move.infeasible)
-        self.failures += float(states.weights @ move.solver_failures)
-
-
-def split(
-    move: Transition,
-    states: States,
-    step: int,
-    cutoff: float,
-    max_pruned_fraction: float,
-    statistics: AbsorptionStatistics,
-    pruned: FloatArray,
-) -> Iterator[States]:
-    """Yield the states after a step in which the run goes on, in batches of `OUTCOME_BYTES`.
-
-    Absorbed runs are added to `statistics`. The mass that was pruned from every state is written to
-    `pruned` (S,): outcomes less probable than `cutoff`, or too many for the buffer. It is -1 where
-    it would exceed the fraction `max_pruned_fraction` of the state, which is then not split.
-    """
-    from . import state_kernels  # Numba takes a second to import
-
-    n = states.alive.shape[1]
-    capacity = min(OUTCOME_BYTES // (33 * n + 8), len(states) << min(n, 20))
-    outcomes = state_kernels.Outcomes(
-        np.empty(capacity, np.int64), np.empty((capacity, n), bool), np.empty(capacity)
-    )
-    data = state_kernels.Step(
-        contiguous(states.weights),
-        contiguous(move.survival),
-        contiguous(states.alive),
-        contiguous(move.inside),
-    )
-    first = 0
-    while first < len(states):
-        arrival, survivors = np.zeros(1), np.zeros(n + 1)
-        population, members = statistics.population[step + 1], statistics.members
-        totals = state_kernels.Totals(arrival, population, survivors, members, pruned)
-        first, filled = state_kernels.split(
-            first, data, cutoff, max_pruned_fraction, outcomes, totals
-        )
-        statistics.arrival[step + 1] += arrival[0]
-        statistics.survivors += survivors
-        statistics.ended[step + 1] += survivors
-        origin, alive = outcomes.parents[:filled], outcomes.survived[:filled].copy()
-        living = alive[..., None]
-        yield States(
-            np.where(living, move.positions[origin], 0.0),
-            np.where(living, move.velocities[origin], 0.0),
-            alive,
-            outcomes.masses[:filled].copy(),
         )
 
 

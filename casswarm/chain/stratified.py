@@ -7,15 +7,9 @@ variance that saves (`effective_runs`), and Wilson's interval with the effective
 covers the mean of the strata about as often as that of plain runs covers theirs. M times this
 interval is the contribution of the residual mass to the success probability.
 
-Why the interval is narrower than that of plain sampling with as many solves: a state of probability
-w is visited by R plain runs with probability 1 - (1 - w)^R, 0.86 at w = `VISITS` / R, so plain runs
-would solve the enumerated states too. Below them, R / M plain runs solve as many states as R of
-these; their variance is p (1 - p) M / R, that of the strata at most M^2 q (1 - q) / R with q the
-success probability given the residual mass, and p (1 - p) >= M q (1 - q), by the law of total
-variance. Where only the initial state is probable enough, M is 1 and both are the same.
-
 Outcomes that were too improbable to be stored contribute an interval, [0, their mass]; a state of
-which they would be a larger fraction than `MAX_PRUNED_FRACTION` is not split but sampled.
+which they would be a larger fraction than `MAX_PRUNED_FRACTION` is not split but sampled. Why the
+interval is narrower than that of plain sampling with as many solves: ``docs/chain.md``.
 """
 
 from __future__ import annotations
@@ -101,9 +95,7 @@ class Estimate:
         )
 
 
-def sample_residual(
-    expansion: StateSpaceExpansion, chain: Chain, runs: int, level: float = LEVEL
-) -> Estimate:
+def sample_residual(expansion: StateSpaceExpansion, chain: Chain, runs: int) -> Estimate:
     """Sample the states that an expansion left.
 
     Parameters
@@ -112,9 +104,8 @@ def sample_residual(
     chain : Chain
         Chain of the same scenario; its seed determines the sample.
     runs : int
-    level : float
     """
-    distribution, solved = expansion.distribution(), expansion.statistics.states
+    distribution, solved = expansion.distribution(), expansion.solved
     pruned = float(expansion.pruned.sum())
     batches = [
         (step, batch)
@@ -123,7 +114,7 @@ def sample_residual(
         for batch in batches
     ]
     if not batches:
-        return Estimate(distribution, 0.0, pruned, 0, 0, 0.0, chain.seed, solved, level)
+        return Estimate(distribution, 0.0, pruned, 0, 0, 0.0, chain.seed, solved)
     states = States.concatenate([batch for _, batch in batches])
     steps = np.concatenate([np.full(len(batch), step) for step, batch in batches])
     order = np.lexsort((steps, states.alive.sum(axis=1)))
@@ -143,5 +134,4 @@ def sample_residual(
         effective_runs(outcomes) if len(states) > 1 else float(runs),
         chain.seed,
         solved + sample.states,
-        level,
     )

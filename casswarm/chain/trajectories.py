@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -34,54 +34,45 @@ class RunTrajectory:
         return np.where(self.alive[-1], steps, np.argmin(self.alive, axis=0))
 
 
-@dataclass
 class TrajectoryRecorder:
-    """Snapshots of the first R runs of a batch.
+    """Snapshots of the first runs of a batch, at every step."""
 
-    Parameters
-    ----------
-    positions : list of (R, n, 2)
-    alive : list of (R, n) bool
-    leaders : list of (R,) int
-    """
+    def __init__(self, states: States, runs: int) -> None:
+        self.runs = min(runs, len(states))
+        self.positions, self.alive = [states.positions[:runs].copy()], [states.alive[:runs].copy()]
+        self.leaders: list[IntArray] = []
 
-    positions: list[FloatArray]
-    alive: list[BoolArray]
-    leaders: list[IntArray] = field(default_factory=list)
+    def record(
+        self,
+        policy: Policy,
+        step: int,
+        active: IntArray,
+        states: States,
+        following: FloatArray,
+        alive: BoolArray,
+    ) -> None:
+        """Append a step: of the active runs, their `states` before it and `following` positions.
 
-    @classmethod
-    def start(cls, states: States, runs: int) -> TrajectoryRecorder:
-        """Recorder of the first `runs` of the runs that start in `states`."""
-        return cls([states.positions[:runs].copy()], [states.alive[:runs].copy()])
-
-    def record_leaders(self, active: IntArray, policy: Policy, step: int, states: States) -> None:
-        """Append the leaders of the active runs; `states` are those before the step."""
-        rows = active[active < len(self.positions[0])]
-        leaders = np.full(len(self.positions[0]), -1)
+        `alive` are the living members of all runs after it. The destroyed stay where they are.
+        """
+        recorded = active < self.runs
+        rows, states = active[recorded], states[recorded]
+        positions, leaders = self.positions[-1].copy(), np.full(self.runs, -1)
         if rows.size:
             leaders[rows] = policy.leaders(
-                step, states.positions[rows], states.previous_velocities[rows], states.alive[rows]
+                step, states.positions, states.previous_velocities, states.alive
             )
-        self.leaders.append(leaders)
-
-    def record_positions(self, active: IntArray, following: FloatArray, alive: BoolArray) -> None:
-        """Append the positions of the active runs; the destroyed stay where they are."""
-        positions, moved = self.positions[-1].copy(), self.alive[-1]
-        recorded = active < len(positions)
-        rows = active[recorded]
-        positions[rows] = np.where(moved[rows, :, None], following[recorded], positions[rows])
+        living = states.alive[..., None]
+        positions[rows] = np.where(living, following[recorded], positions[rows])
         self.positions.append(positions)
-        self.alive.append(alive[: len(positions)].copy())
+        self.alive.append(alive[: self.runs].copy())
+        self.leaders.append(leaders)
 
     def trajectories(self, steps: IntArray) -> tuple[RunTrajectory, ...]:
         """Trajectories up to the steps (R,) at which runs ended."""
         positions, alive = np.stack(self.positions, axis=1), np.stack(self.alive, axis=1)
-        leaders = np.array(self.leaders, np.int64).reshape(len(self.leaders), len(positions)).T
+        leaders = np.array(self.leaders, np.int64).reshape(len(self.leaders), self.runs).T
         return tuple(
-            RunTrajectory(
-                positions[run, : steps[run] + 1],
-                alive[run, : steps[run] + 1],
-                leaders[run, : steps[run]],
-            )
-            for run in range(len(positions))
+            RunTrajectory(positions[k, : end + 1], alive[k, : end + 1], leaders[k, :end])
+            for k, end in enumerate(steps[: self.runs])
         )

@@ -15,9 +15,14 @@ from numpy.typing import NDArray
 from ..policies.base import Policy, checked_velocities
 from ..problems.formation import Motion
 from ..typing import BoolArray, FloatArray, IntArray
+from .states import States
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
+
+COUNTS = ("infeasible", "solver_failures", "fallbacks", "saturated")
+"""Counts of a step: infeasible, failures and fallbacks as in `Decision`, and the number of members
+whose velocity was projected to respect v_max and a_max."""
 
 SATURATION_TOL = 1e-9
 """Excess over v_max or a_max (in units of velocity) up to which a velocity is not projected."""
@@ -35,50 +40,43 @@ class Transition:
         Probability that a living member survives the step; 1, without meaning, for the destroyed.
     inside : (B, n) bool
         Members in the target zone at X(t+1).
-    infeasible, solver_failures, fallbacks : (B,) int
-        As in `Decision`.
-    saturated : (B,) int
-        Number of members whose velocity was projected to respect v_max and a_max.
+    counts : dict of name to (B,) int
+        The counts of `COUNTS`.
     """
 
     velocities: FloatArray
     positions: FloatArray
     survival: FloatArray
     inside: BoolArray
-    infeasible: IntArray
-    solver_failures: IntArray
-    fallbacks: IntArray
-    saturated: IntArray
+    counts: dict[str, IntArray]
 
 
-def transition(
-    scenario: Scenario,
-    policy: Policy,
-    step: int,
-    positions: FloatArray,
-    previous_velocities: FloatArray,
-    alive: BoolArray,
-) -> Transition:
-    """Advance B states, positions and previous velocities (B, n, 2), from `step` to step + 1.
+def transition(scenario: Scenario, policy: Policy, step: int, states: States) -> Transition:
+    """Advance B states from `step` to step + 1.
 
     Raises
     ------
     PolicyError, HazardError
         Velocities or rates of the wrong shape, or not finite.
     """
-    decision = policy.decide(step, *map(_read_only, (positions, previous_velocities, alive)))
+    positions, previous_velocities, alive = map(
+        _read_only, (states.positions, states.previous_velocities, states.alive)
+    )
+    decision = policy.decide(step, positions, previous_velocities, alive)
     commanded = checked_velocities(policy.name, step, decision.velocities, alive)
-    velocities, saturated = saturate(scenario, commanded, previous_velocities, alive)
+    sets = Motion.from_scenario(scenario).sets(previous_velocities)
+    exceeds = alive & (sets.violation(commanded) > SATURATION_TOL)
+    velocities = commanded.copy()
+    if exceeds.any():
+        velocities[exceeds] = sets[exceeds].project(commanded[exceeds])
     following = positions + scenario.time.dt * velocities
+    counts = decision.infeasible, decision.failures, decision.fallbacks, exceeds.sum(axis=1)
     return Transition(
         velocities=velocities,
         positions=following,
         survival=np.exp(-scenario.time.dt * scenario.hazard.rates(following, alive)),
         inside=scenario.target.contains(following),
-        infeasible=decision.infeasible,
-        solver_failures=decision.failures,
-        fallbacks=decision.fallbacks,
-        saturated=saturated,
+        counts=dict(zip(COUNTS, counts, strict=True)),
     )
 
 
@@ -87,15 +85,3 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     view = array.view()
     view.flags.writeable = False
     return view
-
-
-def saturate(
-    scenario: Scenario, commanded: FloatArray, previous_velocities: FloatArray, alive: BoolArray
-) -> tuple[FloatArray, IntArray]:
-    """Velocities (B, n, 2) projected to v_max and a_max, and the number (B,) that changed."""
-    sets = Motion.from_scenario(scenario).sets(previous_velocities)
-    exceeds = alive & (sets.violation(commanded) > SATURATION_TOL)
-    velocities = commanded.copy()
-    if exceeds.any():
-        velocities[exceeds] = sets[exceeds].project(commanded[exceeds])
-    return velocities, exceeds.sum(axis=1)

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ..chain.distribution import OutcomeDistribution
-from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion, expand
+from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion
 from ..chain.monte_carlo import Chain
 from ..chain.stratified import MAX_PRUNED_FRACTION, VISITS, Estimate, sample_residual
 from ..errors import PolicyError
@@ -185,4 +185,6 @@ def _expansion(
     guide = plan(scenario, certify=False) if guide is None else guide
     resolved = resolve_policy(single_policy(policy), scenario, guide, *solver)
     velocities = initial_velocities(scenario, guide)
-    return expand(scenario, resolved, velocities, options, progress), velocities
+    expansion = StateSpaceExpansion(scenario, resolved, velocities, options)
+    expansion.expand(progress)
+    return expansion, velocities

@@ -17,14 +17,14 @@ import pandas as pd
 from .._util.display import Displayed
 from .._util.parallel import Workers, checked_workers, require_sendable
 from ..chain.confidence import required_runs
-from ..chain.monte_carlo import Chain
+from ..chain.monte_carlo import Chain, Runs
 from ..chain.trajectories import RunTrajectory
 from ..optimization.solvers import Solver
 from ..planning.guide import Guide
 from ..planning.plan import initial_velocities, plan
 from ..policies.base import Policy
 from ..typing import Progress
-from .batches import BatchResults, missing_batches, saved_results, simulate_batches
+from .batches import missing_batches, saved_results, simulate_batches
 from .checkpoint import Checkpoint, IfExists
 from .policy_list import policy_list, resolve_policy
 from .tables import paired_table, run_table, summarise
@@ -182,7 +182,7 @@ def simulate(
         results = saved_results(store, chosen, runs)
         batches = missing_batches(chain, chosen, results, runs, save_trajectories, workers)
         if workers != 1:
-            require_sendable({batch.policy.name: batch for batch in batches})
+            require_sendable(dict(batches))
         simulate_batches(batches, workers, results, progress, runs, store)
         if store is not None:
             store.finish()
@@ -211,19 +211,14 @@ def _inputs(
     }
 
 
-def _study(scenario: Scenario, guide: Guide, seed: int, results: BatchResults) -> Study:
+def _study(scenario: Scenario, guide: Guide, seed: int, results: Mapping[str, list[Runs]]) -> Study:
     tables, effort, trajectories = [], [], {}
     for name, batches in results.items():
-        batches.sort(key=lambda batch: batch[0].first)
-        tables.append(pd.concat([run_table(name, runs) for runs, _ in batches], ignore_index=True))
-        trajectories[name] = tuple(path for runs, _ in batches for path in runs.trajectories)
-        effort.append(
-            {
-                "policy": name,
-                "states": sum(runs.states for runs, _ in batches),
-                "seconds": sum(seconds for _, seconds in batches),
-            }
-        )
+        batches.sort(key=lambda part: part.first)
+        tables += [run_table(name, part) for part in batches]
+        trajectories[name] = tuple(path for part in batches for path in part.trajectories)
+        states, seconds = (sum(getattr(b, key) for b in batches) for key in ("states", "seconds"))
+        effort.append({"policy": name, "states": states, "seconds": seconds})
     runs = pd.concat(tables, ignore_index=True)
     return Study(
         scenario,

@@ -14,6 +14,7 @@ from ..chain.distribution import OutcomeDistribution
 from ..chain.monte_carlo import Runs
 from ..chain.stratified import Estimate
 from ..chain.trajectories import RunTrajectory
+from ..chain.transition import COUNTS
 from ..typing import FloatArray
 
 
@@ -154,11 +155,8 @@ def run_table(name: str, part: Runs) -> pd.DataFrame:
             "survivors": part.survivors,
             "arrival_step": arrival,
             "steps": part.steps,
-            "infeasible": part.infeasible,
-            "solver_failures": part.solver_failures,
-            "fallbacks": part.fallbacks,
-            "saturated": part.saturated,
         }
+        | part.counts
     )
 
 
@@ -180,11 +178,8 @@ def summarise(runs: pd.DataFrame) -> pd.DataFrame:
                 "arrival_step_mean": float(table["arrival_step"].astype("Float64").mean())
                 if successes
                 else float("nan"),
-                "infeasible": int(table["infeasible"].sum()),
-                "solver_failures": int(table["solver_failures"].sum()),
-                "fallbacks": int(table["fallbacks"].sum()),
-                "saturated": int(table["saturated"].sum()),
             }
+            | {name: int(table[name].sum()) for name in COUNTS}
         )
     return pd.DataFrame(rows)
 
@@ -235,11 +230,8 @@ def summary_texts(summary: pd.DataFrame) -> pd.DataFrame:
             "95 % interval": f"{row['success_low']:.4f} to {row['success_high']:.4f}",
             "survivors": f"{row['survivors_mean']:.2f}",
             "arrival step": f"{row['arrival_step_mean']:.1f}" if row["successes"] else "-",
-            "infeasible": f"{row['infeasible']}",
-            "solver failures": f"{row['solver_failures']}",
-            "fallbacks": f"{row['fallbacks']}",
-            "saturated": f"{row['saturated']}",
         }
+        | {name.replace("_", " "): str(row[name]) for name in COUNTS}
         for row in summary.to_dict("records")
     )
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, binomtest
 
-from casswarm.chain.confidence import Paired, clopper_pearson, effective_runs, required_runs, wilson
+from casswarm.chain.confidence import Paired, effective_runs, required_runs, wilson
 
 
 def test_paired_interval_matches_literature() -> None:
@@ -72,12 +72,6 @@ def test_required_runs_reach_half_width(successes: int, half_width: float) -> No
         assert runs == pytest.approx(1.96**2 / 4 / half_width**2, rel=0.01)
     else:
         assert runs < 1.96**2 / 4 / half_width**2
-
-
-def test_clopper_pearson_matches_known_values() -> None:
-    """0 of 10 ends at 1 - 0.025^(1/10); 13 of 16 as in Fagerland et al. (2017, chapter 2)."""
-    assert clopper_pearson(0, 10) == pytest.approx((0.0, 1 - 0.025**0.1))
-    assert clopper_pearson(13, 16) == pytest.approx((0.5435, 0.9595), abs=5e-5)
 
 
 # --- strata

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import binom, binomtest
 
 import casswarm as csw
-from casswarm.chain.exact import ExpansionOptions, expand
+from casswarm.chain.exact import ExpansionOptions, StateSpaceExpansion
 from casswarm.chain.monte_carlo import Chain
 from casswarm.chain.stratified import sample_residual
 from casswarm.errors import PolicyError
@@ -257,7 +257,8 @@ def test_estimate_covers_exact_value_at_its_level(runs):
     given = SMALL.with_values({"swarm.velocity": [1.0, 0.0]})
     policy, before = as_policy(homing(given)), np.tile([1.0, 0.0], (2, 1))
     truth = evaluate(given, policy, 0.0).success[0]
-    expansion = expand(given, policy, before, ExpansionOptions(1e-4, max_states=4))
+    expansion = StateSpaceExpansion(given, policy, before, ExpansionOptions(1e-4, max_states=4))
+    expansion.expand()
     assert expansion.frontier.mass > 0.2
     chains = [Chain(given, before, seed) for seed in range(1000)]
     found = [sample_residual(expansion, chain, runs).success for chain in chains]
