@@ -1,28 +1,31 @@
-"""Formation of one step: the members' velocities around the guide's next point.
+"""Formation of the next step, or of the next H: velocities around the guide's next points.
 
-The paper's section IV.B, both of its problems as one program with weights:
+The paper's section IV.B, both of its problems as one program with weights and a horizon:
 
-    minimise    sum over i of w_i lambda_i(X + dt v, alive)
-    over        v in R^(2n)
-    subject to  -v_max <= v_i <= v_max
-                ||v_i - V_i(t-1)||^2 <= a_max                equation (5)
-                ||X_i + dt v_i - X*(t+1)||^2 <= rho          equation (7), if there is a corridor
+    minimise    sum over s = 1..H, i of w_i lambda_i(X + dt u_s, alive)
+    over        displacements u_1, ..., u_H in R^(2n),  v_s = u_s - u_{s-1},  u_0 = 0
+    subject to  -v_max <= v_{s,i} <= v_max
+                ||v_{s,i} - v_{s-1,i}||^2 <= a_max,  v_0 = V(t-1)   equation (5)
+                ||X_i + dt u_{s,i} - X*(t+s)||^2 <= r_{s,i}^2       equation (7), with a corridor
+
+Displacements are in units of dt, and v_1 = u_1 is applied. The paper has H = 1; with more steps
+this is model predictive control, see ``docs/mpc.md``.
 
 - **Leader protection** (6): w is 1 for the leader and 0 for the others; the leader's velocity is
   fixed, dt v_i = X*(t+1) - X_i or as close to it as v_max and a_max allow; no corridor.
-- **Constrained trajectory** (7): w is 1 for the living; every member has the corridor.
+- **Constrained trajectory** (7): w is 1 for the living; every member has the corridor, r^2 = rho.
 
-Per member the constraint set is a box and one or two discs in the plane, so the set of a state is
-a product, `PlanarSets` of n members. It can be empty, which the paper does not say. v_max and a_max
-are hard constraints. The corridor and the leader's position are soft: a member that cannot meet its
-own comes as close to it as the hard constraints allow, and counts as infeasible
-(`Formation.infeasible`). The destroyed do not move.
+For one step, the set of a member is a box and one or two discs in the plane, and that of a state
+their product, `PlanarSets`. It can be empty, which the paper does not say. So the corridor and the
+leader's position are soft constraints: a member that cannot meet its own comes as close to it as
+v_max and a_max allow, and counts as infeasible. The destroyed do not move.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -41,44 +44,50 @@ if TYPE_CHECKING:
 POSITION_TOL = 1e-6
 """Distance, in units of v_max dt, up to which a member counts as being at a position."""
 
-_UNROLL = 8  # largest number of members for which scalar expressions are faster
 
+@lru_cache(maxsize=32)
+def formation_nlp(hazard: Hazard, n: int, corridor: bool, horizon: int = 1) -> Nlp:
+    """The program above for n members and H = `horizon`, with or without the corridor.
 
-@lru_cache(maxsize=16)
-def formation_nlp(hazard: Hazard, n: int, corridor: bool) -> Nlp:
-    """The program above for n members, with or without the corridor's constraints."""
-    v = ca.MX.sym("velocities", 2, n)
-    X, previous_velocities = ca.MX.sym("positions", 2, n), ca.MX.sym("previous_velocities", 2, n)
-    alive, weights = ca.MX.sym("alive", 1, n), ca.MX.sym("weights", 1, n)
-    goal, dt = ca.MX.sym("goal", 2), ca.MX.sym("dt")
-    following = X + dt * v
-    constraints = {"acceleration": ca.sum1((v - previous_velocities) ** 2)}
+    The variables are displacements, a column for every step and member: (2, H n).
+    """
+    u = ca.MX.sym("displacements", 2, horizon * n)
+    shapes = {
+        "positions": (2, n),
+        "previous_velocities": (2, n),
+        "alive": (1, n),
+        "weights": (1, n),
+        "goal": (2, 1),
+        "dt": (1, 1),
+        "later": (2, horizon - 1),
+    }
+    parameters = {name: ca.MX.sym(name, *shape) for name, shape in shapes.items() if all(shape)}
+    X, previous_velocities, alive, weights, goal, dt, *later = parameters.values()
+    displacements = ca.horzsplit(u, n)
+    positions = [X + dt * each for each in displacements]
+    velocities = [b - a for a, b in pairwise([ca.MX.zeros(2, n), *displacements])]
+    changes = [b - a for a, b in pairwise([previous_velocities, *velocities])]
+    constraints = {"acceleration": ca.horzcat(*[ca.sum1(change**2) for change in changes])}
+    if horizon > 1:  # the first step's velocity is a variable, and has bounds
+        constraints["speed"] = ca.horzcat(*velocities[1:])
     if corridor:
-        constraints["corridor"] = ca.sum1((following - ca.repmat(goal, 1, n)) ** 2)
-    return Nlp(
-        name=f"formation[{n}{', corridor' if corridor else ''}]",
-        variables={"velocities": v},
-        parameters={
-            "positions": X,
-            "previous_velocities": previous_velocities,
-            "alive": alive,
-            "weights": weights,
-            "goal": goal,
-            "dt": dt,
-        },
-        objective=ca.dot(weights, hazard.expression(following, alive)),
-        constraints=constraints,
-        unroll=n <= _UNROLL,
-        compiled=formation_objective(hazard),
-        n_starts=_starts(hazard, corridor),
-    )
-
-
-def _starts(hazard: Hazard, corridor: bool) -> int:
-    """Number of starts that almost always find the best of the local minima of collisions."""
+        offsets = ca.horzcat(*positions) - ca.kron(ca.horzcat(goal, *later), ca.DM.ones(1, n))
+        constraints["corridor"] = ca.sum1(offsets**2)
+    n_starts = 4 if corridor or horizon > 1 else 2  # almost always find the best local minimum
     if isinstance(hazard, KernelHazard) and not hazard.collides:
-        return 1
-    return 4 if corridor else 2
+        n_starts = 1
+    size = f"formation[{n}" if horizon == 1 else f"mpc-formation[{horizon} x {n}"
+    return Nlp(
+        name=f"{size}{', corridor' if corridor else ''}]",
+        variables={"displacements": u},
+        parameters=parameters,
+        objective=sum(ca.dot(weights, hazard.expression(x, alive)) for x in positions),
+        constraints=constraints,
+        # up to these sizes, scalar expressions are faster
+        unroll=horizon * n <= (8 if horizon == 1 else 24),
+        compiled=formation_objective(hazard),
+        n_starts=n_starts,
+    )
 
 
 @dataclass(frozen=True)
@@ -122,11 +131,7 @@ class Motion:
         return self.sets(previous_velocities).project((goals - positions) / self.dt)
 
     def misses(
-        self,
-        positions: FloatArray,
-        velocities: FloatArray,
-        goals: FloatArray,
-        radius: float = 0.0,
+        self, positions: FloatArray, velocities: FloatArray, goals: FloatArray, radius: float = 0.0
     ) -> BoolArray:
         """Whether steps (..., 2) end farther than `radius` from the goals, shape (...)."""
         offset = positions + self.dt * velocities - goals
@@ -164,13 +169,13 @@ class Step:
 
     @property
     def goal(self) -> FloatArray:
-        """X*(t+1), of shape (2,) or (B, 2)."""
-        return np.asarray(self.goals[0])
+        """X*(t+1), (1, 1, 2) or (B, 1, 2)."""
+        return np.asarray(self.goals[0].reshape(-1, 1, 2))
 
 
 @dataclass(frozen=True, eq=False)
 class Formation:
-    """A batch of B formation problems, of one step or of several, ready to be solved.
+    """A batch of B formation problems, ready to be solved.
 
     Parameters
     ----------
@@ -184,8 +189,7 @@ class Formation:
     fallback : (B, n, 2)
         Allowed velocities to apply if a solver fails.
     infeasible : (B, n) bool
-        Members that cannot meet their soft constraint (the leader's position, the corridor) within
-        the hard constraints.
+        Members that cannot meet their soft constraint within the hard constraints.
     tracked : (B, n) bool, optional
         Members of whom the applied velocity shows whether they meet it.
     radius : float
@@ -209,12 +213,12 @@ def leader_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
     """Leader protection, problem (6); `leaders` (B,) are the indices of living members."""
     leads = np.arange(step.alive.shape[1]) == leaders[:, None]
     sets = step.motion.sets(step.previous_velocities)
-    positions = step.positions[leads]
-    velocity = step.motion.toward(positions, step.previous_velocities[leads], step.goal)
+    positions, goal = step.positions[leads], step.goal[:, 0]
+    velocity = step.motion.toward(positions, step.previous_velocities[leads], goal)
     prescribed = np.zeros_like(step.positions)
     prescribed[leads] = velocity
     infeasible = np.zeros_like(step.alive)
-    infeasible[leads] = step.motion.misses(positions, velocity, step.goal)
+    infeasible[leads] = step.motion.misses(positions, velocity, goal)
     infeasible &= step.alive  # where no member is alive, none is infeasible
     guess = None
     if isinstance(step.hazard, KernelHazard) and step.hazard.gathers:
@@ -232,7 +236,7 @@ def corridor_formation(
     `lead_agents` (B,), if given, are the indices of members that move to the goal itself.
     """
     hard = step.motion.sets(step.previous_velocities)
-    to_goal = (np.atleast_2d(step.goal)[:, None] - step.positions) / step.motion.dt
+    to_goal = (step.goal - step.positions) / step.motion.dt
     corridor = PlanarSets(
         hard.lower,
         hard.upper,
@@ -271,21 +275,19 @@ def _formation(
     # the constraints bound squared distances, of velocities and of positions
     squared = (radii * [1.0, step.motion.dt][: radii.shape[-1]]) ** 2
     instances = Instances(
-        x0=nlp.pack_variables(velocities=fallback if guess is None else sets.project(guess)),
+        x0=nlp.pack_variables(displacements=fallback if guess is None else sets.project(guess)),
         p=nlp.pack_parameters(
             positions=step.positions,
             previous_velocities=step.previous_velocities,
             alive=step.alive[..., None],
             weights=weights[..., None],
-            goal=step.goal[None] if step.goal.ndim == 1 else step.goal[:, None],
+            goal=step.goal,
             dt=[[step.motion.dt]],
         ),
-        lbx=nlp.pack_variables(velocities=lower),
-        ubx=nlp.pack_variables(velocities=upper),
+        lbx=nlp.pack_variables(displacements=lower),
+        ubx=nlp.pack_variables(displacements=upper),
         lbg=np.full((len(free), nlp.sizes[2]), -np.inf),
-        ubg=nlp.pack_constraints(
-            **{name: squared[..., k, None] for k, name in enumerate(nlp.constraints)}
-        ),
+        ubg=np.moveaxis(squared, -1, 1).reshape(len(free), -1),
         feasible_set=sets,
         scale=formation_scale(step, weights),
     )

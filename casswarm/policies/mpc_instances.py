@@ -1,6 +1,6 @@
 """Instances of formation problems over several steps: soft constraints first, then the program.
 
-See `casswarm.problems.mpc_formation` for the mathematics.
+See `casswarm.problems.formation` for the program, and ``docs/mpc.md``.
 """
 
 from __future__ import annotations
@@ -21,8 +21,7 @@ from ..optimization.feasible_sets.trajectory import (
 )
 from ..optimization.problem import Instances, Nlp
 from ..optimization.solvers.batch.nearest_trajectories import nearest_trajectories
-from ..problems.formation import Formation, Step, formation_scale
-from ..problems.mpc_formation import mpc_formation_nlp
+from ..problems.formation import Formation, Step, formation_nlp, formation_scale
 from ..typing import BoolArray, FloatArray
 
 MARGIN = 1e-4
@@ -141,7 +140,7 @@ def _formation(step: Step, plan: _Plan) -> Formation:
     batch, n = step.alive.shape
     horizon, motion, free = step.horizon, step.motion, plan.free
     corridor = plan.radius > 0.0
-    nlp = mpc_formation_nlp(step.hazard, n, horizon, corridor)
+    nlp = formation_nlp(step.hazard, n, corridor, horizon)
     living = step.alive[..., None, None]
     interior, guess = (
         np.ascontiguousarray(np.where(living, path, 0.0).transpose(0, 2, 1, 3))

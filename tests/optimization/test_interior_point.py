@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 from small_scenarios import Array, rate_by_hand
-from window_cases import COLLIDING, DT, GOAL, HAZARD, MOTION, RADARS, RHO, both, leaders_of, window
+from window_cases import COLLIDING, DT, HAZARD, RADARS, both, leaders_of, window
 
 from casswarm import make_solver
 from casswarm.optimization.kkt import kkt_residuals
@@ -17,45 +17,25 @@ from casswarm.optimization.solvers.batch.interior_point import InteriorPoint
 from casswarm.optimization.solvers.batch.nearest_trajectories import nearest_trajectories
 from casswarm.policies.formation import applied_decision
 from casswarm.policies.mpc_instances import leader_mpc_formation, path_limits
-from casswarm.problems.formation import (
-    Motion,
-    Step,
-    corridor_formation,
-    formation_nlp,
-)
-from casswarm.problems.mpc_formation import mpc_formation_nlp
+from casswarm.problems.formation import Motion, Step
 
 # --- the program
 
 
-def test_mpc_program_of_one_step_equals_formation_program() -> None:
-    rng = np.random.default_rng(0)
-    step = Step(HAZARD, MOTION, *_state(rng), np.ones((1, 4), bool), GOAL[None])
-    for corridor in (False, True):
-        one, ahead = formation_nlp(HAZARD, 4, corridor), mpc_formation_nlp(HAZARD, 4, 1, corridor)
-        assert one.sizes == ahead.sizes
-        p = corridor_formation(step, RHO).instances.p[0]
-        for _ in range(5):
-            v = rng.normal(size=8)
-            for a, b in zip(one.evaluate(v, p), ahead.evaluate(v, p), strict=True):
-                np.testing.assert_array_equal(np.asarray(a), np.asarray(b))
-
-
-def _state(rng: np.random.Generator) -> tuple[Array, Array]:
-    return rng.normal(size=(1, 4, 2)), rng.normal(size=(1, 4, 2))
-
-
+@pytest.mark.parametrize("steps", [1, 3])
 @pytest.mark.parametrize("corridor", [False, True])
-def test_mpc_program_equals_written_out_formulas(corridor: bool) -> None:
-    data = window(1, 3, 3, seed=3)
+def test_mpc_program_equals_written_out_formulas(corridor: bool, steps: int) -> None:
+    data = window(1, 3, steps, seed=3)
     problem = both(data)[corridor]
-    u = np.random.default_rng(4).normal(size=(3, 3, 2))
+    u = np.random.default_rng(4).normal(size=(steps, 3, 2))
     f, g = (
         np.asarray(part).ravel() for part in problem.nlp.evaluate(u.ravel(), problem.instances.p[0])
     )
     counted = np.flatnonzero(data.alive[0]) if corridor else leaders_of(data)
     places = data.positions[0] + DT * u
-    rates = [rate_by_hand(i, places[s], data.alive[0], RADARS) for s in range(3) for i in counted]
+    rates = [
+        rate_by_hand(i, places[s], data.alive[0], RADARS) for s in range(steps) for i in counted
+    ]
     assert f[0] == pytest.approx(sum(rates), rel=1e-12)
     v = np.diff(u, axis=0, prepend=np.zeros((1, 3, 2)))
     w = np.diff(v, axis=0, prepend=data.previous_velocities[:1])
