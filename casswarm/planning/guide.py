@@ -49,7 +49,6 @@ class Candidate:
 
     def as_row(self) -> dict[str, object]:
         """Scalar values, as a table row."""
-        solution = self.solution.as_row()
         return {
             "start": self.start,
             "arrival": self.arrival,
@@ -57,7 +56,7 @@ class Candidate:
             "homotopy": self.homotopy,
             "risk": self.risk,
             "survival": float(np.exp(-self.risk)),
-        } | solution
+        } | self.solution.as_row()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -167,21 +166,17 @@ class Guide(Displayed):
         return list(best.values())
 
     def __repr__(self) -> str:
-        bound = (
-            ""
-            if self.survival_bound is None
-            else f", survival_bound={rounded_up(self.survival_bound):.4f}"
-        )
+        bound = self.survival_bound
+        certified = "" if bound is None else f", survival_bound={rounded_up(bound):.4f}"
         return (
             f"Guide(arrives={self.arrives}, arrival={self.arrival}, "
-            f"survival={self.survival:.4f}{bound})"
+            f"survival={self.survival:.4f}{certified})"
         )
 
     def __str__(self) -> str:
+        bound = self.survival_bound
         certified = (
-            "not certified"
-            if self.survival_bound is None
-            else f"no guide can exceed {rounded_up(self.survival_bound):.4f}"
+            "not certified" if bound is None else f"no guide can exceed {rounded_up(bound):.4f}"
         )
         end = "arrives" if self.arrives else "DOES NOT ARRIVE"
         return f"guide {end} at step {self.arrival}: survival {self.survival:.4f} ({certified})"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -111,7 +112,7 @@ class Multistart:
             nearby = {neighbour.arrival + shift for shift in (-1, 0, 1)}
             steps = sorted(nearby.intersection(feasible)) or feasible[-1:]
             polyline = np.vstack([self.task.start, path[1:]])
-            outcomes += self._solve(neighbour.start, _resampling(polyline), steps)
+            outcomes += self._solve(neighbour.start, partial(resample, polyline), steps)
         return outcomes
 
     def penalised(self) -> Candidate:
@@ -254,7 +255,3 @@ class Multistart:
 
 def _name(path: GridPath) -> str:
     return path.homotopy or GRID_PATH
-
-
-def _resampling(polyline: FloatArray) -> InitialPath:
-    return lambda steps, dt: resample(polyline, steps, dt)

@@ -41,7 +41,7 @@ def certify_guide(
         paths += _relaxed_paths(scenario, task)
     risks = [task.dt * float(hazard.single_agent_rates(path[1:]).sum()) for path in paths]
     best = int(np.argmin(risks))
-    multiplier = arrival_multiplier(task, paths[best], scenario.swarm.v_max)
+    multiplier = arrival_multiplier(task, paths[best])
     return certify(task, risks[best], multiplier, gap=gap, time_limit=time_limit)
 
 
@@ -51,16 +51,10 @@ def _relaxed_paths(scenario: Scenario, task: Relaxation) -> list[FloatArray]:
     The grid is not that of `Multistart`, whose target is smaller by the margin.
     """
     free = replace(
-        GuideTask.from_scenario(scenario, task.start),
-        radius=scenario.target.radius,
-        a_max=np.inf,
-        a_max_first=np.inf,
+        GuideTask.from_scenario(scenario, task.start), radius=scenario.target.radius, a_max=np.inf
     )
     multistart = Multistart(scenario, free, make_solver("ipopt"))
-    classes = best_homotopy_classes(task, 2)
     candidates: list[Candidate] = []
-    for path in classes:
-        candidates += multistart.candidates_along(path, [path.arrival])
-    for path in classes[:1]:
-        candidates += multistart.candidates_along(path, [path.arrival - 1, path.arrival + 1])
+    for path, shifts in zip(best_homotopy_classes(task, 2), ((-1, 0, 1), (0,)), strict=False):
+        candidates += multistart.candidates_along(path, [path.arrival + shift for shift in shifts])
     return [integrate(task.start, c.velocities, task.dt) for c in candidates if np.isfinite(c.risk)]

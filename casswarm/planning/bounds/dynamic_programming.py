@@ -7,7 +7,8 @@ any node with a finite terminal cost. Its cost is the sum of its nodes' costs an
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -40,13 +41,10 @@ class StageCosts:
     certified: bool = True
     multiplier: float = 0.0
     inside: bool = False
-    nodes: Values = field(init=False, repr=False)
-    """Risk of a visit; infinite at nodes of no active cell."""
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "nodes", self._costs())
-
-    def _costs(self) -> Values:
+    @cached_property
+    def nodes(self) -> Values:
+        """Risk of a visit; infinite at nodes of no active cell."""
         grid = self.grid
         blocks = [block for blocks in grid.blocks for block in blocks]
         if not blocks:
@@ -67,15 +65,14 @@ class StageCosts:
         return [[costs(block) for block in blocks] for blocks in grid.blocks]
 
     def _rates(self, low: tuple[int, int], shape: tuple[int, int]) -> FloatArray:
-        grid, hazard = self.grid, self.grid.task.hazard
+        grid, task = self.grid, self.grid.task
         east, north = grid.axes(low, shape)
         if self.certified:
-            rates = hazard.single_agent_rates_below(east, north, grid.spacing)
+            rates = task.rates_below(east, north, grid.spacing)
             assert rates is not None
         else:
-            nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)
-            rates = hazard.single_agent_rates(nodes)
-        rates *= grid.stride * grid.task.dt
+            rates = task.rates(np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1))
+        rates *= grid.stride * task.dt
         return rates
 
     def terminal(self, block: Block) -> FloatArray:

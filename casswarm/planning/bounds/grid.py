@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...hazard import Hazard
-from ...typing import BoolArray, FloatArray
+from ...hazard.lower_bounds import LeastRate
+from ...typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
 
-Ranges: TypeAlias = Iterable[tuple[np.ndarray, np.ndarray]]
-"""First and last node of every sample."""
-
 UNIT = 2.0**-53
 """Unit roundoff of a double."""
+
+ANYWHERE = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
+"""Starts of a grid of paths from all points of the plane."""
 
 _MIN_ACTIVE = 0.5  # active fraction of a block's cells below which it is split
 _MIN_CELLS = 256  # blocks of at most so many cells are not split
@@ -46,6 +47,8 @@ class Relaxation:
     steps : int
         N, the last time step.
     dt : float
+    least : LeastRate, optional
+        phi of the single-agent rate, the least rate of a member of a swarm, instead of that rate.
     """
 
     hazard: Hazard
@@ -55,6 +58,7 @@ class Relaxation:
     step: float
     steps: int
     dt: float
+    least: LeastRate | None = None
 
     @classmethod
     def from_scenario(cls, scenario: Scenario, start: FloatArray | None = None) -> Relaxation:
@@ -73,6 +77,27 @@ class Relaxation:
             steps=scenario.n_steps,
             dt=scenario.time.dt,
         )
+
+    def rates(self, points: FloatArray) -> FloatArray:
+        """Rates (...) at points (..., 2)."""
+        rates = self.hazard.single_agent_rates(points)
+        return rates if self.least is None else self.least(rates)
+
+    def rates_below(self, east: FloatArray, north: FloatArray, spacing: float) -> FloatArray | None:
+        """Node values as of `Hazard.single_agent_rates_below`, below `rates`.
+
+        phi is concave and nondecreasing, so that I phi(v) <= phi(I v) <= phi(b) for I v <= b, if
+        all v are at least 0; otherwise it is taken of the least rates around each node.
+        """
+        below = self.hazard.single_agent_rates_below(east, north, spacing)
+        if below is None or self.least is None:
+            return below
+        if (below < 0).any():
+            nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)
+            bound = self.hazard.single_agent_lower_bound(nodes - spacing, nodes + spacing)
+            assert bound is not None
+            below = np.maximum(bound, 0.0)
+        return self.least(below)
 
     @property
     def extent(self) -> float:
@@ -94,6 +119,12 @@ class Block(NamedTuple):
 
     low: tuple[int, int]
     cells: BoolArray
+
+    @classmethod
+    def full(cls, first: IntArray, last: IntArray) -> Block:
+        """All cells between two nodes (2,); nodes on one line have cells on one side of it."""
+        cells = np.ones(tuple(np.maximum(last - first, 1)), bool)
+        return cls((int(first[0]), int(first[1])), cells)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -142,55 +173,28 @@ class Grid:
     blocks: tuple[tuple[Block, ...], ...] = field(repr=False)
 
     @classmethod
-    def full(cls, task: Relaxation, stride: int, reach: int) -> Grid:
-        """All nodes that can be reached in time and from which the target can be reached."""
-        return cls._from_ranges(task, stride, reach, _ranges(task, stride, reach))
+    def full(
+        cls, task: Relaxation, stride: int, reach: int, starts: FloatArray | None = None
+    ) -> Grid:
+        """All nodes on paths that reach the target in time, from any of `starts` (n, 2).
 
-    @classmethod
-    def finest(cls, task: Relaxation, max_nodes: int) -> Grid:
-        """The finest full grid of at most `max_nodes` nodes, with a stride above 1 if necessary."""
-        size = _finest(lambda *size: node_count(task, *size), max_nodes, task.steps)
-        return cls.full(task, *size)
-
-    @classmethod
-    def from_anywhere(cls, task: Relaxation, reach: int) -> Grid:
-        """All nodes from which the target can be reached in time, whatever the start."""
-        return cls._from_ranges(task, 1, reach, _ranges(task, 1, reach, from_start=False))
-
-    @classmethod
-    def from_starts(cls, task: Relaxation, starts: FloatArray, max_nodes: int) -> Grid:
-        """As `finest`, for paths from any of `starts` (n, 2)."""
-
-        def ranges(stride: int, reach: int) -> list[tuple[np.ndarray, np.ndarray]]:
-            offsets = (starts - task.start) * (reach / (stride * task.step))
-            first = np.floor(offsets.min(axis=0)).astype(int)
-            last = np.ceil(offsets.max(axis=0)).astype(int)
-            return [
-                (np.maximum(low, first - out), np.minimum(high, last + out))
-                for out, (low, high) in zip(
-                    itertools.count(reach, reach),
-                    _ranges(task, stride, reach, from_start=False),
-                    strict=False,
-                )
-            ]
-
-        stride, reach = _finest(lambda *size: _count(ranges(*size)), max_nodes, task.steps)
-        return cls._from_ranges(task, stride, reach, ranges(stride, reach))
-
-    @classmethod
-    def _from_ranges(cls, task: Relaxation, stride: int, reach: int, ranges: Ranges) -> Grid:
+        Paths begin at the task's start by default.
+        """
+        ranges = zip(*_ranges(task, stride, reach, starts), strict=True)
         blocks = tuple(
-            ()
-            if (high < low).any()
-            else (
-                Block(
-                    (int(low[0]), int(low[1])),
-                    np.ones(tuple(np.maximum(high - low, 1)), bool),
-                ),
-            )
-            for low, high in ranges
+            (Block.full(first, last),) if (first <= last).all() else () for first, last in ranges
         )
         return cls(task, stride, reach, blocks)
+
+    @classmethod
+    def finest(cls, task: Relaxation, max_nodes: int, starts: FloatArray | None = None) -> Grid:
+        """The finest full grid of at most `max_nodes` nodes, with a stride above 1 if necessary."""
+        stride = reach = 1
+        while node_count(task, stride, 1, starts) > max_nodes and stride < task.steps:
+            stride *= 2
+        while reach < _MAX_REACH and node_count(task, stride, 2 * reach, starts) <= max_nodes:
+            reach *= 2
+        return cls.full(task, stride, reach, starts)
 
     @property
     def spacing(self) -> float:
@@ -249,36 +253,32 @@ def bilinear(
     return np.where(inside, interpolated, np.inf)
 
 
-def node_count(task: Relaxation, stride: int, reach: int, from_start: bool = True) -> int:
-    """Number of nodes of a full grid, or of that of all starts, without building it."""
-    return _count(_ranges(task, stride, reach, from_start))
+def node_count(task: Relaxation, stride: int, reach: int, starts: FloatArray | None = None) -> int:
+    """Number of nodes of `Grid.full`, without building it."""
+    first, last = _ranges(task, stride, reach, starts)
+    return int(np.maximum(last - first + 1, 0).prod(axis=1).sum())
 
 
-def _count(ranges: Ranges) -> int:
-    return int(sum(np.prod(np.maximum(high - low + 1, 0)) for low, high in ranges))
-
-
-def _finest(count: Callable[[int, int], int], max_nodes: int, steps: int) -> tuple[int, int]:
-    """Stride and reach, powers of two, of the finest grid with `count` at most `max_nodes`."""
-    stride = reach = 1
-    while count(stride, 1) > max_nodes and stride < steps:
-        stride *= 2
-    while reach < _MAX_REACH and count(stride, 2 * reach) <= max_nodes:
-        reach *= 2
-    return stride, reach
-
-
-def _ranges(task: Relaxation, stride: int, reach: int, from_start: bool = True) -> Ranges:
-    """First and last nodes of every sample."""
+def _ranges(
+    task: Relaxation, stride: int, reach: int, starts: FloatArray | None
+) -> tuple[IntArray, IntArray]:
+    """First and last nodes (N, 2) of every sample, within reach of the starts and the target."""
     spacing = stride * task.step / reach
     samples = -(-task.steps // stride)
+    out = reach * np.arange(1, samples + 1)[:, None]
+    back = out[::-1] - reach
     far = task.radius + (stride - 1) * task.step
-    first = np.floor((task.center - far - task.start) / spacing).astype(int)
-    last = np.ceil((task.center + far - task.start) / spacing).astype(int)
-    for sample in range(1, samples + 1):
-        out, back = sample * reach, (samples - sample) * reach
-        low, high = first - back, last + back
-        yield (np.maximum(low, -out), np.minimum(high, out)) if from_start else (low, high)
+    offsets = (task.start[None] if starts is None else starts) - task.start
+    offsets = offsets * (reach / (stride * task.step))
+    first = np.maximum(
+        np.floor((task.center - far - task.start) / spacing) - back,
+        np.floor(offsets.min(axis=0)) - out,
+    )
+    last = np.minimum(
+        np.ceil((task.center + far - task.start) / spacing) + back,
+        np.ceil(offsets.max(axis=0)) + out,
+    )
+    return first.astype(int), last.astype(int)
 
 
 def _split(low: tuple[int, int], cells: BoolArray) -> Iterator[Block]:

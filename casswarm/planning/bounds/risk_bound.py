@@ -219,7 +219,7 @@ def rounding(stage_costs: StageCosts, risk: float) -> float:
     return float(UNIT * (operations + coordinates) * (risk + 2 * stage_costs.max_terminal))
 
 
-def arrival_multiplier(task: Relaxation, positions: FloatArray, v_max: float) -> float:
+def arrival_multiplier(task: Relaxation, positions: FloatArray) -> float:
     """Decrease of the risk of a locally best path per increase of the target's radius.
 
     From its optimality conditions: with a_t the derivative of the risk with respect to a common
@@ -231,7 +231,6 @@ def arrival_multiplier(task: Relaxation, positions: FloatArray, v_max: float) ->
     task : Relaxation
     positions : (T+1, 2)
         Of a path without acceleration limits.
-    v_max : float
 
     Returns
     -------
@@ -244,14 +243,14 @@ def arrival_multiplier(task: Relaxation, positions: FloatArray, v_max: float) ->
         return 0.0
     normal = np.broadcast_to(outward / distance, positions[1:].shape)
     shift = 1e-6 * task.step * np.eye(2)
-    rates = [task.hazard.single_agent_rates(positions[1:, None] + sign * shift) for sign in (1, -1)]
+    rates = [task.rates(positions[1:, None] + sign * shift) for sign in (1, -1)]
     slopes = task.dt * (rates[0] - rates[1]) / (2e-6 * task.step)
     gradients = np.cumsum(slopes[::-1], axis=0)[::-1]
-    velocities = np.diff(positions, axis=0) / task.dt
-    free = np.abs(velocities) < v_max * (1 - 1e-4)
+    moves = np.diff(positions, axis=0)
+    free = np.abs(moves) < task.step * (1 - 1e-4)
     weight = float((normal[free] ** 2).sum())
     if weight > 1e-6:
         return max(0.0, float(-(gradients * normal)[free].sum()) / weight)
-    toward = ~free & (np.sign(velocities) * normal < -1e-6)
+    toward = ~free & (np.sign(moves) * normal < -1e-6)
     needed = gradients[toward] / -normal[toward]
     return max(0.0, float(needed.max(initial=0.0)))

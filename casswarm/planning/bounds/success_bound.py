@@ -1,14 +1,9 @@
 """A proven upper bound on the success probability of every policy, feedback included.
 
-A member that arrives has accumulated a risk of at least r_i, whichever members protect it: the
-least integral of phi(b) along any path from its initial position that obeys the speed limit, with
-phi from `Hazard.least_rate` and b the single-agent rate. Give every member an independent clock,
-exponential of mean 1, and let it be lost when its accumulated risk exceeds the clock: this is the
-chain. Success requires some clock above r_i, so
-
-    P(success) <= 1 - prod_i (1 - exp(-r_i)).
-
-Acceleration limits only remove paths. The proof and its limitations are in ``docs/joint.md``.
+With r_i a lower bound on the risk that member i has accumulated when it arrives, whichever members
+protect it, P(success) <= 1 - prod_i (1 - exp(-r_i)): the proof is in ``docs/joint.md``. r_i is the
+least integral of phi(b) along any path from the member's initial position within the speed limit,
+with phi from `Hazard.least_rate` and b the single-agent rate.
 """
 
 from __future__ import annotations
@@ -18,12 +13,10 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-import casadi as ca
 import numpy as np
 
-from ...hazard import Hazard
-from ...hazard.lower_bounds import LeastRate
-from ...typing import BoolArray, Expr, FloatArray
+from ...typing import FloatArray
+from ..guide import rounded_up
 from ..kinematics import remaining_distance
 from .dynamic_programming import StageCosts, costs_to_go, least_cost, minimum_within_reach, trace
 from .grid import Block, Grid, Relaxation, bilinear
@@ -89,8 +82,7 @@ class SuccessBound:
         if self.failure < 1e-9:
             return f"no policy can exceed 1 - {_rounded_down(self.failure):.1e}"
         digits = max(4, 1 - math.floor(math.log10(self.failure)))
-        above = math.ceil(self.value * 10.0**digits) / 10.0**digits
-        return f"no policy can exceed {above:.{digits}f}"
+        return f"no policy can exceed {rounded_up(self.value, digits):.{digits}f}"
 
 
 def _rounded_down(value: float) -> float:
@@ -139,7 +131,7 @@ def _bound(scenario: Scenario, max_nodes: int) -> SuccessBound:
             f"{scenario.n}; Saturation and SaturationCollision do"
         )
         return SuccessBound(0.0, (0.0,) * scenario.n, reason)
-    task = replace(Relaxation.from_scenario(scenario), hazard=ProtectedHazard(hazard, phi))
+    task = replace(Relaxation.from_scenario(scenario), least=phi)
     risks = lowest_risks(task, scenario.positions, max_nodes)
     failure = _ROUND_DOWN * float(np.prod(-np.expm1(-risks)))
     return SuccessBound(failure, tuple(risks.tolist()))
@@ -152,13 +144,13 @@ def lowest_risks(task: Relaxation, starts: FloatArray, max_nodes: int) -> FloatA
     rounded to the grid begins at a corner of its start's cell, so the costs to go of the corners
     are interpolated.
     """
-    grid = Grid.from_starts(task, starts, max_nodes)
+    grid = Grid.finest(task, max_nodes, starts)
     stage_costs = StageCosts(grid, multiplier=_multiplier(task))
     to_go = costs_to_go(stage_costs)
     nodes = (starts - task.start) / grid.spacing
     cells = np.floor(nodes).astype(int)
     low = cells.min(axis=0)
-    block = Block((int(low[0]), int(low[1])), np.ones(tuple(cells.max(axis=0) - low + 1), bool))
+    block = Block.full(low, cells.max(axis=0) + 1)
     initial = minimum_within_reach(to_go[0], grid.blocks[0], block, grid.reach)
     if grid.stride > 1:  # paths that arrive before their first sample
         initial = np.minimum(initial, stage_costs.terminal(block))
@@ -177,58 +169,4 @@ def _multiplier(task: Relaxation) -> float:
     if grid.stride > 1 or not np.isfinite(least_cost(stage_costs, to_go)):
         return 0.0
     path = task.start + grid.spacing * np.array(trace(stage_costs, to_go), float)
-    return arrival_multiplier(task, path, task.step / task.dt)
-
-
-@dataclass(frozen=True, eq=False)
-class ProtectedHazard(Hazard):
-    """Least rate of a member among n, at any positions of the others, as a single-agent hazard.
-
-    Parameters
-    ----------
-    base : Hazard
-    least : LeastRate
-    """
-
-    base: Hazard
-    least: LeastRate
-
-    @property
-    def radar_positions(self) -> FloatArray:
-        """Positions of the base hazard's radars."""
-        return self.base.radar_positions
-
-    def single_agent_expression(self, points: Expr) -> Expr:
-        """phi of the single-agent rate, (2, m) to (1, m)."""
-        rates = self.base.single_agent_expression(points)
-        least = math.inf
-        for intercept, slope in zip(self.least.intercepts, self.least.slopes, strict=True):
-            least = ca.fmin(least, float(intercept) + float(slope) * rates)
-        return least
-
-    def expression(self, positions: Expr, alive: Expr) -> Expr:  # noqa: ARG002
-        """Rates of all members as if the others were where they protect best."""
-        return self.single_agent_expression(positions)
-
-    def _evaluate(self, positions: FloatArray, alive: BoolArray) -> FloatArray:  # noqa: ARG002
-        return self.least(self.base.single_agent_rates(positions))
-
-    def single_agent_lower_bound(self, lower: FloatArray, upper: FloatArray) -> FloatArray | None:
-        """phi of the lower bound, which is valid because phi is non-decreasing."""
-        bound = self.base.single_agent_lower_bound(lower, upper)
-        return None if bound is None else self.least(np.maximum(bound, 0.0))
-
-    def single_agent_rates_below(
-        self, east: FloatArray, north: FloatArray, spacing: float
-    ) -> FloatArray | None:
-        """Phi of the base hazard's node values; valid because phi is concave and non-decreasing.
-
-        I phi(v) <= phi(I v) <= phi(b) for I v <= b, if all v are at least 0; otherwise the least
-        rates of the cells around each node.
-        """
-        below = self.base.single_agent_rates_below(east, north, spacing)
-        if below is None:
-            return None
-        if (below < 0).any():
-            return super().single_agent_rates_below(east, north, spacing)
-        return self.least(below)
+    return arrival_multiplier(task, path)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...errors import PlanningError
 from ...typing import BoolArray, FloatArray
 from ..kinematics import remaining_distance
 from .dynamic_programming import StageCosts, Values, box_minimum, costs_to_go
-from .grid import UNIT, Grid, Relaxation, bilinear, node_count
+from .grid import ANYWHERE, UNIT, Grid, Relaxation, bilinear, node_count
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
@@ -64,7 +63,7 @@ class ValueFunction:
         """
         task = Relaxation.from_scenario(scenario)
         reach, limit = 1, 10 * _MAX_NODES
-        nodes = node_count(task, 1, reach, from_start=False)
+        nodes = node_count(task, 1, reach, ANYWHERE)
         if nodes > max(max_nodes, limit):
             raise PlanningError(
                 f"the value function of {task.steps} steps needs {nodes:,} nodes, more than "
@@ -73,9 +72,9 @@ class ValueFunction:
                 nodes=nodes,
                 max_nodes=limit,
             )
-        while node_count(task, 1, 2 * reach, from_start=False) <= max_nodes:
+        while node_count(task, 1, 2 * reach, ANYWHERE) <= max_nodes:
             reach *= 2
-        grid = Grid.from_anywhere(task, reach)
+        grid = Grid.full(task, 1, reach, ANYWHERE)
         bounded = (
             certified
             and scenario.hazard.single_agent_lower_bound(task.center, task.center) is not None
@@ -95,11 +94,11 @@ class ValueFunction:
         points = np.asarray(positions, float)
         flat = points.reshape(-1, 2)
         arrived = self._in_target(flat)
-        low, high = np.zeros(len(flat)), np.zeros(len(flat))
-        high[~arrived] = self._best_nodes(self.upper, step, flat[~arrived])[0]
+        high = np.where(arrived, 0.0, self._best_nodes(self.upper, step, flat)[0])
+        low = np.zeros(len(flat))
         if self.lower is not None:
-            low[~arrived] = self._interpolated(self._within_reach(self.lower, step), flat[~arrived])
-            low = np.maximum(0.0, low) * (1 - _ROUNDING)
+            low = self._interpolated(self.lower, step + 1, flat, self.grid.reach)
+            low = np.where(arrived, 0.0, np.maximum(0.0, low) * (1 - _ROUNDING))
         low[~arrived & ~self._reachable(step, flat)] = np.inf
         return low.reshape(points.shape[:-1]), high.reshape(points.shape[:-1])
 
@@ -122,7 +121,7 @@ class ValueFunction:
     def to_go(self, step: int, positions: FloatArray) -> FloatArray:
         """Interpolated risk to go (...) at positions (..., 2) at a step; not a bound."""
         flat = positions.reshape(-1, 2)
-        risk = self._interpolated(self._within_reach(self.upper, step), flat)
+        risk = self._interpolated(self.upper, step + 1, flat, self.grid.reach)
         return np.where(self._in_target(flat), 0.0, risk).reshape(positions.shape[:-1])
 
     def after(self, step: int, positions: FloatArray) -> FloatArray:
@@ -131,11 +130,10 @@ class ValueFunction:
         Not a bound; infinite where no path along the nodes arrives.
         """
         flat = positions.reshape(-1, 2)
-        task, values = self.grid.task, self._at(self.upper, step)
-        risk = np.full(len(flat), np.inf) if values is None else self._interpolated(values, flat)
-        arrived = self._in_target(flat)
+        task, arrived = self.grid.task, self._in_target(flat)
+        risk = self._interpolated(self.upper, step, flat, reach=0)
         if arrived.any():
-            risk[arrived] = task.dt * task.hazard.single_agent_rates(flat[arrived])
+            risk[arrived] = task.dt * task.rates(flat[arrived])
         return risk.reshape(positions.shape[:-1])
 
     def _in_target(self, flat: FloatArray) -> BoolArray:
@@ -143,29 +141,22 @@ class ValueFunction:
         return np.asarray(np.hypot(*(flat - task.center).T) <= task.radius)
 
     def _at(self, values: Values, step: int) -> tuple[tuple[int, int], FloatArray] | None:
-        """First node and values of a step 1..N; None where there are none."""
-        if not 1 <= step <= len(values) or not values[step - 1]:
+        """First node and values of a step; None outside 1..N."""
+        if not 1 <= step <= len(values):
             return None
         return self.grid.blocks[step - 1][0].low, values[step - 1][0]
 
-    def _within_reach(self, values: Values, step: int) -> tuple[tuple[int, int], FloatArray]:
-        """First node, and the least value of the next step within reach of every node."""
-        following = self._at(values, step + 1)
-        if following is None:
-            return (0, 0), np.full((1, 1), np.inf)
-        (i, j), array = following
-        k = self.grid.reach
-        shape = (array.shape[0] + 2 * k, array.shape[1] + 2 * k)
-        return (i - k, j - k), box_minimum(array, (-k, -k), shape, k)
-
-    def _interpolated(
-        self, values: tuple[tuple[int, int], FloatArray], flat: FloatArray
-    ) -> FloatArray:
-        """Bilinear interpolation of node values at positions (B, 2); infinite outside."""
-        low, array = values
-        nodes = (flat - self.grid.task.start) / self.grid.spacing - np.array(low)
+    def _interpolated(self, values: Values, step: int, flat: FloatArray, reach: int) -> FloatArray:
+        """Least values of a step within `reach` nodes of every node, interpolated at (B, 2)."""
+        at = self._at(values, step)
+        if at is None:
+            return np.full(len(flat), np.inf)
+        (i, j), array = at
+        shape = (array.shape[0] + 2 * reach, array.shape[1] + 2 * reach)
+        least = box_minimum(array, (-reach, -reach), shape, reach)
+        nodes = (flat - self.grid.task.start) / self.grid.spacing - (i - reach, j - reach)
         cells = np.floor(nodes).astype(int)
-        return bilinear(array, cells, nodes - cells)
+        return bilinear(least, cells, nodes - cells)
 
     def _best_nodes(
         self, values: Values, step: int, flat: FloatArray
@@ -173,7 +164,7 @@ class ValueFunction:
         """Least value of the next step within reach of positions (B, 2), and its nodes."""
         following = self._at(values, step + 1)
         risk, goals = np.full(len(flat), np.inf), flat.copy()
-        if following is None or not len(flat):
+        if following is None:
             return risk, goals
         low, array = following
         task, h, k = self.grid.task, self.grid.spacing, self.grid.reach
@@ -235,14 +226,3 @@ class CostToGoMap:
         positions = nodes[_MAP_ARROWS, _MAP_ARROWS].reshape(-1, 2)
         survival = np.exp(-value.bounds(step, nodes)[1])
         return cls(step, low, high, survival, positions, value.velocities(step, positions))
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """All fields as arrays by name, for saving."""
-        return {item.name: np.asarray(getattr(self, item.name)) for item in fields(self)}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> CostToGoMap:
-        """The map saved as `arrays`."""
-        values: dict[str, Any] = {item.name: arrays[item.name] for item in fields(cls)}
-        values["step"] = int(values["step"])
-        return cls(**values)
