@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Literal
@@ -127,48 +126,36 @@ def summary(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:
 
 def by_problem(table: pd.DataFrame) -> pd.DataFrame:
     """Summary by (family, problem, start): how many solvers solved it, and the fastest."""
-    rows = []
-    for (family, problem, start), part in table.groupby(["family", "problem", "start"], sort=False):
-        solved = part[part["solved"]].sort_values("solve_seconds", kind="stable")
-        fastest = solved.iloc[0] if len(solved) else None
-        rows.append(
-            {
-                "family": family,
-                "problem": problem,
-                "start": start,
-                "applicable": int(part["applicable"].sum()),
-                "solved": len(solved),
-                "best_known": int(part["best_known"].sum()),
-                "best_objective": float(part["best_objective"].iloc[0]),
-                "largest_gap": float(solved["gap"].max()) if len(solved) else math.nan,
-                "fastest": "" if fastest is None else str(fastest["solver"]),
-                "fastest_ms": math.nan if fastest is None else 1e3 * fastest["solve_seconds"],
-            }
-        )
-    return pd.DataFrame(rows)
+    keys = ["family", "problem", "start"]
+    counts = table.groupby(keys, sort=False).agg(
+        applicable=("applicable", "sum"),
+        solved=("solved", "sum"),
+        best_known=("best_known", "sum"),
+        best_objective=("best_objective", "first"),
+    )
+    solved = table[table["solved"]].sort_values("solve_seconds", kind="stable")
+    fastest = solved.assign(ms=1e3 * solved["solve_seconds"]).groupby(keys)
+    of_solved = fastest.agg(
+        largest_gap=("gap", "max"), fastest=("solver", "first"), fastest_ms=("ms", "first")
+    )
+    return counts.join(of_solved).fillna({"fastest": ""}).reset_index()
 
 
 def failures(table: pd.DataFrame) -> pd.DataFrame:
     """Runs that apply and did not solve their problem, by (family, solver, start, kind)."""
     failed = table[table["applicable"] & ~table["solved"]]
-    keys = ["family", "solver", "start", "kind"]
-    rows = [
-        dict(zip(keys, key, strict=True))
-        | {"runs": len(part), "example": part["problem"].iloc[0], "reason": part["reason"].iloc[0]}
-        for key, part in failed.assign(kind=failed["reason"].map(_kind)).groupby(keys, sort=False)
-    ]
-    return pd.DataFrame(rows, columns=[*keys, "runs", "example", "reason"])
+    groups = failed.assign(kind=failed["reason"].map(_kind)).groupby(
+        ["family", "solver", "start", "kind"], sort=False
+    )
+    return groups.agg(
+        runs=("problem", "size"), example=("problem", "first"), reason=("reason", "first")
+    ).reset_index()
 
 
 def not_applicable(table: pd.DataFrame) -> pd.DataFrame:
     """Runs whose solver does not apply, by (family, solver): how many, and why."""
-    rows = [
-        {"family": family, "solver": solver, "runs": len(part), "reason": part["message"].iloc[0]}
-        for (family, solver), part in table[~table["applicable"]].groupby(
-            ["family", "solver"], sort=False
-        )
-    ]
-    return pd.DataFrame(rows, columns=["family", "solver", "runs", "reason"])
+    groups = table[~table["applicable"]].groupby(["family", "solver"], sort=False)
+    return groups.agg(runs=("message", "size"), reason=("message", "first")).reset_index()
 
 
 def costs(
