@@ -134,10 +134,9 @@ def _guide(name: str, radars: FloatArray, horizon: int, rng: np.random.Generator
     nlp, instances, x = recorder.records[0]
     near = np.where(np.isfinite(x), x, instances.x0)
     near = near + NOISE * rng.normal(size=near.shape)
-    traits = {"radars": len(radars), "horizon": horizon}
-    return _problem(
-        name, "guides", nlp, {"cold": instances, "warm": instances.with_x0(near)}, traits
-    )
+    starts = {"cold": instances, "warm": instances.with_x0(near)}
+    traits = {"radars": len(radars), "horizon": horizon, **_sizes(nlp)}
+    return Problem(name, "guides", nlp, starts, traits)
 
 
 # --- formations
@@ -158,13 +157,10 @@ def _formations(
             )
             for number, (nlp, instances) in enumerate(recorder.sample(count, rng)):
                 zero = np.zeros_like(instances.x0)  # the paper's initial guess
-                yield _problem(
-                    f"{policy}-{n}-{rate}-{number}",
-                    "formations",
-                    nlp,
-                    {"cold": instances.with_x0(zero), "warm": _from_previous(nlp, instances)},
-                    {"members": n, "policy": policy, "rate": rate},
-                )
+                starts = {"cold": instances.with_x0(zero), "warm": _from_previous(nlp, instances)}
+                traits = {"members": n, "policy": policy, "rate": rate, **_sizes(nlp)}
+                name = f"{policy}-{n}-{rate}-{number}"
+                yield Problem(name, "formations", nlp, starts, traits)
 
 
 def _from_previous(nlp: Nlp, instances: Instances) -> Instances:
@@ -190,10 +186,8 @@ def _swarm(n: int, rho: float, radars: FloatArray) -> Scenario:
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     order = np.argsort((grid**2).sum(axis=1), kind="stable")
     positions = [(float(x), float(y)) for x, y in grid[order[:n]]]
-    hazard = {
-        "kind": "saturation",
-        "alpha_1": 0.8 * n,
-    }  # otherwise a large swarm would lose no member
+    # without a larger alpha_1, a large swarm would lose no member
+    hazard = {"kind": "saturation", "alpha_1": 0.8 * n}
     values = {"guide.a_max": 0.2, "formation.rho": rho, "guide.arrival": "horizon"}
     return _scenario(f"swarm-{n}", positions, radars, hazard, 0.33, 0.5).with_values(values)
 
@@ -231,16 +225,9 @@ def _scenario(
     )
 
 
-def _problem(
-    name: str,
-    family: str,
-    nlp: Nlp,
-    starts: Mapping[str, Instances],
-    traits: Mapping[str, object],
-) -> Problem:
+def _sizes(nlp: Nlp) -> dict[str, object]:
     variables, _, constraints = nlp.sizes
-    sizes = {"variables": variables, "constraints": constraints}
-    return Problem(name, family, nlp, starts, {**traits, **sizes})
+    return {"variables": variables, "constraints": constraints}
 
 
 @dataclass(frozen=True, eq=False)
