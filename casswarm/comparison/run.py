@@ -46,15 +46,18 @@ class Comparison(Displayed):
     problems : DataFrame
         A row per problem: family, problem, and its traits.
     inputs : dict
-        All that determines the runs: families, seed, solvers, time limit, machine, versions, and a
-        fingerprint of every problem, as plain values.
-    tolerances : Tolerances
+        All that determines the runs and their verification: families, seed, solvers, time limit,
+        machine, versions, a fingerprint of every problem, and tolerances, as plain values.
     """
 
     runs: pd.DataFrame
     problems: pd.DataFrame
     inputs: dict[str, Any]
-    tolerances: Tolerances
+
+    @property
+    def tolerances(self) -> Tolerances:
+        """What counts as solved."""
+        return Tolerances(**self.inputs["tolerances"])
 
     @cached_property
     def summary(self) -> pd.DataFrame:
@@ -155,7 +158,6 @@ def compare(
         runs=verify(pd.DataFrame(rows), tolerances),
         problems=pd.DataFrame([{"family": p.family, "problem": p.name, **p.traits} for p in posed]),
         inputs=inputs | {"tolerances": asdict(tolerances)},
-        tolerances=tolerances,
     )
 
 

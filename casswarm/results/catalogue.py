@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -17,9 +17,6 @@ from ..planning.bounds import CostToGoMap
 from ..planning.guide import Candidate, Guide
 from ..scenario import Scenario
 from ..typing import FloatArray
-
-if TYPE_CHECKING:
-    from .reader import ResultsReader
 
 FigureCatalogue = dict[str, Callable[[], Figure]]
 """Functions that draw a figure in the theme of their context, by the figure's name."""
@@ -101,41 +98,13 @@ def sweep_figures(name: str, table: pd.DataFrame, keys: Sequence[str]) -> Figure
     varied = [key for key in keys if table[key].nunique() > 1]
     for key in varied:
         others = [other for other in varied if other != key]
-        lines: Any = partial(figures.sweep_lines, table, key, name, others)
-        catalogue[f"over-{key.replace('.', '-')}"] = lines
+        over = f"over-{key.replace('.', '-')}"
+        catalogue[over] = partial(figures.sweep_lines, table, key, name, others)
     if len(varied) == 2:
         catalogue["heat-map"] = partial(figures.sweep_heat_map, table, varied, name)
     return catalogue
 
 
-def saved_figures(folder: ResultsReader, run: int = 0) -> FigureCatalogue:
-    """Figures of a results folder, as its command drew them; of simulated runs, number `run`."""
-    if folder.command == "compare":
-        from ..comparison.report import figures as comparison_figures
-
-        return drawn_figures(comparison_figures(folder.comparison))
-    objects = folder.objects
-    if folder.command == "plan":
-        return plan_figures(folder.scenario, **objects)
-    if folder.command == "plan-swarm":
-        return swarm_plan_figures(folder.scenario, **objects)
-    if folder.command == "evaluate":
-        successes = folder.table("estimates" if folder.has_table("estimates") else "distributions")
-        return evaluation_figures(folder.scenario, objects["distributions"], successes)
-    if folder.command == "sweep":
-        return sweep_figures(folder.scenario.name, folder.table("sweep"), objects["keys"])
-    for policy in folder.trajectories:
-        folder.trajectory(policy, run)
-    paired = folder.table("paired") if folder.has_table("paired") else pd.DataFrame()
-    return simulation_figures(
-        folder.scenario, folder.guide, folder.table("summary"), paired, folder.trajectories, run
-    )
-
-
-def drawn_figures(figures: Mapping[str, Figure]) -> FigureCatalogue:
+def drawn_figures(drawn: Mapping[str, Figure]) -> FigureCatalogue:
     """Catalogue of figures that are drawn already."""
-    return {name: partial(_same, figure) for name, figure in figures.items()}
-
-
-def _same(figure: Figure) -> Figure:
-    return figure
+    return {name: partial(drawn.__getitem__, name) for name in drawn}

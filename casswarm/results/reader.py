@@ -140,6 +140,11 @@ class ResultsReader:
             raise CheckpointError(f"{file} cannot be read: {error}") from None
         return table
 
+    @property
+    def paired(self) -> pd.DataFrame:
+        """The table of paired differences; empty if only one policy was simulated."""
+        return self.table("paired") if self.has_table("paired") else pd.DataFrame()
+
     @cached_property
     def objects(self) -> dict[str, Any]:
         """The objects of `write_objects`, by name.
@@ -211,11 +216,9 @@ class ResultsReader:
     @cached_property
     def comparison(self) -> Comparison:
         """The comparison of solvers, without the properties of its problems."""
-        from ..comparison import Comparison, Tolerances
+        from ..comparison import Comparison
 
-        inputs = dict(self.part("inputs"))
-        tolerances = Tolerances(**inputs["tolerances"])
-        return Comparison(self.table("runs"), pd.DataFrame(), inputs, tolerances)
+        return Comparison(self.table("runs"), pd.DataFrame(), dict(self.part("inputs")))
 
     def figures(self, run: int = 0) -> FigureCatalogue:
         """The figures that the command drew; of simulated runs, number `run`.
@@ -225,15 +228,35 @@ class ResultsReader:
         CheckpointError
             A table or object is missing or damaged, or the run was not saved.
         """
-        from .catalogue import saved_figures
-
         try:
-            return saved_figures(self, run)
+            return self._figures(run)
         except KeyError as error:
             raise CheckpointError(
                 f"the tables in {self.path} lack {error}: one of them is damaged, or written by an "
                 f"older casswarm; {self._advice}"
             ) from None
+
+    def _figures(self, run: int) -> FigureCatalogue:
+        from ..comparison import report
+        from . import catalogue
+
+        if self.command == "compare":
+            return catalogue.drawn_figures(report.figures(self.comparison))
+        scenario, objects = self.scenario, self.objects
+        if self.command == "plan":
+            return catalogue.plan_figures(scenario, **objects)
+        if self.command == "plan-swarm":
+            return catalogue.swarm_plan_figures(scenario, **objects)
+        if self.command == "evaluate":
+            successes = self.table("estimates" if self.has_table("estimates") else "distributions")
+            return catalogue.evaluation_figures(scenario, objects["distributions"], successes)
+        if self.command == "sweep":
+            return catalogue.sweep_figures(scenario.name, self.table("sweep"), objects["keys"])
+        for policy in self.trajectories:
+            self.trajectory(policy, run)  # raises if it was not saved
+        return catalogue.simulation_figures(
+            scenario, self.guide, self.table("summary"), self.paired, self.trajectories, run
+        )
 
 
 def _exact_numbers() -> dict[str, Any]:
