@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import math
 import re
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 _NUMBER = re.compile(r"[-+−]?[\d.,]+(e[+-]?\d+)?( %| to [-+−]?[\d.,]+)?$")
 
@@ -59,6 +61,13 @@ def _numeric(table: pd.DataFrame) -> list[bool]:
 def data_uri(data: bytes, media_type: str) -> str:
     """Address that contains the data itself, such as an image within an HTML page."""
     return f"data:{media_type};base64,{base64.b64encode(data).decode()}"
+
+
+def figure_uri(figure: Figure, suffix: str = "png", **options: Any) -> str:
+    """Address that contains a drawn figure, PNG or SVG; options as for `Figure.savefig`."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=suffix, **options)
+    return data_uri(buffer.getvalue(), {"png": "image/png", "svg": "image/svg+xml"}[suffix])
 
 
 def json_text(content: Any) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -13,7 +12,7 @@ import pandas as pd
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from .._util.documents import data_uri, render
+from .._util.documents import data_uri, figure_uri, render
 from ..figures import pair_chart, profile_chart, win_chart
 from ..optimization.solvers import SOLVERS
 from .benchmark import MAX_SOLVES
@@ -49,9 +48,10 @@ class Report:
 
     def html(self, images: Mapping[str, bytes] | None = None) -> str:
         """HTML page that contains the figures; `images` are their PNGs by name, if drawn."""
-        drawn = images or {}
         sources = {
-            name: data_uri(drawn.get(name) or _png(figure), "image/png")
+            name: data_uri(images[name], "image/png")
+            if images and name in images
+            else figure_uri(figure, dpi=130, bbox_inches="tight")
             for name, figure in self.figures.items()
         }
         body = Markup(self._rendered("blocks_html.jinja", sources))
@@ -59,7 +59,10 @@ class Report:
 
     def _rendered(self, blocks: str, sources: Mapping[str, str]) -> str:
         pictures = {
-            name: {"source": source, "alt": _alt(name, self.figures[name])}
+            name: {
+                "source": source,
+                "alt": " ".join(self.figures[name].get_suptitle().split()) or name,
+            }
             for name, source in sources.items()
         }
         return render("comparison.jinja", blocks=blocks, pictures=pictures, **self.content)
@@ -93,7 +96,7 @@ def make_report(comparison: Comparison) -> Report:
             ]
         ),
         "not_applicable": not_applicable(runs).to_dict("records"),
-        "groups": [_group(comparison, *group) for group in _groups(comparison)],
+        "groups": [_group(*group) for group in _groups(comparison)],
         "failures": _failures(tables["failures"], list(inputs["solvers"])),
         "by_problem": _by_problem(tables["problems"]),
     }
@@ -109,15 +112,10 @@ def figures(comparison: Comparison) -> dict[str, Figure]:
     }
 
 
-def _groups(comparison: Comparison) -> list[tuple[str, str]]:
-    """Pairs of family and start."""
-    table = comparison.summary[["family", "start"]].drop_duplicates()
-    return [(str(family), str(start)) for family, start in table.itertuples(index=False)]
-
-
-def _summary_of(comparison: Comparison, family: str, start: str) -> pd.DataFrame:
-    table = comparison.summary
-    return table[(table["family"] == family) & (table["start"] == start)]
+def _groups(comparison: Comparison) -> Iterator[tuple[str, str, pd.DataFrame]]:
+    """Families and starts, each with its part of the summary."""
+    for (family, start), part in comparison.summary.groupby(["family", "start"], sort=False):
+        yield str(family), str(start), part
 
 
 def _tag(family: str, start: str) -> str:
@@ -127,9 +125,10 @@ def _tag(family: str, start: str) -> str:
 # --- figures
 
 
-def _group_figures(comparison: Comparison, family: str, start: str) -> Iterator[tuple[str, Figure]]:
-    runs, order = comparison.runs, list(comparison.inputs["solvers"])
-    part, tag = _summary_of(comparison, family, start), _tag(family, start)
+def _group_figures(
+    comparison: Comparison, family: str, start: str, part: pd.DataFrame
+) -> Iterator[tuple[str, Figure]]:
+    runs, order, tag = comparison.runs, list(comparison.inputs["solvers"]), _tag(family, start)
     number = int(part["problems"].iloc[0])
     title = f"{family}, {start} start, {number} problem{'s' if number > 1 else ''}"
     times = costs(runs, family, start, "solve_seconds")
@@ -161,34 +160,19 @@ def _group_figures(comparison: Comparison, family: str, start: str) -> Iterator[
         yield f"wins-{tag}", win_chart(pairwise_wins(times), heading)
 
 
-def _png(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=130, bbox_inches="tight")
-    return buffer.getvalue()
-
-
-def _alt(name: str, figure: Figure) -> str:
-    return " ".join(figure.get_suptitle().split()) or name
-
-
 # --- tables
 
 
 def _overview(comparison: Comparison) -> pd.DataFrame:
     """Fraction solved and mean time: a row per solver, a column per family and start."""
-    rows = []
-    for solver in comparison.inputs["solvers"]:
-        row = {"solver": solver}
-        for family, start in _groups(comparison):
-            part = _summary_of(comparison, family, start)
-            one = part[part["solver"] == solver]
-            row[f"{family}, {start}"] = (
-                f"{_percent(one['solved'].iloc[0])}, {_ms(one['mean_ms'].iloc[0])} ms"
-                if len(one)
-                else "not applicable"
-            )
-        rows.append(row)
-    return pd.DataFrame(rows)
+    table = comparison.summary
+    text = table["solved"].map(_percent) + ", " + table["mean_ms"].map(_ms) + " ms"
+    group = table["family"] + ", " + table["start"]
+    wide = table.assign(text=text, group=group).pivot(
+        index="solver", columns="group", values="text"
+    )
+    wide = wide.reindex(index=list(comparison.inputs["solvers"]), columns=group.unique())
+    return wide.fillna("not applicable").reset_index()
 
 
 def _families(problems: pd.DataFrame) -> pd.DataFrame:
@@ -206,10 +190,10 @@ def _families(problems: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def _group(comparison: Comparison, family: str, start: str) -> dict[str, Any]:
-    part = _summary_of(comparison, family, start)
+def _group(family: str, start: str, part: pd.DataFrame) -> dict[str, Any]:
     fastest, best = _fastest(part), part.sort_values(["best_known", "solved"], ascending=False)
     solved, mean = part.loc[part["solver"] == fastest, ["solved", "mean_ms"]].iloc[0]
+    verification = ["solver", "true_positives", "false_positives", "missed", "unsolved"]
     return {
         "heading": f"{family.capitalize()}, {start} start",
         "tag": _tag(family, start),
@@ -229,15 +213,7 @@ def _group(comparison: Comparison, family: str, start: str) -> dict[str, Any]:
                 "evaluations": [_number(value, "g") for value in part["evaluations"]],
             }
         ),
-        "verification": pd.DataFrame(
-            {
-                "solver": part["solver"],
-                "true positives": part["true_positives"],
-                "false positives": part["false_positives"],
-                "missed": part["missed"],
-                "unsolved": part["unsolved"],
-            }
-        ),
+        "verification": part[verification].rename(columns=_spaced),
     }
 
 
@@ -250,19 +226,12 @@ def _failures(table: pd.DataFrame, solvers: list[str]) -> pd.DataFrame | None:
 
 
 def _by_problem(table: pd.DataFrame) -> pd.DataFrame:
-    return pd.DataFrame(
-        {
-            "problem": table["problem"],
-            "start": table["start"],
-            "applicable": table["applicable"],
-            "solved": table["solved"],
-            "best known": table["best_known"],
-            "best objective": [f"{value:.6g}" for value in table["best_objective"]],
-            "largest gap": [_number(value, ".1e") for value in table["largest_gap"]],
-            "fastest": table["fastest"],
-            "ms": [_number(value, ".3g") for value in table["fastest_ms"]],
-        }
+    shown = table.drop(columns="family").assign(
+        best_objective=[f"{value:.6g}" for value in table["best_objective"]],
+        largest_gap=[_number(value, ".1e") for value in table["largest_gap"]],
+        fastest_ms=[_number(value, ".3g") for value in table["fastest_ms"]],
     )
+    return shown.rename(columns={"fastest_ms": "ms"}).rename(columns=_spaced)
 
 
 def _fastest(part: pd.DataFrame) -> str:
@@ -278,6 +247,10 @@ def _range(part: pd.DataFrame, column: str) -> str:
         return ""
     low, high = int(part[column].min()), int(part[column].max())
     return f"{low}" if low == high else f"{low} to {high}"
+
+
+def _spaced(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def _percent(value: float) -> str:

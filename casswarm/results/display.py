@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from .._util.documents import html_table
+from .._util.documents import figure_uri, html_table
 from ..chain.distribution import OutcomeDistribution
 from ..comparison import Comparison
 from ..figures import arrival_chart, success_chart, theme
@@ -22,7 +22,6 @@ from ..scenario import Scenario
 from ..studies.simulation import Study
 from ..studies.tables import summary_texts
 from ..typing import FloatArray
-from .pictures import png_uri
 
 
 @singledispatch
@@ -128,5 +127,5 @@ def _page(title: str, table: dict[str, Any] | pd.DataFrame, figure: Figure, note
     return (
         f"<p><strong>{escape(title)}</strong>{f'<br>{escape(note)}' if note else ''}</p>"
         f"{html_table(frame)}"
-        f'<img src="{png_uri(figure)}" alt="{escape(title)}" style="max-width: 100%">'
+        f'<img src="{figure_uri(figure, dpi=100)}" alt="{escape(title)}" style="max-width: 100%">'
     )

@@ -23,8 +23,6 @@ from .reader import OBJECTS, RECORD, ResultsReader
 from .serialization import pack
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ..scenario import Scenario
     from .catalogue import FigureCatalogue
 
@@ -95,7 +93,7 @@ class ResultsFolder(ResultsReader):
         suffix, width, dpi = self.figure_format
         with theme(width):
             for name, draw in catalogue.items():
-                self.write_file(f"{name}.{suffix}", partial(_saved_figure, save, draw(), dpi))
+                self.write_file(f"{name}.{suffix}", partial(save, draw(), dpi=dpi))
 
     def write_objects(self, **objects: Any) -> None:
         """Save objects, which `objects` reads back; a guide without its candidates."""
@@ -167,7 +165,3 @@ class ResultsFolder(ResultsReader):
     def summary(self) -> str:
         """One line: which files were written where."""
         return f"wrote {self.path}: {', '.join(self.files)}"
-
-
-def _saved_figure(save: Callable[..., object], figure: Figure, dpi: int, path: Path) -> object:
-    return save(figure, path, dpi)

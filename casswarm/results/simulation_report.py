@@ -3,47 +3,19 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass
+from typing import Any
 
-import pandas as pd
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from .._util.documents import render
+from .._util.documents import figure_uri, render
 from ..figures import theme
 from ..studies.tables import paired_texts, summary_texts
-from ..typing import Progress
 from . import catalogue
 from .folder import ResultsFolder
-from .pictures import svg_uri
-
-CAPTIONS = {
-    "success": "Success probability of every policy. Bars: fraction of runs in which at least one "
-    "member reached the target alive; lines: 95 % intervals (Wilson).",
-    "differences": "Differences in success between policies, paired run by run under common random "
-    "numbers; lines: 95 % intervals (Newcombe). Where a line crosses zero, the runs do not show "
-    "which policy is better.",
-    "guide": "The guide, over the hazard rate of an isolated agent. If members keep within a "
-    "corridor, it is around the guide's points.",
-    "run": "Trajectory of one run, over the hazard rate of an isolated agent. Members often share "
-    "a path: the first is drawn widest. Crosses: where members were destroyed, with their numbers.",
-    "formation": "Close-up of the same run. Shades: the hazard rate of one more member, given the "
-    "others, relative to an isolated agent: the lighter, the better they protect. Members at the "
-    "same position share a label.",
-}
 
 
-@dataclass(frozen=True)
-class Picture:
-    """A figure as a data URI, its size in CSS pixels, and its caption."""
-
-    name: str
-    address: str
-    width: int
-    height: int
-    caption: str
-
-
-def simulation_page(folder: ResultsFolder, run: int = 0, progress: Progress | None = None) -> str:
+def simulation_page(folder: ResultsFolder, run: int = 0) -> str:
     """HTML page of a folder that casswarm simulate wrote.
 
     Parameters
@@ -51,8 +23,6 @@ def simulation_page(folder: ResultsFolder, run: int = 0, progress: Progress | No
     folder : ResultsFolder
     run : int
         Which of the saved runs is shown.
-    progress : Progress, optional
-        Receives the name of every figure.
 
     Raises
     ------
@@ -63,13 +33,8 @@ def simulation_page(folder: ResultsFolder, run: int = 0, progress: Progress | No
     record, summary = folder.record, folder.table("summary")
     scenario, guide = folder.scenario, folder.guide
     figures = {**folder.figures(run), **catalogue.plan_figures(scenario, guide)}
-    pictures = {}
     with theme("page"):
-        for number, (name, draw) in enumerate(figures.items()):
-            if progress is not None:
-                progress(name, number, len(figures))
-            pictures[name] = picture(name, draw())
-    paired = folder.table("paired") if folder.has_table("paired") else pd.DataFrame()
+        pictures = {name: _picture(draw()) for name, draw in figures.items()}
     best = summary.sort_values("success", ascending=False).to_dict("records")[0]
     return render(
         "simulation.html",
@@ -78,7 +43,7 @@ def simulation_page(folder: ResultsFolder, run: int = 0, progress: Progress | No
         policies=list(summary["policy"]),
         runs=int(summary["runs"].min()),
         summary=summary_texts(summary),
-        paired=paired_texts(paired),
+        paired=paired_texts(folder.paired),
         failures=int(summary["solver_failures"].sum()),
         infeasible=int(summary["infeasible"].sum()),
         guide=guide,
@@ -91,8 +56,9 @@ def simulation_page(folder: ResultsFolder, run: int = 0, progress: Progress | No
     )
 
 
-def picture(name: str, figure: Figure) -> Picture:
-    """A figure as it is embedded in the page."""
+def _picture(figure: Figure) -> dict[str, Any]:
+    """A figure as a reproducible SVG with text as outlines, since fonts differ; size in pixels."""
     width, height = (round(96 * inches) for inches in figure.get_size_inches())
-    kind = name if name in CAPTIONS else name.split("-")[0]
-    return Picture(name, svg_uri(figure), width, height, CAPTIONS[kind])
+    with rc_context({"svg.hashsalt": "casswarm", "svg.fonttype": "path"}):
+        address = figure_uri(figure, "svg", dpi=110, metadata={"Date": None})
+    return {"address": address, "width": width, "height": height}
