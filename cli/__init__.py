@@ -23,7 +23,22 @@ from .solvers import solvers
 from .sweep import sweep
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    commands=[
+        plan,
+        plan_swarm,
+        simulate,
+        evaluate,
+        sweep,
+        compare,
+        reproduce,
+        plot,
+        animate,
+        scenarios,
+        solvers,
+    ],
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
 @click.version_option(__version__, prog_name="casswarm")
 def main() -> None:
     """Guide a swarm of agents through a field of hazards to a target.
@@ -50,19 +65,3 @@ def main() -> None:
     log.setLevel(logging.INFO)
     if not log.handlers:
         log.addHandler(logging.StreamHandler())  # standard error
-
-
-for command in (
-    plan,
-    plan_swarm,
-    simulate,
-    evaluate,
-    sweep,
-    compare,
-    reproduce,
-    plot,
-    animate,
-    scenarios,
-    solvers,
-):
-    main.add_command(command)

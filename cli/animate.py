@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from .common import WrongInput, reported_errors
-from .options import folder_argument, option, options, run_option
+from .options import folder_argument, option, options, quiet_option, run_option
 from .output import progress_report, say
 
 
@@ -16,6 +16,7 @@ from .output import progress_report, say
 class AnimationOptions:
     """Which run is animated, and how."""
 
+    folder: Path = folder_argument()
     run: int = run_option()
     policy: str | None = option(
         "--policy",
@@ -29,14 +30,12 @@ class AnimationOptions:
         "--fps",
         type=click.FloatRange(0.1, 50.0),
         default=4.0,
-        show_default=True,
         help="Number of steps per second.",
     )
     dpi: int = option(
         "--dpi",
         type=click.IntRange(30, 300),
         default=110,
-        show_default=True,
         help="Resolution of the frames, in dots per inch.",
     )
     out: Path | None = option(
@@ -44,13 +43,12 @@ class AnimationOptions:
         type=click.Path(path_type=Path),
         help="File for the animation. [default: DIR/animation-POLICY-RUN.gif]",
     )
-    quiet: bool = option("--quiet", is_flag=True, help="Print no progress.")
+    quiet: bool = quiet_option()
 
 
 @click.command()
-@folder_argument
-@options(animation=AnimationOptions)
-def animate(folder: Path, animation: AnimationOptions) -> None:
+@options
+def animate(animation: AnimationOptions) -> None:
     """Animate a saved run.
 
     Shows who leads, which members are lost, and how the rates change. DIR is a folder written by
@@ -74,13 +72,13 @@ def animate(folder: Path, animation: AnimationOptions) -> None:
         from ..figures import player, save_gif
         from ..results.folder import ResultsFolder
 
-        saved = ResultsFolder.open(folder)
+        saved = ResultsFolder.open(animation.folder)
         name, run = saved.trajectory(animation.policy, animation.run)
         title = f"{saved.scenario.name}, {name}, run {animation.run}"
         movie = make_animation(
             saved.scenario, run, saved.guide, title=title, frames_per_second=animation.fps
         )
-        file = out or folder / f"animation-{name}-{animation.run}{suffix}"
+        file = out or animation.folder / f"animation-{name}-{animation.run}{suffix}"
         target = ResultsFolder.create("animate", None, file.parent)
         if animation.html:
             page = player(movie, animation.dpi, title=title, page=True, progress=progress)

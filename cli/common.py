@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from .options import CommonOptions, StudyOptions
+
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
@@ -55,18 +57,16 @@ def reported_errors(resumes: bool = False) -> Iterator[None]:
         raise Failure(f"{error}{RESUME if resumes else ''}") from error
 
 
-def load(
-    source: str, settings: tuple[str, ...] = (), values: Mapping[str, Any] | None = None
-) -> Scenario:
-    """Scenario of a name or path, with the values of ``--set`` and of other options.
+def load(common: CommonOptions, values: Mapping[str, Any] | None = None) -> Scenario:
+    """The scenario, with the values of ``--set`` and of other options.
 
     `values` are by dotted key; None leaves the scenario's value.
     """
     from ..scenario import load_scenario
 
-    changes = dict(map(_setting, settings))
+    changes = dict(map(_setting, common.settings))
     changes |= {key: value for key, value in (values or {}).items() if value is not None}
-    scenario = load_scenario(source)
+    scenario = load_scenario(common.scenario)
     return scenario.with_values(changes) if changes else scenario
 
 
@@ -105,18 +105,18 @@ def _imported(name: str) -> Any:
 
 
 @contextmanager
-def executor(workers: int, dask: str | None) -> Iterator[Any]:
+def executor(execution: StudyOptions) -> Iterator[Any]:
     """Number of worker processes, or an executor of a Dask cluster."""
-    if dask is None:
-        yield workers
+    if execution.dask is None:
+        yield execution.workers
         return
     try:
         from dask.distributed import Client
     except ImportError as error:
         raise WrongInput("--dask needs Dask: pip install 'casswarm[dask]'") from error
     try:
-        client = Client(dask, timeout=10, set_as_default=False)
+        client = Client(execution.dask, timeout=10, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
-        raise Failure(f"no Dask scheduler answers at {dask}: {error}") from error
+        raise Failure(f"no Dask scheduler answers at {execution.dask}: {error}") from error
     with client:
         yield client.get_executor(pure=False, retries=3)

@@ -10,7 +10,7 @@ import click
 
 from .common import Failure, reported_errors
 from .options import FigureOptions, OutputOptions, option, options, out_option, seed_option
-from .output import aligned, open_folder, print_result, progress_report
+from .output import aligned_table, open_folder, print_result, progress_report
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,14 +54,13 @@ class CompareOptions:
         "--time-limit",
         type=click.FloatRange(0, min_open=True),
         default=2.0,
-        show_default=True,
         help="Time limit for building and solving a problem once, in seconds; a slower solver is "
         "stopped.",
     )
 
 
 @click.command()
-@options(selection=CompareOptions, output=CompareOutput, figures=FigureOptions)
+@options
 def compare(selection: CompareOptions, output: CompareOutput, figures: FigureOptions) -> None:
     """Compare solvers on problems from real runs.
 
@@ -84,7 +83,7 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: FigureOpt
         from ..comparison import DEFAULT
         from ..comparison import compare as run
 
-        folder = open_folder("compare", None, output, figures)
+        folder = open_folder("compare", None, output.out, figures)
         try:
             comparison = run(
                 selection.families or DEFAULT,
@@ -102,7 +101,7 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: FigureOpt
                 "repeat the same command to continue"
             ) from None
     content = _write(folder, comparison)
-    print_result(folder, content, summary_text(comparison.summary), output)
+    print_result(folder, content, _text(comparison.summary), output)
 
 
 def _write(folder: ResultsFolder, comparison: Comparison) -> dict[str, Any]:
@@ -127,31 +126,22 @@ def _write(folder: ResultsFolder, comparison: Comparison) -> dict[str, Any]:
     return folder.write_record(result, comparison.inputs)
 
 
-def summary_text(summary: pd.DataFrame) -> str:
-    """Summary as text: a table for every family and start."""
-    header = (
-        "solver",
-        "solved",
-        "best known",
-        "false positives",
-        "mean ms",
-        "build ms",
-        "iterations",
-    )
+def _text(summary: pd.DataFrame) -> str:
+    """A table for every family and start."""
     texts = []
     for (family, start), part in summary.groupby(["family", "start"], sort=False):
         rows = [
-            (
-                str(row["solver"]),
-                f"{100 * row['solved']:.0f} %",
-                f"{100 * row['best_known']:.0f} %",
-                f"{row['false_positives']}",
-                f"{row['mean_ms']:.3g}",
-                f"{row['build_ms']:.3g}",
-                f"{row['iterations']:g}",
-            )
+            {
+                "solver": str(row["solver"]),
+                "solved": f"{100 * row['solved']:.0f} %",
+                "best known": f"{100 * row['best_known']:.0f} %",
+                "false positives": f"{row['false_positives']}",
+                "mean ms": f"{row['mean_ms']:.3g}",
+                "build ms": f"{row['build_ms']:.3g}",
+                "iterations": f"{row['iterations']:g}",
+            }
             for row in part.to_dict("records")
         ]
         problems = int(part["problems"].iloc[0])
-        texts.append(f"{family}, {start} start, {problems} problems\n{aligned([header, *rows])}")
+        texts.append(f"{family}, {start} start, {problems} problems\n{aligned_table(rows)}")
     return "\n\n".join(texts)

@@ -17,7 +17,7 @@ from .options import (
     options,
     seed_option,
 )
-from .output import aligned, open_folder, print_result, progress_report, say
+from .output import aligned_table, open_folder, print_result, progress_report, say
 
 if TYPE_CHECKING:
     from ..chain.distribution import OutcomeDistribution
@@ -41,16 +41,8 @@ class EstimateOptions:
 
 
 @click.command()
-@click.argument("scenario")
-@options(
-    common=CommonOptions,
-    figures=FigureOptions,
-    policies=PolicyOptions,
-    exact=ExactOptions,
-    sampling=EstimateOptions,
-)
+@options
 def evaluate(
-    scenario: str,
     common: CommonOptions,
     figures: FigureOptions,
     policies: PolicyOptions,
@@ -73,13 +65,13 @@ def evaluate(
       casswarm evaluate large-swarm --policy leader --runs 2000
     """
     with reported_errors(), progress_report(common.quiet) as progress:
-        chosen = load(scenario, common.settings)
+        chosen = load(common)
         from ..planning.bounds.success_bound import success_bound
         from ..planning.plan import plan
         from ..studies.evaluation import estimate
         from ..studies.evaluation import evaluate as evaluate_exactly
 
-        folder = open_folder("evaluate", chosen, common, figures)
+        folder = open_folder("evaluate", chosen, common.out, figures)
         guide = plan(chosen, certify=False, progress=progress)
         shared: dict[str, Any] = {**asdict(exact), "guide": guide, "solver": policies.solver}
         shared["progress"] = progress
@@ -136,16 +128,15 @@ def _write(
 
 
 def _text(scenario: Scenario, distributions: list[OutcomeDistribution]) -> str:
-    header = ("policy", "success, bounds", "survivors", "states", "infeasible", "solver failures")
     rows = [
-        (
-            distribution.policy,
-            f"{distribution.success[0]:.6f} to {distribution.success[1]:.6f}",
-            f"{distribution.survivors_mean[0]:.3f} to {distribution.survivors_mean[1]:.3f}",
-            f"{distribution.states}",
-            f"{distribution.infeasible:.2f}",
-            f"{distribution.failures:.4f}",
-        )
+        {
+            "policy": distribution.policy,
+            "success, bounds": "{:.6f} to {:.6f}".format(*distribution.success),
+            "survivors": "{:.3f} to {:.3f}".format(*distribution.survivors_mean),
+            "states": f"{distribution.states}",
+            "infeasible": f"{distribution.infeasible:.2f}",
+            "solver failures": f"{distribution.failures:.4f}",
+        }
         for distribution in distributions
     ]
     notes = [
@@ -159,5 +150,5 @@ def _text(scenario: Scenario, distributions: list[OutcomeDistribution]) -> str:
             "are those of the aggregated chain"
         )
     title = f"{scenario.name}: exact outcome distribution; counts are means per run"
-    lines = [title, "", aligned([header, *rows])]
+    lines = [title, "", aligned_table(rows)]
     return "\n".join([*lines, "", *notes] if notes else lines)

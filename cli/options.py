@@ -1,53 +1,57 @@
 """Options that several commands share: records of fields, each declared once.
 
-A command gets its options as records instead of as twenty parameters::
+A command gets its arguments and options as records instead of as twenty parameters::
 
     @click.command()
-    @click.argument("scenario")
-    @options(output=OutputOptions, figures=FigureOptions)
-    def command(scenario: str, output: OutputOptions, figures: FigureOptions) -> None: ...
+    @options
+    def command(common: CommonOptions, figures: FigureOptions) -> None: ...
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_type_hints
 
 import click
 
 Command = Callable[..., Any]
 
 
+def argument(**settings: Any) -> Any:
+    """Field of a record that a command-line argument sets; `settings` are click's."""
+    return field(metadata={"declare": partial(click.argument, **settings)})
+
+
 def option(*flags: str, **settings: Any) -> Any:
-    """Field of a record that a command-line option sets; the arguments are click's."""
-    return field(metadata={"flags": flags, "settings": settings})
+    """Field of a record that a command-line option sets; `settings` are click's.
+
+    The help shows the default if one is given.
+    """
+    settings = {"show_default": settings.get("default") is not None, **settings}
+    return field(metadata={"declare": partial(click.option, *flags, **settings)})
 
 
-def options(**records: type[Any]) -> Callable[[Command], Command]:
-    """Add the options of records to a command, which gets every record by its keyword.
+def options(command: Command) -> Command:
+    """Add the arguments and options of the records that all of a command's parameters are.
 
     The help shows the options in the order of the records.
     """
+    records = get_type_hints(command)
+    del records["return"]
 
-    def decorate(command: Command) -> Command:
-        @wraps(command)
-        def parsed(**values: Any) -> Any:
-            for name, record in records.items():
-                values[name] = record(
-                    **{item.name: values.pop(item.name) for item in fields(record)}
-                )
-            return command(**values)
+    @wraps(command)
+    def parsed(**values: Any) -> Any:
+        for name, record in records.items():
+            values[name] = record(**{item.name: values.pop(item.name) for item in fields(record)})
+        return command(**values)
 
-        declared = [item for record in records.values() for item in fields(record)]
-        for item in reversed(declared):
-            flags, settings = item.metadata["flags"], item.metadata["settings"]
-            parsed = click.option(*flags, item.name, **settings)(parsed)
-        return parsed
-
-    return decorate
+    declared = [item for record in records.values() for item in fields(record)]
+    for item in reversed(declared):
+        parsed = item.metadata["declare"](item.name)(parsed)
+    return parsed
 
 
 def out_option(text: str, **settings: Any) -> Any:
@@ -57,25 +61,24 @@ def out_option(text: str, **settings: Any) -> Any:
 
 def seed_option() -> Any:
     """Field of the random seed."""
-    return option(
-        "--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed."
-    )
+    return option("--seed", type=click.IntRange(0), default=0, help="Random seed.")
 
 
 def run_option() -> Any:
     """Field of the index of a saved run."""
     return option(
-        "--run",
-        type=click.IntRange(0),
-        default=0,
-        show_default=True,
-        help="Index of the saved run to show.",
+        "--run", type=click.IntRange(0), default=0, help="Index of the saved run to show."
     )
 
 
-def folder_argument(command: Command) -> Command:
-    """Add the argument DIR, the results folder that a command reads."""
-    return click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")(command)
+def quiet_option() -> Any:
+    """Field of the switch that silences progress."""
+    return option("--quiet", is_flag=True, help="Print no progress.")
+
+
+def folder_argument() -> Any:
+    """Field of the results folder that a command reads."""
+    return argument(type=click.Path(path_type=Path), metavar="DIR")
 
 
 @dataclass(frozen=True)
@@ -84,13 +87,14 @@ class OutputOptions:
 
     out: Path | None = out_option("Folder for the results. [default: results/COMMAND-SCENARIO]")
     as_json: bool = option("--json", is_flag=True, help="Print the result as JSON.")
-    quiet: bool = option("--quiet", is_flag=True, help="Print no progress.")
+    quiet: bool = quiet_option()
 
 
 @dataclass(frozen=True)
 class CommonOptions(OutputOptions):
-    """Options of every command on a scenario."""
+    """The scenario, and options of every command on one."""
 
+    scenario: str = argument()
     settings: tuple[str, ...] = option(
         "--set",
         multiple=True,
@@ -108,14 +112,12 @@ class FigureOptions:
         "--format",
         type=click.Choice(["png", "pdf", "svg"]),
         default="png",
-        show_default=True,
         help="File format of the figures.",
     )
     width: str = option(
         "--width",
         type=click.Choice(["column", "page", "slide"]),
         default="page",
-        show_default=True,
         help="Width of the figures: a journal column (3.5 in), a page (7.16 in) or a slide "
         "(10 in, large letters).",
     )
@@ -123,7 +125,6 @@ class FigureOptions:
         "--dpi",
         type=click.IntRange(30, 1200),
         default=200,
-        show_default=True,
         help="Resolution of PNG figures, in dots per inch.",
     )
 
@@ -143,7 +144,6 @@ class PolicyOptions:
     solver: str = option(
         "--solver",
         default="auto",
-        show_default=True,
         help="Solver of the formation problems; casswarm solvers lists them.",
     )
 
@@ -179,7 +179,6 @@ class ExactOptions:
         "--tolerance",
         type=click.FloatRange(0, 1, max_open=True),
         default=1e-3,
-        show_default=True,
         help="Width of the probability bounds.",
     )
     max_states: int | None = option(
@@ -192,7 +191,6 @@ class ExactOptions:
         "--aggregation-tol",
         type=click.FloatRange(0),
         default=0.0,
-        show_default=True,
         help="Aggregate states that are closer than this, such as 1e-6. This needs far fewer "
         "states, but the bounds are proven only at 0.",
     )
@@ -206,7 +204,6 @@ class StudyOptions:
         "--workers",
         type=click.IntRange(1),
         default=1,
-        show_default=True,
         help="Number of worker processes (does not affect results).",
     )
     dask: str | None = option(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -12,9 +13,7 @@ from .._util.documents import json_text
 from .options import FigureOptions, OutputOptions
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from ..results.folder import FigureFormat, ResultsFolder
+    from ..results.folder import ResultsFolder
     from ..scenario import Scenario
     from ..typing import Progress
 
@@ -35,9 +34,9 @@ def aligned(rows: Iterable[tuple[str, ...]]) -> str:
     )
 
 
-def aligned_table(table: pd.DataFrame) -> str:
-    """A table of texts as aligned columns, with its header."""
-    return aligned([tuple(map(str, table.columns)), *table.itertuples(index=False, name=None)])
+def aligned_table(rows: Sequence[Mapping[Any, str]]) -> str:
+    """Records of texts as aligned columns, with their keys as the header."""
+    return aligned([tuple(rows[0]), *(tuple(row.values()) for row in rows)])
 
 
 @contextmanager
@@ -73,19 +72,13 @@ def say(text: str, quiet: bool = False) -> None:
 
 
 def open_folder(
-    command: str, scenario: Scenario | None, output: OutputOptions, figures: FigureOptions
+    command: str, scenario: Scenario | None, out: Path | None, figures: FigureOptions
 ) -> ResultsFolder:
-    """Results folder of a command as its options ask for it."""
-    from ..results.folder import ResultsFolder
+    """Folder for the results of a command, with figures as the options ask for them."""
+    from ..results.folder import FigureFormat, ResultsFolder
 
-    return ResultsFolder.create(command, scenario, output.out, figure_format(figures))
-
-
-def figure_format(figures: FigureOptions) -> FigureFormat:
-    """File format of figures as the options ask for it."""
-    from ..results.folder import FigureFormat
-
-    return FigureFormat(figures.format, figures.width, figures.dpi)
+    figure_format = FigureFormat(figures.format, figures.width, figures.dpi)
+    return ResultsFolder.create(command, scenario, out, figure_format)
 
 
 def print_result(

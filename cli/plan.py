@@ -9,13 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import WrongInput, load, reported_errors
-from .options import (
-    CommonOptions,
-    FigureOptions,
-    GuideOptions,
-    option,
-    options,
-)
+from .options import CommonOptions, FigureOptions, GuideOptions, option, options
 from .output import open_folder, print_result, progress_report
 
 if TYPE_CHECKING:
@@ -25,7 +19,6 @@ if TYPE_CHECKING:
     from ..scenario import Scenario
 
 _MAX_CLASSES = 6  # that are printed; candidates.csv has them all
-_PROJECTED_GRADIENT = "projected-gradient"
 
 
 @dataclass(frozen=True)
@@ -40,7 +33,6 @@ class PlanOptions(GuideOptions):
     solver: str = option(
         "--solver",
         default="ipopt",
-        show_default=True,
         help="Solver: ipopt, or projected-gradient for the paper's penalised form.",
     )
 
@@ -58,39 +50,28 @@ class BoundOptions:
     certify: bool = option(
         "--certify/--no-certify",
         default=True,
+        show_default=False,  # said in the help, by the flag's name
         help="Compute a lower bound on the risk of any guide. [default: certify]",
     )
     gap: float = option(
         "--gap",
         type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True),
         default=0.01,
-        show_default=True,
         help="Stop tightening the bound at this relative gap to the best known risk.",
     )
     time_limit: float = option(
         "--time-limit",
         type=click.FloatRange(0.0, min_open=True),
         default=10.0,
-        show_default=True,
         help="Time limit for the bound, in seconds.",
     )
     with_map: bool = option("--map", is_flag=True, help="Also plot the cost-to-go map.")
 
 
 @click.command()
-@click.argument("scenario")
-@options(
-    common=CommonOptions,
-    figures=FigureOptions,
-    planning=PlanOptions,
-    bound=BoundOptions,
-)
+@options
 def plan(
-    scenario: str,
-    common: CommonOptions,
-    figures: FigureOptions,
-    planning: PlanOptions,
-    bound: BoundOptions,
+    common: CommonOptions, figures: FigureOptions, planning: PlanOptions, bound: BoundOptions
 ) -> None:
     """Plan the guide of a scenario.
 
@@ -108,18 +89,18 @@ def plan(
       casswarm plan single-agent --map
       casswarm plan my-scenario.toml --set guide.a_max=0.3 --json
     """
-    reference = planning.solver == _PROJECTED_GRADIENT
+    reference = planning.solver == "projected-gradient"
     if reference and any(value is not None for value in planning.values.values()):
         raise WrongInput(
             "the paper's projected gradient starts from the straight line, arrives at the last "
             "step and ignores a_max: --search, --arrival and --acceleration-limited do not apply"
         )
     with reported_errors(), progress_report(common.quiet) as progress:
-        chosen = load(scenario, common.settings, planning.values)
+        chosen = load(common, planning.values)
         from ..planning.bounds import ValueFunction
         from ..planning.plan import plan as plan_guide
 
-        folder = open_folder("plan", chosen, common, figures)
+        folder = open_folder("plan", chosen, common.out, figures)
         # first, since it may need too many nodes
         value = ValueFunction.from_scenario(chosen) if bound.with_map else None
         guide = plan_guide(

@@ -8,14 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import load, reported_errors
-from .options import (
-    CommonOptions,
-    FigureOptions,
-    option,
-    options,
-    seed_option,
-)
-from .output import aligned, open_folder, print_result, progress_report, say
+from .options import CommonOptions, FigureOptions, option, options, seed_option
+from .output import aligned_table, open_folder, print_result, progress_report, say
 
 if TYPE_CHECKING:
     from ..chain.stratified import Estimate
@@ -34,11 +28,10 @@ class SwarmPlanOptions:
         "--objective",
         type=click.Choice(["success", "arrivals", "survivors"]),
         default="success",
-        show_default=True,
         help="Maximise the probability that at least one member arrives, the mean number of "
         "arrivals, or the mean number of survivors.",
     )
-    solver: str = option("--solver", default="ipopt", show_default=True, help="Solver.")
+    solver: str = option("--solver", default="ipopt", help="Solver.")
     seed: int = seed_option()
     min_distance: float | None = option(
         "--min-distance",
@@ -53,18 +46,8 @@ class SwarmPlanOptions:
 
 
 @click.command("plan-swarm")
-@click.argument("scenario")
-@options(
-    common=CommonOptions,
-    figures=FigureOptions,
-    planning=SwarmPlanOptions,
-)
-def plan_swarm(
-    scenario: str,
-    common: CommonOptions,
-    figures: FigureOptions,
-    planning: SwarmPlanOptions,
-) -> None:
+@options
+def plan_swarm(common: CommonOptions, figures: FigureOptions, planning: SwarmPlanOptions) -> None:
     """Plan the paths of all members jointly.
 
     Finds the open-loop plan of greatest success. Prints the plan's success probability and a bound
@@ -78,13 +61,13 @@ def plan_swarm(
       casswarm plan-swarm paper-1 --objective survivors --time-limit 60
     """
     with reported_errors(), progress_report(common.quiet) as progress:
-        chosen = load(scenario, common.settings)
+        chosen = load(common)
         from ..planning.joint import plan_swarm as plan_all
         from ..planning.plan import plan
         from ..policies import JointPolicy
         from ..studies.evaluation import estimate
 
-        folder = open_folder("plan-swarm", chosen, common, figures)
+        folder = open_folder("plan-swarm", chosen, common.out, figures)
         guide = plan(chosen, certify=False, progress=progress)  # for the initial velocities
         swarm_plan = plan_all(
             chosen,
@@ -177,35 +160,25 @@ def _text(scenario: Scenario, plan: SwarmPlan, sampled: Estimate | None) -> str:
         lines.append(str(sampled))
     if scenario.n > 1:
         lines.append(f"minimum distance between two members: {plan.least_distance:.4g}")
-    lines += [f"{plan.solution}", "", _initial_guesses(plan), "", _members(plan)]
-    return "\n".join(lines)
-
-
-def _initial_guesses(plan: SwarmPlan) -> str:
-    header = ("initial guess", plan.objective, "status", "iterations", "violation", "seconds")
-    rows = [
-        (
-            outcome.start,
-            f"{outcome.value:.6f}",
-            str(outcome.solution.status),
-            f"{outcome.solution.iterations}",
-            f"{outcome.solution.residuals.violation:.1e}",
-            f"{outcome.seconds:.2f}",
-        )
+    guesses = [
+        {
+            "initial guess": outcome.start,
+            plan.objective: f"{outcome.value:.6f}",
+            "status": str(outcome.solution.status),
+            "iterations": f"{outcome.solution.iterations}",
+            "violation": f"{outcome.solution.residuals.violation:.1e}",
+            "seconds": f"{outcome.seconds:.2f}",
+        }
         for outcome in plan.outcomes
     ]
-    return aligned([header, *rows])
-
-
-def _members(plan: SwarmPlan) -> str:
     alive = None if plan.distribution is None else plan.distribution.survival[-1]
-    header = ("member", "arrival step", "alive at the end")
-    rows = [
-        (
-            f"{member + 1}",
-            f"{step}" if step else "never",
-            "-" if alive is None else f"{alive[member]:.4f}",
-        )
+    members = [
+        {
+            "member": f"{member + 1}",
+            "arrival step": f"{step}" if step else "never",
+            "alive at the end": "-" if alive is None else f"{alive[member]:.4f}",
+        }
         for member, step in enumerate(plan.arrivals)
     ]
-    return aligned([header, *rows])
+    lines += [f"{plan.solution}", "", aligned_table(guesses), "", aligned_table(members)]
+    return "\n".join(lines)

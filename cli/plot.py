@@ -8,14 +8,23 @@ from pathlib import Path
 import click
 
 from .common import reported_errors
-from .options import FigureOptions, folder_argument, option, options, out_option, run_option
-from .output import figure_format, say
+from .options import (
+    FigureOptions,
+    folder_argument,
+    option,
+    options,
+    out_option,
+    quiet_option,
+    run_option,
+)
+from .output import open_folder, say
 
 
 @dataclass(frozen=True)
 class PlotOptions:
     """Which figures are drawn, and where."""
 
+    folder: Path = folder_argument()
     run: int = run_option()
     names: tuple[str, ...] = option(
         "--figure",
@@ -25,13 +34,12 @@ class PlotOptions:
         "[default: all]",
     )
     out: Path | None = out_option("Folder for the figures. [default: DIR]")
-    quiet: bool = option("--quiet", is_flag=True, help="Print no progress.")
+    quiet: bool = quiet_option()
 
 
 @click.command()
-@folder_argument
-@options(selection=PlotOptions, figures=FigureOptions)
-def plot(folder: Path, selection: PlotOptions, figures: FigureOptions) -> None:
+@options
+def plot(selection: PlotOptions, figures: FigureOptions) -> None:
     """Draw the figures of a results folder again.
 
     DIR is a folder written by casswarm plan, plan-swarm, simulate, evaluate, sweep or compare.
@@ -50,6 +58,7 @@ def plot(folder: Path, selection: PlotOptions, figures: FigureOptions) -> None:
         from ..figures import theme
         from ..results.folder import ResultsFolder
 
+        folder = selection.folder
         saved = ResultsFolder.open(folder)
         with theme(figures.width):  # those of a comparison are drawn at once
             catalogue = saved.figures(selection.run)
@@ -58,7 +67,7 @@ def plot(folder: Path, selection: PlotOptions, figures: FigureOptions) -> None:
                 raise CheckpointError(
                     f"{folder} has no figure {name!r}{did_you_mean(name, catalogue)}"
                 )
-        target = ResultsFolder.create("plot", None, selection.out or folder, figure_format(figures))
+        target = open_folder("plot", None, selection.out or folder, figures)
         names = selection.names or tuple(catalogue)
         target.write_figures({name: draw for name, draw in catalogue.items() if name in names})
     if selection.out is None:

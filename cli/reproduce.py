@@ -21,9 +21,7 @@ if TYPE_CHECKING:
 class ReproduceOutput(OutputOptions):
     """What is written and printed."""
 
-    out: Path | None = out_option(
-        "Folder for the results.", default=Path("results") / "paper", show_default=True
-    )
+    out: Path | None = out_option("Folder for the results.", default=Path("results") / "paper")
 
 
 @dataclass(frozen=True)
@@ -34,7 +32,6 @@ class ReproduceOptions:
         "--runs",
         type=click.IntRange(51),
         default=10_000,
-        show_default=True,
         help="Number of runs per policy in the larger simulation of Table II.",
     )
     only: tuple[str, ...] = option(
@@ -48,7 +45,7 @@ class ReproduceOptions:
 
 
 @click.command()
-@options(output=ReproduceOutput, selection=ReproduceOptions, figures=FigureOptions)
+@options
 def reproduce(output: ReproduceOutput, selection: ReproduceOptions, figures: FigureOptions) -> None:
     """Reproduce the paper's tables and figures.
 
@@ -63,7 +60,7 @@ def reproduce(output: ReproduceOutput, selection: ReproduceOptions, figures: Fig
       casswarm reproduce --only table-2 --only figures --out my-folder
     """
     with reported_errors():
-        folder = open_folder("reproduce", None, output, figures)
+        folder = open_folder("reproduce", None, output.out, figures)
         from .._util.text import did_you_mean
         from ..reproduction import page
         from ..reproduction import reproduce as run

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -19,13 +18,7 @@ from .options import (
     options,
     seed_option,
 )
-from .output import (
-    aligned_table,
-    open_folder,
-    print_result,
-    progress_report,
-    say,
-)
+from .output import aligned_table, open_folder, print_result, progress_report, say
 
 if TYPE_CHECKING:
     from ..planning.bounds import SuccessBound
@@ -51,24 +44,14 @@ class SimulateOptions:
         "--save-trajectories",
         type=click.IntRange(1),
         default=5,
-        show_default=True,
         help="Number of runs per policy whose trajectories are saved.",
     )
     report: bool = option("--report", is_flag=True, help="Also write a self-contained report.html.")
 
 
 @click.command()
-@click.argument("scenario")
-@options(
-    common=CommonOptions,
-    figures=FigureOptions,
-    policies=PolicyOptions,
-    sampling=SimulateOptions,
-    execution=StudyOptions,
-    planning=GuideOptions,
-)
+@options
 def simulate(
-    scenario: str,
     common: CommonOptions,
     figures: FigureOptions,
     policies: PolicyOptions,
@@ -96,15 +79,18 @@ def simulate(
     """
     if sampling.runs is not None and sampling.half_width is not None:
         raise WrongInput("--runs and --half-width: give one of them")
-    with reported_errors(resumes=True), ExitStack() as stack:
-        progress = stack.enter_context(progress_report(common.quiet))
-        chosen = load(scenario, common.settings, planning.values)
+    with (
+        reported_errors(resumes=True),
+        progress_report(common.quiet) as progress,
+        executor(execution) as workers,
+    ):
+        chosen = load(common, planning.values)
         from ..planning.bounds.success_bound import success_bound
         from ..planning.plan import plan
         from ..studies.simulation import runs_needed
         from ..studies.simulation import simulate as run_study
 
-        folder = open_folder("simulate", chosen, common, figures)
+        folder = open_folder("simulate", chosen, common.out, figures)
         guide = plan(chosen, progress=progress)
         chosen_policies = named_policies(policies.policies)
         shared: dict[str, Any] = {"guide": guide, "solver": policies.solver}
@@ -119,7 +105,7 @@ def simulate(
             chosen_policies,
             runs,
             sampling.seed,
-            stack.enter_context(executor(execution.workers, execution.dask)),
+            workers,
             save_trajectories=sampling.save_trajectories,
             progress=progress,
             checkpoint=folder.path,
@@ -191,12 +177,12 @@ def _text(study: Study) -> str:
     lines = [
         f"{study.scenario.name}: {study.guide}",
         "",
-        aligned_table(summary_texts(study.summary)),
+        aligned_table(summary_texts(study.summary).to_dict("records")),
     ]
     if len(study.paired):
         lines += [
             "",
-            aligned_table(paired_texts(study.paired)),
+            aligned_table(paired_texts(study.paired).to_dict("records")),
             "A - B, paired run by run: only A succeeds : only B succeeds; "
             "variance ratio: paired/independent",
         ]

@@ -8,7 +8,9 @@ from typing import Any
 import click
 
 from .._util.documents import json_text
-from .output import aligned
+from .output import aligned_table
+
+_MARKS = ("batch", "multipliers", "time_limit")  # capabilities shown as yes or -
 
 
 @click.command()
@@ -19,26 +21,9 @@ def solvers(as_json: bool) -> None:
     The names are those that --solver accepts. Solvers that this installation lacks and solvers that
     are not supported are listed with the reasons.
     """
-    from ..optimization.solvers import UNSUPPORTED
+    from ..optimization.solvers import SOLVERS, UNSUPPORTED
 
-    listed = _solvers()
-    if as_json:
-        click.echo(json_text({"solvers": listed, "unsupported": UNSUPPORTED}))
-        return
-    header = ("solver", "problems", "batch", "multipliers", "time limit")
-    table = aligned([header, *map(_row, listed)]).splitlines()
-    summaries = ["description", *(row["summary"] for row in listed)]
-    click.echo("\n".join(f"{line}  {text}" for line, text in zip(table, summaries, strict=True)))
-    missing = [(row["name"], row["unavailable"]) for row in listed if row["unavailable"]]
-    if missing:
-        click.echo("\nNot available in this installation:\n" + _reasons(missing))
-    click.echo("\nNot supported:\n" + _reasons(list(UNSUPPORTED.items())))
-
-
-def _solvers() -> list[dict[str, Any]]:
-    from ..optimization.solvers import SOLVERS
-
-    return [
+    listed: list[dict[str, Any]] = [
         {
             "name": name,
             "summary": solver.summary,
@@ -47,11 +32,21 @@ def _solvers() -> list[dict[str, Any]]:
         }
         for name, solver in SOLVERS.items()
     ]
-
-
-def _row(solver: dict[str, Any]) -> tuple[str, ...]:
-    marks = ("yes" if solver[name] else "-" for name in ("batch", "multipliers", "time_limit"))
-    return (solver["name"], solver["problems"], *marks)
+    if as_json:
+        click.echo(json_text({"solvers": listed, "unsupported": UNSUPPORTED}))
+        return
+    rows = [
+        {"solver": row["name"], "problems": row["problems"]}
+        | {mark.replace("_", " "): "yes" if row[mark] else "-" for mark in _MARKS}
+        for row in listed
+    ]
+    table = aligned_table(rows).splitlines()
+    summaries = ["description", *(row["summary"] for row in listed)]
+    click.echo("\n".join(f"{line}  {text}" for line, text in zip(table, summaries, strict=True)))
+    missing = [(row["name"], row["unavailable"]) for row in listed if row["unavailable"]]
+    if missing:
+        click.echo("\nNot available in this installation:\n" + _reasons(missing))
+    click.echo("\nNot supported:\n" + _reasons(list(UNSUPPORTED.items())))
 
 
 def _reasons(pairs: list[tuple[str, str]]) -> str:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import Failure, WrongInput, executor, load, named_policies, reported_errors
+from .common import Failure, WrongInput, executor, named_policies, reported_errors
 from .options import (
     CommonOptions,
     ExactOptions,
@@ -57,17 +56,8 @@ class MethodOptions:
 
 
 @click.command()
-@click.argument("scenario")
-@options(
-    common=GridOptions,
-    figures=FigureOptions,
-    policies=PolicyOptions,
-    method=MethodOptions,
-    accuracy=ExactOptions,
-    execution=StudyOptions,
-)
+@options
 def sweep(
-    scenario: str,
     common: GridOptions,
     figures: FigureOptions,
     policies: PolicyOptions,
@@ -94,12 +84,17 @@ def sweep(
     if method.exact and method.runs is not None:
         raise WrongInput("--exact and --runs: give one of them")
     grid = _grid(common.settings)
-    with reported_errors(resumes=True), ExitStack() as stack:
-        progress = stack.enter_context(progress_report(common.quiet))
-        chosen = load(scenario)
+    with (
+        reported_errors(resumes=True),
+        progress_report(common.quiet) as progress,
+        executor(execution) as workers,
+    ):
+        from ..scenario import load_scenario
+
+        chosen = load_scenario(common.scenario)
         from ..studies.sweep import sweep as run_sweep
 
-        folder = open_folder("sweep", chosen, common, figures)
+        folder = open_folder("sweep", chosen, common.out, figures)
         result = run_sweep(
             chosen,
             grid,
@@ -108,7 +103,7 @@ def sweep(
             seed=method.seed,
             **asdict(accuracy),
             solver=policies.solver,
-            workers=stack.enter_context(executor(execution.workers, execution.dask)),
+            workers=workers,
             checkpoint=folder.path,
             if_exists=execution.if_exists,
             progress=progress,
