@@ -13,7 +13,7 @@ from .options import CommonOptions, FigureOptions, GuideOptions, option, options
 from .output import open_folder, print_result, progress_report
 
 if TYPE_CHECKING:
-    from ..planning.bounds import CostToGoMap, ValueFunction
+    from ..planning.bounds import ValueFunction
     from ..planning.guide import Guide
     from ..results.folder import ResultsFolder
     from ..scenario import Scenario
@@ -23,30 +23,24 @@ _MAX_CLASSES = 6  # that are printed; candidates.csv has them all
 
 @dataclass(frozen=True)
 class PlanOptions(GuideOptions):
-    """How the guide is planned."""
+    """Which guide is planned."""
 
     acceleration_limited: bool | None = option(
         "--acceleration-limited/--no-acceleration-limited",
         default=None,
         help="Limit the guide's acceleration to a_max. [default: set by the scenario]",
     )
+
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """What solves the problem, and how the lower bound on the risk is computed."""
+
     solver: str = option(
         "--solver",
         default="ipopt",
         help="Solver: ipopt, or projected-gradient for the paper's penalised form.",
     )
-
-    @property
-    def values(self) -> dict[str, Any]:
-        """Values of the scenario that the options replace."""
-        names = ("search", "arrival", "acceleration_limited")
-        return {f"guide.{name}": getattr(self, name) for name in names}
-
-
-@dataclass(frozen=True)
-class BoundOptions:
-    """How the lower bound on the risk is computed."""
-
     certify: bool = option(
         "--certify/--no-certify",
         default=True,
@@ -71,7 +65,7 @@ class BoundOptions:
 @click.command()
 @options
 def plan(
-    common: CommonOptions, figures: FigureOptions, planning: PlanOptions, bound: BoundOptions
+    common: CommonOptions, figures: FigureOptions, planning: PlanOptions, solving: SolveOptions
 ) -> None:
     """Plan the guide of a scenario.
 
@@ -89,7 +83,7 @@ def plan(
       casswarm plan single-agent --map
       casswarm plan my-scenario.toml --set guide.a_max=0.3 --json
     """
-    reference = planning.solver == "projected-gradient"
+    reference = solving.solver == "projected-gradient"
     if reference and any(value is not None for value in planning.values.values()):
         raise WrongInput(
             "the paper's projected gradient starts from the straight line, arrives at the last "
@@ -102,17 +96,17 @@ def plan(
 
         folder = open_folder("plan", chosen, common.out, figures)
         # first, since it may need too many nodes
-        value = ValueFunction.from_scenario(chosen) if bound.with_map else None
+        value = ValueFunction.from_scenario(chosen) if solving.with_map else None
         guide = plan_guide(
             chosen,
-            planning.solver,
-            certify=bound.certify,
-            gap=bound.gap,
-            time_limit=bound.time_limit,
+            solving.solver,
+            certify=solving.certify,
+            gap=solving.gap,
+            time_limit=solving.time_limit,
             progress=progress,
         )
         baseline = _globally_planned(chosen, guide) if reference else None
-        content = _write(folder, chosen, guide, baseline, value, planning.solver)
+        content = _write(folder, chosen, guide, baseline, value, solving.solver)
     print_result(folder, content, _text(chosen, guide, baseline), common)
 
 
@@ -141,6 +135,8 @@ def _write(
     value: ValueFunction | None,
     solver: str,
 ) -> dict[str, object]:
+    from ..figures.base_map import extent
+    from ..planning.bounds import CostToGoMap
     from ..planning.kinematics import integrate
     from ..planning.tables import (
         candidate_table,
@@ -163,13 +159,15 @@ def _write(
     folder.write_table("paths", path_table({"path": paths, "baseline": compared}))
     if guides:
         folder.write_table("comparison", guide_comparison_table(guides))
-    cost_to_go = None if value is None else _cost_to_go(scenario, guide, value)
     objects: dict[str, Any] = {
         "guide": guide,
         "others": list(paths.values()),
         "baselines": guides,
-        "costs": cost_to_go,
+        "costs": None,
     }
+    if value is not None:
+        area = extent(scenario, [guide.positions, scenario.positions])
+        objects["costs"] = CostToGoMap.from_value_function(value, *area)
     folder.write_objects(**objects)
     folder.write_figures(plan_figures(scenario, **objects))
     certificate = guide.certificate
@@ -187,15 +185,6 @@ def _write(
         "velocities": guide.velocities,
     }
     return folder.write_record(result, {"solver": solver})
-
-
-def _cost_to_go(scenario: Scenario, guide: Guide, value: ValueFunction) -> CostToGoMap:
-    from ..figures.base_map import extent
-    from ..planning.bounds import CostToGoMap
-
-    return CostToGoMap.from_value_function(
-        value, *extent(scenario, [guide.positions, scenario.positions])
-    )
 
 
 def _text(scenario: Scenario, guide: Guide, baseline: Guide | None) -> str:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import parent_process
 from types import FrameType
-from typing import Any
 
 
 @contextmanager
@@ -21,27 +20,8 @@ def interruptible() -> Iterator[None]:
     from code that clears exceptions. A user's handler of SIGINT is called and restored. Does
     nothing in threads, which receive no signals.
     """
-    previous = _replaceable_handler()
-    if previous is None:
+    with _handled_interrupts(defer=False):
         yield
-        return
-    interrupted = False
-
-    def handler(number: int, frame: FrameType | None) -> None:
-        nonlocal interrupted
-        try:
-            previous(number, frame)
-        except KeyboardInterrupt:
-            interrupted = True
-            raise
-
-    signal.signal(signal.SIGINT, handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, previous)
-        if interrupted:
-            raise KeyboardInterrupt
 
 
 def begin_child() -> None:
@@ -64,37 +44,39 @@ def deferred() -> Iterator[None]:
     A child is then either complete or not started, and prints nothing on a terminal that sends
     Ctrl-C to parent and child.
     """
-    with _deferred_handler(), blocked():
+    with _handled_interrupts(defer=True), blocked():
         yield
 
 
 @contextmanager
-def _deferred_handler() -> Iterator[None]:
-    previous = _replaceable_handler()
-    if previous is None:
+def _handled_interrupts(defer: bool) -> Iterator[None]:
+    """Note Ctrl-C in the block, and handle it after the block, if not deferred also at once."""
+    previous = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(previous):
         yield
         return
     interrupted = False
 
-    def handler(_number: int, _frame: FrameType | None) -> None:
+    def handler(number: int, frame: FrameType | None) -> None:
         nonlocal interrupted
-        interrupted = True
+        if defer:
+            interrupted = True
+            return
+        try:
+            previous(number, frame)
+        except KeyboardInterrupt:
+            interrupted = True
+            raise
 
     signal.signal(signal.SIGINT, handler)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, previous)
-        if interrupted:
+        if interrupted and defer:
             previous(signal.SIGINT, None)
-
-
-def _replaceable_handler() -> Callable[[int, FrameType | None], Any] | None:
-    """The handler of SIGINT, if there is one and this thread may replace it."""
-    handler = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(handler):
-        return None
-    return handler
+        elif interrupted:
+            raise KeyboardInterrupt
 
 
 @contextmanager

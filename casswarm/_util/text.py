@@ -11,9 +11,13 @@ def closest(word: str, known: Iterable[str]) -> str | None:
     return next(iter(get_close_matches(word, list(known), 1)), None)
 
 
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """End of a message about an unknown word: the closest known word, if any."""
+    close = closest(word, known)
+    return f"; did you mean {close!r}?" if close else ""
+
+
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """End of a message about an unknown word: the closest known word, and all known words."""
     words = list(known)
-    close = closest(word, words)
-    hint = f"; did you mean {close!r}?" if close else ""
-    return f"{hint} (known: {', '.join(words)})"
+    return f"{suggestion(word, words)} (known: {', '.join(words)})"

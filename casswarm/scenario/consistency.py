@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,50 +18,49 @@ _MAX_STEPS = 100_000
 _ROUNDING = 1e-9
 
 
-def start_problems(swarm: Swarm, target: Target, hazard: HazardTable) -> list[str]:
+def start_problems(swarm: Swarm, target: Target, hazard: HazardTable) -> Iterator[str]:
     """Members that start inside a radar or in the target zone, or faster than they can move."""
-    messages = []
-    positions = np.array(swarm.positions)
     for i, position in enumerate(swarm.positions):
         for radar, center in enumerate(hazard.radars):
             if math.dist(position, center) < CORE_RADIUS:
-                messages.append(
+                yield (
                     f"swarm.positions[{i}] is {as_text(list(position))}, on "
                     f"hazard.radars[{radar}]; move one of them, {CORE_RADIUS:g} or more apart"
                 )
-    messages += [
-        f"swarm.positions[{i}] is {as_text(list(swarm.positions[i]))}, inside the target zone; "
-        "every member must start outside: move it or the target"
-        for i in np.flatnonzero(target.distances(positions) <= target.radius)
-    ]
+    for i, inside in enumerate(target.contains(np.array(swarm.positions))):
+        if inside:
+            yield (
+                f"swarm.positions[{i}] is {as_text(list(swarm.positions[i]))}, inside the target "
+                "zone; every member must start outside: move it or the target"
+            )
     if swarm.velocity != "guide" and max(map(abs, swarm.velocity)) > swarm.v_max:
-        messages.append(
+        yield (
             f"swarm.velocity is {as_text(list(swarm.velocity))}; each component may be at most "
             f"swarm.v_max = {swarm.v_max:g}: lower the velocity or raise v_max"
         )
-    return messages
 
 
-def reach_problems(swarm: Swarm, target: Target, time: Time) -> list[str]:
+def reach_problems(swarm: Swarm, target: Target, time: Time) -> Iterator[str]:
     """Too few or too many steps, or a target that is out of reach in all of them."""
     horizon = f"time.t_f is {time.t_f:g} with dt = {time.dt:g}"
     if time.steps < 1:
-        return [f"{horizon}, less than one step; raise t_f to {time.dt:g} or more, or lower dt"]
+        yield f"{horizon}, less than one step; raise t_f to {time.dt:g} or more, or lower dt"
+        return
     if time.steps > _MAX_STEPS:
-        return [f"{horizon}, {time.steps:g} steps; at most {_MAX_STEPS} are allowed, raise dt"]
+        yield f"{horizon}, {time.steps:g} steps; at most {_MAX_STEPS} are allowed, raise dt"
+        return
     start = np.array(swarm.positions[swarm.central_member])
     distance = axis_distance(start, target)
     step = time.dt * swarm.v_max
-    if distance <= time.steps * step * (1 + _ROUNDING):
-        return []
-    needed = math.ceil(distance / step * (1 - _ROUNDING))
-    return [
-        f"target.center is {as_text(list(target.center))}, out of reach: from the guide's start "
-        f"{as_text(start.tolist())} the distance along an axis is {distance:.6g}, and "
-        f"{time.steps} steps of dt * v_max = {step:.6g} cover {time.steps * step:.6g}; the fastest "
-        f"path takes {needed} steps: raise time.t_f to {needed * time.dt:.6g} or more, or "
-        "swarm.v_max, or move the target nearer"
-    ]
+    if distance > time.steps * step * (1 + _ROUNDING):
+        needed = math.ceil(distance / step * (1 - _ROUNDING))
+        yield (
+            f"target.center is {as_text(list(target.center))}, out of reach: from the guide's "
+            f"start {as_text(start.tolist())} the distance along an axis is {distance:.6g}, and "
+            f"{time.steps} steps of dt * v_max = {step:.6g} cover {time.steps * step:.6g}; the "
+            f"fastest path takes {needed} steps: raise time.t_f to {needed * time.dt:.6g} or more, "
+            "or swarm.v_max, or move the target nearer"
+        )
 
 
 def axis_distance(start: NDArray[np.float64], target: Target) -> float:
@@ -75,25 +75,23 @@ def axis_distance(start: NDArray[np.float64], target: Target) -> float:
     return max(0.0, float(far + near - math.sqrt(2 * target.radius**2 - (far - near) ** 2)) / 2)
 
 
-def margin_problems(guide: GuideOptions, target: Target) -> list[str]:
+def margin_problems(guide: GuideOptions, target: Target) -> Iterator[str]:
     """A margin that is not smaller than the target zone."""
-    if guide.margin is None or guide.margin < target.radius:
-        return []
-    return [
-        f"guide.margin is {guide.margin:g}; it must be below target.radius = {target.radius:g}, "
-        "or omit it"
-    ]
+    if guide.margin is not None and guide.margin >= target.radius:
+        yield (
+            f"guide.margin is {guide.margin:g}; it must be below target.radius = "
+            f"{target.radius:g}, or omit it"
+        )
 
 
-def custom_hazard_problems(swarm: Swarm, hazard: HazardTable, folder: Path | None) -> list[str]:
+def custom_hazard_problems(swarm: Swarm, hazard: HazardTable, folder: Path | None) -> Iterator[str]:
     """A function of the user that cannot be imported, or fails at the initial state."""
     if not hazard.is_custom:
-        return []
+        return
     positions = np.array(swarm.positions)
     try:
         hazard.build(folder).rates(positions, np.ones(len(positions), dtype=bool))
     except Exception as error:  # the user's code may raise anything
         reason = " ".join(str(error).split()) or type(error).__name__
         where = f" (searched for in the folder {folder} first)" if folder else ""
-        return [f"hazard.kind is {as_text(hazard.kind)}: {reason}{where}"]
-    return []
+        yield f"hazard.kind is {as_text(hazard.kind)}: {reason}{where}"

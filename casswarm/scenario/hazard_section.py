@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 
 from .._util.constants import CORE_RADIUS
-from .._util.text import closest
+from .._util.text import suggestion
 from ..errors import ScenarioError
 from .sections import Table
 from .validation import (
@@ -60,9 +60,7 @@ def importable_name(function: Callable[..., Any]) -> str:
     if not _NAME.fullmatch(f"{module}:{name}"):
         raise ScenarioError(f"'{name}' is defined inside a function, or is a lambda")
     try:
-        imported: Any = importlib.import_module(module)
-        for part in name.split("."):
-            imported = getattr(imported, part)
+        imported = resolve_name(f"{module}:{name}")
     except (ImportError, AttributeError) as error:
         raise ScenarioError(f"'{module}:{name}' cannot be imported: {error}") from error
     if imported is not function:
@@ -75,8 +73,7 @@ def _checked_kind(value: object) -> str | Callable[..., Any]:
     if isinstance(value, str):
         if value in CONSTANTS or _NAME.fullmatch(value):
             return value
-        meant = closest(value, CONSTANTS)
-        hint = f"; did you mean '{meant}'?" if meant else ""
+        hint = suggestion(value, CONSTANTS)
         message = f"hazard.kind is {as_text(value)}; it must be {KINDS}{hint}"
         raise invalid([Problem(message, "hazard.kind", value, KINDS)])
     if callable(value):
@@ -212,60 +209,48 @@ class HazardTable(Table):
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> HazardTable:
-        messages = self._misplaced_keys() if self.is_custom else self._kernel_problems()
-        if messages:
+        if messages := list(self._misplaced_keys() if self.is_custom else self._kernel_problems()):
             raise invalid([Problem(message, message.split()[0]) for message in messages])
         return self
 
-    def _misplaced_keys(self) -> list[str]:
-        return [
-            f"hazard.{key} is not a key of a 'module:function' kind; "
-            f"write it as hazard.parameters.{key}"
-            for key in ("strengths", *ALPHAS, *BETAS)
-            if getattr(self, key) is not None
-        ]
+    def _misplaced_keys(self) -> Iterator[str]:
+        for key in ("strengths", *ALPHAS, *BETAS):
+            if getattr(self, key) is not None:
+                yield (
+                    f"hazard.{key} is not a key of a 'module:function' kind; "
+                    f"write it as hazard.parameters.{key}"
+                )
 
-    def _kernel_problems(self) -> list[str]:
-        kind = str(self.kind)
-        known = fields(type(self))
-        messages = [
-            f"hazard.{key} is missing; kind '{kind}' needs it: {allowed(known[key])}"
-            for key in CONSTANTS[kind]
-            if getattr(self, key) is None
-        ]
-        messages += [
-            f"hazard.{key} is not a key of kind '{kind}'; remove it, "
-            "or choose kind 'saturation+collision'"
-            for key in BETAS
-            if key not in CONSTANTS[kind] and getattr(self, key) is not None
-        ]
+    def _kernel_problems(self) -> Iterator[str]:
+        kind, k = str(self.kind), len(self.radars)
+        for key in CONSTANTS[kind]:
+            if getattr(self, key) is None:
+                needed = allowed(fields(type(self))[key])
+                yield f"hazard.{key} is missing; kind '{kind}' needs it: {needed}"
+        for key in BETAS:
+            if key not in CONSTANTS[kind] and getattr(self, key) is not None:
+                yield (
+                    f"hazard.{key} is not a key of kind '{kind}'; remove it, "
+                    "or choose kind 'saturation+collision'"
+                )
         if self.parameters:
-            messages.append(
+            yield (
                 f"hazard.parameters is not a key of kind '{kind}'; "
                 "remove it, or give the name of your function as the kind"
             )
-        return messages + self._radar_problems() + self._overflow_problems()
-
-    def _radar_problems(self) -> list[str]:
-        k = len(self.radars)
         if not k:
-            return [
-                f"hazard.radars is missing or empty; kind '{self.kind}' needs [x, y] pairs, at "
-                "least one"
-            ]
-        if self.strengths is not None and len(self.strengths) != k:
-            return [
+            yield (
+                f"hazard.radars is missing or empty; kind '{kind}' needs [x, y] pairs, at least one"
+            )
+        elif self.strengths is not None and len(self.strengths) != k:
+            yield (
                 f"hazard.strengths has {len(self.strengths)} numbers for {k} radars; give one for "
                 "each radar, or omit it"
-            ]
-        return []
-
-    def _overflow_problems(self) -> list[str]:
+            )
         if self.beta_1 is None or self.beta_2 is None:
-            return []
-        if self.beta_2 * math.log10(math.sqrt(2) * self.beta_1 / CORE_RADIUS) <= _MAX_DECADE:
-            return []
-        return [
-            f"hazard.beta_2 is {self.beta_2:g} with beta_1 = {self.beta_1:g}: the rate of members "
-            f"that touch exceeds 1e{_MAX_DECADE}; lower one of them"
-        ]
+            return
+        if self.beta_2 * math.log10(math.sqrt(2) * self.beta_1 / CORE_RADIUS) > _MAX_DECADE:
+            yield (
+                f"hazard.beta_2 is {self.beta_2:g} with beta_1 = {self.beta_1:g}: the rate of "
+                f"members that touch exceeds 1e{_MAX_DECADE}; lower one of them"
+            )

@@ -8,7 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from .._util.text import closest
+from .._util.text import suggestion
 from ..errors import ScenarioError
 from .model import Scenario
 from .validation import Problem, scenario_error
@@ -106,16 +106,10 @@ def _text(path: Path, source: str, label: str) -> str:
             raise ScenarioError(f"{label} cannot be read: {error.strerror}") from None
     except ValueError:  # a path with a null character
         pass
-    raise ScenarioError(_unknown(source))
-
-
-def _unknown(source: str) -> str:
-    names = list(builtin_scenarios())
-    meant = closest(Path(source).stem, names)
-    hint = f"; did you mean '{meant}'?" if meant else ""
-    return (
-        f"no scenario '{source}': it is neither a built-in scenario nor a file{hint}\n"
-        f"  built-in scenarios: {', '.join(names)}"
+    names = list(_builtin_texts())
+    raise ScenarioError(
+        f"no scenario '{source}': it is neither a built-in scenario nor a file"
+        f"{suggestion(path.stem, names)}\n  built-in scenarios: {', '.join(names)}"
     )
 
 

@@ -68,13 +68,12 @@ class Scenario(Displayed, Table):
     @model_validator(mode="after")
     def _fits_together(self, info: ValidationInfo) -> Scenario:
         self._folder = (info.context or {}).get("folder")
-        messages = [
+        if messages := [
             *consistency.start_problems(self.swarm, self.target, self.hazard_table),
             *consistency.reach_problems(self.swarm, self.target, self.time),
             *consistency.margin_problems(self.guide, self.target),
             *consistency.custom_hazard_problems(self.swarm, self.hazard_table, self._folder),
-        ]
-        if messages:
+        ]:
             raise invalid([Problem(message, message.split()[0]) for message in messages])
         return self
 
