@@ -3,9 +3,8 @@
 from .base import Decision, Policy, UserPolicy, as_policy
 from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy
-from .independent import NaivePolicy
-from .joint import JointPolicy, ReplanningPolicy
 from .leader_selection import LEADER_SELECTION
+from .planned_paths import JointPolicy, NaivePolicy, ReplanningPolicy
 from .registry import POLICIES, make_policy, member_guides
 
 __all__ = [

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..hazard import Hazard
-from ..optimization.solution import BatchSolution
 from ..optimization.solvers import Solver
 from ..planning.guide import Guide
 from ..problems.formation import Formation, Motion, Step, corridor_formation, leader_formation
@@ -57,9 +56,8 @@ class FormationPolicy(Policy):
     ) -> Decision:
         """Solve the formation problem of every state; see `Policy.decide_batch`."""
         data = self._data(step, positions, previous_velocities, alive)
-        return applied_decision(
-            data, self._formation(data, self.guide.reference(step)), self.solver
-        )
+        formation = self._formation(data, self.guide.reference(step))
+        return applied_decision(data, formation, self.solver)
 
     def _data(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
@@ -142,22 +140,16 @@ def applied_decision(step: Step, formation: Formation, solver: Solver) -> Decisi
         solved = np.asarray(solution.success & (solution.stationarity <= MAX_STATIONARITY))
         failures[rows] |= ~solved
         fallbacks[rows] = solution.used_fallback
-        _log_failures(solver.name, formation.nlp.name, solution, solved)
+        for row in np.flatnonzero(~solved):
+            reason = "not solved" if solution.messages is None else str(solution.messages[row])
+            reason += ", but not stationary" if solution.success[row] else ""
+            _log_once(solver.name, formation.nlp.name, reason)
     velocities = formation.sets.project(velocities)
     infeasible = formation.infeasible
     if formation.tracked is not None:
         missed = step.motion.misses(step.positions, velocities, step.goal, formation.radius)
         infeasible = infeasible | (formation.tracked & missed)
     return Decision(velocities, infeasible.sum(axis=1), failures, fallbacks)
-
-
-def _log_failures(solver: str, problem: str, solution: BatchSolution, solved: BoolArray) -> None:
-    """Log why problems were not solved, once for every solver, problem and reason."""
-    for row in np.flatnonzero(~solved):
-        reason = "not solved" if solution.messages is None else str(solution.messages[row])
-        _log_once(
-            solver, problem, reason + (", but not stationary" if solution.success[row] else "")
-        )
 
 
 @lru_cache(maxsize=1024)

@@ -5,7 +5,6 @@ See `casswarm.problems.formation` for the program, and ``docs/mpc.md``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +18,7 @@ from ..optimization.feasible_sets.trajectory import (
     distances,
     fraction_within,
 )
-from ..optimization.problem import Instances, Nlp
+from ..optimization.problem import Instances
 from ..optimization.solvers.batch.nearest_trajectories import nearest_trajectories
 from ..problems.formation import Formation, Step, formation_nlp, formation_scale
 from ..typing import BoolArray, FloatArray
@@ -149,15 +148,6 @@ def _formation(step: Step, plan: _Plan) -> Formation:
     bound = np.full((batch, horizon, n, 2), np.inf)
     bound[:, 0] = motion.v_max
     fixed = ~free[:, None, :, None]
-    blocks: dict[str, FloatArray] = {"acceleration": np.full((batch, horizon, n), motion.a_max)}
-    if horizon > 1:
-        blocks["speed"] = np.full((batch, horizon - 1, n, 2), motion.v_max)
-    if corridor:
-        blocks["corridor"] = (motion.dt * plan.radii.transpose(0, 2, 1)) ** 2
-    two_sided = {
-        name: block if name == "speed" else np.full_like(block, np.inf)
-        for name, block in blocks.items()
-    }
     parameters: dict[str, FloatArray] = {
         "positions": step.positions,
         "previous_velocities": step.previous_velocities,
@@ -166,16 +156,28 @@ def _formation(step: Step, plan: _Plan) -> Formation:
         "goal": step.goals[None, :1],
         "dt": np.array([[motion.dt]]),
     }
+    blocks: dict[str, FloatArray] = {"acceleration": np.full((batch, horizon, n, 1), motion.a_max)}
     if horizon > 1:
         parameters["later"] = step.goals[None, 1:]
+        blocks["speed"] = np.full((batch, horizon - 1, n, 2), motion.v_max)
+    if corridor:
+        blocks["corridor"] = (motion.dt * plan.radii.transpose(0, 2, 1)[..., None]) ** 2
+    upper = {
+        name: np.where(fixed, np.inf, block).reshape(batch, -1, block.shape[-1])
+        for name, block in blocks.items()
+    }
+    lower = {
+        name: -block if name == "speed" else np.full_like(block, -np.inf)
+        for name, block in upper.items()
+    }
     limits = path_limits(step)
     instances = Instances(
         x0=guess.reshape(batch, -1),
         p=nlp.pack_parameters(**parameters),
         lbx=np.where(fixed, interior, -bound).reshape(batch, -1),
         ubx=np.where(fixed, interior, bound).reshape(batch, -1),
-        lbg=-_constraint_bounds(nlp, two_sided, free),
-        ubg=_constraint_bounds(nlp, blocks, free),
+        lbg=nlp.pack_constraints(**lower),
+        ubg=nlp.pack_constraints(**upper),
         scale=formation_scale(step, plan.constrained),
         feasible_set=TrajectorySets(
             step.previous_velocities,
@@ -198,13 +200,3 @@ def _formation(step: Step, plan: _Plan) -> Formation:
         radius=plan.radius,
         failures=plan.failed.astype(np.int64),
     )
-
-
-def _constraint_bounds(nlp: Nlp, blocks: Mapping[str, FloatArray], free: BoolArray) -> FloatArray:
-    """Bounds of g (B, ng) from blocks (B, H, n, ...); infinite for members that are not free."""
-    columns = []
-    for name in nlp.constraints:
-        block = blocks[name]
-        mask = free[:, None, :].reshape(len(free), 1, free.shape[1], *[1] * (block.ndim - 3))
-        columns.append(np.where(mask, block, np.inf).reshape(len(free), -1))
-    return np.concatenate(columns, axis=1)

@@ -17,9 +17,8 @@ from ..problems.formation import Motion
 from .base import Policy
 from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy
-from .independent import NaivePolicy
-from .joint import JointPolicy, ReplanningPolicy
 from .leader_selection import LEADER_SELECTION
+from .planned_paths import JointPolicy, NaivePolicy, ReplanningPolicy
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -55,9 +54,8 @@ def make_policy(
     Parameters
     ----------
     name : str
-        One of `POLICIES`: ``"naive"``, ``"constrained"``, ``"leader"``, ``"constrained-feedback"``,
-        ``"leader-feedback"``, ``"joint"``, ``"joint-replanning"``; or ``"constrained"`` and
-        ``"leader"`` with their horizon, such as ``"leader-mpc-3"``.
+        One of `POLICIES`; or ``"constrained"`` and ``"leader"`` with their horizon, such as
+        ``"leader-mpc-3"``.
     scenario : Scenario
     guide : Guide, optional
         Planned from the scenario by default; feedback policies need none.
@@ -94,8 +92,14 @@ def make_policy(
     _require_known("leader_selection", leader_selection, LEADER_SELECTION)
     options = _paper_options(scenario, solver) | dict(solver_options or {})
     backend = make_solver(solver, **options)
-    if guide is not None:
-        _require_fitting(scenario, guide)
+    target, dt = scenario.target.center, scenario.time.dt
+    if guide is not None and (guide.dt != dt or tuple(guide.center) != target):
+        raise PolicyError(
+            f"this guide leads to {tuple(guide.center)} in steps of {guide.dt}, but the scenario "
+            f"{scenario.name!r} has its target at {target} and dt {dt}: plan a guide for this "
+            "scenario",
+            scenario=scenario.name,
+        )
     motion, rho = Motion.from_scenario(scenario), scenario.formation.rho
     if kind in ("leader-feedback", "constrained-feedback"):
         value = ValueFunction.from_scenario(scenario, certified=False)
@@ -148,16 +152,6 @@ def _parsed(name: str, horizon: int) -> tuple[str, int]:
     return name, horizon
 
 
-def _require_fitting(scenario: Scenario, guide: Guide) -> None:
-    if guide.dt != scenario.time.dt or tuple(guide.center) != scenario.target.center:
-        raise PolicyError(
-            f"this guide leads to {tuple(guide.center)} in steps of {guide.dt}, but the scenario "
-            f"{scenario.name!r} has its target at {scenario.target.center} and dt "
-            f"{scenario.time.dt}: plan a guide for this scenario",
-            scenario=scenario.name,
-        )
-
-
 def _require_known(kind: str, name: str, known: Mapping[str, object]) -> None:
     if name not in known:
         message = f"{kind} {name!r} is unknown{did_you_mean(name, known)}"
@@ -170,15 +164,12 @@ def member_guides(scenario: Scenario, guide: Guide) -> tuple[Guide, ...]:
     They are searched for like the swarm's guide; one that does not arrive is included, see
     `Guide.arrives`.
     """
-    velocities = initial_velocities(scenario, guide)
+    near = guide if guide.search == "global" else None
     guides: dict[tuple[float, ...], Guide] = {}
+    velocities = initial_velocities(scenario, guide)
     for start, velocity in zip(scenario.positions, velocities, strict=True):
         if tuple(start) not in guides:
             guides[tuple(start)] = plan_from(
-                scenario,
-                start,
-                search=guide.search,
-                initial_velocity=velocity,
-                near=guide if guide.search == "global" else None,
+                scenario, start, search=guide.search, initial_velocity=velocity, near=near
             )
     return tuple(guides[tuple(start)] for start in scenario.positions)

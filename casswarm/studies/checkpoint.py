@@ -14,7 +14,6 @@ import os
 import socket
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal
 
 import numpy as np
@@ -80,13 +79,11 @@ class Checkpoint:
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._lock.release()
+
+    def _error(self, message: str, **values: Any) -> CheckpointError:
+        return CheckpointError(message, folder=self.folder, **values)
 
     def _acquire(self) -> None:
         holder = self._records / "lock-holder"
@@ -94,22 +91,23 @@ class Checkpoint:
             self._lock.acquire()
         except Timeout:
             name = holder.read_text(encoding="utf-8") if holder.exists() else "another process"
-            raise CheckpointError(
-                f"{self.folder} is in use by {name}: wait for it, or choose another folder",
-                folder=self.folder,
+            raise self._error(
+                f"{self.folder} is in use by {name}: wait for it, or choose another folder"
             ) from None
         except PermissionError:
             raise
         except OSError as error:
-            raise CheckpointError(
+            raise self._error(
                 f"{self.folder} cannot be locked against other processes ({error}): choose a "
-                "folder on another file system",
-                folder=self.folder,
+                "folder on another file system"
             ) from None
         atomic_write(holder, f"process {os.getpid()} on {socket.gethostname()}")
 
     def _begin(self) -> None:
-        earlier = self._earlier_inputs()
+        try:
+            earlier = json.loads(self._inputs_file.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            earlier = None
         if earlier is not None and self._if_exists == "resume":
             self._require_equal(earlier)
             for path in filter(is_partial, list(self._records.iterdir())):
@@ -117,11 +115,10 @@ class Checkpoint:
             return
         unfinished = earlier is not None and not (self._records / "finished").exists()
         if unfinished and self._if_exists == "error":
-            raise CheckpointError(
+            raise self._error(
                 f"{self.folder} holds an unfinished study: continue it (if_exists='resume', on the "
                 "command line --resume), start over (if_exists='overwrite', --overwrite), or "
-                "choose another folder",
-                folder=self.folder,
+                "choose another folder"
             )
         self._clear(earlier is not None)
         atomic_write(self._inputs_file, json.dumps(self._inputs, indent=1))
@@ -133,44 +130,35 @@ class Checkpoint:
         foreign = [
             path
             for path in paths
-            if path.is_dir()
-            or not (path.suffix == ".npz" or path.name in _FILES or is_partial(path))
+            if path.is_dir() or not (path in records or path.name in _FILES or is_partial(path))
         ]
         if foreign:
-            raise CheckpointError(
+            raise self._error(
                 f"{self._records} holds files of other origin, such as {foreign[0].name}: choose "
-                "another folder",
-                folder=self.folder,
+                "another folder"
             )
         if records and not known and self._if_exists != "overwrite":
-            raise CheckpointError(
+            raise self._error(
                 f"{self._records} holds {len(records)} records whose inputs are lost: choose "
-                "another folder, or start over (if_exists='overwrite', --overwrite)",
-                folder=self.folder,
+                "another folder, or start over (if_exists='overwrite', --overwrite)"
             )
         for path in paths:
             path.unlink()
 
-    def _earlier_inputs(self) -> Any:
-        try:
-            return json.loads(self._inputs_file.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            return None
-
     def _require_equal(self, earlier: Any) -> None:
         then, now = _flat(earlier), _flat(self._inputs)
         different = {key for key in then.keys() | now.keys() if then.get(key) != now.get(key)}
+        if not different:
+            return
         keys = sorted(different, key=lambda key: (key.count("."), key))  # settings, then details
-        if keys:
-            lines = [
-                f"  {key}: {_shortened(then.get(key))} there, {_shortened(now.get(key))} now"
-                for key in keys[:_MAX_REPORTED]
-            ]
-            more = [f"  and {len(keys) - _MAX_REPORTED} more"] if len(keys) > _MAX_REPORTED else []
-            title = f"{self.folder} belongs to other inputs:"
-            raise CheckpointError(
-                "\n".join([title, *lines, *more, _ADVICE]), folder=self.folder, keys=keys
-            )
+        lines = [
+            f"  {key}: {_shortened(then.get(key))} there, {_shortened(now.get(key))} now"
+            for key in keys[:_MAX_REPORTED]
+        ]
+        if len(keys) > _MAX_REPORTED:
+            lines.append(f"  and {len(keys) - _MAX_REPORTED} more")
+        title = f"{self.folder} belongs to other inputs:"
+        raise self._error("\n".join([title, *lines, _ADVICE]), keys=keys)
 
     def save(self, name: str, record: Mapping[str, NDArray[Any]]) -> None:
         """Write a record of arrays under a name that can be that of a file."""

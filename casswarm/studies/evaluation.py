@@ -16,7 +16,7 @@ from ..optimization.solvers import Solver
 from ..planning.guide import Guide
 from ..planning.plan import initial_velocities, plan
 from ..typing import FloatArray, Progress
-from .policy_list import resolve_policy, single_policy
+from .policy_list import policy_list, policy_name, resolve_policy
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -121,10 +121,10 @@ def estimate(
 
     Parameters
     ----------
-    scenario, policy, max_states, tolerance, aggregation_tol, guide, progress
-        As in `evaluate`, for the enumerated part.
-    solver, solver_options
+    scenario, policy, guide, solver, solver_options
         As in `evaluate`.
+    max_states, tolerance, aggregation_tol, progress
+        As in `evaluate`, for the enumerated part.
     runs : int
         Number of runs that sample the residual mass, at least 1.
     seed : int
@@ -182,8 +182,14 @@ def _expansion(
     progress: Progress | None,
 ) -> tuple[StateSpaceExpansion, FloatArray]:
     """Expand the chain's states; also returns V(-1)."""
+    listed = policy_list(policy)
+    if len(listed) > 1:
+        raise PolicyError(
+            f"one policy is evaluated at a time, not {len(listed)}: "
+            f"{', '.join(map(policy_name, listed))}; call evaluate for each of them"
+        )
     guide = plan(scenario, certify=False) if guide is None else guide
-    resolved = resolve_policy(single_policy(policy), scenario, guide, *solver)
+    resolved = resolve_policy(listed[0], scenario, guide, *solver)
     velocities = initial_velocities(scenario, guide)
     expansion = StateSpaceExpansion(scenario, resolved, velocities, options)
     expansion.expand(progress)

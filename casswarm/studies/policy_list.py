@@ -55,20 +55,3 @@ def policy_list(policies: Any) -> list[Any]:
 def policy_name(policy: str | Policy) -> str:
     """Name of a policy of a `policy_list`."""
     return policy if isinstance(policy, str) else policy.name
-
-
-def single_policy(policy: Any) -> Any:
-    """The policy itself, or the only one of a list.
-
-    Raises
-    ------
-    PolicyError
-        A list of another length.
-    """
-    listed = policy_list(policy)
-    if len(listed) > 1:
-        raise PolicyError(
-            f"one policy is evaluated at a time, not {len(listed)}: "
-            f"{', '.join(map(policy_name, listed))}; call evaluate for each of them"
-        )
-    return listed[0]

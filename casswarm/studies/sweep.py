@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -134,7 +134,9 @@ def sweep(
         if checkpoint is not None:
             inputs = _inputs(scenario, settings, [point.policy_name for point in points], options)
             store = stack.enter_context(Checkpoint(checkpoint, inputs, if_exists))
-            results = dict(_saved(store, len(points)))
+            saved = {k: store.load_json(_record_name(k)) for k in range(len(points))}
+            # sweep points that failed are computed again
+            results = {k: r for k, r in saved.items() if r and r["columns"]["status"] == "ok"}
         missing = [index for index in range(len(points)) if index not in results]
         if workers != 1 and missing:
             require_sendable({point.policy_name: point for point in points})
@@ -146,23 +148,11 @@ def sweep(
                 progress("sweep points", len(results), len(points))
         if store is not None:
             store.finish()
-    return _sweep(scenario, tuple(settings), points, [results[k] for k in range(len(points))])
-
-
-def _sweep(
-    scenario: Scenario,
-    keys: tuple[str, ...],
-    points: Sequence[SweepPoint],
-    results: Sequence[Mapping[str, Any]],
-) -> Sweep:
-    table = pd.DataFrame(
-        [p.identity() | result["columns"] for p, result in zip(points, results, strict=True)]
-    )
-    for name in ("runs", "successes", "states"):
-        table[name] = table[name].astype("Int64")
-    seconds = [result["seconds"] for result in results]
-    effort = pd.DataFrame({"point": range(len(seconds)), "seconds": seconds})
-    return Sweep(scenario, keys, table, effort)
+    rows = [point.identity() | results[k]["columns"] for k, point in enumerate(points)]
+    table = pd.DataFrame(rows).astype(dict.fromkeys(("runs", "successes", "states"), "Int64"))
+    seconds = [results[k]["seconds"] for k in range(len(points))]
+    effort = pd.DataFrame({"point": range(len(points)), "seconds": seconds})
+    return Sweep(scenario, tuple(settings), table, effort)
 
 
 def _python_numbers(values: Sequence[Any]) -> Any:
@@ -202,14 +192,6 @@ def _inputs(
         "options": vars(options),
         "casswarm": version("casswarm"),
     }
-
-
-def _saved(store: Checkpoint, points: int) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Sweep points of a checkpoint; those that failed are computed again."""
-    for index in range(points):
-        result = store.load_json(_record_name(index))
-        if result is not None and result["columns"]["status"] == "ok":
-            yield index, result
 
 
 def _record_name(index: int) -> str:

@@ -17,6 +17,7 @@ from ..scenario.variations import with_parameters
 from .evaluation import evaluate
 from .policy_list import policy_name
 from .simulation import simulate
+from .tables import distribution_table
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -75,15 +76,18 @@ class SweepPoint:
     def __call__(self) -> dict[str, Any]:
         """Compute the point: its other columns, and the seconds that it took."""
         started = time.perf_counter()
-        exact = self.options.runs is None
-        row: dict[str, Any] = {"method": "exact" if exact else "sampled"}
+        runs = self.options.runs
+        row: dict[str, Any] = {"method": "exact" if runs is None else "sampled"}
         row |= dict.fromkeys(MEASURES, math.nan)
         row |= {"runs": None, "successes": None, "states": None, "reason": ""}
         try:
             scenario = with_parameters(self.scenario, self.values)
             guide = _guide(scenario)
             row["guide_survival"] = float(guide.survival)
-            row |= self._exact(scenario, guide) if exact else self._sampled(scenario, guide)
+            if runs is None:
+                row |= self._exact(scenario, guide)
+            else:
+                row |= self._sampled(scenario, guide, runs)
             row["status"] = "ok"
         except (CasswarmError, ValueError, ArithmeticError, RuntimeError, MemoryError) as error:
             row |= {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
@@ -100,39 +104,22 @@ class SweepPoint:
             guide=guide,
             solver=options.solver,
         )
-        success, survivors = distribution.success, distribution.survivors_mean
-        return {
-            "success_low": success.low,
-            "success_high": success.high,
-            "success": success.midpoint,
-            "survivors_mean": survivors.midpoint,
-            "survivors_mean_low": survivors.low,
-            "survivors_mean_high": survivors.high,
-            "infeasible_mean": distribution.infeasible,
-            "solver_failures_mean": distribution.failures,
-            "states": distribution.states,
+        row = distribution_table([distribution]).to_dict("records")[0]
+        return {name: row[name] for name in (*MEASURES, "states") if name in row} | {
+            "success": distribution.success.midpoint,
+            "survivors_mean": distribution.survivors_mean.midpoint,
             "reason": distribution.advice,  # empty if the bounds are as narrow as requested
         }
 
-    def _sampled(self, scenario: Scenario, guide: Guide) -> dict[str, Any]:
-        runs, options = self.options.runs, self.options
-        assert runs is not None
+    def _sampled(self, scenario: Scenario, guide: Guide, runs: int) -> dict[str, Any]:
+        seed, solver = self.options.seed, self.options.solver
         study = simulate(
-            scenario,
-            [self.policy],
-            runs,
-            options.seed,
-            guide=guide,
-            solver=options.solver,
-            save_trajectories=0,
+            scenario, [self.policy], runs, seed, guide=guide, solver=solver, save_trajectories=0
         )
-        summary = study.summary.iloc[0]
-        same = ("success_low", "success_high", "success", "survivors_mean")
-        return {name: float(summary[name]) for name in same} | {
-            "infeasible_mean": float(summary["infeasible"] / runs),
-            "solver_failures_mean": float(summary["solver_failures"] / runs),
-            "runs": runs,
-            "successes": int(summary["successes"]),
+        row = study.summary.to_dict("records")[0]
+        same = ("success_low", "success_high", "success", "survivors_mean", "runs", "successes")
+        return {name: row[name] for name in same} | {
+            f"{name}_mean": row[name] / runs for name in ("infeasible", "solver_failures")
         }
 
 

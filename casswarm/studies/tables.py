@@ -162,26 +162,22 @@ def run_table(name: str, part: Runs) -> pd.DataFrame:
 
 def summarise(runs: pd.DataFrame) -> pd.DataFrame:
     """Summary of a table of runs: a row per policy; see `Study`."""
-    rows = []
-    for name, table in runs.groupby("policy", sort=False):
-        successes = int(table["success"].sum())
-        low, high = wilson(successes, len(table))
-        rows.append(
-            {
-                "policy": name,
-                "runs": len(table),
-                "successes": successes,
-                "success": successes / len(table),
-                "success_low": low,
-                "success_high": high,
-                "survivors_mean": float(table["survivors"].mean()),
-                "arrival_step_mean": float(table["arrival_step"].astype("Float64").mean())
-                if successes
-                else float("nan"),
-            }
-            | {name: int(table[name].sum()) for name in COUNTS}
+    table = (
+        runs.groupby("policy", sort=False)
+        .agg(
+            runs=("success", "size"),
+            successes=("success", "sum"),
+            success=("success", "mean"),
+            survivors_mean=("survivors", "mean"),
+            arrival_step_mean=("arrival_step", "mean"),
+            **{name: (name, "sum") for name in COUNTS},
         )
-    return pd.DataFrame(rows)
+        .reset_index()
+        .astype({"arrival_step_mean": float})
+    )
+    intervals = map(wilson, table["successes"], table["runs"])
+    bounds = pd.DataFrame(intervals, columns=["success_low", "success_high"])
+    return pd.concat([table.loc[:, :"success"], bounds, table.loc[:, "survivors_mean":]], axis=1)
 
 
 def paired_table(runs: pd.DataFrame) -> pd.DataFrame:

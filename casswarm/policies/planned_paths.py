@@ -1,12 +1,14 @@
-"""The joint plan as a policy: open loop, or with replanning after losses."""
+"""Policies that follow planned paths: each member's own, or those of a joint plan."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import PolicyError
+from ..planning.guide import Guide
 from ..planning.joint import PlanTree, SwarmPlan
 from ..problems.formation import Motion
 from ..typing import BoolArray, FloatArray
@@ -15,6 +17,40 @@ from .base import Decision, Policy
 _ON_PLAN = 1e-9
 """Distance from the planned position and velocity, in units of v_max dt and v_max, up to which a
 member takes exactly the planned velocity."""
+
+
+@dataclass(frozen=True, eq=False)
+class NaivePolicy(Policy):
+    """Independent planning, the paper's baseline (section V.B, Figure 4).
+
+    Parameters
+    ----------
+    motion : Motion
+    guides : sequence of n Guide
+        A guide for every member, from its initial position.
+    """
+
+    motion: Motion
+    guides: Sequence[Guide]
+    name: str = "naive"
+
+    def decide_batch(
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+    ) -> Decision:
+        """Move every member to its own guide's next point, as close as the limits allow.
+
+        A member whose planning failed heads straight for the target, and counts as a failure.
+        """
+        goals = np.stack([g.reference(step + 1) if g.arrives else g.center for g in self.guides])
+        unplanned = np.array([not guide.arrives for guide in self.guides])
+        velocities = self.motion.toward(positions, previous_velocities, goals)
+        infeasible = alive & ~unplanned & self.motion.misses(positions, velocities, goals)
+        return Decision(
+            np.where(alive[..., None], velocities, 0.0),
+            infeasible.sum(axis=1),
+            (alive & unplanned).any(axis=1).astype(np.int64),
+            np.zeros(len(velocities), np.int64),
+        )
 
 
 @dataclass(frozen=True, eq=False)
