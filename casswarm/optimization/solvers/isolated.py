@@ -33,7 +33,7 @@ MAX_FAILURES = 3
 
 _START_SECONDS = 60.0
 _MAX_OUTPUT = 500  # characters in which the last line that a process printed is looked for
-_MAX_PROGRAMS = 64  # sent to a process before it is replaced: it stores them all
+_MAX_PROGRAMS = 64  # that are kept, pickled here and restored in the process
 _GUARD = "a script must call this under `if __name__ == '__main__':`, and not be standard input"
 
 
@@ -104,23 +104,22 @@ class Isolated(Solver):
         _worker(self).end()
 
     def _chunk(self, nlp: Nlp, instances: Instances) -> tuple[float, list[Answer]]:
-        try:
-            return _worker(self).solve(nlp, instances, self.time_limit)
-        except WorkerEndedError as end:
-            if len(instances) == 1:
-                return 0.0, failed(instances, str(end), end.status)
-        seconds, answers, failures = 0.0, list[Answer](), 0
-        while len(answers) < len(instances):
-            row = slice(len(answers), len(answers) + 1)
+        """Seconds of preparing, and answers; one by one if the process ends on all together."""
+        parts, seconds, answers, failures = [instances], 0.0, list[Answer](), 0
+        while parts:
+            part = parts.pop(0)
             try:
-                build, answer = _worker(self).solve(nlp, instances[row], self.time_limit)
-                seconds, failures = seconds + build, 0
+                build, solved = _worker(self).solve(nlp, part, self.time_limit)
+                seconds, answers, failures = seconds + build, answers + solved, 0
             except WorkerEndedError as end:
-                answer, failures = failed(instances[row], str(end), end.status), failures + 1
+                if len(part) > 1:
+                    parts = [part[i : i + 1] for i in range(len(part))]
+                    continue
+                answers += failed(part, str(end), end.status)
+                failures += 1
                 if failures == MAX_FAILURES:
                     message = f"not tried after {failures} in a row: {end}"
-                    answer += failed(instances[slice(row.stop, None)], message, end.status)
-            answers += answer
+                    return seconds, answers + failed(instances[len(answers) :], message, end.status)
         return seconds, answers
 
 
@@ -142,7 +141,6 @@ class _Worker:
         self.solver = solver
         self._child: BaseProcess | None = None
         self._connection: Connection[Any, Any] | None = None
-        self._programs: dict[Nlp, int] = {}
         self._lock = threading.Lock()  # one request at a time
         handle, name = tempfile.mkstemp(prefix="casswarm-", suffix=".log")
         os.close(handle)
@@ -163,12 +161,8 @@ class _Worker:
         """
         with self._lock:
             try:
-                if len(self._programs) >= _MAX_PROGRAMS:
-                    self.end()
                 self.start()
-                program = None if nlp in self._programs else _pickled(nlp.name, nlp)
-                key = self._programs.setdefault(nlp, len(self._programs))
-                reply = self._request((key, program, instances), time_limit)
+                reply = self._request((_pickled(nlp), instances), time_limit)
             except BaseException:  # on Ctrl-C too, or the answer would be that to the next request
                 self.end()
                 raise
@@ -183,11 +177,9 @@ class _Worker:
             return
         self.end()
         context = get_context("spawn")  # CasADi's solvers do not survive a fork of their threads
-        solver = _pickled(f"solver {self.solver.name}", self.solver)
         self._connection, theirs = context.Pipe()
-        self._child = context.Process(
-            target=_serve, args=(theirs, solver, str(self._output)), daemon=True
-        )
+        arguments = theirs, _pickled(self.solver), str(self._output)
+        self._child = context.Process(target=_serve, args=arguments, daemon=True)
         try:
             with deferred():
                 self._child.start()
@@ -210,7 +202,6 @@ class _Worker:
         if self._connection is not None:
             self._connection.close()
         self._child = self._connection = None
-        self._programs.clear()
 
     def _exit(self) -> None:
         self.end()
@@ -250,12 +241,13 @@ def _exit_description(code: int | None, output: Path) -> str:
     return f"{text}; the last line that it printed: {last}" if last else text
 
 
-def _pickled(what: str, value: object) -> bytes:
+@lru_cache(maxsize=_MAX_PROGRAMS)
+def _pickled(value: Nlp | Solver) -> bytes:
     try:
         return pickle.dumps(value)
     except Exception as error:  # any that a user's class raises
         raise SolverError(
-            f"{what} cannot be sent to another process ({error_text(error)}): classes and "
+            f"{value.name} cannot be sent to another process ({error_text(error)}): classes and "
             "functions must be defined in a module"
         ) from error
 
@@ -276,21 +268,17 @@ def _serve(connection: Connection[Any, Any], pickled_solver: bytes, output: str)
         connection.send(SolverError(message + "its class must be defined in a module"))
         return
     connection.send(None)  # ready
-    programs: dict[int, Nlp] = {}
+    restored = lru_cache(maxsize=_MAX_PROGRAMS)(pickle.loads)
     while True:
         try:
-            key, program, instances = connection.recv()
+            program, instances = connection.recv()
         except EOFError:
             return
-        if program is not None:
-            programs[key] = pickle.loads(program)
         try:
-            build, answers = solver.timed_answers(programs[key], instances)
-            reply: Any = build, list(answers)
+            seconds, answers = solver.timed_answers(restored(program), instances)
+            connection.send((seconds, list(answers)))
         except CasswarmError as error:
-            reply = SolverError(str(error))
-        try:
-            connection.send(reply)
-        except Exception as error:  # an answer of a user's solver that does not pickle
-            message = f"its answer cannot be sent: {error_text(error)}"
+            connection.send(SolverError(str(error)))
+        except Exception as error:  # a user's objects that do not pickle
+            message = f"its problem or answer cannot be sent: {error_text(error)}"
             connection.send((0.0, failed(instances, message)))
