@@ -119,15 +119,14 @@ class Nlp:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # symbols do not pickle, but functions of them do; inlining restores the graph
-        blocks = [self.objective, *self.constraints.values()]
-        return _restore, (
-            ca.Function("blocks", [self.x, self.p], blocks).serialize(),
-            {name: block.shape for name, block in self.variables.items()},
-            {name: block.shape for name, block in self.parameters.items()},
-            tuple(self.constraints),
-            (self.name, self.unroll, self.compiled, self.n_starts),
-            None if self.hessian is None else self.hessian.serialize(),
+        function = ca.Function(
+            "blocks",
+            [*self.variables.values(), *self.parameters.values()],
+            [self.objective, *self.constraints.values()],
         )
+        names = tuple(self.variables), tuple(self.parameters), tuple(self.constraints)
+        hints = self.unroll, self.compiled, self.n_starts, self.hessian
+        return _restore, (self.name, function, names, hints)
 
     def _function(self, name: str, outputs: list[Expr]) -> Expr:
         function = ca.Function(name, [self.x, self.p], outputs)
@@ -167,23 +166,16 @@ class Nlp:
 
 
 def _restore(
-    serialized: str,
-    variables: Mapping[str, tuple[int, int]],
-    parameters: Mapping[str, tuple[int, int]],
-    constraints: tuple[str, ...],
-    settings: tuple[str, bool, CompiledObjective | None, int],
-    hessian: str | None,
+    name: str, function: Expr, names: tuple[tuple[str, ...], ...], hints: tuple[Any, ...]
 ) -> Nlp:
     """Restore the program that `Nlp.__reduce__` decomposed."""
-    x, p = (
-        {name: ca.MX.sym(name, *shape) for name, shape in blocks.items()}
-        for blocks in (variables, parameters)
+    symbols = function.mx_in()
+    objective, *rows = function.call(symbols, True, False)
+    variables = dict(zip(names[0], symbols, strict=False))
+    parameters = dict(zip(names[1], symbols[len(variables) :], strict=True))
+    return Nlp(
+        name, variables, parameters, objective, dict(zip(names[2], rows, strict=True)), *hints
     )
-    function = ca.Function.deserialize(serialized)
-    objective, *g = function.call([ca.veccat(*x.values()), ca.veccat(*p.values())], True, False)
-    second = None if hessian is None else ca.Function.deserialize(hessian)
-    rows = dict(zip(constraints, g, strict=True))
-    return Nlp(settings[0], x, p, objective, rows, *settings[1:], hessian=second)
 
 
 def _pack(blocks: Mapping[str, Expr], arrays: Mapping[str, ArrayLike]) -> FloatArray:
@@ -239,28 +231,22 @@ class Instances:
         batch = self.x0.shape[0]
         for name in ("p", "lbx", "ubx", "lbg", "ubg"):
             array = getattr(self, name)
-            width = array.shape[-1]
-            object.__setattr__(self, name, np.broadcast_to(array, (batch, width)))
+            object.__setattr__(self, name, np.broadcast_to(array, (batch, array.shape[-1])))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # the constructor makes broadcast arrays read-only again
-        return type(self), tuple(getattr(self, field.name) for field in fields(self))
+        return type(self), self._values()
 
     def __len__(self) -> int:
         return int(self.x0.shape[0])
 
     def __getitem__(self, rows: slice | NDArray[Any]) -> Instances:
         """Subset of the instances, selected by a slice, a mask or indices."""
-        return Instances(
-            self.x0[rows],
-            self.p[rows],
-            self.lbx[rows],
-            self.ubx[rows],
-            self.lbg[rows],
-            self.ubg[rows],
-            None if self.feasible_set is None else self.feasible_set[rows],
-            None if self.scale is None else self.scale[rows],
-        )
+        parts: list[Any] = [None if part is None else part[rows] for part in self._values()]
+        return Instances(*parts)
+
+    def _values(self) -> tuple[Any, ...]:
+        return tuple(getattr(self, field.name) for field in fields(self))
 
     def with_x0(self, x0: FloatArray) -> Instances:
         """The same instances with other initial guesses."""
