@@ -24,7 +24,7 @@ from known_problems import (
 
 from casswarm.optimization.problem import Nlp
 from casswarm.optimization.solution import Solution, Status
-from casswarm.optimization.solvers import Ipopt, casadi_nlpsol, ipopt
+from casswarm.optimization.solvers import Ipopt, casadi_nlpsol
 
 each = pytest.mark.parametrize("problem", KNOWN, ids=lambda problem: problem.__name__)
 
@@ -169,7 +169,7 @@ def test_ipopt_return_status_maps_to_status(words: str, monkeypatch: pytest.Monk
 
 
 def test_ipopt_status_table_contains_only_known_statuses() -> None:
-    assert set(ipopt.STATUS) <= set(WORDS)
+    assert set(Ipopt.statuses) <= set(WORDS)
 
 
 # --- limits and failures

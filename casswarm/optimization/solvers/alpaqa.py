@@ -12,8 +12,6 @@ from .casadi_nlpsol import NlpsolSolver
 from .options import Positive, PositiveInt
 
 LIMITED = "SOLVER_RET_LIMITED"
-STATUS = {"SOLVER_RET_SUCCESS": Status.SOLVED, LIMITED: Status.ITERATION_LIMIT}
-"""Status by CasADi's unified_return_status; the plugin sets no return_status."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,12 @@ class Alpaqa(NlpsolSolver):
     summary: ClassVar[str] = "augmented Lagrangian with PANOC, first derivatives; any problem"
     capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
     plugin: ClassVar[str] = "alpaqa"
-    statuses: ClassVar[dict[str, Status]] = STATUS
+    counts: ClassVar[tuple[str, ...]] = ("nlp_psi", "nlp_grad_psi")
+    # the plugin sets no return_status
+    statuses: ClassVar[dict[str, Status]] = {
+        "SOLVER_RET_SUCCESS": Status.SOLVED,
+        LIMITED: Status.ITERATION_LIMIT,
+    }
 
     def plugin_options(self) -> dict[str, Any]:
         """See `NlpsolSolver.plugin_options`."""
@@ -62,11 +65,3 @@ class Alpaqa(NlpsolSolver):
         if message == LIMITED and stats["t_wall_total"] >= self.time_limit:
             return Status.TIME_LIMIT
         return super()._status(message, stats)
-
-    @staticmethod
-    def _message(stats: Mapping[str, Any]) -> str:
-        return str(stats["unified_return_status"])
-
-    @staticmethod
-    def _evaluations(stats: Mapping[str, Any]) -> int:
-        return sum(int(stats.get(f"n_call_{name}", 0)) for name in ("nlp_psi", "nlp_grad_psi"))

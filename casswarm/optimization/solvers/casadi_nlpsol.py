@@ -44,15 +44,15 @@ class NlpsolSolver(Solver):
 
     plugin: ClassVar[str]
     statuses: ClassVar[Mapping[str, Status]]
+    """Status by return_status, or CasADi's unified one if the plugin has none; else a failure."""
+    counts: ClassVar[tuple[str, ...]] = ("nlp_f", "nlp_fg")
+    """Functions whose calls are the evaluations."""
+    uses_hessian: ClassVar[bool] = False
+    """Whether the backend is given `Nlp.hessian`, where there is one."""
     prints_to_stdout: ClassVar[bool] = False
     """Whether the backend prints regardless of its options, and must be silenced."""
     needs_constraint_row: ClassVar[bool] = False
     """Whether the backend needs a row in g; where there is none, an unbounded one is added."""
-
-    @property
-    def second_derivatives(self) -> bool:
-        """Whether the backend asks for the Hessian of the Lagrangian."""
-        return False
 
     @abstractmethod
     def plugin_options(self) -> dict[str, Any]:
@@ -95,7 +95,7 @@ class NlpsolSolver(Solver):
             return Answer(instances.x0[i], Status.FAILED, _reason(error), 0, 0, seconds)
         seconds = time.perf_counter() - started
         stats = _stats(function)
-        message = self._message(stats)
+        message = str(stats.get("return_status", stats["unified_return_status"]))
         if message == INTERRUPTED:
             raise KeyboardInterrupt
         rows = instances.lbg.shape[1]
@@ -104,23 +104,14 @@ class NlpsolSolver(Solver):
             status=self._status(message, stats),
             message=message,
             iterations=int(stats.get("iter_count", 0)),
-            evaluations=self._evaluations(stats),
+            evaluations=sum(int(stats.get(f"n_call_{name}", 0)) for name in self.counts),
             seconds=seconds,
             multipliers=(np.asarray(out["lam_x"]).ravel(), np.asarray(out["lam_g"]).ravel()[:rows]),
         )
 
     def _status(self, message: str, stats: Mapping[str, Any]) -> Status:  # noqa: ARG002
-        """Status by the table; an unknown message is a failure."""
+        """Status by the table."""
         return self.statuses.get(message, Status.FAILED)
-
-    @staticmethod
-    def _message(stats: Mapping[str, Any]) -> str:
-        return str(stats["return_status"])
-
-    @staticmethod
-    def _evaluations(stats: Mapping[str, Any]) -> int:
-        """Number of calls of the objective, under the names that plugins use."""
-        return sum(int(stats.get(f"n_call_{name}", 0)) for name in ("nlp_f", "nlp_fg"))
 
 
 @cache
@@ -134,7 +125,7 @@ def _stats(function: Any) -> dict[str, Any]:
     try:
         return dict(function.stats())
     except RuntimeError:
-        return {"return_status": NO_STATUS, "unified_return_status": NO_STATUS}
+        return dict.fromkeys(("return_status", "unified_return_status"), NO_STATUS)
 
 
 def _reason(error: RuntimeError) -> str:
@@ -146,11 +137,10 @@ def _reason(error: RuntimeError) -> str:
 @lru_cache(maxsize=64)
 def _compiled(solver: NlpsolSolver, nlp: Nlp) -> Any:
     options = {"expand": nlp.unroll, **COMMON, **solver.plugin_options()}
-    if nlp.hessian is not None and solver.second_derivatives:
+    if nlp.hessian is not None and solver.uses_hessian:
         options["hess_lag"] = nlp.hessian
     free = solver.needs_constraint_row and not nlp.sizes[2]
-    g = ca.MX(0) if free else nlp.g
-    problem = {"x": nlp.x, "p": nlp.p, "f": nlp.objective, "g": g}
+    problem = {"x": nlp.x, "p": nlp.p, "f": nlp.objective, "g": ca.MX(0) if free else nlp.g}
     try:
         with silence() if solver.prints_to_stdout else nullcontext():
             return ca.nlpsol("solver", solver.plugin, problem, options)

@@ -10,17 +10,6 @@ from .base import Capabilities
 from .casadi_nlpsol import NlpsolSolver
 from .options import NonNegativeInt, Positive, PositiveInt
 
-STATUS = {
-    "Solve_Succeeded": Status.SOLVED,
-    "Solved_To_Acceptable_Level": Status.ACCEPTABLE,
-    "Infeasible_Problem_Detected": Status.INFEASIBLE,
-    "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
-    "Maximum_CpuTime_Exceeded": Status.TIME_LIMIT,
-    "Maximum_WallTime_Exceeded": Status.TIME_LIMIT,
-    "Diverging_Iterates": Status.DIVERGED,
-}
-"""Status by Ipopt's return_status; any other is a failure."""
-
 
 @dataclass(frozen=True)
 class Ipopt(NlpsolSolver):
@@ -60,12 +49,16 @@ class Ipopt(NlpsolSolver):
     summary: ClassVar[str] = "interior point, exact derivatives; any problem"
     capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
     plugin: ClassVar[str] = "ipopt"
-    statuses: ClassVar[dict[str, Status]] = STATUS
-
-    @property
-    def second_derivatives(self) -> bool:
-        """Whether Hessians are exact."""
-        return self.hessian == "exact"
+    uses_hessian: ClassVar[bool] = True
+    statuses: ClassVar[dict[str, Status]] = {
+        "Solve_Succeeded": Status.SOLVED,
+        "Solved_To_Acceptable_Level": Status.ACCEPTABLE,
+        "Infeasible_Problem_Detected": Status.INFEASIBLE,
+        "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
+        "Maximum_CpuTime_Exceeded": Status.TIME_LIMIT,
+        "Maximum_WallTime_Exceeded": Status.TIME_LIMIT,
+        "Diverging_Iterates": Status.DIVERGED,
+    }
 
     def plugin_options(self) -> dict[str, Any]:
         """See `NlpsolSolver.plugin_options`."""

@@ -10,15 +10,6 @@ from .base import Capabilities
 from .casadi_nlpsol import NlpsolSolver
 from .options import Positive, PositiveInt
 
-STATUS = {
-    "optimal": Status.SOLVED,
-    "infeasible": Status.INFEASIBLE,
-    "unbounded": Status.DIVERGED,
-    "iteration limit": Status.ITERATION_LIMIT,
-    "time limit": Status.TIME_LIMIT,
-}
-"""Status by the plugin's return_status; its ``success`` is always true, even at a limit."""
-
 
 @dataclass(frozen=True)
 class Sleqp(NlpsolSolver):
@@ -42,7 +33,14 @@ class Sleqp(NlpsolSolver):
     capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
     plugin: ClassVar[str] = "sleqp"
     needs_constraint_row: ClassVar[bool] = True  # or some solves exceed their time limit
-    statuses: ClassVar[dict[str, Status]] = STATUS
+    # the plugin's success is always true, even at a limit
+    statuses: ClassVar[dict[str, Status]] = {
+        "optimal": Status.SOLVED,
+        "infeasible": Status.INFEASIBLE,
+        "unbounded": Status.DIVERGED,
+        "iteration limit": Status.ITERATION_LIMIT,
+        "time limit": Status.TIME_LIMIT,
+    }
 
     def plugin_options(self) -> dict[str, Any]:
         """See `NlpsolSolver.plugin_options`."""

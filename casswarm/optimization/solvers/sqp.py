@@ -10,12 +10,6 @@ from .base import Capabilities
 from .casadi_nlpsol import NlpsolSolver
 from .options import Positive, PositiveInt
 
-STATUS = {
-    "Solve_Succeeded": Status.SOLVED,
-    "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
-}
-"""Status by sqpmethod's return_status; a search direction that became too small is no success."""
-
 QP_SOLVERS: dict[str, dict[str, Any]] = {
     "qpoases": {"printLevel": "none"},
     "qrqp": {"print_header": False, "print_info": False, "print_iter": False},
@@ -53,7 +47,11 @@ class Sqp(NlpsolSolver):
     capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True)
     plugin: ClassVar[str] = "sqpmethod"
     prints_to_stdout: ClassVar[bool] = True  # qpOASES prints its licence
-    statuses: ClassVar[dict[str, Status]] = STATUS
+    # a search direction that became too small is no success
+    statuses: ClassVar[dict[str, Status]] = {
+        "Solve_Succeeded": Status.SOLVED,
+        "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
+    }
 
     def plugin_options(self) -> dict[str, Any]:
         """See `NlpsolSolver.plugin_options`."""

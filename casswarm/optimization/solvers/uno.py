@@ -11,13 +11,6 @@ from .base import Capabilities
 from .casadi_nlpsol import NlpsolSolver
 from .options import Positive, PositiveInt
 
-STATUS = {
-    "Converged with feasible KKT point": Status.SOLVED,
-    "Converged with infeasible stationary point": Status.INFEASIBLE,
-    "Terminated with unbounded problem": Status.DIVERGED,
-}
-"""Status by the plugin's return_status; small steps and Fritz John points are failures."""
-
 NOT_OPTIMAL = "Terminated with not optimal point"
 """The return_status at any limit, and of errors."""
 
@@ -44,7 +37,12 @@ class Uno(NlpsolSolver):
     capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
     plugin: ClassVar[str] = "uno"
     prints_to_stdout: ClassVar[bool] = True  # warnings on fixed variables and rows without bounds
-    statuses: ClassVar[dict[str, Status]] = STATUS
+    # small steps and Fritz John points are failures
+    statuses: ClassVar[dict[str, Status]] = {
+        "Converged with feasible KKT point": Status.SOLVED,
+        "Converged with infeasible stationary point": Status.INFEASIBLE,
+        "Terminated with unbounded problem": Status.DIVERGED,
+    }
 
     def plugin_options(self) -> dict[str, Any]:
         """See `NlpsolSolver.plugin_options`."""
