@@ -9,19 +9,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy import sparse
 
 from ...typing import FloatArray
 from ..problem import Instances, Nlp
 from ..solution import Status
 from .base import Answer, Capabilities, Solver
 from .options import Positive, PositiveInt
-
-STATUS = {
-    "Optimization terminated successfully": Status.SOLVED,
-    "Iteration limit reached": Status.ITERATION_LIMIT,
-}
-"""Status by OptimizeResult.message; an incompatible quadratic subproblem proves nothing."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +37,11 @@ class Slsqp(Solver):
     name: ClassVar[str] = "slsqp"
     summary: ClassVar[str] = "SciPy's dense SQP with BFGS, exact gradients; any problem"
     capabilities: ClassVar[Capabilities] = Capabilities(time_limit=True)
+    # by OptimizeResult.message; an incompatible quadratic subproblem proves nothing
+    statuses: ClassVar[dict[str, Status]] = {
+        "Optimization terminated successfully": Status.SOLVED,
+        "Iteration limit reached": Status.ITERATION_LIMIT,
+    }
 
     def prepare(self, nlp: Nlp) -> None:
         """See `Solver.prepare`."""
@@ -74,7 +72,7 @@ class Slsqp(Solver):
         message = str(result.message)
         return Answer(
             x=np.asarray(result.x, dtype=float),
-            status=STATUS.get(message, Status.FAILED),
+            status=self.statuses.get(message, Status.FAILED),
             message=message,
             iterations=int(result.nit),
             evaluations=functions.evaluations,
@@ -82,15 +80,20 @@ class Slsqp(Solver):
         )
 
     def _minimize(self, functions: _Functions) -> Any:
-        from scipy.optimize import Bounds, minimize  # slow to import, and seldom needed
+        # slow to import, and seldom needed
+        from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
+        instance = functions.instance
+        rows = NonlinearConstraint(
+            functions.rows, instance.lbg[0], instance.ubg[0], functions.jacobian
+        )
         return minimize(
             functions.objective,
             functions.x0,
             method="SLSQP",
             jac=functions.gradient,
-            bounds=Bounds(functions.instance.lbx[0], functions.instance.ubx[0]),
-            constraints=_constraints(functions),
+            bounds=Bounds(instance.lbx[0], instance.ubx[0]),
+            constraints=[rows] if instance.lbg.size else [],
             options={"ftol": self.tolerance, "maxiter": self.max_iter},
         )
 
@@ -100,15 +103,9 @@ class _OutOfTimeError(Exception):
 
 
 class _Functions:
-    """The functions of one instance, each evaluated once at a point.
+    """The functions of a single instance; f and g are evaluated together, once at a point.
 
-    Parameters
-    ----------
-    nlp : Nlp
-    instance : Instances
-        A single instance.
-    deadline : float
-        Time after which an evaluation of the objective raises `_OutOfTimeError`.
+    After the deadline, an evaluation of the objective raises `_OutOfTimeError`.
     """
 
     def __init__(self, nlp: Nlp, instance: Instances, deadline: float) -> None:
@@ -117,51 +114,29 @@ class _Functions:
         self.last = self.x0
         self.evaluations = 0
         self._deadline = deadline
-        self._cache: dict[str, tuple[bytes, Any]] = {}
+        self._values: Any = None
 
     def objective(self, x: FloatArray) -> float:
         """Value of f at x."""
         if time.perf_counter() > self._deadline:
             raise _OutOfTimeError
-        return float(self._at("evaluate", x)[0])
+        return float(self._evaluate(x)[0])
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of f at x, (nx,)."""
-        return np.asarray(self._at("gradient", x)[1], dtype=float).ravel()
+        return np.asarray(self.nlp.gradient(x, self.instance.p[0])[1]).ravel()
 
     def rows(self, x: FloatArray) -> FloatArray:
         """Values of g at x, (ng,)."""
-        return np.asarray(self._at("evaluate", x)[1], dtype=float).ravel()
+        return np.asarray(self._evaluate(x)[1]).ravel()
 
-    def jacobian(self, x: FloatArray) -> sparse.csr_array:
+    def jacobian(self, x: FloatArray) -> FloatArray:
         """Jacobian of g at x, (ng, nx)."""
-        return sparse.csr_array(self._at("jacobian", x).sparse())
+        return np.asarray(self.nlp.jacobian(x, self.instance.p[0]))
 
-    def _at(self, name: str, x: FloatArray) -> Any:
-        key = x.tobytes()
-        if name not in self._cache or self._cache[name][0] != key:
-            if name == "evaluate":
-                self.evaluations += 1
-                self.last = np.array(x)
-            self._cache[name] = key, getattr(self.nlp, name)(x, self.instance.p[0])
-        return self._cache[name][1]
-
-
-def _constraints(functions: _Functions) -> list[dict[str, Any]]:
-    """Equations as c(x) = 0, and every finite side of the other rows as c(x) >= 0."""
-    lower, upper = functions.instance.lbg[0], functions.instance.ubg[0]
-    equal = lower == upper
-    sides = (
-        ("eq", 1.0, lower, equal),
-        ("ineq", 1.0, lower, ~equal & np.isfinite(lower)),
-        ("ineq", -1.0, upper, ~equal & np.isfinite(upper)),
-    )
-    return [
-        {
-            "type": kind,
-            "fun": lambda x, s=sign, b=bound, r=rows: s * (functions.rows(x) - b)[r],
-            "jac": lambda x, s=sign, r=rows: s * functions.jacobian(x).toarray()[r],
-        }
-        for kind, sign, bound, rows in sides
-        if rows.any()
-    ]
+    def _evaluate(self, x: FloatArray) -> Any:
+        if self._values is None or not np.array_equal(x, self.last):
+            self.evaluations += 1
+            self.last = np.array(x)
+            self._values = self.nlp.evaluate(x, self.instance.p[0])
+        return self._values
