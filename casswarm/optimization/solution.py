@@ -120,8 +120,8 @@ class BatchSolution:
         Whether the batch solver's answer was rejected and another solver was called.
     seconds : float
         Time for the whole batch.
-    messages : (B,) str, optional
-        Status and message of every solve.
+    messages : (B,) str
+        Status and message of every solve; empty for those of batch solvers.
     """
 
     x: FloatArray
@@ -131,7 +131,7 @@ class BatchSolution:
     stationarity: FloatArray
     used_fallback: BoolArray
     seconds: float
-    messages: NDArray[np.object_] | None = None
+    messages: NDArray[np.object_]
 
     @classmethod
     def from_solutions(
@@ -154,20 +154,7 @@ class BatchSolution:
         """These results, with those of `other` in the given rows."""
         merged: dict[str, Any] = {"seconds": self.seconds + other.seconds}
         for part in fields(self):
-            if part.name == "messages":
-                merged["messages"] = self._messages_with(rows, other)
-            elif part.name != "seconds":
+            if part.name != "seconds":
                 merged[part.name] = getattr(self, part.name).copy()
                 merged[part.name][rows] = getattr(other, part.name)
         return BatchSolution(**merged)
-
-    def _messages_with(self, rows: IntArray, other: BatchSolution) -> NDArray[np.object_] | None:
-        if self.messages is None and other.messages is None:
-            return None
-        messages = (
-            np.full(len(self.x), "", dtype=object)
-            if self.messages is None
-            else self.messages.copy()
-        )
-        messages[rows] = "" if other.messages is None else other.messages
-        return messages

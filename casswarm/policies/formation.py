@@ -141,7 +141,7 @@ def applied_decision(step: Step, formation: Formation, solver: Solver) -> Decisi
         failures[rows] |= ~solved
         fallbacks[rows] = solution.used_fallback
         for row in np.flatnonzero(~solved):
-            reason = "not solved" if solution.messages is None else str(solution.messages[row])
+            reason = str(solution.messages[row]) or "not solved"
             reason += ", but not stationary" if solution.success[row] else ""
             _log_once(solver.name, formation.nlp.name, reason)
     velocities = formation.sets.project(velocities)

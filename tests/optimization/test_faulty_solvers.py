@@ -92,7 +92,7 @@ def test_isolated_answers_equal_those_of_solver():
         )
     batch = isolated.solve_batch(*problem)
     assert batch.success.all()
-    assert batch.messages is not None
+    assert all(batch.messages)
     assert isolated.solve(*goals((0.0, 0.0)))[0].build_seconds > 0
     isolated.close()
     assert pickle.loads(pickle.dumps(isolated)) == isolated

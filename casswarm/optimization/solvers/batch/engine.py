@@ -82,6 +82,7 @@ class BatchRun:
             stationarity=stationarity,
             used_fallback=np.zeros(len(self.x), bool),
             seconds=self.seconds,
+            messages=np.full(len(self.x), "", dtype=object),
         )
 
     def answers(self) -> list[Answer]:
