@@ -14,7 +14,7 @@ from ...errors import CasswarmError, SolverError
 from ...typing import FloatArray
 from ..kkt import kkt_residuals
 from ..problem import Instances, Nlp
-from ..solution import BatchSolution, Residuals, Solution, Status
+from ..solution import BatchSolution, Solution, Status
 from .options import check_options
 
 VIOLATION = 1e-6
@@ -141,12 +141,9 @@ class Solver(ABC):
         started = time.perf_counter()
         try:
             self.prepare(nlp)
-        except CasswarmError:
-            raise
         except Exception as error:
-            _raise_interrupt(error)
             seconds = time.perf_counter() - started
-            return seconds, failed(instances, f"building raised {error_text(error)}")
+            return seconds, failed(instances, f"building raised {_backend_error(error)}")
         return time.perf_counter() - started, self._run_each(nlp, instances)
 
     def verified(
@@ -157,10 +154,11 @@ class Solver(ABC):
         if shape != instance.x0.shape[1:]:
             answer = failed(instance, f"gave x of shape {shape}: {answer.message}")[0]
         residuals = kkt_residuals(nlp, instance, answer.x, answer.multipliers)
+        unverified = answer.status.success and not residuals.violation <= VIOLATION
         return Solution(
             x=answer.x,
             objective=float(nlp.evaluate(answer.x, instance.p[0])[0]),
-            status=_verified_status(answer.status, residuals),
+            status=Status.FAILED if unverified else answer.status,
             message=answer.message,
             solver=self.name,
             residuals=residuals,
@@ -173,13 +171,15 @@ class Solver(ABC):
     def _run_each(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         """Answers of `run`; after an exception it runs every instance by itself."""
         try:
-            answers = [_require_answer(answer) for answer in self.run(nlp, instances)]
-        except CasswarmError:
-            raise
+            answers = list(self.run(nlp, instances))
+            for answer in answers:
+                if not isinstance(answer, Answer):
+                    kind = type(answer).__name__
+                    raise TypeError(f"the backend gave a {kind} instead of an Answer")
         except Exception as error:
-            _raise_interrupt(error)
+            message = f"raised {_backend_error(error)}"
             if len(instances) <= 1:
-                return failed(instances, f"raised {error_text(error)}")
+                return failed(instances, message)
             return [self._run_each(nlp, instances[i : i + 1])[0] for i in range(len(instances))]
         if len(answers) != len(instances):
             raise SolverError(f"{self.name} gave {len(answers)} answers for {len(instances)} tasks")
@@ -197,17 +197,10 @@ def error_text(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}".removesuffix(": ")
 
 
-def _require_answer(answer: object) -> Answer:
-    if not isinstance(answer, Answer):
-        raise TypeError(f"the backend gave a {type(answer).__name__} instead of an Answer")
-    return answer
-
-
-def _raise_interrupt(error: Exception) -> None:
-    """Raise KeyboardInterrupt where CasADi turned it into a RuntimeError."""
-    if "KeyboardInterrupt" in str(error):
+def _backend_error(error: Exception) -> str:
+    """Text of a backend's exception; errors of casswarm and interrupts are raised again."""
+    if isinstance(error, CasswarmError):
+        raise error
+    if "KeyboardInterrupt" in str(error):  # CasADi makes it a RuntimeError
         raise KeyboardInterrupt from error
-
-
-def _verified_status(status: Status, residuals: Residuals) -> Status:
-    return Status.FAILED if status.success and not residuals.violation <= VIOLATION else status
+    return error_text(error)

@@ -33,28 +33,22 @@ NonNegativeInt = Annotated[int, Allowed(lambda value: value >= 0, "zero or above
 
 def check_options(solver: Any) -> None:
     """Raise SolverError, with what is allowed, for the first option that is out of range."""
-    for option, condition, allowed in _conditions(type(solver)):  # type: ignore[arg-type]
+    for option, allowed in _conditions(type(solver)):  # type: ignore[arg-type]
         value = getattr(solver, option)
-        if not condition(value):
-            message = f"{solver.name}: {option} = {value!r}; allowed: {allowed}"
+        if not allowed.condition(value):
+            message = f"{solver.name}: {option} = {value!r}; allowed: {allowed.text}"
             raise SolverError(message, solver=solver.name, option=option, value=value)
 
 
 @cache
-def _conditions(kind: type) -> tuple[tuple[str, Callable[[Any], bool], str], ...]:
-    """Option, condition and wording for every field that has a condition."""
-    return tuple(
-        (field.name, found.condition, found.text)
-        for field in fields(kind)
-        for found in _allowed(_hints(kind).get(field.name))
-    )
-
-
-def _hints(kind: type) -> dict[str, Any]:
+def _conditions(kind: Any) -> tuple[tuple[str, Allowed], ...]:
+    """Every option that has a condition, with the condition."""
     try:
-        return get_type_hints(kind, include_extras=True)
+        hints = get_type_hints(kind, include_extras=True)
     except NameError:  # a user's class inside a function, whose annotations cannot be evaluated
-        return {}
+        return ()
+    names = [field.name for field in fields(kind)]
+    return tuple((name, allowed) for name in names for allowed in _allowed(hints[name]))
 
 
 def _allowed(hint: Any) -> Iterator[Allowed]:

@@ -25,12 +25,7 @@ UNSUPPORTED: dict[str, str] = {
     "scpgen": "correct on 17 of 43 trial problems, raises on 21 (casadi 3.8.2)",
     "bonmin": "for integer variables; without any it calls Ipopt, and reports no multipliers",
     "ampl": "writes a file for an executable that is not shipped",
-    "worhp": NOT_SHIPPED,
-    "snopt": NOT_SHIPPED,
-    "knitro": NOT_SHIPPED,
-    "conopt": NOT_SHIPPED,
-    "madnlp": NOT_SHIPPED,
-    "ccopt": NOT_SHIPPED,
+    **dict.fromkeys(("worhp", "snopt", "knitro", "conopt", "madnlp", "ccopt"), NOT_SHIPPED),
 }
 """Reason by name. The trial problems are 38 of Hock and Schittkowski, four formations of five
 members and the guide of paper-1; correct is the published (or Ipopt's) objective to 1e-6."""
