@@ -11,7 +11,7 @@ import click
 
 from .common import WrongInput, reported_errors
 from .options import FigureOptions, OutputOptions, option, options, out_option, seed_option
-from .output import aligned, open_folder, print_result, say
+from .output import aligned_table, open_folder, print_result, say
 
 if TYPE_CHECKING:
     from ..reproduction import Reproduction
@@ -93,7 +93,7 @@ def _text(reproduction: Reproduction) -> str:
     from ..reproduction.reproduce import TABLES
 
     return "\n\n".join(
-        f"{TABLES[name]}\n\n{aligned(table_text(reproduction, name))}"
+        f"{TABLES[name]}\n\n{aligned_table(table_text(reproduction, name))}"
         for name in ("table-1", "table-2", "empty-sets", "beyond")
         if name in reproduction.tables
     )

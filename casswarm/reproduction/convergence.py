@@ -153,30 +153,21 @@ def condensed(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     Columns: problems, iteration, count, converged (how many had converged), and the median and
     largest gap and residual.
     """
-    rows = []
-    for name, table in tables.items():
-        for iteration, part in table.groupby("iteration"):
-            rows.append(
-                {
-                    "problems": name,
-                    "iteration": iteration,
-                    "count": len(part),
-                    "converged": int(part["converged"].sum()),
-                    "gap_median": float(part["gap"].median()),
-                    "gap_largest": float(part["gap"].max()),
-                    "residual_median": float(part["residual"].median()),
-                    "residual_largest": float(part["residual"].max()),
-                }
-            )
-    return _rounded(pd.DataFrame(rows))
+    steps = pd.concat(tables, names=["problems"]).groupby(["problems", "iteration"], sort=False)
+    return _rounded(
+        steps.agg(
+            count=("gap", "size"),
+            converged=("converged", "sum"),
+            gap_median=("gap", "median"),
+            gap_largest=("gap", "max"),
+            residual_median=("residual", "median"),
+            residual_largest=("residual", "max"),
+        ).reset_index()
+    )
 
 
 def _rounded(table: pd.DataFrame) -> pd.DataFrame:
     """Round to four significant digits; values below 1e-9 are rounding errors and become zero."""
-    return table.map(
-        lambda value: (
-            float(f"{value if abs(value) >= 1e-9 else 0.0:.4g}")
-            if isinstance(value, float)
-            else value
-        )
-    )
+    numbers = table.select_dtypes(float)
+    rounded = numbers.mask(numbers.abs() < 1e-9, 0.0).map(lambda value: float(f"{value:.4g}"))
+    return table.assign(**{str(name): column for name, column in rounded.items()})

@@ -58,9 +58,7 @@ def _states(
     positions = np.stack([trace.positions[step] for trace in trajectories])
     alive = np.stack([trace.alive[step] for trace in trajectories])
     if step == 0:
-        previous_velocities = np.tile(
-            initial_velocities(scenario, guide), (len(trajectories), 1, 1)
-        )
+        previous_velocities = initial_velocities(scenario, guide)
     else:
         previous = np.stack([trace.positions[step - 1] for trace in trajectories])
         previous_velocities = (positions - previous) / scenario.time.dt
@@ -76,9 +74,12 @@ def infeasibility_cost(scenario: Scenario, report: Report) -> pd.DataFrame:
     """
     guide = plan(scenario, certify=False)
     rows = []
-    for name, change in _looser_limits(scenario):
+    rho = scenario.formation.rho
+    for factor, corridor in ((1, rho), (2, rho), (8, rho), (1, 0.1), (1, 0.2), (8, 0.2)):
+        a_max = factor * scenario.swarm.a_max
+        name = f"a_max = {a_max:g}, rho = {corridor:g}"
         report(f"empty sets: {name}")
-        changed = scenario.with_values(change) if change else scenario
+        changed = scenario.with_values({"swarm.a_max": a_max, "formation.rho": corridor})
         for policy in POLICIES:
             distribution = evaluate(changed, policy, 5 * WIDTH, guide=guide)
             rows.append(
@@ -91,17 +92,3 @@ def infeasibility_cost(scenario: Scenario, report: Report) -> pd.DataFrame:
                 }
             )
     return pd.DataFrame(rows).round(4)
-
-
-def _looser_limits(scenario: Scenario) -> list[tuple[str, dict[str, object]]]:
-    a_max, rho = scenario.swarm.a_max, scenario.formation.rho
-    values: list[tuple[str, dict[str, object]]] = [(f"a_max = {a_max:g}, rho = {rho:g}", {})]
-    values += [
-        (f"a_max = {factor * a_max:g}, rho = {rho:g}", {"swarm.a_max": factor * a_max})
-        for factor in (2, 8)
-    ]
-    values += [
-        (f"a_max = {a_max:g}, rho = {larger:g}", {"formation.rho": larger}) for larger in (0.1, 0.2)
-    ]
-    both: dict[str, object] = {"swarm.a_max": 8 * a_max, "formation.rho": 0.2}
-    return [*values, (f"a_max = {8 * a_max:g}, rho = 0.2", both)]

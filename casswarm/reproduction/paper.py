@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import tomllib
 from importlib.resources import files
 
 import pandas as pd
 
+from ..chain.confidence import wilson
 from ..scenario import Scenario
 
 PAPER_SUCCESS = {"naive": 0.32, "constrained": 0.64, "leader": 0.68}
@@ -15,24 +17,10 @@ PAPER_SUCCESS = {"naive": 0.32, "constrained": 0.64, "leader": 0.68}
 PAPER_RUNS = 50
 """Number of simulations behind each of them (section V.B)."""
 
-TABLE_1 = (
-    ("n", "members", 5.0, "n"),
-    ("V_max", "bound on each velocity component", 2.0, "swarm.v_max"),
-    ("A_max", "bound on the squared change of velocity in a step", 0.5, "swarm.a_max"),
-    ("t_f", "time at which a run ends", 10.0, "time.t_f"),
-    ("delta t", "length of a step", 0.33, "time.dt"),
-    ("alpha_1", "strength of the radars", 4.0, "hazard.alpha_1"),
-    ("alpha_2", "weight of the density", 3.0, "hazard.alpha_2"),
-    ("alpha_3", "range of the density", 4.0, "hazard.alpha_3"),
-    ("beta_1", "range of collisions, scenario II", 0.2, "hazard.beta_1"),
-    ("beta_2", "steepness of collisions, scenario II", 6.0, "hazard.beta_2"),
-    ("learning rate, guide", "step of the projected gradient", 0.05, "guide.learning_rate"),
-    ("epochs, guide", "iterations of the projected gradient", 6000.0, "guide.iterations"),
-    ("learning rate, formation", "step of the projected gradient", 0.05, "formation.learning_rate"),
-    ("iterations, formation", "of the projected gradient", 2000.0, "formation.iterations"),
-    ("rho", "bound on the squared distance to the guide", 0.05, "formation.rho"),
-)
-"""Symbol, meaning, the paper's value, and the key of the scenario file."""
+
+def paper_interval(policy: str) -> tuple[float, float]:
+    """Wilson's 95 % interval of the paper's success probability of a policy."""
+    return wilson(round(PAPER_SUCCESS[policy] * PAPER_RUNS), PAPER_RUNS)
 
 
 def table_1(scenario: Scenario) -> pd.DataFrame:
@@ -49,18 +37,8 @@ def table_1(scenario: Scenario) -> pd.DataFrame:
         table, _, name = key.partition(".")
         return float(values[table][name])
 
-    return pd.DataFrame(
-        [
-            {
-                "parameter": symbol,
-                "meaning": meaning,
-                "key": key,
-                "paper": paper,
-                "casswarm": value(key),
-            }
-            for symbol, meaning, paper, key in TABLE_1
-        ]
-    )
+    table = pd.read_csv(io.StringIO(_data("table_1.csv")))
+    return table.assign(casswarm=[value(key) for key in table["key"]])
 
 
 def geometry(scenario: Scenario) -> pd.DataFrame:
@@ -78,5 +56,8 @@ def interpretations() -> pd.DataFrame:
     interpretation, to_follow_the_paper (how to follow the paper literally; empty if that is
     impossible or makes no difference).
     """
-    text = (files(__package__) / "interpretations.toml").read_text(encoding="utf-8")
-    return pd.DataFrame(tomllib.loads(text)["interpretation"])
+    return pd.DataFrame(tomllib.loads(_data("interpretations.toml"))["interpretation"])
+
+
+def _data(name: str) -> str:
+    return (files(__package__) / name).read_text(encoding="utf-8")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
+from typing import Any
 
 import pandas as pd
 
@@ -22,12 +23,8 @@ def page(reproduction: Reproduction, suffix: str = "png") -> str:
     guide = tables["guide-convergence"].iloc[-1]
     within = tables["table-2"]["within_paper_interval"]
     last = tables["formation-convergence"].groupby("problems", sort=False).tail(1)
-    columns = {
-        "gap_median": "{:.2g}",
-        "gap_largest": "{:.2g}",
-        "residual_median": "{:.1g}",
-        "residual_largest": "{:.1g}",
-    }
+    columns = dict.fromkeys(("gap_median", "gap_largest"), "{:.2g}")
+    columns |= dict.fromkeys(("residual_median", "residual_largest"), "{:.1g}")
     return render(
         "reproduction.md",
         titles=TABLES,
@@ -48,8 +45,8 @@ def page(reproduction: Reproduction, suffix: str = "png") -> str:
     )
 
 
-def table_text(reproduction: Reproduction, name: str) -> Sequence[tuple[str, ...]]:
-    """A table as rows of text, of which the first holds the column names."""
+def table_text(reproduction: Reproduction, name: str) -> pd.DataFrame:
+    """A table for people, all as text."""
     table = reproduction.tables[name]
     if name == "table-1":
         table = _table_1(table)
@@ -57,7 +54,7 @@ def table_text(reproduction: Reproduction, name: str) -> Sequence[tuple[str, ...
         table = table_2_text(table, reproduction.runs)
     elif "success_low" in table:
         table = _with_success_bounds(table)
-    return [tuple(map(str, table.columns)), *[tuple(map(str, row)) for row in table.to_numpy()]]
+    return table.astype(str)
 
 
 def bounds_text(low: float, high: float) -> str:
@@ -72,21 +69,20 @@ def _table_1(table: pd.DataFrame) -> pd.DataFrame:
 
 def table_2_text(table: pd.DataFrame, runs: int) -> pd.DataFrame:
     """Table II for people: numbers with their intervals as text."""
-    columns: dict[str, Callable[[pd.Series], str]] = {
-        "policy": lambda row: str(row["policy"]),
-        f"paper, {PAPER_RUNS} runs": lambda row: _with_interval(row, "paper"),
-        "exact": lambda row: bounds_text(row["exact_low"], row["exact_high"]),
-        f"casswarm, {PAPER_RUNS} runs": lambda row: _with_interval(row, f"runs_{PAPER_RUNS}"),
-        f"casswarm, {runs} runs": lambda row: _with_interval(row, f"runs_{runs}", 4),
-    }
     return pd.DataFrame(
-        [{name: text(row) for name, text in columns.items()} for _, row in table.iterrows()]
+        {
+            "policy": row["policy"],
+            f"paper, {PAPER_RUNS} runs": _with_interval(row, "paper"),
+            "exact": bounds_text(row["exact_low"], row["exact_high"]),
+            f"casswarm, {PAPER_RUNS} runs": _with_interval(row, f"runs_{PAPER_RUNS}"),
+            f"casswarm, {runs} runs": _with_interval(row, f"runs_{runs}", 4),
+        }
+        for row in table.to_dict("records")
     )
 
 
-def _with_interval(row: pd.Series, name: str, digits: int = 2) -> str:
-    low, high = row[f"{name}_low"], row[f"{name}_high"]
-    ends = max(3, digits)
+def _with_interval(row: Mapping[Any, float], name: str, digits: int = 2) -> str:
+    low, high, ends = row[f"{name}_low"], row[f"{name}_high"], max(3, digits)
     return f"{row[name]:.{digits}f} ({low:.{ends}f} to {high:.{ends}f})"
 
 

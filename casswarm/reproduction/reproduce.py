@@ -8,8 +8,8 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
-from ..chain.confidence import wilson
 from ..chain.trajectories import RunTrajectory
 from ..figures import (
     comparison_map,
@@ -28,7 +28,7 @@ from ..scenario import Scenario, load_scenario
 from ..studies.simulation import simulate
 from .convergence import condensed, formation_convergence, guide_convergence
 from .infeasibility import infeasibility_cost, infeasible_steps
-from .paper import PAPER_RUNS, PAPER_SUCCESS, geometry, interpretations, table_1
+from .paper import PAPER_RUNS, PAPER_SUCCESS, geometry, interpretations, paper_interval, table_1
 from .success import Report, beyond, sensitivity, table_2, variants
 
 RUNS = 10_000
@@ -200,31 +200,25 @@ def representative_run(
 
 def _charts(tables: Mapping[str, pd.DataFrame], guide: Guide, runs: int) -> FigureCatalogue:
     """The figures of the requested tables."""
-    charts: FigureCatalogue = {}
-    if "table-2" in tables:
-        charts["table-2"] = partial(table_2_chart, tables["table-2"], runs)
-    if "sensitivity" in tables:
-        intervals = {
-            name: wilson(round(value * PAPER_RUNS), PAPER_RUNS)
-            for name, value in PAPER_SUCCESS.items()
-        }
-        charts["sensitivity"] = partial(sensitivity_chart, tables["sensitivity"], intervals)
-    if "guide-convergence" in tables and "formation-convergence" in tables:
+
+    def convergence() -> Figure:
         best = plan(load_scenario("paper-1"), search="global", certify=False)
-        references = {
-            "Ipopt, from the straight line": guide.survival,
-            "global search": best.survival,
-        }
-        charts["convergence"] = partial(
-            convergence_chart,
+        return convergence_chart(
             tables["guide-convergence"],
             tables["formation-convergence"],
-            references,
+            {"Ipopt, from the straight line": guide.survival, "global search": best.survival},
         )
-    if "infeasible" in tables:
-        charts["infeasible"] = partial(infeasible_chart, tables["infeasible"])
-    if "beyond" in tables:
-        charts["beyond"] = partial(
-            success_chart, tables["beyond"], "success with other guides and in other scenarios"
-        )
-    return charts
+
+    needs = {"convergence": ("guide-convergence", "formation-convergence")}
+    paper = {policy: paper_interval(policy) for policy in PAPER_SUCCESS}
+    title = "success with other guides and in other scenarios"
+    charts: FigureCatalogue = {
+        "table-2": lambda: table_2_chart(tables["table-2"], runs),
+        "sensitivity": lambda: sensitivity_chart(tables["sensitivity"], paper),
+        "convergence": convergence,
+        "infeasible": lambda: infeasible_chart(tables["infeasible"]),
+        "beyond": lambda: success_chart(tables["beyond"], title),
+    }
+    return {
+        name: chart for name, chart in charts.items() if {*needs.get(name, (name,))} <= {*tables}
+    }

@@ -7,14 +7,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from ..chain.confidence import wilson
 from ..planning.guide import Guide
 from ..planning.homotopy import homotopy_signature
 from ..planning.plan import plan
 from ..scenario import Scenario, load_scenario
 from ..studies.evaluation import estimate, evaluate
 from ..studies.simulation import PAPER_POLICIES, simulate
-from .paper import PAPER_RUNS, PAPER_SUCCESS
+from .paper import PAPER_RUNS, PAPER_SUCCESS, paper_interval
 
 WIDTH = 1e-3
 """Width of the exact bounds of Table II."""
@@ -37,29 +36,34 @@ def table_2(
     wider than `tolerance`; the paper's method repeated (50 runs of plain Monte Carlo), and `runs`
     of them, each with its Wilson interval; whether the exact bounds lie in the paper's interval.
     """
-    few = simulate(
-        scenario, PAPER_POLICIES, PAPER_RUNS, seed, guide=guide, save_trajectories=0
-    ).summary
-    many = simulate(scenario, PAPER_POLICIES, runs, seed, guide=guide, save_trajectories=0).summary
+    samples = {
+        count: simulate(
+            scenario, PAPER_POLICIES, count, seed, guide=guide, save_trajectories=0
+        ).summary
+        for count in (PAPER_RUNS, runs)
+    }
     rows = []
-    for row, policy in enumerate(PAPER_POLICIES):
-        paper = PAPER_SUCCESS[policy]
-        low, high = wilson(round(paper * PAPER_RUNS), PAPER_RUNS)
+    for number, policy in enumerate(PAPER_POLICIES):
+        low, high = paper_interval(policy)
         exact = evaluate(scenario, policy, tolerance, guide=guide).success
+        sampled = {
+            f"runs_{count}{suffix}": summary.loc[number, f"success{suffix}"]
+            for count, summary in samples.items()
+            for suffix in ("", "_low", "_high")
+        }
         rows.append(
-            {"policy": policy, "paper": paper, "paper_low": low, "paper_high": high}
-            | {"exact_low": exact.low, "exact_high": exact.high}
-            | _sampled(few.iloc[row], PAPER_RUNS)
-            | _sampled(many.iloc[row], runs)
-            | {"within_paper_interval": low <= exact.low and exact.high <= high}
+            {
+                "policy": policy,
+                "paper": PAPER_SUCCESS[policy],
+                "paper_low": low,
+                "paper_high": high,
+                "exact_low": exact.low,
+                "exact_high": exact.high,
+                **sampled,
+                "within_paper_interval": low <= exact.low and exact.high <= high,
+            }
         )
     return pd.DataFrame(rows).round(DIGITS)
-
-
-def _sampled(row: pd.Series, runs: int) -> dict[str, float]:
-    return {
-        f"runs_{runs}{suffix}": float(row[f"success{suffix}"]) for suffix in ("", "_low", "_high")
-    }
 
 
 def variants() -> dict[str, Scenario]:
@@ -100,7 +104,14 @@ def beyond(
         guide = plan(scenario, certify=False)
         homotopy = homotopy_signature(guide.positions, scenario.hazard.radar_positions)
         for policy in PAPER_POLICIES:
-            low, high, kind, infeasible = _success(scenario, policy, guide, states, runs, seed)
+            part = evaluate(scenario, policy, WIDTH, max_states=states, guide=guide)
+            success, kind = part.success, "proven"
+            if not part.complete:
+                fewer = states // 15
+                sampled = estimate(
+                    scenario, policy, runs, seed, max_states=fewer, tolerance=1e-4, guide=guide
+                )
+                part, success, kind = sampled.enumerated, sampled.success, "95 %"
             rows.append(
                 {
                     "scenario": name,
@@ -108,25 +119,13 @@ def beyond(
                     "arrival": guide.arrival,
                     "guide_survival": guide.survival,
                     "homotopy": homotopy,
-                    "success_low": low,
-                    "success_high": high,
+                    "success_low": success[0],
+                    "success_high": success[1],
                     "kind": kind,
-                    "infeasible": round(infeasible, 2),
+                    "infeasible": round(part.infeasible, 2),
                 }
             )
     return pd.DataFrame(rows).round(DIGITS)
-
-
-def _success(
-    scenario: Scenario, policy: str, guide: Guide, states: int, runs: int, seed: int
-) -> tuple[float, float, str, float]:
-    distribution = evaluate(scenario, policy, WIDTH, max_states=states, guide=guide)
-    if distribution.complete:
-        return *distribution.success, "proven", distribution.infeasible
-    sampled = estimate(
-        scenario, policy, runs, seed, max_states=states // 15, tolerance=1e-4, guide=guide
-    )
-    return *sampled.success, "95 %", sampled.enumerated.infeasible
 
 
 def small_changes(scenario: Scenario) -> Iterator[tuple[str, dict[str, object]]]:
@@ -168,7 +167,7 @@ def sensitivity(
         row: dict[str, object] = {"change": name, "risk": guide.risk, "arrival": guide.arrival}
         for policy in policies:
             success = evaluate(moved, policy, 10 * WIDTH, guide=guide).success
-            low, high = wilson(round(PAPER_SUCCESS[policy] * PAPER_RUNS), PAPER_RUNS)
+            low, high = paper_interval(policy)
             row[policy] = sum(success) / 2
             row[f"{policy}_within"] = low <= success.low and success.high <= high
         rows.append(row)
