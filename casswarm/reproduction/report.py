@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -45,8 +45,8 @@ def page(reproduction: Reproduction, suffix: str = "png") -> str:
     )
 
 
-def table_text(reproduction: Reproduction, name: str) -> pd.DataFrame:
-    """A table for people, all as text."""
+def table_text(reproduction: Reproduction, name: str) -> Sequence[Mapping[Any, str]]:
+    """Rows of a table for people, all as text."""
     table = reproduction.tables[name]
     if name == "table-1":
         table = _table_1(table)
@@ -54,7 +54,7 @@ def table_text(reproduction: Reproduction, name: str) -> pd.DataFrame:
         table = table_2_text(table, reproduction.runs)
     elif "success_low" in table:
         table = _with_success_bounds(table)
-    return table.astype(str)
+    return table.astype(str).to_dict("records")
 
 
 def bounds_text(low: float, high: float) -> str:
