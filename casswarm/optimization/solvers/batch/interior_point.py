@@ -72,7 +72,7 @@ class InteriorPoint(BatchSolver):
                 "acceleration, and an objective made of kernels; take auto or ipopt"
             )
         # Numba takes a second to import
-        from .interior_point_batch_kernels import Batch, Options, minimise_batch
+        from .interior_point_batch_kernels import MU_INIT, Batch, Options, minimise_batch
 
         sets = instances.feasible_set
         assert isinstance(sets, TrajectorySets)
@@ -82,15 +82,15 @@ class InteriorPoint(BatchSolver):
             starts=_starts(instances, sets, self.n_starts or nlp.n_starts),
             inside=contiguous(sets.inside.reshape(batch, steps, 2 * n)),
             free=contiguous(sets.free),
-            initial_velocities=contiguous(sets.initial_velocities),
-            limits=np.array([sets.speed, sets.change]),
-            centers=contiguous(sets.centers),
-            radii=contiguous(sets.radii),
+            initial_velocities=contiguous(sets.initial_velocities.reshape(batch, 1, 2 * n)),
+            change=sets.change,
+            centers=contiguous(sets.centers.swapaxes(1, 2).reshape(batch, steps, 2 * n)),
+            radii=contiguous(sets.radii.swapaxes(1, 2)),
             p=contiguous(instances.p)[:, None],
             constants=nlp.compiled.constants,
             scale=scale_of(instances),
         )
-        options = Options(self.mu_final, self.tolerance, self.max_iter)
+        options = Options(MU_INIT, self.mu_final, self.tolerance, self.max_iter)
         multipliers = np.zeros((batch, steps, n, 6))
         results = Results.empty((batch, steps, 2 * n))
         arguments = nlp.compiled.evaluate, data, options, multipliers

@@ -17,8 +17,8 @@ from ...feasible_sets.trajectory_kernels import (
     slacks,
 )
 from .engine import NO_INTERIOR, NOT_FINITE, Results
-from .interior_point_kernels import Schedule, minimise, residuals
-from .newton_system_kernels import Objective, clear, copy, gather, total
+from .interior_point_kernels import Options, minimise, residuals
+from .newton_system_kernels import Objective, clear, copy, gather, read, total, write
 
 MU_INIT = 1e-2  # barrier parameter at the beginning, in units of the objective
 COARSE = 1e-4  # barrier parameter at which starts are compared
@@ -34,21 +34,21 @@ class Batch(NamedTuple):
     inside : (B, H, 2n)
         Trajectories strictly within the limits; those of members that are not free are fixed.
     free : (B, n) bool
-    initial_velocities : (B, n, 2)
-    limits : (2,)
-        Bounds of a velocity's components and of its change in a step.
-    centers, radii : (B, n, H, 2), (B, n, H)
+    initial_velocities : (B, 1, 2n)
+    change : float
+        Largest change of a velocity in a step.
+    centers, radii : (B, H, 2n), (B, H, n)
     p : (B, 1 or H, np)
     constants : vector
     scale : (B, 2)
-        Units of x, the first of `limits`, and of the objective.
+        Units of x, the bound of a velocity's components, and of the objective.
     """
 
     starts: FloatArray
     inside: FloatArray
     free: BoolArray
     initial_velocities: FloatArray
-    limits: FloatArray
+    change: float
     centers: FloatArray
     radii: FloatArray
     p: FloatArray
@@ -56,54 +56,22 @@ class Batch(NamedTuple):
     scale: FloatArray
 
 
-class Options(NamedTuple):
-    """Barrier parameter at the end, tolerance, and the limit of iterations."""
-
-    mu_final: float
-    tolerance: float
-    max_iter: int
-
-
 @allocating_kernel
-def scaled_constraints(batch: Batch, row: int, active: IntArray) -> Constraints:
-    """Constraints of the active members, with velocities in units of their bound."""
-    limits, centers, radii = batch.limits, batch.centers[row], batch.radii[row]
-    k, steps = active.size, radii.shape[1]
-    scaled = Constraints(
-        np.empty((k, 2)),
-        (limits[1] / limits[0]) ** 2,
-        np.empty((k, steps, 2)),
-        np.empty((k, steps)),
+def scaled_constraints(batch: Batch, row: int, members: IntArray, columns: IntArray) -> Constraints:
+    """Constraints of some members, and so of some columns, in units of x."""
+    unit, steps = batch.scale[row, 0], batch.radii.shape[1]
+    constraints = Constraints(
+        np.empty(columns.size),
+        (batch.change / unit) ** 2,
+        np.empty(steps * columns.size),
+        np.empty(steps * members.size),
     )
-    for a in range(k):
-        for axis in range(2):
-            velocity = batch.initial_velocities[row, active[a], axis]
-            scaled.initial_velocities[a, axis] = velocity / limits[0]
-        for s in range(steps):
-            for axis in range(2):
-                scaled.centers[a, s, axis] = centers[active[a], s, axis] / limits[0]
-            scaled.radii[a, s] = (radii[active[a], s] / limits[0]) ** 2
-    return scaled
-
-
-@kernel
-def read(u: FloatArray, active: IntArray, unit: float, y: FloatArray) -> None:
-    """Write the trajectories of the active members from u (H, 2n)."""
-    k = active.size
-    for s in range(u.shape[0]):
-        for a in range(k):
-            for axis in range(2):
-                y[2 * (s * k + a) + axis] = u[s, 2 * active[a] + axis] / unit
-
-
-@kernel
-def write(y: FloatArray, active: IntArray, unit: float, u: FloatArray) -> None:
-    """Write the trajectories of the active members to u (H, 2n)."""
-    k = active.size
-    for s in range(u.shape[0]):
-        for a in range(k):
-            for axis in range(2):
-                u[s, 2 * active[a] + axis] = unit * y[2 * (s * k + a) + axis]
+    read(batch.initial_velocities[row], columns, unit, constraints.initial_velocities)
+    read(batch.centers[row], columns, unit, constraints.centers)
+    read(batch.radii[row], members, unit, constraints.radii)
+    for m in range(constraints.radii.size):
+        constraints.radii[m] *= constraints.radii[m]
+    return constraints
 
 
 @allocating_kernel
@@ -112,33 +80,29 @@ def move_inside(inside: FloatArray, guess: FloatArray, constraints: Constraints)
 
     The limits are a product over members: one that can move little does not restrict the others.
     """
-    members, steps = constraints.radii.shape
+    members = constraints.initial_velocities.size // 2
     slack, step = np.empty(3 * guess.size), np.empty(guess.size)
     slacks(inside, constraints, slack)
     for a in range(members):
-        clear(step)
-        for s in range(steps):
-            for axis in range(2):
-                c = 2 * (s * members + a) + axis
-                step[c] = guess[c] - inside[c]
+        for c in range(guess.size):
+            step[c] = guess[c] - inside[c] if c // 2 % members == a else 0.0
         length = max_step_length(inside, step, 1.0 - MARGIN, slack, constraints)
-        for s in range(steps):
-            for axis in range(2):
-                c = 2 * (s * members + a) + axis
+        for c in range(guess.size):
+            if c // 2 % members == a:
                 guess[c] = inside[c] + length * step[c]
 
 
 @kernel
 def largest_violation(slack: FloatArray, constraints: Constraints) -> float:
     """Largest violation of a constraint as a distance, in units."""
-    members, violation = constraints.radii.shape[0], 0.0
+    violation = 0.0
     for row in range(slack.size):
         if slack[row] < 0.0:
             bound = 0.0
             if row % ROWS == 4:
                 bound = math.sqrt(constraints.acceleration)
             elif row % ROWS == 5:
-                bound = math.sqrt(constraints.radii[row // ROWS % members, row // (ROWS * members)])
+                bound = math.sqrt(constraints.radii[row // ROWS])
             out = math.sqrt(bound * bound - slack[row]) - bound if row % ROWS > 3 else -slack[row]
             violation = max(violation, out)
     return violation
@@ -154,7 +118,7 @@ def verify(
     complementarity.
     """
     slack, y, lagrangian = np.empty(z.size), np.empty(z.size // 3), np.empty(z.size // 3)
-    read(objective.u, objective.active, objective.scale[0], y)
+    read(objective.u, objective.columns, objective.scale[0], y)
     value = total(y, objective)
     slacks(y, constraints, slack)
     gather(objective, lagrangian)
@@ -181,11 +145,11 @@ def minimise_state(
 
     `objective.u` begins strictly inside, and ends as the answer.
     """
-    trials, active, unit = starts.shape[0], objective.active, objective.scale[0]
+    trials, columns, unit = starts.shape[0], objective.columns, objective.scale[0]
     tolerance, mu_final = options.tolerance, options.mu_final
     inside, y, best = np.empty(z.size // 3), np.empty(z.size // 3), np.empty(z.size // 3)
     slack, best_z = np.empty(z.size), np.zeros(z.size)
-    read(objective.u, active, unit, inside)
+    read(objective.u, columns, unit, inside)
     copy(inside, best)
     least, outcome = math.inf, NO_INTERIOR
     if not slacks(inside, constraints, slack) > 0.0:
@@ -193,25 +157,25 @@ def minimise_state(
     for t in range(trials + 1 if trials > 1 else 1):
         coarse = t < trials and trials > 1
         if t < trials:
-            read(starts[t], active, unit, y)
+            read(starts[t], columns, unit, y)
             move_inside(inside, y, constraints)
             clear(z)
         else:
             copy(best, y)
             copy(best_z, z)
-        schedule = Schedule(
-            max(MU_INIT if t < trials else COARSE, mu_final),
+        stage = Options(
+            max(options.mu_init if t < trials else COARSE, mu_final),
             max(COARSE, mu_final) if coarse else mu_final,
             max(COARSE, tolerance) if coarse else tolerance,
             options.max_iter,
         )
-        value, outcome = minimise(y, z, objective, constraints, schedule, counts)
+        value, outcome = minimise(y, z, objective, constraints, stage, counts)
         if not coarse or (outcome != NOT_FINITE and value < least):
             least = value
             copy(y, best)
             copy(z, best_z)
     copy(best_z, z)
-    write(best, active, unit, objective.u)
+    write(best, objective)
     return outcome
 
 
@@ -231,12 +195,12 @@ def minimise_batch(
     steps, n = batch.inside.shape[1], batch.free.shape[1]
     scratch, gradients = np.empty(n * (n + 8)), np.empty((steps, 2 * n))
     for row in range(rows[0], rows[1]):
-        active, u = np.flatnonzero(batch.free[row]), results.x[row]
-        objective = Objective(
-            evaluate, batch.p[row], batch.constants, batch.scale[row], active, u, gradients, scratch
-        )
-        constraints = scaled_constraints(batch, row, active)
-        z = np.zeros(ROWS * active.size * steps)
+        members = np.flatnonzero(batch.free[row])
+        columns, u = np.flatnonzero(np.repeat(batch.free[row], 2)), results.x[row]
+        p, scale = batch.p[row], batch.scale[row]
+        objective = Objective(evaluate, p, batch.constants, scale, columns, u, gradients, scratch)
+        constraints = scaled_constraints(batch, row, members, columns)
+        z = np.zeros(ROWS * constraints.radii.size)
         for s in range(steps):
             for c in range(2 * n):
                 u[s, c] = batch.inside[row, s, c]
@@ -246,6 +210,6 @@ def minimise_batch(
         verified = results.verified[row]
         verified[0], verified[1], verified[2] = verify(z, objective, constraints)
         for s in range(steps):
-            for a in range(active.size):
+            for a in range(members.size):
                 for c in range(ROWS):
-                    multipliers[row, s, active[a], c] = z[ROWS * (s * active.size + a) + c]
+                    multipliers[row, s, members[a], c] = z[ROWS * (s * members.size + a) + c]

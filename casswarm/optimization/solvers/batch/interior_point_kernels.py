@@ -43,7 +43,7 @@ SUFFICIENT = 1e-4  # sufficient decrease, as a fraction of what the slope predic
 TRIALS = 40  # of a step's length
 
 
-class Schedule(NamedTuple):
+class Options(NamedTuple):
     """The barrier parameter, from `mu_init` to `mu_final`; the tolerance at the end."""
 
     mu_init: float
@@ -87,22 +87,22 @@ def residuals(
 
 
 @kernel
-def next_mu(mu: float, z: FloatArray, schedule: Schedule, work: Workspace) -> tuple[float, bool]:
+def next_mu(mu: float, z: FloatArray, options: Options, work: Workspace) -> tuple[float, bool]:
     """Reduce the barrier parameter where its equations are solved: (mu, whether converged).
 
     `residual` holds the Lagrangian's gradient.
     """
     stationarity, complementarity = residuals(work.residual, z, work.slack, mu)
     while (
-        mu > schedule.mu_final
-        and stationarity <= max(10.0 * mu, schedule.tolerance)
+        mu > options.mu_final
+        and stationarity <= max(10.0 * mu, options.tolerance)
         and complementarity <= 10.0 * mu
     ):
-        mu = max(schedule.mu_final, min(0.2 * mu, mu**1.5))
+        mu = max(options.mu_final, min(0.2 * mu, mu**1.5))
         complementarity = residuals(work.residual, z, work.slack, mu)[1]
     converged = (
-        mu <= schedule.mu_final
-        and stationarity <= schedule.tolerance
+        mu <= options.mu_final
+        and stationarity <= options.tolerance
         and complementarity <= 10.0 * mu
     )
     return mu, converged
@@ -115,14 +115,13 @@ def correct(
     """Write the second-order correction of the step, zero where the limits do not cut it."""
     clear(work.correction)
     if max_step_length(y, work.step, fraction, work.slack, constraints) < 1.0:
-        members, steps = constraints.radii.shape
-        second_order_terms(work.step, members, steps, work.rows)
+        second_order_terms(work.step, constraints, work.rows)
         for row in range(z.size):
             work.rows[row] *= z[row] / work.slack[row]
         add_jacobian_transpose(y, work.rows, constraints, work.correction)
         for c in range(y.size):
             work.correction[c] = -work.correction[c]
-        solve(work.band, work.correction)
+        solve(work.factor, work.correction)
 
 
 @kernel
@@ -183,16 +182,15 @@ def minimise(
     z: FloatArray,
     objective: Objective,
     constraints: Constraints,
-    schedule: Schedule,
+    options: Options,
     counts: IntArray,
 ) -> tuple[float, int]:
     """Improve `y`, strictly inside, in place, with multipliers z: (value, outcome).
 
     Multipliers that are 0 begin at mu / slack; counts iterations and evaluations.
     """
-    members, steps = constraints.radii.shape
-    work = workspace(members, steps, objective.u.shape[1] // 2)
-    mu, regularisation = schedule.mu_init, 0.0
+    work = workspace(objective)
+    mu, regularisation = options.mu_init, 0.0
     if not slacks(y, constraints, work.slack) > 0.0:
         return math.nan, NO_INTERIOR
     for row in range(z.size):
@@ -200,7 +198,7 @@ def minimise(
             z[row] = mu / work.slack[row]
     value = total(y, objective)
     counts[1] += 1
-    for _ in range(schedule.max_iter):
+    for _ in range(options.max_iter):
         gather(objective, work.gradient)
         copy(work.gradient, work.residual)
         add_jacobian_transpose(y, z, constraints, work.residual)
@@ -208,11 +206,11 @@ def minimise(
             math.isfinite(value) and math.isfinite(residuals(work.residual, z, work.slack, 0.0)[0])
         ):
             return value, NOT_FINITE
-        mu, converged = next_mu(mu, z, schedule, work)
+        mu, converged = next_mu(mu, z, options, work)
         if converged:
             return value, CONVERGED
         assemble(y, z, mu, objective, constraints, work)
-        counts[1] += 2 * members
+        counts[1] += objective.columns.size
         regularisation = newton_direction(work, regularisation)
         if regularisation < 0.0:
             return value, NOT_FINITE

@@ -66,7 +66,7 @@ def _solve(
 ) -> tuple[FloatArray, BoolArray]:
     """Answers (M, H, 2) for discs (M, H, 3), and whether they are good (M,)."""
     from ...feasible_sets.trajectory_kernels import disc_distance  # Numba takes a second to import
-    from .interior_point_batch_kernels import Batch, Options, minimise_batch
+    from .interior_point_batch_kernels import MU_INIT, Batch, Options, minimise_batch
 
     size, steps, _ = discs.shape
     inside = limits.slowing(initial_velocities, steps)
@@ -75,15 +75,15 @@ def _solve(
         inside=inside,
         free=np.ones((size, 1), bool),
         initial_velocities=contiguous(initial_velocities)[:, None],
-        limits=np.array([limits.speed, limits.change]),
-        centers=np.zeros((size, 1, steps, 2)),
-        radii=np.full((size, 1, steps), np.inf),
+        change=limits.change,
+        centers=np.zeros((size, steps, 2)),
+        radii=np.full((size, steps, 1), np.inf),
         p=discs,
         constants=np.zeros(1),
         scale=np.tile([limits.speed, limits.speed**2], (size, 1)),
     )
     results, multipliers = Results.empty((size, steps, 2)), np.empty((size, steps, 1, 6))
-    options = Options(*tolerances, _MAX_ITER)
+    options = Options(MU_INIT, *tolerances, _MAX_ITER)
     minimise_batch((0, size), disc_distance, batch, options, multipliers, results)
     _, violation, residual = results.verified.T
     residual = np.where(np.isnan(residual), np.inf, residual)

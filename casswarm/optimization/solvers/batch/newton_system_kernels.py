@@ -37,8 +37,8 @@ class Objective(NamedTuple):
     constants : vector
     scale : (2,)
         Units of x and of the objective.
-    active : (k,) int
-        Members whose trajectories are variables.
+    columns : (2k,) int
+        Columns of `u` that are variables: the coordinates of active members.
     u, gradients : (H, 2n)
         Displacements of all members at the last y, and the gradients there.
     scratch : vector
@@ -49,7 +49,7 @@ class Objective(NamedTuple):
     p: FloatArray
     constants: FloatArray
     scale: FloatArray
-    active: IntArray
+    columns: IntArray
     u: FloatArray
     gradients: FloatArray
     scratch: FloatArray
@@ -67,7 +67,7 @@ class Workspace(NamedTuple):
     correction: FloatArray
     trial: FloatArray
     band: FloatArray
-    saved_band: FloatArray
+    factor: FloatArray
     block: FloatArray
     changed: FloatArray
 
@@ -80,14 +80,6 @@ def copy(source: FloatArray, target: FloatArray) -> None:
 
 
 @kernel
-def copy_matrix(source: FloatArray, target: FloatArray) -> None:
-    """Copy a matrix without slices."""
-    for r in range(source.shape[0]):
-        for c in range(source.shape[1]):
-            target[r, c] = source[r, c]
-
-
-@kernel
 def clear(target: FloatArray) -> None:
     """Write zeros."""
     for c in range(target.size):
@@ -95,60 +87,65 @@ def clear(target: FloatArray) -> None:
 
 
 @kernel
+def read(u: FloatArray, columns: IntArray, unit: float, y: FloatArray) -> None:
+    """Write some columns of u, row by row and in units, to the vector y."""
+    for s in range(u.shape[0]):
+        for c in range(columns.size):
+            y[s * columns.size + c] = u[s, columns[c]] / unit
+
+
+@kernel
+def write(y: FloatArray, objective: Objective) -> None:
+    """Write the displacements y to `u`."""
+    columns, unit = objective.columns, objective.scale[0]
+    for s in range(objective.u.shape[0]):
+        for c in range(columns.size):
+            objective.u[s, columns[c]] = unit * y[s * columns.size + c]
+
+
+@kernel
+def evaluate(objective: Objective, s: int, gradient: FloatArray) -> float:
+    """Objective of step s at `u`; its gradient is written."""
+    p = objective.p[min(s, objective.p.shape[0] - 1)]
+    return objective.evaluate(objective.u[s], p, objective.constants, gradient, objective.scratch)  # type: ignore[no-any-return]
+
+
+@kernel
 def total(y: FloatArray, objective: Objective) -> float:
     """Objective at y, in its unit; `u` and `gradients` are written."""
-    u, p, active, scale = objective.u, objective.p, objective.active, objective.scale
-    members, value = active.size, 0.0
-    for s in range(u.shape[0]):
-        for a in range(members):
-            c = 2 * (s * members + a)
-            u[s, 2 * active[a]] = scale[0] * y[c]
-            u[s, 2 * active[a] + 1] = scale[0] * y[c + 1]
-        value += objective.evaluate(
-            u[s],
-            p[min(s, p.shape[0] - 1)],
-            objective.constants,
-            objective.gradients[s],
-            objective.scratch,
-        )
-    return value / scale[1]  # type: ignore[no-any-return]
+    write(y, objective)
+    value = 0.0
+    for s in range(objective.u.shape[0]):
+        value += evaluate(objective, s, objective.gradients[s])
+    return value / objective.scale[1]
 
 
 @kernel
 def gather(objective: Objective, out: FloatArray) -> None:
     """Write the gradient with respect to y, in units."""
-    active, scale = objective.active, objective.scale
+    columns, scale = objective.columns, objective.scale
     for s in range(objective.gradients.shape[0]):
-        for a in range(active.size):
-            for axis in range(2):
-                derivative = objective.gradients[s, 2 * active[a] + axis]
-                out[2 * (s * active.size + a) + axis] = derivative * scale[0] / scale[1]
+        for c in range(columns.size):
+            derivative = objective.gradients[s, columns[c]]
+            out[s * columns.size + c] = derivative * scale[0] / scale[1]
 
 
 @kernel
 def add_hessian(objective: Objective, work: Workspace) -> None:
     """Add the objective's Hessian, in units, to the band; `block` and `changed` are overwritten."""
-    u, p, active, scale = objective.u, objective.p, objective.active, objective.scale
-    gradients, band, block, changed = objective.gradients, work.band, work.block, work.changed
-    size, last = 2 * active.size, band.shape[1] - 1
+    u, columns, scale = objective.u, objective.columns, objective.scale
+    band, block, size, last = work.band, work.block, columns.size, work.band.shape[1] - 1
     length = DIFFERENCE * scale[0]
     unit = scale[0] * scale[0] / (scale[1] * length)
     for s in range(u.shape[0]):
         for c in range(size):
-            column = 2 * active[c // 2] + c % 2
-            original = u[s, column]
-            u[s, column] = original + length
-            objective.evaluate(
-                u[s],
-                p[min(s, p.shape[0] - 1)],
-                objective.constants,
-                changed,
-                objective.scratch,
-            )
-            u[s, column] = original
+            original = u[s, columns[c]]
+            u[s, columns[c]] = original + length
+            evaluate(objective, s, work.changed)
+            u[s, columns[c]] = original
             for r in range(size):
-                row = 2 * active[r // 2] + r % 2
-                block[r, c] = (changed[row] - gradients[s, row]) * unit
+                change = work.changed[columns[r]] - objective.gradients[s, columns[r]]
+                block[r, c] = change * unit
         for r in range(size):
             for c in range(r + 1):
                 band[s * size + r, last + c - r] += 0.5 * (block[r, c] + block[c, r])
@@ -161,27 +158,23 @@ def newton_direction(work: Workspace, regularisation: float) -> float:
     largest = 0.0
     for r in range(band.shape[0]):
         largest = max(largest, abs(band[r, diagonal]))
-    copy_matrix(band, work.saved_band)
     added = 0.0
     for _ in range(REGULARISATIONS):
-        if factor(band):
+        if factor(band, added, work.factor):
             for c in range(step.size):
                 step[c] = -work.residual[c]
-            solve(band, step)
+            solve(work.factor, step)
             return added
         added = max(regularisation / 3.0, 2.0**-48 * largest, 1e-8) if added == 0.0 else 8.0 * added
-        copy_matrix(work.saved_band, band)
-        for r in range(band.shape[0]):
-            band[r, diagonal] += added
     return -1.0
 
 
 @allocating_kernel
-def workspace(members: int, steps: int, n: int) -> Workspace:
-    """Arrays for problems of k of n members over H steps."""
-    size = 2 * members * steps
-    slack, vectors = np.empty((3, 3 * size)), np.empty((5, size))
-    band = np.empty((2, size, 4 * members + 2))
+def workspace(objective: Objective) -> Workspace:
+    """Arrays for the trajectories of an objective."""
+    steps, block = objective.u.shape[0], objective.columns.size
+    slack, vectors = np.empty((3, 3 * block * steps)), np.empty((5, block * steps))
+    band = np.empty((2, block * steps, 2 * block + 2))
     return Workspace(
         slack[0],
         slack[1],
@@ -193,8 +186,8 @@ def workspace(members: int, steps: int, n: int) -> Workspace:
         vectors[4],
         band[0],
         band[1],
-        np.empty((2 * members, 2 * members)),
-        np.empty(2 * n),
+        np.empty((block, block)),
+        np.empty(objective.u.shape[1]),
     )
 
 
