@@ -170,7 +170,6 @@ def _formation(step: Step, plan: _Plan) -> Formation:
         name: -block if name == "speed" else np.full_like(block, -np.inf)
         for name, block in upper.items()
     }
-    limits = path_limits(step)
     instances = Instances(
         x0=guess.reshape(batch, -1),
         p=nlp.pack_parameters(**parameters),
@@ -185,8 +184,7 @@ def _formation(step: Step, plan: _Plan) -> Formation:
             plan.radii,
             free,
             interior,
-            limits.speed,
-            limits.change,
+            path_limits(step),
         ),
     )
     return Formation(

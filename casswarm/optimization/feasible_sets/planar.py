@@ -139,10 +139,10 @@ class PlanarSets:
     def violation(self, points: ArrayLike) -> FloatArray:
         """Largest distance (...) to the box or a disc; 0 inside, NaN for a point not finite."""
         flat, sets, shape = self._paired(points)
-        largest = np.empty(len(flat))
         from .planar_kernels import violation_batch  # Numba takes a second to import
 
-        violation_batch(contiguous(flat), sets.packed, largest)
+        largest = np.empty(len(flat))
+        violation_batch(flat, sets, largest)
         return largest.reshape(shape)
 
     def contains(self, points: ArrayLike, tolerance: float) -> BoolArray:
@@ -152,8 +152,8 @@ class PlanarSets:
     @cached_property
     def is_empty(self) -> BoolArray:
         """Which sets are empty, shape `shape`; gaps of the order of rounding do not count."""
-        _, sets, shape = self._paired(np.zeros(2))
-        return np.asarray(~_search(_anchors(sets), sets)[1]).reshape(shape)
+        sets = self.packed.reshape(-1, 10)
+        return np.asarray(~_search(_anchors(sets), sets)[1]).reshape(self.shape)
 
     def relax_infeasible(self) -> tuple[PlanarSets, BoolArray]:
         """Make every set non-empty by relaxing soft constraints that cannot be met.
@@ -189,36 +189,26 @@ class PlanarSets:
         radii[infeasible] = np.inf
         return replace(self, lower=lower, upper=upper, radii=radii), infeasible
 
-    def _paired(self, points: ArrayLike) -> tuple[FloatArray, PlanarSets, tuple[int, ...]]:
-        """Points (M, 2), NaN where not finite; their sets, shape (M,); the shape to return to."""
+    def _paired(self, points: ArrayLike) -> tuple[FloatArray, FloatArray, tuple[int, ...]]:
+        """Points (M, 2), their sets' rows (M, 10), and the shape to return to."""
         x = np.asarray(points, dtype=np.float64)
         if x.shape[-1:] != (2,):
             raise ValueError(f"points must have shape (..., 2); got {x.shape}")
         shape = np.broadcast_shapes(x.shape[:-1], self.shape)
-        finite = np.isfinite(x).all(axis=-1, keepdims=True)
-        flat = np.broadcast_to(np.where(finite, x, np.nan), (*shape, 2)).reshape(-1, 2)
-        if self.shape == (len(flat),):
-            return flat, self, shape
-        arrays = (
-            np.broadcast_to(array, shape + end).reshape(len(flat), *end)
-            for array in (self.lower, self.upper, self.centers, self.radii)
-            for end in (array.shape[len(self.shape) :],)
-        )
-        return flat, PlanarSets(*arrays), shape
+        flat = np.broadcast_to(x, (*shape, 2)).reshape(-1, 2)
+        sets = self.packed if shape == self.shape else np.broadcast_to(self.packed, (*shape, 10))
+        return contiguous(flat), contiguous(sets.reshape(-1, 10)), shape
 
 
-def _anchors(sets: PlanarSets) -> FloatArray:
-    """Choose a point (M, 2) to search each set from: the centre of its smallest disc."""
-    if sets.radii.shape[-1] == 0:
-        return np.zeros((len(sets.radii), 2))
-    smallest = sets.radii.argmin(axis=-1)[:, None, None]
-    return np.take_along_axis(sets.centers, smallest, axis=1)[:, 0]
+def _anchors(sets: FloatArray) -> FloatArray:
+    """Points (M, 2) to search sets (M, 10) from: the centre of their smaller disc."""
+    return np.where(sets[:, 9:] < sets[:, 6:7], sets[:, 7:9], sets[:, 4:6])
 
 
-def _search(points: FloatArray, sets: PlanarSets) -> tuple[FloatArray, BoolArray]:
-    """Nearest points (M, 2), and whether there is one (M,); NaN stays NaN and counts as one."""
+def _search(points: FloatArray, sets: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Nearest points (M, 2), and whether there is one (M,); NaN counts as one."""
     from .planar_kernels import nearest_batch  # Numba takes a second to import
 
     nearest, exists = np.empty(points.shape), np.empty(len(points), dtype=bool)
-    nearest_batch(contiguous(points), sets.packed, nearest, exists)
+    nearest_batch(points, sets, nearest, exists)
     return nearest, exists

@@ -93,17 +93,13 @@ def nearest_crossing(px: float, py: float, sets: FloatArray, i: int) -> Candidat
     for k in DISCS:
         cx, cy, r = sets[i, k], sets[i, k + 1], sets[i, k + 2]
         if r < math.inf:
-            for side in (0, 2):
-                line = sets[i, side]
-                half = half_chord(line, cx, r)
+            for side in range(4):
+                line, across = sets[i, side], cy if side % 2 == 0 else cx
+                half = half_chord(line, cx if side % 2 == 0 else cy, r)
                 if half >= 0.0:
-                    best = nearer(line, cy - half, px, py, sets, i, best)
-                    best = nearer(line, cy + half, px, py, sets, i, best)
-                line = sets[i, side + 1]
-                half = half_chord(line, cy, r)
-                if half >= 0.0:
-                    best = nearer(cx - half, line, px, py, sets, i, best)
-                    best = nearer(cx + half, line, px, py, sets, i, best)
+                    for end in (across - half, across + half):
+                        x, y = (line, end) if side % 2 == 0 else (end, line)
+                        best = nearer(x, y, px, py, sets, i, best)
     if sets[i, DISCS[0] + 2] < math.inf and sets[i, DISCS[1] + 2] < math.inf:
         # from the smaller circle: an error of `along`, however large, keeps the points on it, and
         # takes them off the larger one by the order of rounding only
@@ -142,7 +138,10 @@ def violation(x: float, y: float, sets: FloatArray, i: int) -> float:
 def nearest_batch(
     points: FloatArray, sets: FloatArray, projections: FloatArray, exists: BoolArray
 ) -> None:
-    """Write the nearest points (M, 2) of sets (M, 10), and whether they exist (M,), NaN for NaN."""
+    """Write the nearest points (M, 2) of sets (M, 10), and whether they exist (M,).
+
+    A point that is not finite gives NaN, which counts as existing.
+    """
     for i in range(points.shape[0]):
         if math.isfinite(points[i, 0]) and math.isfinite(points[i, 1]):
             x, y, exists[i] = nearest(points[i, 0], points[i, 1], sets, i)

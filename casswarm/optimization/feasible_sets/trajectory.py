@@ -12,7 +12,7 @@ interior: slowing down, v_s = q v_{s-1} with q a little below 1, keeps strictly 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -37,8 +37,7 @@ class TrajectorySets:
         Members whose trajectories are variables.
     inside : (B, H, n, 2)
         Trajectories strictly within the limits; those of members that are not free are fixed.
-    speed, change : float
-        Bounds on a velocity's components, and on the length of its change in a step.
+    limits : Limits
     """
 
     initial_velocities: FloatArray
@@ -46,8 +45,7 @@ class TrajectorySets:
     radii: FloatArray
     free: BoolArray
     inside: FloatArray
-    speed: float
-    change: float
+    limits: Limits
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -57,15 +55,8 @@ class TrajectorySets:
 
     def __getitem__(self, rows: slice | NDArray[Any]) -> TrajectorySets:
         """The sets of some of the states."""
-        return TrajectorySets(
-            self.initial_velocities[rows],
-            self.centers[rows],
-            self.radii[rows],
-            self.free[rows],
-            self.inside[rows],
-            self.speed,
-            self.change,
-        )
+        arrays = ("initial_velocities", "centers", "radii", "free", "inside")
+        return replace(self, **{name: getattr(self, name)[rows] for name in arrays})
 
 
 @dataclass(frozen=True)

@@ -83,7 +83,7 @@ class InteriorPoint(BatchSolver):
             inside=contiguous(sets.inside.reshape(batch, steps, 2 * n)),
             free=contiguous(sets.free),
             initial_velocities=contiguous(sets.initial_velocities.reshape(batch, 1, 2 * n)),
-            change=sets.change,
+            change=sets.limits.change,
             centers=contiguous(sets.centers.swapaxes(1, 2).reshape(batch, steps, 2 * n)),
             radii=contiguous(sets.radii.swapaxes(1, 2)),
             p=contiguous(instances.p)[:, None],
@@ -151,5 +151,5 @@ def _starts(instances: Instances, sets: TrajectorySets, number: int) -> FloatArr
     batch, steps, n = sets.shape
     starts = np.repeat(instances.x0.reshape(batch, 1, steps, n, 2), number, axis=1)
     if number > 1:
-        starts += _SPREAD * sets.change * perturbations(number, n)
+        starts += _SPREAD * sets.limits.change * perturbations(number, n)
     return starts.reshape(batch, number, steps, 2 * n)
