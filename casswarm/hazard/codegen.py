@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import HazardError
 from ..typing import Expr, FloatArray
 
-_BINARY = {
+_OPERATIONS = {
     ca.OP_ADD: "{0} + {1}",
     ca.OP_SUB: "{0} - {1}",
     ca.OP_MUL: "{0} * {1}",
@@ -33,30 +33,19 @@ _BINARY = {
     ca.OP_ATAN2: "np.arctan2({0}, {1})",
     ca.OP_HYPOT: "np.hypot({0}, {1})",
     ca.OP_IF_ELSE_ZERO: "np.where(np.equal({0}, 0.0), 0.0, {1})",
-}
-_UNARY = {
     ca.OP_ASSIGN: "{0}",
     ca.OP_NEG: "-{0}",
     ca.OP_SQ: "{0} * {0}",
     ca.OP_TWICE: "2.0 * {0}",
     ca.OP_INV: "1.0 / {0}",
     ca.OP_NOT: "np.equal({0}, 0.0) * 1.0",
-    ca.OP_SQRT: "np.sqrt({0})",
-    ca.OP_EXP: "np.exp({0})",
-    ca.OP_LOG: "np.log({0})",
-    ca.OP_EXPM1: "np.expm1({0})",
-    ca.OP_LOG1P: "np.log1p({0})",
-    ca.OP_FABS: "np.fabs({0})",
-    ca.OP_SIGN: "np.sign({0})",
-    ca.OP_FLOOR: "np.floor({0})",
-    ca.OP_CEIL: "np.ceil({0})",
-    ca.OP_SIN: "np.sin({0})",
-    ca.OP_COS: "np.cos({0})",
-    ca.OP_TAN: "np.tan({0})",
     ca.OP_ATAN: "np.arctan({0})",
-    ca.OP_SINH: "np.sinh({0})",
-    ca.OP_COSH: "np.cosh({0})",
-    ca.OP_TANH: "np.tanh({0})",
+}
+_NAMED_ALIKE = "sqrt exp log expm1 log1p fabs sign floor ceil sin cos tan sinh cosh tanh"
+"""Functions of one number that CasADi and NumPy call the same."""
+
+_OPERATIONS |= {
+    getattr(ca, f"OP_{name.upper()}"): f"np.{name}({{0}})" for name in _NAMED_ALIKE.split()
 }
 
 
@@ -90,10 +79,8 @@ def lower_source(name: str, inputs: dict[str, Expr], outputs: Sequence[Expr]) ->
             value = names[read[0]] + ("" if scalar[read[0]] else f"[{read[1]}]")
         elif operation == ca.OP_OUTPUT:
             target, value = f"y{written[0]}", f"w{read[0]}"
-        elif operation in _UNARY:
-            value = _UNARY[operation].format(f"w{read[0]}")
-        elif operation in _BINARY:
-            value = _BINARY[operation].format(f"w{read[0]}", f"w{read[1]}")
+        elif operation in _OPERATIONS:
+            value = _OPERATIONS[operation].format(*(f"w{i}" for i in read))
         else:
             raise HazardError(
                 f"kernel {name!r} uses CasADi's {_operation_name(operation)}, which cannot be "

@@ -59,10 +59,12 @@ class CustomHazard(Hazard):
         object.__setattr__(self, "radars", checked_radars(self.radars))
         object.__setattr__(self, "parameters", _frozen(dict(self.parameters)))
         for key, value in dict(self.parameters).items():
-            if not _hashable(value):
+            try:
+                hash(value)
+            except (TypeError, NotImplementedError):  # the latter is CasADi's
                 raise HazardError(
                     f"parameter {key!r} is {value!r}; allowed: numbers, texts, lists of these"
-                )
+                ) from None
         for n in (1, 2):
             rate_function(self, n)
 
@@ -239,14 +241,6 @@ def _require_from(module: Any, name: str, folder: Path | None) -> None:
             f"the module {name!r} beside the scenario is hidden by another of the same name, "
             f"imported from {origin}; give it another name"
         )
-
-
-def _hashable(value: Any) -> bool:
-    try:
-        hash(value)
-    except (TypeError, NotImplementedError):  # the latter is CasADi's
-        return False
-    return True
 
 
 def _frozen(value: Any) -> Any:

@@ -29,6 +29,8 @@ from .base import Hazard, checked_radars
 from .codegen import differentiated_source, lower
 
 _CHUNK_PAIRS = 1 << 19  # pairs evaluated at once: a few arrays of 4 MiB
+_KERNELS = {"source": 1, "density": 1, "collision": 1, "combine": 3}
+"""The kernels of a hazard, and their numbers of arguments."""
 
 
 def regular(squared_distance: Expr) -> Expr:
@@ -64,14 +66,15 @@ class KernelHazard(Hazard):
         object.__setattr__(self, "radars", checked_radars(self.radars))
         if not self.radars:
             raise HazardError("radars are empty; expected (k, 2), k >= 1")
-        if self.strengths is not None and len(self.strengths) != len(self.radars):
-            raise HazardError(
-                f"{len(self.strengths)} strengths for {len(self.radars)} radars; expected one each"
-            )
         if self.strengths is not None:
+            if len(self.strengths) != len(self.radars):
+                raise HazardError(
+                    f"{len(self.strengths)} strengths for {len(self.radars)} radars; expected one "
+                    "each"
+                )
             object.__setattr__(self, "strengths", tuple(float(s) for s in self.strengths))
-        if not all(0 < strength < np.inf for strength in self.strengths or ()):
-            raise HazardError(f"strengths must be finite and above zero; got {self.strengths}")
+            if not all(0 < strength < np.inf for strength in self.strengths):
+                raise HazardError(f"strengths must be finite and above zero; got {self.strengths}")
 
     @abstractmethod
     def source(self, squared_distance: Expr) -> Expr:
@@ -142,13 +145,11 @@ class KernelHazard(Hazard):
         return ca.mtimes(ca.DM(self.radar_strengths).T, _everywhere(self.source(pairs), pairs))
 
     def _evaluate(self, positions: FloatArray, alive: BoolArray) -> FloatArray:
-        batch, n, _ = positions.shape
+        n = positions.shape[1]
         size = max(1, _CHUNK_PAIRS // (n * max(n, len(self.radars))))
-        out = np.empty((batch, n))
-        for start in range(0, batch, size):
-            chunk = slice(start, start + size)
-            out[chunk] = self._evaluate_chunk(positions[chunk], alive[chunk])
-        return out
+        starts = range(size, len(positions), size)
+        chunks = zip(np.split(positions, starts), np.split(alive, starts), strict=True)
+        return np.concatenate([self._evaluate_chunk(*chunk) for chunk in chunks])
 
     def _evaluate_chunk(self, positions: FloatArray, alive: BoolArray) -> FloatArray:
         source, density, collision, combine = lowered_kernels(self)
@@ -180,12 +181,7 @@ def _squared_distances(a: FloatArray, b: FloatArray) -> FloatArray:
 @lru_cache(maxsize=64)
 def lowered_kernels(hazard: KernelHazard) -> tuple[Callable[..., FloatArray], ...]:
     """NumPy functions of the four expressions: source, density, collision, combine."""
-    return (
-        lower(hazard.source, 1, "source"),
-        lower(hazard.density, 1, "density"),
-        lower(hazard.collision, 1, "collision"),
-        lower(hazard.combine, 3, "combine"),
-    )
+    return tuple(lower(getattr(hazard, name), inputs, name) for name, inputs in _KERNELS.items())
 
 
 @lru_cache(maxsize=64)
@@ -210,11 +206,8 @@ def differentiated_kernels(hazard: KernelHazard) -> tuple[str, tuple[float, ...]
 
 
 def _kernel_sources(hazard: KernelHazard, parameters: Expr) -> str:
-    kernels = (
-        (hazard.source, 1, "source"),
-        (hazard.density, 1, "density"),
-        (hazard.collision, 1, "collision"),
-        (hazard.combine, 3, "combine"),
+    sources = (
+        differentiated_source(getattr(hazard, name), inputs, name, parameters)
+        for name, inputs in _KERNELS.items()
     )
-    sources = (differentiated_source(k, inputs, name, parameters) for k, inputs, name in kernels)
     return "\n\n".join(f"@kernel\n{source}" for source in sources)

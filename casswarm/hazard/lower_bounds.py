@@ -1,43 +1,23 @@
-"""Lower bounds of rates, for certificates.
+"""Lower bounds of rates, for certificates; derived in the two pages named here.
 
-**Of single-agent rates.** With K = 1 / R^2 the capped rate min(1 / r^2, K) is nowhere above
-1 / r^2, nor, for R >= `CORE_RADIUS`, above its regularised version (see
-`casswarm.hazard.kernels.regular`). Interpolated bilinearly between the corners of a grid cell of
-side h, a function f is at most
+**Of single-agent rates**, ``docs/global-guide.md``, Node rates: with the regularisation of
+`casswarm.hazard.kernels.regular` and R = max(8 h, `CORE_RADIUS`) on a grid of spacing h, the values
 
-    e = h^2 / 8 (max f_xx^+ + max f_yy^+)
+    min(1 / r^2, 1 / R^2) - e
 
-above itself, each maximum over the cell. For f = 1 / r^2 the second derivatives are f_xx = (6 x^2 -
-2 y^2) / r^6 and f_yy = (6 y^2 - 2 x^2) / r^6, at most (6 x_far^2 - 2 y_near^2)^+ / r_near^6 over a
-square, and correspondingly for f_yy. A cap only lowers interpolated values, and where the whole
-cell is capped there is nothing to correct. Hence the values
+at nodes, where e bounds the error of bilinear interpolation in the four cells around the node, are
+nowhere above 1 / r^2 when they are interpolated.
 
-    min(1 / r^2, K) - e
-
-at nodes, with e for the square of side 2 h around the node, which contains its four cells: their
-bilinear interpolation is nowhere above 1 / r^2. R = 8 h keeps them positive.
-
-**Of a member of a swarm.** In every configuration of n members, a member whose single-agent rate is
-b has a rate of at least phi(b). For the paper's saturation, whose density is at most n,
-
-    phi(b) = b (1 + alpha_2) / (1 + alpha_2 n).
-
-With collisions, density has a price. Let h_j in [0, 1] be the density that neighbour j adds, 0 for
-one that is lost, S their sum, m = n - 1, g(h) the collision rate at the distance at which the
-density is h, which rises with h, and psi a convex function nowhere above g. By Jensen's inequality
-the collisions add up to at least m psi(S / m), so that
-
-    phi(b) = min over S in [0, m] of  b (1 + alpha_2) / (1 + alpha_2 (1 + S)) + m psi(S / m).
-
-On each interval [S_k, S_(k+1)] the first term is at least its value at the end and the second at
-least its value at the beginning: affine functions of b, whose minimum is below phi. A minimum of
-nondecreasing affine functions is concave and nondecreasing, which is what the certificate needs.
+**Of a member of a swarm**, ``docs/joint.md``: in every configuration of n members, a member whose
+single-agent rate is b has a rate of at least phi(b), where phi is the minimum of nondecreasing
+affine functions.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -120,14 +100,20 @@ class LeastRate:
 
     intercepts: FloatArray
     slopes: FloatArray
-    _ends: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        lines = _lowest(np.asarray(self.intercepts), np.asarray(self.slopes))
-        object.__setattr__(self, "intercepts", np.asarray(self.intercepts)[lines])
-        object.__setattr__(self, "slopes", np.asarray(self.slopes)[lines])
-        fall, rise = -np.diff(self.slopes), np.diff(self.intercepts)
-        object.__setattr__(self, "_ends", rise / fall)
+        intercepts, slopes = np.asarray(self.intercepts), np.asarray(self.slopes)
+        # the lines that are lowest for some b >= 0 are the lower left hull of (intercept, slope)
+        order = np.lexsort((slopes, intercepts))
+        lines = order[_lower_hull(intercepts[order], slopes[order])]
+        lines = lines[: slopes[lines].argmin() + 1]
+        object.__setattr__(self, "intercepts", intercepts[lines])
+        object.__setattr__(self, "slopes", slopes[lines])
+
+    @cached_property
+    def _ends(self) -> FloatArray:
+        """Rates at which the next line becomes the lowest."""
+        return np.asarray(np.diff(self.intercepts) / -np.diff(self.slopes))
 
     def __call__(self, rates: FloatArray) -> FloatArray:
         """phi at single-agent rates (...), which are not negative."""
@@ -135,21 +121,18 @@ class LeastRate:
         return np.asarray(self.intercepts[line] + self.slopes[line] * rates)
 
 
-def _lowest(intercepts: FloatArray, slopes: FloatArray) -> list[int]:
-    """Indices of the lines that are lowest somewhere on b >= 0, steepest first."""
-    lines: list[int] = []
-    for line in np.lexsort((slopes, intercepts)):
-        if lines and slopes[line] >= slopes[lines[-1]]:
-            continue  # never below the previous one
-        while len(lines) > 1:
-            a, b = lines[-2], lines[-1]
-            start = (intercepts[b] - intercepts[a]) / (slopes[a] - slopes[b])
-            end = (intercepts[line] - intercepts[b]) / (slopes[b] - slopes[line])
-            if end > start:
+def _lower_hull(x: FloatArray, y: FloatArray) -> list[int]:
+    """Indices of the points, of ascending x, on the lower side of their convex hull."""
+    hull: list[int] = []
+    for point in range(len(x)):
+        while len(hull) > 1:
+            a, b = hull[-2], hull[-1]
+            turn = (x[b] - x[a]) * (y[point] - y[a]) - (y[b] - y[a]) * (x[point] - x[a])
+            if turn > 0:
                 break
-            lines.pop()
-        lines.append(int(line))
-    return lines
+            hull.pop()
+        hull.append(point)
+    return hull
 
 
 def saturation_least_rate(n: int, alpha_2: float) -> LeastRate:
@@ -170,23 +153,11 @@ def collision_least_rate(
         g = np.nan_to_num(collision(np.maximum(h, 1e-300)), nan=0.0, posinf=1e300)
     g[0] = 0.0
     # on [h_k, h_(k+1)) g is at least g(h_k): the convex hull of the steps' lower right corners
-    psi = _convex_below(np.append(0.0, h[1:]), np.append(0.0, g[:-1]))
+    corners = np.append(0.0, g[:-1])
+    hull = _lower_hull(h, corners)
+    psi = np.interp(h, h[hull], corners[hull])
     density = 1.0 + neighbours * h[1:]
     return LeastRate(
         neighbours * psi[:-1] * _ROUNDED,
         (1 + alpha_2) / (1 + alpha_2 * density) * _ROUNDED,
     )
-
-
-def _convex_below(x: FloatArray, y: FloatArray) -> FloatArray:
-    """The greatest convex function below points of ascending x, at them."""
-    hull: list[int] = []
-    for point in range(len(x)):
-        while len(hull) > 1:
-            a, b = hull[-2], hull[-1]
-            turn = (x[b] - x[a]) * (y[point] - y[a]) - (y[b] - y[a]) * (x[point] - x[a])
-            if turn > 0:
-                break
-            hull.pop()
-        hull.append(point)
-    return np.asarray(np.interp(x, x[hull], y[hull]))

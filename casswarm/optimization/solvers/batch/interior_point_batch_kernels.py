@@ -18,7 +18,7 @@ from ...feasible_sets.trajectory_kernels import (
 )
 from .engine import NO_INTERIOR, NOT_FINITE, Results
 from .interior_point_kernels import Options, minimise, residuals
-from .newton_system_kernels import Objective, clear, copy, gather, read, total, write
+from .newton_system_kernels import Problem, clear, copy, gather, read, total, write
 
 MU_INIT = 1e-2  # barrier parameter at the beginning, in units of the objective
 COARSE = 1e-4  # barrier parameter at which starts are compared
@@ -109,56 +109,49 @@ def largest_violation(slack: FloatArray, constraints: Constraints) -> float:
 
 
 @allocating_kernel
-def verify(
-    z: FloatArray, objective: Objective, constraints: Constraints
-) -> tuple[float, float, float]:
+def verify(z: FloatArray, problem: Problem) -> tuple[float, float, float]:
     """Objective, violation and residual of the answer `u`, recomputed from the problem alone.
 
     The violation is a distance, in units; the residual is the larger of stationarity and
     complementarity.
     """
     slack, y, lagrangian = np.empty(z.size), np.empty(z.size // 3), np.empty(z.size // 3)
-    read(objective.u, objective.columns, objective.scale[0], y)
-    value = total(y, objective)
-    slacks(y, constraints, slack)
-    gather(objective, lagrangian)
-    add_jacobian_transpose(y, z, constraints, lagrangian)
-    violation, least = largest_violation(slack, constraints), 0.0
+    read(problem.u, problem.columns, problem.scale[0], y)
+    value = total(y, problem)
+    slacks(y, problem.constraints, slack)
+    gather(problem, lagrangian)
+    add_jacobian_transpose(y, z, problem.constraints, lagrangian)
+    violation, least = largest_violation(slack, problem.constraints), 0.0
     for row in range(z.size):
         least = min(least, z[row])
     stationarity, complementarity = residuals(lagrangian, z, slack, 0.0)
     if not (math.isfinite(value) and math.isfinite(stationarity)) or least < 0.0:
-        return value * objective.scale[1], math.inf, math.nan
-    return value * objective.scale[1], violation, max(stationarity, complementarity)
+        return value * problem.scale[1], math.inf, math.nan
+    return value * problem.scale[1], violation, max(stationarity, complementarity)
 
 
 @allocating_kernel
 def minimise_state(
-    starts: FloatArray,
-    z: FloatArray,
-    objective: Objective,
-    constraints: Constraints,
-    options: Options,
-    counts: IntArray,
+    starts: FloatArray, z: FloatArray, problem: Problem, options: Options, counts: IntArray
 ) -> int:
     """Solve a state from every start (S, H, 2n), with multipliers z; return the outcome.
 
-    `objective.u` begins strictly inside, and ends as the answer.
+    `problem.u` begins strictly inside, and ends as the answer.
     """
-    trials, columns, unit = starts.shape[0], objective.columns, objective.scale[0]
+    trials, columns, unit = starts.shape[0], problem.columns, problem.scale[0]
     tolerance, mu_final = options.tolerance, options.mu_final
     inside, y, best = np.empty(z.size // 3), np.empty(z.size // 3), np.empty(z.size // 3)
     slack, best_z = np.empty(z.size), np.zeros(z.size)
-    read(objective.u, columns, unit, inside)
+    read(problem.u, columns, unit, inside)
     copy(inside, best)
     least, outcome = math.inf, NO_INTERIOR
-    if not slacks(inside, constraints, slack) > 0.0:
+    if not slacks(inside, problem.constraints, slack) > 0.0:
         return outcome
     for t in range(trials + 1 if trials > 1 else 1):
         coarse = t < trials and trials > 1
         if t < trials:
             read(starts[t], columns, unit, y)
-            move_inside(inside, y, constraints)
+            move_inside(inside, y, problem.constraints)
             clear(z)
         else:
             copy(best, y)
@@ -169,13 +162,13 @@ def minimise_state(
             max(COARSE, tolerance) if coarse else tolerance,
             options.max_iter,
         )
-        value, outcome = minimise(y, z, objective, constraints, stage, counts)
+        value, outcome = minimise(y, z, problem, stage, counts)
         if not coarse or (outcome != NOT_FINITE and value < least):
             least = value
             copy(y, best)
             copy(z, best_z)
     copy(best_z, z)
-    write(best, objective)
+    write(best, problem)
     return outcome
 
 
@@ -198,17 +191,19 @@ def minimise_batch(
         members = np.flatnonzero(batch.free[row])
         columns, u = np.flatnonzero(np.repeat(batch.free[row], 2)), results.x[row]
         p, scale = batch.p[row], batch.scale[row]
-        objective = Objective(evaluate, p, batch.constants, scale, columns, u, gradients, scratch)
         constraints = scaled_constraints(batch, row, members, columns)
+        problem = Problem(
+            evaluate, p, batch.constants, scale, columns, constraints, u, gradients, scratch
+        )
         z = np.zeros(ROWS * constraints.radii.size)
         for s in range(steps):
             for c in range(2 * n):
                 u[s, c] = batch.inside[row, s, c]
         results.outcome[row] = minimise_state(
-            batch.starts[row], z, objective, constraints, options, results.counts[row]
+            batch.starts[row], z, problem, options, results.counts[row]
         )
         verified = results.verified[row]
-        verified[0], verified[1], verified[2] = verify(z, objective, constraints)
+        verified[0], verified[1], verified[2] = verify(z, problem)
         for s in range(steps):
             for a in range(members.size):
                 for c in range(ROWS):

@@ -18,7 +18,6 @@ from typing import NamedTuple
 from ...._util.jit import allocating_kernel, kernel
 from ....typing import FloatArray, IntArray
 from ...feasible_sets.trajectory_kernels import (
-    Constraints,
     add_jacobian_transpose,
     jacobian_product,
     max_step_length,
@@ -28,7 +27,7 @@ from ...feasible_sets.trajectory_kernels import (
 )
 from .engine import CONVERGED, EXHAUSTED, NO_INTERIOR, NOT_FINITE, STALLED
 from .newton_system_kernels import (
-    Objective,
+    Problem,
     Workspace,
     assemble,
     clear,
@@ -110,15 +109,15 @@ def next_mu(mu: float, z: FloatArray, options: Options, work: Workspace) -> tupl
 
 @kernel
 def correct(
-    y: FloatArray, z: FloatArray, fraction: float, constraints: Constraints, work: Workspace
+    y: FloatArray, z: FloatArray, fraction: float, problem: Problem, work: Workspace
 ) -> None:
     """Write the second-order correction of the step, zero where the limits do not cut it."""
     clear(work.correction)
-    if max_step_length(y, work.step, fraction, work.slack, constraints) < 1.0:
-        second_order_terms(work.step, constraints, work.rows)
+    if max_step_length(y, work.step, fraction, work.slack, problem.constraints) < 1.0:
+        second_order_terms(work.step, problem.constraints, work.rows)
         for row in range(z.size):
             work.rows[row] *= z[row] / work.slack[row]
-        add_jacobian_transpose(y, work.rows, constraints, work.correction)
+        add_jacobian_transpose(y, work.rows, problem.constraints, work.correction)
         for c in range(y.size):
             work.correction[c] = -work.correction[c]
         solve(work.factor, work.correction)
@@ -126,13 +125,7 @@ def correct(
 
 @kernel
 def line_search(
-    y: FloatArray,
-    value: float,
-    mu: float,
-    objective: Objective,
-    constraints: Constraints,
-    work: Workspace,
-    counts: IntArray,
+    y: FloatArray, value: float, mu: float, problem: Problem, work: Workspace, counts: IntArray
 ) -> tuple[float, bool]:
     """Search along the corrected step: (objective at `trial`, whether it is accepted)."""
     slope = 0.0
@@ -142,15 +135,15 @@ def line_search(
     for _ in range(TRIALS):
         for c in range(y.size):
             work.trial[c] = y[c] + length * (work.step[c] + length * work.correction[c])
-        slacks(work.trial, constraints, work.trial_slack)
+        slacks(work.trial, problem.constraints, work.trial_slack)
         if largest_shrinkage(work.slack, work.trial_slack) <= fraction:
-            trial_value = total(work.trial, objective)
+            trial_value = total(work.trial, problem)
             counts[1] += 1
             merit = barrier(trial_value, work.trial_slack, mu)
             if merit <= reference + SUFFICIENT * length * slope + 2.0**-46 * abs(reference):
                 return trial_value, True
         length *= 0.6
-    total(y, objective)  # so that `u` is that of y
+    total(y, problem)  # so that `u` is that of y
     return value, False
 
 
@@ -178,30 +171,25 @@ def move_multipliers(z: FloatArray, mu: float, work: Workspace) -> None:
 
 @allocating_kernel
 def minimise(
-    y: FloatArray,
-    z: FloatArray,
-    objective: Objective,
-    constraints: Constraints,
-    options: Options,
-    counts: IntArray,
+    y: FloatArray, z: FloatArray, problem: Problem, options: Options, counts: IntArray
 ) -> tuple[float, int]:
     """Improve `y`, strictly inside, in place, with multipliers z: (value, outcome).
 
     Multipliers that are 0 begin at mu / slack; counts iterations and evaluations.
     """
-    work = workspace(objective)
+    work = workspace(problem)
     mu, regularisation = options.mu_init, 0.0
-    if not slacks(y, constraints, work.slack) > 0.0:
+    if not slacks(y, problem.constraints, work.slack) > 0.0:
         return math.nan, NO_INTERIOR
     for row in range(z.size):
         if z[row] == 0.0:
             z[row] = mu / work.slack[row]
-    value = total(y, objective)
+    value = total(y, problem)
     counts[1] += 1
     for _ in range(options.max_iter):
-        gather(objective, work.gradient)
+        gather(problem, work.gradient)
         copy(work.gradient, work.residual)
-        add_jacobian_transpose(y, z, constraints, work.residual)
+        add_jacobian_transpose(y, z, problem.constraints, work.residual)
         if not (
             math.isfinite(value) and math.isfinite(residuals(work.residual, z, work.slack, 0.0)[0])
         ):
@@ -209,17 +197,17 @@ def minimise(
         mu, converged = next_mu(mu, z, options, work)
         if converged:
             return value, CONVERGED
-        assemble(y, z, mu, objective, constraints, work)
-        counts[1] += objective.columns.size
+        assemble(y, z, mu, problem, work)
+        counts[1] += problem.columns.size
         regularisation = newton_direction(work, regularisation)
         if regularisation < 0.0:
             return value, NOT_FINITE
         counts[0] += 1
-        correct(y, z, max(0.99, 1.0 - mu), constraints, work)
-        trial_value, accepted = line_search(y, value, mu, objective, constraints, work, counts)
+        correct(y, z, max(0.99, 1.0 - mu), problem, work)
+        trial_value, accepted = line_search(y, value, mu, problem, work, counts)
         if not accepted:
             return value, STALLED
-        jacobian_product(y, work.step, constraints, work.rows)
+        jacobian_product(y, work.step, problem.constraints, work.rows)
         move_multipliers(z, mu, work)
         copy(work.trial, y)
         copy(work.trial_slack, work.slack)

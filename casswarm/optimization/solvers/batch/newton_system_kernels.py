@@ -1,4 +1,4 @@
-"""The objective of a state, and the Newton equations of the interior-point method.
+"""The problem of a state, and the Newton equations of the interior-point method.
 
 A step's block of the objective's Hessian is taken from differences of gradients: the displacements
 of a step enter no other step's objective. See
@@ -25,8 +25,8 @@ DIFFERENCE = 1e-7  # length of the gradient's differences, in units of x
 REGULARISATIONS = 30  # attempts to make the Newton matrix positive definite
 
 
-class Objective(NamedTuple):
-    """A state's objective as a function of the displacements y of its active members.
+class Problem(NamedTuple):
+    """A state's problem: the displacements y of its active members within their limits.
 
     Parameters
     ----------
@@ -39,6 +39,8 @@ class Objective(NamedTuple):
         Units of x and of the objective.
     columns : (2k,) int
         Columns of `u` that are variables: the coordinates of active members.
+    constraints : Constraints
+        Limits of y.
     u, gradients : (H, 2n)
         Displacements of all members at the last y, and the gradients there.
     scratch : vector
@@ -50,6 +52,7 @@ class Objective(NamedTuple):
     constants: FloatArray
     scale: FloatArray
     columns: IntArray
+    constraints: Constraints
     u: FloatArray
     gradients: FloatArray
     scratch: FloatArray
@@ -95,45 +98,45 @@ def read(u: FloatArray, columns: IntArray, unit: float, y: FloatArray) -> None:
 
 
 @kernel
-def write(y: FloatArray, objective: Objective) -> None:
+def write(y: FloatArray, problem: Problem) -> None:
     """Write the displacements y to `u`."""
-    columns, unit = objective.columns, objective.scale[0]
-    for s in range(objective.u.shape[0]):
+    columns, unit = problem.columns, problem.scale[0]
+    for s in range(problem.u.shape[0]):
         for c in range(columns.size):
-            objective.u[s, columns[c]] = unit * y[s * columns.size + c]
+            problem.u[s, columns[c]] = unit * y[s * columns.size + c]
 
 
 @kernel
-def evaluate(objective: Objective, s: int, gradient: FloatArray) -> float:
+def evaluate(problem: Problem, s: int, gradient: FloatArray) -> float:
     """Objective of step s at `u`; its gradient is written."""
-    p = objective.p[min(s, objective.p.shape[0] - 1)]
-    return objective.evaluate(objective.u[s], p, objective.constants, gradient, objective.scratch)  # type: ignore[no-any-return]
+    p = problem.p[min(s, problem.p.shape[0] - 1)]
+    return problem.evaluate(problem.u[s], p, problem.constants, gradient, problem.scratch)  # type: ignore[no-any-return]
 
 
 @kernel
-def total(y: FloatArray, objective: Objective) -> float:
+def total(y: FloatArray, problem: Problem) -> float:
     """Objective at y, in its unit; `u` and `gradients` are written."""
-    write(y, objective)
+    write(y, problem)
     value = 0.0
-    for s in range(objective.u.shape[0]):
-        value += evaluate(objective, s, objective.gradients[s])
-    return value / objective.scale[1]
+    for s in range(problem.u.shape[0]):
+        value += evaluate(problem, s, problem.gradients[s])
+    return value / problem.scale[1]
 
 
 @kernel
-def gather(objective: Objective, out: FloatArray) -> None:
+def gather(problem: Problem, out: FloatArray) -> None:
     """Write the gradient with respect to y, in units."""
-    columns, scale = objective.columns, objective.scale
-    for s in range(objective.gradients.shape[0]):
+    columns, scale = problem.columns, problem.scale
+    for s in range(problem.gradients.shape[0]):
         for c in range(columns.size):
-            derivative = objective.gradients[s, columns[c]]
+            derivative = problem.gradients[s, columns[c]]
             out[s * columns.size + c] = derivative * scale[0] / scale[1]
 
 
 @kernel
-def add_hessian(objective: Objective, work: Workspace) -> None:
+def add_hessian(problem: Problem, work: Workspace) -> None:
     """Add the objective's Hessian, in units, to the band; `block` and `changed` are overwritten."""
-    u, columns, scale = objective.u, objective.columns, objective.scale
+    u, columns, scale = problem.u, problem.columns, problem.scale
     band, block, size, last = work.band, work.block, columns.size, work.band.shape[1] - 1
     length = DIFFERENCE * scale[0]
     unit = scale[0] * scale[0] / (scale[1] * length)
@@ -141,10 +144,10 @@ def add_hessian(objective: Objective, work: Workspace) -> None:
         for c in range(size):
             original = u[s, columns[c]]
             u[s, columns[c]] = original + length
-            evaluate(objective, s, work.changed)
+            evaluate(problem, s, work.changed)
             u[s, columns[c]] = original
             for r in range(size):
-                change = work.changed[columns[r]] - objective.gradients[s, columns[r]]
+                change = work.changed[columns[r]] - problem.gradients[s, columns[r]]
                 block[r, c] = change * unit
         for r in range(size):
             for c in range(r + 1):
@@ -170,9 +173,9 @@ def newton_direction(work: Workspace, regularisation: float) -> float:
 
 
 @allocating_kernel
-def workspace(objective: Objective) -> Workspace:
-    """Arrays for the trajectories of an objective."""
-    steps, block = objective.u.shape[0], objective.columns.size
+def workspace(problem: Problem) -> Workspace:
+    """Arrays for the trajectories of a problem."""
+    steps, block = problem.u.shape[0], problem.columns.size
     slack, vectors = np.empty((3, 3 * block * steps)), np.empty((5, block * steps))
     band = np.empty((2, block * steps, 2 * block + 2))
     return Workspace(
@@ -187,25 +190,18 @@ def workspace(objective: Objective) -> Workspace:
         band[0],
         band[1],
         np.empty((block, block)),
-        np.empty(objective.u.shape[1]),
+        np.empty(problem.u.shape[1]),
     )
 
 
 @kernel
-def assemble(
-    y: FloatArray,
-    z: FloatArray,
-    mu: float,
-    objective: Objective,
-    constraints: Constraints,
-    work: Workspace,
-) -> None:
+def assemble(y: FloatArray, z: FloatArray, mu: float, problem: Problem, work: Workspace) -> None:
     """Write the condensed Newton equations: the matrix `band` and the right side `residual`."""
     for row in range(z.size):
         work.rows[row] = mu / work.slack[row]
     copy(work.gradient, work.residual)
-    add_jacobian_transpose(y, work.rows, constraints, work.residual)
+    add_jacobian_transpose(y, work.rows, problem.constraints, work.residual)
     for r in range(work.band.shape[0]):
         clear(work.band[r])
-    add_hessian(objective, work)
-    add_curvature(y, z, work.slack, constraints, work.band)
+    add_hessian(problem, work)
+    add_curvature(y, z, work.slack, problem.constraints, work.band)
