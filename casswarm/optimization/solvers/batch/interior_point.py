@@ -72,7 +72,8 @@ class InteriorPoint(BatchSolver):
                 "acceleration, and an objective made of kernels; take auto or ipopt"
             )
         # Numba takes a second to import
-        from .interior_point_batch_kernels import MU_INIT, Batch, Options, minimise_batch
+        from .interior_point_batch_kernels import Batch, minimise_batch
+        from .interior_point_kernels import MU_INIT, Options
 
         sets = instances.feasible_set
         assert isinstance(sets, TrajectorySets)

@@ -20,8 +20,7 @@ from .engine import NO_INTERIOR, NOT_FINITE, Results
 from .interior_point_kernels import Options, minimise, residuals
 from .newton_system_kernels import Problem, clear, copy, gather, read, total, write
 
-MU_INIT = 1e-2  # barrier parameter at the beginning, in units of the objective
-COARSE = 1e-4  # barrier parameter at which starts are compared
+COARSE = 1e-4  # barrier parameter at which starts are compared, in units of the objective
 MARGIN = 0.1  # fraction of every slack that a start keeps
 
 

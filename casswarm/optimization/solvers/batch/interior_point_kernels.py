@@ -38,6 +38,7 @@ from .newton_system_kernels import (
     workspace,
 )
 
+MU_INIT = 1e-2  # barrier parameter at the beginning, in units of the objective
 SUFFICIENT = 1e-4  # sufficient decrease, as a fraction of what the slope predicts
 TRIALS = 40  # of a step's length
 

@@ -66,7 +66,8 @@ def _solve(
 ) -> tuple[FloatArray, BoolArray]:
     """Answers (M, H, 2) for discs (M, H, 3), and whether they are good (M,)."""
     from ...feasible_sets.trajectory_kernels import disc_distance  # Numba takes a second to import
-    from .interior_point_batch_kernels import MU_INIT, Batch, Options, minimise_batch
+    from .interior_point_batch_kernels import Batch, minimise_batch
+    from .interior_point_kernels import MU_INIT, Options
 
     size, steps, _ = discs.shape
     inside = limits.slowing(initial_velocities, steps)

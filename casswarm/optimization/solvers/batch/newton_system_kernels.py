@@ -117,10 +117,10 @@ def evaluate(problem: Problem, s: int, gradient: FloatArray) -> float:
 def total(y: FloatArray, problem: Problem) -> float:
     """Objective at y, in its unit; `u` and `gradients` are written."""
     write(y, problem)
-    value = 0.0
+    value, unit = 0.0, float(problem.scale[1])
     for s in range(problem.u.shape[0]):
         value += evaluate(problem, s, problem.gradients[s])
-    return value / problem.scale[1]
+    return value / unit
 
 
 @kernel
