@@ -4,10 +4,8 @@ Minimise the sum over steps s of evaluate(u_s; p_s) over trajectories u within t
 `casswarm.optimization.feasible_sets.trajectory_kernels`, where u_s (2n,) are the displacements of
 all n members. The limits are convex and have an interior, and every iterate is strictly within
 them. A step is the Newton step of the primal-dual equations, condensed to a banded matrix, and
-shortened until no slack shrinks too much and the barrier function decreases. Where the limits cut
-it, a second-order correction follows the curvature of their discs first, with the same factor;
-without it, iterates zigzag between thin slivers of discs. Where the matrix is not positive
-definite, a multiple of the identity is added.
+shortened until no slack shrinks too much and the barrier function decreases. ``docs/mpc.md``
+explains the second-order correction where the limits cut a step.
 """
 
 from __future__ import annotations
