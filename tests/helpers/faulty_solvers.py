@@ -33,7 +33,10 @@ FAULTS = (
 
 @dataclass(frozen=True)
 class Faulty(Solver):
-    """Ipopt with a fault of `FAULTS` in instances whose first parameter is at least `above`."""
+    """Ipopt with a fault in instances whose first parameter is at least `above`.
+
+    A fault of `FAULTS`, or "unsendable": an answer that does not pickle.
+    """
 
     fault: str = "nan"
     above: float = -np.inf
@@ -83,6 +86,8 @@ class Faulty(Solver):
                 return replace(answer, x=start, status=Status.SOLVED, message="fine")
             case "wrong shape":
                 return replace(answer, x=answer.x[:-1])
+            case "unsendable":
+                return replace(answer, message=lambda: "fine")  # type: ignore[arg-type]
             case "nothing":
                 return None  # type: ignore[return-value]
         return answer

@@ -105,6 +105,16 @@ def test_isolated_stops_after_repeated_crashes():
     assert [s.message.startswith("not tried") for s in solutions] == [False] * 3 + [True] * 3
 
 
+def test_isolated_answer_that_does_not_pickle_is_failed():
+    solver = Isolated(Faulty("unsendable", above=2.0))
+    (bad,) = solver.solve(*goals((2.5, 0.0)))
+    assert bad.status is Status.FAILED
+    assert "answer cannot be sent: " in bad.message
+    (fine,) = solver.solve(*goals((0.5, 3.0)))  # by the same process
+    assert fine.status is Status.SOLVED
+    solver.close()
+
+
 def test_isolated_rejects_what_does_not_pickle():
     class Local(Faulty):
         pass
