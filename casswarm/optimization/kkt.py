@@ -60,10 +60,8 @@ def kkt_residuals(
     )
     stationarity = float(np.abs(gradient + columns @ lam).max(initial=0.0))
     slack = np.where(lam > 0, upper - values, values - lower)
-    products = np.abs(lam) * np.where(
-        np.isfinite(slack), slack, 1.0
-    )  # a row without bound has no multiplier
-    complementarity = float(np.abs(products).max(initial=0.0))
+    slack = np.where(np.isfinite(slack), slack, 1.0)  # a row without bound has no multiplier
+    complementarity = float(np.abs(lam * slack).max(initial=0.0))
     return Residuals(violation, stationarity, complementarity, violated_row)
 
 
@@ -86,6 +84,6 @@ def _estimate(
         high = np.where(at_upper[active], np.inf, 0.0)
         rows = columns[:, active]
         small = rows.shape[0] * active.size <= _MAX_DENSE
-        dense, method = (rows.toarray(), "bvls") if small else (rows, "trf")
-        lam[active] = lsq_linear(dense, -gradient, (low, high), method=method).x
+        matrix, method = (rows.toarray(), "bvls") if small else (rows, "trf")
+        lam[active] = lsq_linear(matrix, -gradient, (low, high), method=method).x
     return lam

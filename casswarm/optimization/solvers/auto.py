@@ -56,9 +56,8 @@ class Auto(Solver):
         if batch is None:
             return self.fallback.timed_answers(nlp, instances)[1]
         run = batch.run_batch(nlp, instances)
-        solution = self._accepted(run)
         answers = run.answers()
-        for i in np.flatnonzero(~solution.success):
+        for i in np.flatnonzero(~self._accepted(run).success):
             again = _restarted(instances[i : i + 1], answers[i].x[None])
             (answers[i],) = self.fallback.timed_answers(nlp, again)[1]
         return answers

@@ -79,7 +79,8 @@ class NlpsolSolver(Solver):
 
     def _solve(self, function: Any, instances: Instances, i: int) -> Answer:
         started = time.perf_counter()
-        free = self.needs_constraint_row and not instances.lbg.shape[1]
+        rows = instances.lbg.shape[1]
+        free = self.needs_constraint_row and not rows
         try:
             with interruptible(), silence() if self.prints_to_stdout else nullcontext():
                 out = function(
@@ -98,7 +99,6 @@ class NlpsolSolver(Solver):
         message = str(stats.get("return_status", stats["unified_return_status"]))
         if message == INTERRUPTED:
             raise KeyboardInterrupt
-        rows = instances.lbg.shape[1]
         return Answer(
             x=np.asarray(out["x"]).ravel(),
             status=self._status(message, stats),
