@@ -282,7 +282,7 @@ def _formation(
             alive=step.alive[..., None],
             weights=weights[..., None],
             goal=step.goal,
-            dt=[[step.motion.dt]],
+            dt=step.motion.dt,
         ),
         lbx=nlp.pack_variables(displacements=lower),
         ubx=nlp.pack_variables(displacements=upper),

@@ -146,8 +146,7 @@ def guide_instance(
     moving = np.arange(horizon) < arrival
     guess = np.zeros((horizon, 2))
     guess[:arrival] = np.clip(velocities / task.v_max, -1.0, 1.0)
-    limit = np.where(moving[:, None], 1.0, 0.0) * np.ones(2)
-    free = np.full((horizon, 2), np.inf)
+    limit = np.where(moving[:, None], 1.0, 0.0)
     a_max = np.where(moving, task.a_max, np.inf)
     a_max[0] = task.a_max_first
     return Instances(
@@ -157,24 +156,20 @@ def guide_instance(
             center=(task.center - task.start)[None] / length,
             weights=scale * moving[:, None],
             origin=task.start[None],
-            length=[[length]],
-            clock=[[task.dt]],
+            length=length,
+            clock=task.dt,
         ),
-        lbx=nlp.pack_variables(positions=-free, velocities=-limit),
-        ubx=nlp.pack_variables(positions=free, velocities=limit),
-        lbg=nlp.pack_constraints(
-            dynamics=np.zeros((horizon, 2)),
-            acceleration=np.full((horizon, 1), -np.inf),
-            arrival=[[-np.inf]],
-        ),
+        lbx=nlp.pack_variables(positions=-np.inf, velocities=-limit),
+        ubx=nlp.pack_variables(positions=np.inf, velocities=limit),
+        lbg=nlp.pack_constraints(dynamics=0.0, acceleration=-np.inf, arrival=-np.inf),
         ubg=nlp.pack_constraints(
-            dynamics=np.zeros((horizon, 2)),
+            dynamics=0.0,
             acceleration=tightened(a_max / task.v_max**2)[:, None],
-            arrival=tightened(np.array([[(task.radius / length) ** 2]])),
+            arrival=tightened((task.radius / length) ** 2),
         ),
     )
 
 
-def tightened(limit: FloatArray) -> FloatArray:
+def tightened(limit: float | FloatArray) -> FloatArray:
     """Squared limits less `TIGHTENING`, or less a hundredth if small; infinite ones stay."""
     return np.asarray(limit * (1 - np.minimum(0.01, TIGHTENING * np.maximum(1.0, 1.0 / limit))))

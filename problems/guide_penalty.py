@@ -14,7 +14,6 @@ from __future__ import annotations
 from functools import lru_cache
 
 import casadi as ca
-import numpy as np
 
 from ..hazard import Hazard
 from ..optimization.problem import Instances, Nlp
@@ -37,13 +36,7 @@ def penalised_guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
     return Nlp(
         name=f"penalised guide[{horizon}]",
         variables={"velocities": V},
-        parameters={
-            "start": start,
-            "center": center,
-            "radius": radius,
-            "gamma": gamma,
-            "dt": dt,
-        },
+        parameters={"start": start, "center": center, "radius": radius, "gamma": gamma, "dt": dt},
         objective=-ca.exp(-risk) + gamma * distance,
         constraints={},
         unroll=horizon * max(1, len(hazard.radar_positions)) <= UNROLL,
@@ -54,18 +47,17 @@ def penalised_guide_instance(
     nlp: Nlp, task: GuideTask, gamma: float, velocities: FloatArray
 ) -> Instances:
     """Instance of one agent's task, with `velocities` (N, 2) as initial guess."""
-    limit = np.full_like(velocities, task.v_max)
     return Instances(
         x0=nlp.pack_variables(velocities=velocities[None]),
         p=nlp.pack_parameters(
             start=task.start[None],
             center=task.center[None],
-            radius=[[task.radius]],
-            gamma=[[gamma]],
-            dt=[[task.dt]],
+            radius=task.radius,
+            gamma=gamma,
+            dt=task.dt,
         ),
-        lbx=nlp.pack_variables(velocities=-limit),
-        ubx=nlp.pack_variables(velocities=limit),
+        lbx=nlp.pack_variables(velocities=-task.v_max),
+        ubx=nlp.pack_variables(velocities=task.v_max),
         lbg=nlp.pack_constraints(),
         ubg=nlp.pack_constraints(),
     )

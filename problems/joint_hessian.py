@@ -10,13 +10,13 @@ a_0 = e(all members) and a_k = g_k (S_k' a_{k-1}), the failure F = F_0(all membe
                           D = g_j S_{j+1} g_{j+1} ... S_{k-1} g_{k-1} d/dX (S(X) b_k).
 
 All terms but D are derivatives of functions of one step, which are small; all D of a step form one
-matrix, which is propagated back by one product with S_j. This takes about N^2 n 4^n operations,
-whereas automatic differentiation of the objective needs a gradient for each of the 2 n N
-velocities: thirty times as long for five members and thirty steps (``python benchmarks/joint.py
-hessian``).
+matrix, which is propagated back by one product with S_j. This takes about N^2 n 4^n operations; see
+``docs/joint.md`` for times.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import casadi as ca
 
@@ -27,7 +27,9 @@ MAX_MEMBERS = 6
 """Maximum number of members for which these derivatives pay off."""
 
 
-def lagrangian_hessian(nlp: Nlp, step: Expr, points: Expr, values: Expr, odds: Expr) -> Expr | None:
+def lagrangian_hessian(
+    nlp: Nlp, step: Expr, points: Expr, values: Expr, odds: Callable[[Expr], Expr]
+) -> Expr | None:
     """CasADi Function (x, p, lam_f, lam_g) of the upper triangle that ``hess_lag`` expects.
 
     Parameters
@@ -35,12 +37,12 @@ def lagrangian_hessian(nlp: Nlp, step: Expr, points: Expr, values: Expr, odds: E
     nlp : Nlp
         With the parameters continues, costs, last_cost and clock.
     step : Function
-        (b, x, clock) to S(x) b.
+        (F, x, g, c, clock) to S(x) (c + g F).
     points : MX (2 n, N)
         X(1), ..., X(N), linear in the variables.
     values : MX (2^n, N)
         F_0, ..., F_{N-1}.
-    odds : Function
+    odds : callable
         F to the objective.
 
     Returns
@@ -61,7 +63,7 @@ def lagrangian_hessian(nlp: Nlp, step: Expr, points: Expr, values: Expr, odds: E
     failure = ca.MX.sym("F")
     first = ca.gradient(odds(failure), failure)
     second = ca.gradient(first, failure)
-    at = ca.Function("odds", [failure], [first, second])(values[values.shape[0] - 1, 0])
+    at = ca.Function("odds", [failure], [first, second])(values[-1, 0])
     weight, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.g.shape[0])
     constraints = ca.hessian(ca.dot(multipliers, nlp.g), nlp.x)[0]
     objective = at[0] * hessian + at[1] * ca.mtimes(gradient, gradient.T)
@@ -97,7 +99,7 @@ def _step_derivatives(step: Expr, sets: int, width: int) -> Expr:
     """(a, b, x, clock) to d(a'Sb)/dx, d2(a'Sb)/dx2, d(Sb)/dx, the transpose of d(S'a)/dx, and S."""
     a, b = ca.SX.sym("a", sets), ca.SX.sym("b", sets)
     x, clock = ca.SX.sym("x", width), ca.SX.sym("clock")
-    product = step(b, x, clock)
+    product = step(b, x, ca.DM.ones(sets), ca.DM.zeros(sets), clock)
     hessian, gradient = ca.hessian(ca.dot(a, product), x)
     matrix = ca.jacobian(product, b)
     by_masses = ca.jacobian(ca.mtimes(matrix.T, a), x).T

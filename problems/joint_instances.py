@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..optimization.problem import Instances, Nlp
 from ..typing import BoolArray, FloatArray, IntArray
@@ -78,74 +79,51 @@ def joint_instance(
     length = motion.dt * motion.v_max
     arriving = np.arange(1, steps + 1)[:, None] == arrivals  # (N, n)
     last = int(arrivals.max()) if arrivals.all() else task.steps
-    moving = np.arange(steps) < last
+    moving = np.arange(steps)[:, None] < last  # (N, 1)
     guess = np.zeros((steps, n, 2))
     guessed = min(len(velocities), last)
     guess[:guessed] = np.clip(velocities[:guessed] / motion.v_max, -1.0, 1.0)
-    limit = np.where(moving[:, None], 1.0, 0.0) * np.ones(2 * n)
     origin = task.start.mean(axis=0)
-    lower, upper = _constraint_bounds(nlp, form, task, arriving, moving)
+    terminal: dict[str, ArrayLike] = {}
+    if form.exact:
+        costs, ended, last_cost = terminal_costs(form.objective, n, arriving)
+        terminal = {"continues": ~ended, "costs": costs, "last_cost": last_cost[None]}
+    change = np.where(moving, motion.a_max / motion.v_max**2, np.inf)
+    lower: dict[str, ArrayLike] = {"acceleration": -np.inf, "arrival": -np.inf}
+    upper: dict[str, ArrayLike] = {
+        "acceleration": tightened(change),
+        "arrival": tightened(((task.radius - task.margin) / length) ** 2),
+    }
+    if form.outside:
+        under_way = arriving[::-1].cumsum(axis=0)[::-1] > arriving
+        outside = ((task.radius + task.margin) / length) ** 2
+        lower["outside"], upper["outside"] = np.where(under_way, outside, -np.inf), np.inf
+    if "separation" in nlp.constraints:
+        least = (task.min_distance / length) ** 2
+        lower["separation"], upper["separation"] = np.where(moving, least, -np.inf), np.inf
     return Instances(
         x0=nlp.pack_variables(velocities=guess.reshape(steps, 2 * n)),
         p=nlp.pack_parameters(
-            **(_terminal_parameters(form, arriving) if form.exact else {}),
-            arrivals=arriving.astype(float),
+            **terminal,
+            arrivals=arriving,
             start=((task.start - origin) / length).reshape(1, -1),
             initial_velocities=(task.initial_velocities / motion.v_max).reshape(1, -1),
             center=((task.center - origin) / length)[None],
             origin=origin[None],
-            length=[[length]],
-            clock=[[motion.dt]],
+            length=length,
+            clock=motion.dt,
         ),
-        lbx=nlp.pack_variables(velocities=-limit),
-        ubx=nlp.pack_variables(velocities=limit),
+        lbx=nlp.pack_variables(velocities=np.where(moving, -1.0, 0.0)),
+        ubx=nlp.pack_variables(velocities=np.where(moving, 1.0, 0.0)),
         lbg=nlp.pack_constraints(**lower),
         ubg=nlp.pack_constraints(**upper),
     )
 
 
-def _constraint_bounds(
-    nlp: Nlp, form: JointForm, task: JointTask, arriving: BoolArray, moving: BoolArray
-) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Bounds of the program's constraints by name; `arriving` (N, n) and `moving` (N,) by step."""
-    n, steps, motion = form.n, form.horizon, task.motion
-    length = motion.dt * motion.v_max
-    squared = np.where(moving[:, None], motion.a_max / motion.v_max**2, np.inf) * np.ones(n)
-    at_target = np.array([((task.radius - task.margin) / length) ** 2])
-    lower = {
-        "acceleration": np.full((steps, n), -np.inf),
-        "arrival": np.full((n, 1), -np.inf),
-    }
-    upper = {
-        "acceleration": tightened(squared),
-        "arrival": tightened(at_target)[None] * np.ones((n, 1)),
-    }
-    if "outside" in nlp.constraints:
-        under_way = arriving[::-1].cumsum(axis=0)[::-1] > arriving
-        outside = ((task.radius + task.margin) / length) ** 2
-        lower["outside"] = np.where(under_way, outside, -np.inf)
-        upper["outside"] = np.full((steps, n), np.inf)
-    if "separation" in nlp.constraints:
-        pairs = n * (n - 1) // 2
-        least = (task.min_distance / length) ** 2
-        lower["separation"] = np.where(moving[:, None], least, -np.inf) * np.ones(pairs)
-        upper["separation"] = np.full((steps, pairs), np.inf)
-    return lower, upper
-
-
-def _terminal_parameters(form: JointForm, arriving: BoolArray) -> dict[str, FloatArray]:
-    """Indicators of continuing runs, terminal costs, (N, 2^n) each, and the last cost (1, 2^n)."""
-    costs, ended = terminal_costs(form.objective, form.n, arriving)
-    last = _fraction_lost(form.n) if form.objective == "survivors" else np.ones(2**form.n)
-    return {
-        "continues": (~ended).astype(float),
-        "costs": np.where(ended, costs, 0.0),
-        "last_cost": last[None],
-    }
-
-
-def terminal_costs(objective: str, n: int, inside: BoolArray) -> tuple[FloatArray, BoolArray]:
-    """Cost of a run that ends at step t with the set d alive, and whether it ends there.
+def terminal_costs(
+    objective: str, n: int, inside: BoolArray
+) -> tuple[FloatArray, BoolArray, FloatArray]:
+    """Costs of runs by the step at which they end and the set d that is alive then.
 
     Parameters
     ----------
@@ -157,17 +135,17 @@ def terminal_costs(objective: str, n: int, inside: BoolArray) -> tuple[FloatArra
     Returns
     -------
     costs, ended : (N, 2^n)
+        Costs of runs that end at a step by an arrival, and whether they do; 0 where they do not.
+    last : (2^n,)
+        Costs of runs that end after step N without an arrival.
     """
     members = subsets(n).members
     arriving = inside.astype(float) @ members.T
-    if objective == "success":
-        costs = np.zeros_like(arriving)
-    elif objective == "arrivals":
+    lost = 1.0 - members.mean(axis=1)
+    costs, last = np.zeros_like(arriving), np.ones(2**n)
+    if objective == "arrivals":
         costs = 1.0 - arriving / n
-    else:
-        costs = np.broadcast_to(_fraction_lost(n), arriving.shape)
-    return np.asarray(costs, float), np.asarray(arriving > 0)
-
-
-def _fraction_lost(n: int) -> FloatArray:
-    return np.asarray(1.0 - subsets(n).members.mean(axis=1))
+    elif objective == "survivors":
+        costs, last = np.broadcast_to(lost, arriving.shape), lost
+    ended = arriving > 0
+    return np.where(ended, costs, 0.0), ended, last

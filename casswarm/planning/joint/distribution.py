@@ -81,13 +81,10 @@ class PlanDistribution:
 
     def cost(self, objective: str) -> float:
         """Expected cost of `casswarm.problems.joint`, with the actual arrivals of all members."""
-        sets = subsets(self.n)
-        costs, ended = terminal_costs(objective, self.n, self.inside)
-        value = np.ones(2**self.n)
-        if objective == "survivors":
-            value = 1.0 - sets.members.mean(axis=1)
+        costs, ended, value = terminal_costs(objective, self.n, self.inside)
         for step in reversed(range(len(self.lost))):
-            value = sets.expectations(np.where(ended[step], costs[step], value), self.lost[step])
+            value = np.where(ended[step], costs[step], value)
+            value = subsets(self.n).expectations(value, self.lost[step])
         return float(value[-1])
 
     @cached_property
