@@ -168,7 +168,7 @@ def replanning(quick: bool) -> Iterable[Row]:
     for name in ("gauntlet",) if quick else ("paper-1", "paper-2", "ring", "wall", "gauntlet"):
         scenario = csw.load_scenario(name)
         first = csw.plan_swarm(scenario)
-        tree = PlanTree.from_plan(scenario, first)
+        tree = PlanTree(scenario, first)
         used = time.process_time()
         policy = ReplanningPolicy(tree, JointPolicy.from_plan(first))
         success = csw.evaluate(scenario, policy, 1e-4).success

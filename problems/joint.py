@@ -140,9 +140,15 @@ def _log_odds(failure: Expr) -> Expr:
 def _recursion(hazard: Hazard, p: Mapping[str, Expr], points: Expr) -> Expr:
     """F_0, ..., F_{N-1}, (2^n, N)."""
     n, steps = points.shape[0] // 2, points.shape[1]
-    inputs = (points, p["continues"], p["costs"], ca.repmat(p["clock"], 1, steps))
     backwards = _step(hazard, n).mapaccum("recursion", steps)
-    return backwards(p["last_cost"], *[each[:, ::-1] for each in inputs])[:, ::-1]
+    values = backwards(
+        p["last_cost"],
+        points[:, ::-1],
+        p["continues"][:, ::-1],
+        p["costs"][:, ::-1],
+        ca.repmat(p["clock"], 1, steps),
+    )
+    return values[:, ::-1]
 
 
 def _step(hazard: Hazard, n: int) -> Expr:

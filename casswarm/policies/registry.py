@@ -114,7 +114,7 @@ def make_policy(
         open_loop = JointPolicy.from_plan(swarm_plan)
         if kind == "joint":
             return open_loop
-        return ReplanningPolicy(PlanTree.from_plan(scenario, swarm_plan), open_loop)
+        return ReplanningPolicy(PlanTree(scenario, swarm_plan), open_loop)
     full_name = kind if horizon == 1 else f"{kind}-mpc-{horizon}"
     shared = (scenario.hazard, motion, guide, backend, horizon)
     if kind == "leader":

@@ -41,7 +41,7 @@ def feedback(
     planned: tuple[Scenario, SwarmPlan], mass: float = 1e-3, solver: Ipopt | None = None
 ) -> ReplanningPolicy:
     scenario, first = planned
-    tree = PlanTree.from_plan(scenario, first, solver, mass)
+    tree = PlanTree(scenario, first, solver, mass)
     return ReplanningPolicy(tree, JointPolicy.from_plan(first))
 
 
@@ -128,7 +128,7 @@ def test_replanning_failed_solves_are_counted_and_harmless(
 def test_replanning_survivors_keep_min_distance() -> None:
     scenario = small([(0.0, 0.0), (0.5, 0.1), (-0.2, 0.5)], (3.0, 0.2), RADARS, 8)
     first = plan_swarm(scenario, initial_guesses=["formations"], min_distance=0.3)
-    tree = PlanTree.from_plan(scenario, first, min_probability=1e-2)
+    tree = PlanTree(scenario, first, min_probability=1e-2)
     evaluate(scenario, ReplanningPolicy(tree, JointPolicy.from_plan(first)), tolerance=1e-2)
     plans = {id(b): b for b in tree.branches.values() if len(b.members) == 2}
     assert plans
@@ -163,9 +163,9 @@ def test_plan_tree_without_exact_distribution_raises() -> None:
     scenario = small(positions, (3.0, 0.2), RADARS, 8)
     first = plan_swarm(scenario, initial_guesses=["formations"], time_limit=1e-3)
     with pytest.raises(PolicyError, match="at most 10 members; this swarm has 11"):
-        PlanTree.from_plan(scenario, first)
+        PlanTree(scenario, first)
 
 
 def test_plan_tree_probability_out_of_range_raises(planned: tuple[Scenario, SwarmPlan]) -> None:
     with pytest.raises(PolicyError, match="from 0 to 1"):
-        PlanTree.from_plan(*planned, min_probability=2.0)
+        PlanTree(*planned, min_probability=2.0)

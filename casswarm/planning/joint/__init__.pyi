@@ -1,9 +1,9 @@
-from .distribution import PlanDistribution
+from .distribution import MAX_EXACT, PlanDistribution
 from .initial_guesses import INITIAL_GUESSES, InitialGuess
 from .optimize import plan_swarm
 from .plan import SwarmOutcome, SwarmPlan
 from .replan import PlanTree
-from .solve import MAX_EXACT, JointProblem
+from .solve import JointProblem
 
 __all__ = [
     "INITIAL_GUESSES",

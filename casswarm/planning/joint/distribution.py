@@ -16,6 +16,9 @@ from ..bounds.grid import UNIT
 if TYPE_CHECKING:
     from ...scenario import Scenario
 
+MAX_EXACT = 10
+"""Maximum number of members of plans with an exact distribution."""
+
 
 @dataclass(frozen=True, eq=False)
 class PlanDistribution:
@@ -87,17 +90,17 @@ class PlanDistribution:
             value = subsets(self.n).expectations(value, self.lost[step])
         return float(value[-1])
 
-    @cached_property
+    @property
     def masses(self) -> FloatArray:
         """Probability (N+1, 2^n) that a run has not ended by step t and exactly d are alive."""
         return self._forward[0]
 
-    @cached_property
+    @property
     def arrival(self) -> FloatArray:
         """Probability (N+1,) that the first arrival of a living member is at step t."""
         return self._forward[1]
 
-    @cached_property
+    @property
     def survival(self) -> FloatArray:
         """Probability (N+1, n) that a member is alive at step t, or was when its run ended."""
         return self._forward[2]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -15,15 +15,13 @@ from ..guide import Guide
 from ..kinematics import integrate, remaining_distance, resample
 from ..multistart import GRID_PATH, STRAIGHT
 from ..plan import plan_from
+from .distribution import MAX_EXACT
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
 
 INITIAL_GUESSES = ("formations", "own", "perturbed")
 """Kinds of initial guesses: formations, members' own guides, perturbations of the best plan."""
-
-OWN_GUIDES = "own guides"
-"""Name of the initial guess with the members' own guides."""
 
 MAX_CLASSES = 3
 """Homotopy classes, in order of risk, along which formations start."""
@@ -53,41 +51,39 @@ class InitialGuess:
     velocities: FloatArray
 
 
-def single_agent_guide(scenario: Scenario, initial_velocity: FloatArray) -> Guide:
-    """The best guide in any homotopy class and at any arrival step, from V(-1) (2,).
+def initial_guesses(
+    scenario: Scenario, task: JointTask, kinds: Sequence[str]
+) -> Iterator[InitialGuess]:
+    """Guesses of some of `INITIAL_GUESSES`; formations where members' own guides do not apply.
 
-    Its margin is nearly zero, because the joint plan decides on the members' offsets from it.
+    Formations follow each homotopy class, and one is divided between two.
     """
     values = {
         "guide.arrival": "any",
         "guide.acceleration_limited": True,
-        "guide.margin": 1e-3 * scenario.target.radius,
+        "guide.margin": 1e-3 * scenario.target.radius,  # the joint plan decides on the offsets
     }
-    return plan_from(
+    guide = plan_from(
         scenario.with_values(values),
         scenario.guide_start,
         search="global",
-        initial_velocity=initial_velocity,
+        initial_velocity=task.initial_velocities[0],
     )
-
-
-def initial_guesses(
-    scenario: Scenario, task: JointTask, guide: Guide, own: bool
-) -> Iterator[InitialGuess]:
-    """Formations along each homotopy class, one divided between two, and members' `own` guides."""
     classes = guide.best_per_homotopy_class()[:MAX_CLASSES]
-    if not classes:  # no single agent arrives: straight to the target in all the time available
+    paths = {candidate.homotopy or GRID_PATH: candidate.velocities for candidate in classes}
+    if not paths:  # no single agent arrives: straight to the target in all the time available
         line = np.stack([guide.positions[0], task.center])
         velocities = resample(line, scenario.n_steps, task.motion.dt)
         yield _formation(scenario, task, STRAIGHT, [velocities])
         return
-    names = [candidate.homotopy or GRID_PATH for candidate in classes]
-    paths = [candidate.velocities for candidate in classes]
-    for name, path in zip(names, paths, strict=True):
-        yield _formation(scenario, task, f"formation {name}", [path])
-    if scenario.n > 1 and len(paths) > 1:
-        yield _formation(scenario, task, f"divided {names[0]}, {names[1]}", paths[:2])
-    if own and scenario.n > 1:
+    own = "own" in kinds and 1 < scenario.n <= MAX_EXACT
+    if "formations" in kinds or not own:
+        for name, path in paths.items():
+            yield _formation(scenario, task, f"formation {name}", [path])
+        if scenario.n > 1 and len(paths) > 1:
+            names, divided = list(paths)[:2], list(paths.values())[:2]
+            yield _formation(scenario, task, f"divided {', '.join(names)}", divided)
+    if own:
         yield _own_guides(scenario, task, guide)
 
 
@@ -98,19 +94,16 @@ def _formation(
 
     With two paths, members are assigned to them alternately.
     """
-    positions = [integrate(scenario.guide_start, path, task.motion.dt) for path in paths]
-    steps = max(map(len, paths))
-    references = np.stack(
-        [
-            np.vstack([path, np.repeat(path[-1:], steps + 1 - len(path), axis=0)])
-            for path in (positions[i % len(positions)] for i in range(scenario.n))
-        ],
-        axis=1,
-    )
-    arrivals = np.array([len(paths[i % len(paths)]) for i in range(scenario.n)])
-    goals = references + _offsets(scenario, positions[0], task.min_distance)
-    arrivals = _feasible_arrivals(task, arrivals, scenario.n_steps)
-    return InitialGuess(name, arrivals, track(task, goals[1:]))
+    steps, dt = max(map(len, paths)), task.motion.dt
+    padded = [
+        np.pad(integrate(scenario.guide_start, path, dt), [(0, steps - len(path)), (0, 0)], "edge")
+        for path in paths
+    ]
+    assigned = np.arange(scenario.n) % len(paths)
+    goals = np.stack(padded, axis=1)[:, assigned]
+    goals = goals + _offsets(scenario, padded[0], task.min_distance)
+    arrivals = np.array([len(path) for path in paths])[assigned]
+    return _tracking(name, task, arrivals, goals[1:])
 
 
 def _own_guides(scenario: Scenario, task: JointTask, guide: Guide) -> InitialGuess:
@@ -119,11 +112,19 @@ def _own_guides(scenario: Scenario, task: JointTask, guide: Guide) -> InitialGue
         plan_from(scenario, start, search="global", initial_velocity=velocity, near=guide)
         for start, velocity in zip(task.start, task.initial_velocities, strict=True)
     ]
-    steps = max(g.arrival for g in guides)
-    goals = np.stack([[g.reference(t + 1) for g in guides] for t in range(steps)])
     arrivals = np.array([g.arrival for g in guides])
-    arrivals = _feasible_arrivals(task, arrivals, scenario.n_steps)
-    return InitialGuess(OWN_GUIDES, arrivals, track(task, goals))
+    goals = np.stack([[g.reference(t + 1) for g in guides] for t in range(arrivals.max())])
+    return _tracking("own guides", task, arrivals, goals)
+
+
+def _tracking(name: str, task: JointTask, arrivals: IntArray, goals: FloatArray) -> InitialGuess:
+    """Members that track goals (T, n, 2); arrivals are delayed to the first that v_max allows."""
+    reach = np.arange(1, task.steps + 1)[:, None, None] * task.motion.dt * task.motion.v_max
+    distance = remaining_distance(task.start, task.center, reach)  # (N, n)
+    feasible = distance <= task.radius - task.margin
+    earliest = np.where(feasible.any(axis=0), feasible.argmax(axis=0) + 1, 0)
+    delayed = np.where(earliest > 0, np.maximum(arrivals, earliest), 0)
+    return InitialGuess(name, delayed, track(task, goals))
 
 
 def track(task: JointTask, goals: FloatArray) -> FloatArray:
@@ -149,15 +150,6 @@ def perturbed(guess: InitialGuess, task: JointTask, rng: np.random.Generator) ->
         name=f"{guess.name.removesuffix(_PERTURBED)}{_PERTURBED}",
         velocities=guess.velocities + _AMPLITUDE * task.motion.v_max * waves,
     )
-
-
-def _feasible_arrivals(task: JointTask, arrivals: IntArray, horizon: int) -> IntArray:
-    """Arrival steps, delayed to the first that v_max allows; 0 if there is none."""
-    reach = np.arange(1, horizon + 1)[:, None, None] * task.motion.dt * task.motion.v_max
-    distance = remaining_distance(task.start, task.center, reach)  # (N, n)
-    feasible = distance <= task.radius - task.margin
-    earliest = np.where(feasible.any(axis=0), feasible.argmax(axis=0) + 1, 0)
-    return np.where(earliest > 0, np.maximum(arrivals, earliest), 0)
 
 
 def _offsets(scenario: Scenario, path: FloatArray, min_distance: float) -> FloatArray:

@@ -11,7 +11,6 @@ from ..._util.text import did_you_mean
 from ...errors import ScenarioError, SolverError
 from ...optimization.solvers import Solver, make_solver
 from ...problems.joint import OBJECTIVES
-from ...problems.joint_hessian import MAX_MEMBERS
 from ...problems.joint_instances import JointTask
 from ...typing import Progress
 from ..bounds.success_bound import success_bound
@@ -21,7 +20,7 @@ from .distribution import PlanDistribution
 from .initial_guesses import INITIAL_GUESSES
 from .plan import SwarmPlan, least_distance
 from .search import MAX_EXACT_FIRST, JointSearch
-from .solve import first_arrivals, newton, quasi_newton
+from .solve import default_solver, first_arrivals
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
@@ -56,7 +55,7 @@ def plan_swarm(
         in the target, or alive anywhere, when the run ends: at the first arrival. With
         ``"arrivals"`` members stay outside the target until the common arrival step.
     solver : str or Solver
-        By default Ipopt: with exact second derivatives for up to `MAX_MEMBERS` members, and with a
+        By default Ipopt: with exact second derivatives for up to 6 members, and with a
         limited-memory Hessian beyond.
     initial_guesses : sequence of str
         Of ``"formations"`` along a single agent's homotopy classes, ``"own"`` guides of the members
@@ -102,9 +101,9 @@ def plan_swarm(
     velocities = initial_velocities(scenario, guide)
     task = JointTask.from_scenario(scenario, velocities, min_distance or 0.0)
     solvers = _solvers(solver, scenario.n, solver_options)
-    search = JointSearch.from_scenario(scenario, task, objective, solvers, progress)
     deadline = math.inf if time_limit is None else started + time_limit
-    best = search.run(initial_guesses, seed, deadline)
+    search = JointSearch(scenario, task, objective, solvers, deadline, progress)
+    best = search.run(initial_guesses, seed)
     positions = search.problem.positions(best.velocities)
     exact = search.problem.form.exact
     return SwarmPlan(
@@ -164,7 +163,5 @@ def _solvers(
     if solver != "ipopt" or options:
         backend = make_solver(solver, **dict(options or {}))
         return backend, backend
-    if n <= MAX_MEMBERS:
-        return newton(FIRST_ITERATIONS), newton(FINAL_ITERATIONS)
     first = FIRST_ITERATIONS if n <= MAX_EXACT_FIRST else FIRST_ITERATIONS_MEAN_FIELD
-    return quasi_newton(first), quasi_newton(FINAL_ITERATIONS)
+    return default_solver(n, first), default_solver(n, FINAL_ITERATIONS)

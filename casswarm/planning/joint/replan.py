@@ -3,32 +3,27 @@
 A run follows the root, the joint plan of all members, until members are lost. Let exactly the
 members d be left at step t on the trajectories of a plan P for more members. In this situation,
 (P, t, d), a new plan for d is solved, with the rest of P's trajectories as initial guess, and
-adopted if its exact value is higher. The survivors can always follow their plan to its end instead:
-by induction over the tree, replanning succeeds at least as often as following the root open loop.
-
-Each situation is solved once. Whether it is solved depends on the situation alone, so that results
-do not depend on the order of runs: the probability, along the plans that led there, that a run
-enters it directly from all of P's members being alive must be at least `min_probability`. These
-events are disjoint, so there are at most 1 / min_probability plans in each generation.
+adopted if its exact value is higher. Each situation is solved once, if the probability to enter it
+is large enough. ``docs/joint.md`` says why the plan cannot become worse, nor depend on the order of
+runs.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from ...errors import PolicyError
 from ...optimization.solvers import Solver
 from ...problems.joint import JointForm
-from ...problems.joint_hessian import MAX_MEMBERS
 from ...problems.joint_instances import JointTask
 from ...typing import FloatArray
-from .distribution import PlanDistribution
+from .distribution import MAX_EXACT, PlanDistribution
 from .initial_guesses import InitialGuess
 from .plan import SwarmPlan
-from .solve import MAX_EXACT, JointProblem, first_arrivals, newton, quasi_newton
+from .solve import JointProblem, default_solver, first_arrivals
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
@@ -46,23 +41,6 @@ Members: TypeAlias = tuple[int, ...]
 
 Path: TypeAlias = tuple[tuple[int, Members], ...]
 """Steps and survivors of the successive situations that lead to a plan."""
-
-
-class SurvivorStep(NamedTuple):
-    """Velocities of the survivors at a step, and how they were determined.
-
-    Parameters
-    ----------
-    velocities : (m, 2)
-    planned : bool
-        Whether a plan was made for this situation.
-    failed : bool
-        Whether the solve for it failed, so that the survivors continue as before.
-    """
-
-    velocities: FloatArray
-    planned: bool
-    failed: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,51 +97,37 @@ class Branch:
         return [self.members.index(member) for member in members]
 
 
-@dataclass
 class PlanTree:
     """A tree of plans, which is extended as new situations occur.
 
     Parameters
     ----------
     scenario : Scenario
-    solver : Solver
+    plan : SwarmPlan
+        The root, whose objective and minimum distance hold for all plans.
+    solver : Solver, optional
     min_probability : float
-    root : Branch
-    objective : str
-        Of the joint plan, and of those for survivors.
-    min_distance : float
-        Between members; 0 for none.
-    solves, failures : int
-        Number of situations planned for so far, and of those whose solve failed.
+        Of a situation that is planned for.
+
+    Attributes
+    ----------
+    branches : dict
+        The plan to follow in every situation planned for so far: the previous one if that is at
+        least as good.
+
+    Raises
+    ------
+    PolicyError
+        A swarm too large for an exact distribution, or a probability out of range.
     """
 
-    scenario: Scenario
-    solver: Solver
-    min_probability: float
-    root: Branch
-    objective: str = "success"
-    min_distance: float = 0.0
-    branches: dict[Path, Branch] = field(default_factory=dict)
-    solves: int = 0
-    failures: int = 0
-    _by_position: dict[tuple[int, int, bytes], list[Branch]] = field(default_factory=dict)
-    _failed: set[Path] = field(default_factory=set)
-
-    @classmethod
-    def from_plan(
-        cls,
+    def __init__(
+        self,
         scenario: Scenario,
         plan: SwarmPlan,
         solver: Solver | None = None,
         min_probability: float = MIN_PROBABILITY,
-    ) -> PlanTree:
-        """A tree with a joint plan as its root.
-
-        Raises
-        ------
-        PolicyError
-            A swarm too large for an exact distribution, or a probability out of range.
-        """
+    ) -> None:
         if plan.distribution is None:
             raise PolicyError(
                 f"replanning needs the plan's exact distribution, which is available for at most "
@@ -176,30 +140,29 @@ class PlanTree:
                 f"min_probability = {min_probability!r}; allowed: from 0 to 1",
                 policy="joint-replanning",
             )
-        root = Branch(
-            (),
-            0,
-            tuple(range(plan.n)),
-            plan.positions,
-            plan.velocities,
-            plan.initial_velocities,
-            1.0,
-            plan.distribution,
-        )
-        tree = cls(
-            scenario,
-            solver or (newton if plan.n <= MAX_MEMBERS else quasi_newton)(ITERATIONS),
-            min_probability,
-            root,
-            plan.objective,
-            plan.min_distance or 0.0,
-        )
-        tree._add(root)
-        return tree
+        self.scenario, self.objective = scenario, plan.objective
+        self.min_distance = plan.min_distance or 0.0
+        self.solver = solver or default_solver(plan.n, ITERATIONS)
+        self.min_probability = min_probability
+        self.branches: dict[Path, Branch] = {}
+        self._failed: set[Path] = set()
+        self._by_position: dict[tuple[int, int, bytes], list[Branch]] = {}
+        members, paths = tuple(range(plan.n)), (plan.positions, plan.velocities)
+        self._add(Branch((), 0, members, *paths, plan.initial_velocities, 1.0, plan.distribution))
+
+    @property
+    def solves(self) -> int:
+        """Number of situations planned for so far."""
+        return len(self.branches)
+
+    @property
+    def failures(self) -> int:
+        """Number of situations whose solve failed."""
+        return len(self._failed)
 
     def follow(
         self, step: int, members: Members, positions: FloatArray, previous_velocities: FloatArray
-    ) -> SurvivorStep | None:
+    ) -> tuple[FloatArray, bool, bool] | None:
         """Velocities of the living members at a step; None for a state that no plan leads to.
 
         Parameters
@@ -209,6 +172,13 @@ class PlanTree:
             The living.
         positions, previous_velocities : (m, 2)
             Their X(step), V(step-1).
+
+        Returns
+        -------
+        velocities : (m, 2)
+        planned, failed : bool
+            Whether a plan was made for this situation, and whether the solve for it failed, so that
+            the survivors continue as before.
         """
         branch = self._find(step, members, positions, previous_velocities)
         if branch is None:
@@ -218,11 +188,11 @@ class PlanTree:
         if fewer and branch.entering(step, members) >= self.min_probability:
             path = (*branch.path, (step, members))
             if path not in self.branches:
-                self.branches[path] = self._plan(branch, step, members, path)
+                self.branches[path] = self._plan(branch, path)
             branch, planned, failed = self.branches[path], True, path in self._failed
         velocities = branch.remaining(step, members)
         first = velocities[0] if len(velocities) else np.zeros((len(members), 2))
-        return SurvivorStep(first, planned, failed)
+        return first, planned, failed
 
     def _find(
         self, step: int, members: Members, positions: FloatArray, previous_velocities: FloatArray
@@ -249,22 +219,25 @@ class PlanTree:
                 branches.append(branch)
                 branches.sort(key=lambda b: b.path)
 
-    def _plan(self, branch: Branch, step: int, members: Members, path: Path) -> Branch:
+    def _plan(self, branch: Branch, path: Path) -> Branch:
         """A plan for the survivors; the rest of the previous one if that is at least as good."""
-        probability = branch.entering(step, members)
+        step, members = path[-1]
         start, initial_velocities = branch.state(step, members)
-        problem = JointProblem(self.scenario, *self._task(step, start, initial_velocities))
+        steps = self.scenario.n_steps
+        quarter = -(-steps // _HORIZONS)
+        horizon = min(steps, quarter * -(-(steps - step) // quarter))
+        task = JointTask.from_scenario(self.scenario, initial_velocities, self.min_distance)
+        task = replace(task, start=start, steps=steps - step)
+        form = JointForm(len(members), horizon, True, self.objective, self.min_distance > 0)
+        problem = JointProblem(self.scenario, task, form)
         remaining = branch.remaining(step, members)
         arrivals = first_arrivals(self.scenario, problem.positions(remaining))
         outcome = problem.solve(InitialGuess("survivors", arrivals, remaining), self.solver)
-        self.solves += 1
         if not outcome.solution.status.success:
-            self.failures += 1
             self._failed.add(path)
         if not outcome.separated or outcome.value <= problem.value(remaining, arrivals):
             return branch
         positions = problem.positions(outcome.velocities)
-        distribution = PlanDistribution.from_positions(self.scenario, positions)
         replanned = Branch(
             path,
             step,
@@ -272,20 +245,8 @@ class PlanTree:
             positions,
             outcome.velocities,
             initial_velocities,
-            probability,
-            distribution,
+            branch.entering(step, members),
+            PlanDistribution.from_positions(self.scenario, positions),
         )
         self._add(replanned)
         return replanned
-
-    def _task(
-        self, step: int, start: FloatArray, initial_velocities: FloatArray
-    ) -> tuple[JointTask, JointForm]:
-        """Task of the survivors from a step on, and the form of their program."""
-        steps = self.scenario.n_steps
-        quarter = -(-steps // _HORIZONS)
-        horizon = min(steps, quarter * -(-(steps - step) // quarter))
-        task = JointTask.from_scenario(self.scenario, initial_velocities, self.min_distance)
-        task = replace(task, start=start, steps=steps - step)
-        form = JointForm(len(start), horizon, True, self.objective, self.min_distance > 0)
-        return task, form

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,15 +12,10 @@ from ...optimization.solvers import Solver
 from ...problems.joint import JointForm
 from ...problems.joint_instances import JointTask
 from ...typing import Progress
-from .initial_guesses import (
-    OWN_GUIDES,
-    InitialGuess,
-    initial_guesses,
-    perturbed,
-    single_agent_guide,
-)
+from .distribution import MAX_EXACT
+from .initial_guesses import InitialGuess, initial_guesses, perturbed
 from .plan import SwarmOutcome
-from .solve import MAX_EXACT, JointProblem
+from .solve import JointProblem
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
@@ -37,56 +31,49 @@ MAX_CONTINUED = 2
 """Outcomes that are continued; only one if the first solves are of another program."""
 
 
-@dataclass
 class JointSearch:
     """The solves of one joint plan.
 
     Parameters
     ----------
-    problem, first_problem : JointProblem
-        The problem, and that of the first solves: the mean field's for larger swarms.
+    scenario : Scenario
+    task : JointTask
+    objective : str
     solvers : pair of Solver
         Of the first solves, and of those that continue the best of them.
+    deadline : float
+        Of `time.perf_counter`; no solve starts after it.
     progress : Progress, optional
     """
 
-    problem: JointProblem
-    first_problem: JointProblem
-    solvers: tuple[Solver, Solver]
-    progress: Progress | None
-    outcomes: list[SwarmOutcome] = field(default_factory=list)
-
-    @classmethod
-    def from_scenario(
-        cls,
+    def __init__(
+        self,
         scenario: Scenario,
         task: JointTask,
         objective: str,
         solvers: tuple[Solver, Solver],
+        deadline: float,
         progress: Progress | None,
-    ) -> JointSearch:
-        """Search for the plan of a task that is optimal for `objective`."""
-        n, steps = scenario.n, scenario.n_steps
-        problem, first_problem = (
-            JointProblem(
-                scenario,
-                task,
-                JointForm(n, steps, n <= max_exact, objective, task.min_distance > 0),
-            )
-            for max_exact in (MAX_EXACT, MAX_EXACT_FIRST)
+    ) -> None:
+        n, steps, separated = scenario.n, scenario.n_steps, task.min_distance > 0
+        self.problem, self.first_problem = (
+            JointProblem(scenario, task, JointForm(n, steps, n <= limit, objective, separated))
+            for limit in (MAX_EXACT, MAX_EXACT_FIRST)
         )
-        return cls(problem, first_problem, solvers, progress)
+        self.same_program = self.problem.form == self.first_problem.form
+        self.solvers, self.deadline, self.progress = solvers, deadline, progress
+        self.outcomes: list[SwarmOutcome] = []
 
-    def run(self, kinds: Sequence[str], seed: int, deadline: float) -> SwarmOutcome:
+    def run(self, kinds: Sequence[str], seed: int) -> SwarmOutcome:
         """The best outcome of all starts, of which there is at least one."""
-        for guess in self._initial_guesses(kinds):
+        for guess in initial_guesses(self.problem.scenario, self.problem.task, kinds):
             self._solve(guess)
-            if time.perf_counter() > deadline:
+            if self._late:
                 return self.best
         for outcome in self._promising():
-            self._continue(outcome, deadline)
+            self._continue(outcome)
         if "perturbed" in kinds:
-            self._perturb(seed, deadline)
+            self._perturb(seed)
         return self.best
 
     @property
@@ -101,35 +88,26 @@ class JointSearch:
         good its objective.
         """
         order = sorted(self.outcomes, key=lambda o: (not o.separated, -o.value))
-        chosen = order[: MAX_CONTINUED if self._same_program else 1]
+        chosen = order[: MAX_CONTINUED if self.same_program else 1]
         by_objective = min(
             self.outcomes, key=lambda o: np.nan_to_num(o.solution.objective, nan=np.inf)
         )
         return chosen if by_objective in chosen else [*chosen, by_objective]
 
     @property
-    def _same_program(self) -> bool:
-        """Whether the first solves are of the problem itself."""
-        return self.problem.form == self.first_problem.form
+    def _late(self) -> bool:
+        return time.perf_counter() > self.deadline
 
-    def _initial_guesses(self, kinds: Sequence[str]) -> Iterator[InitialGuess]:
-        scenario, task = self.problem.scenario, self.problem.task
-        guide = single_agent_guide(scenario, task.initial_velocities[0])
-        own = "own" in kinds and scenario.n <= MAX_EXACT
-        for guess in initial_guesses(scenario, task, guide, own):
-            if guess.name == OWN_GUIDES or "formations" in kinds or not own:
-                yield guess
-
-    def _perturb(self, seed: int, deadline: float) -> None:
+    def _perturb(self, seed: int) -> None:
         """Solve from seeded perturbations of the best outcome, and continue improvements."""
         rng = np.random.default_rng(seed)
         for _ in range(N_PERTURBED):
-            if time.perf_counter() > deadline:
+            if self._late:
                 return
             best = self.best
             outcome = self._solve(perturbed(self.problem.restart(best), self.problem.task, rng))
             if outcome.value > best.value:
-                self._continue(outcome, deadline)
+                self._continue(outcome)
 
     def _solve(self, guess: InitialGuess, final: bool = False) -> SwarmOutcome:
         if self.progress is not None:
@@ -138,13 +116,13 @@ class JointSearch:
         self.outcomes.append(problem.solve(guess, self.solvers[final]))
         return self.outcomes[-1]
 
-    def _continue(self, outcome: SwarmOutcome, deadline: float) -> None:
+    def _continue(self, outcome: SwarmOutcome) -> None:
         """Solve from an outcome, with the arrival steps that it reaches, until both agree."""
-        same_program = self._same_program
+        same_program = self.same_program
         for _ in range(3):
             guess = self.problem.restart(outcome)
             settled = same_program and np.array_equal(guess.arrivals, outcome.arrivals)
-            if (settled and outcome.solution.status.success) or time.perf_counter() > deadline:
+            if (settled and outcome.solution.status.success) or self._late:
                 return
             improved = self._solve(guess, final=True)
             if settled and improved.value <= outcome.value:

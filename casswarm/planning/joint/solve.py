@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...optimization.problem import Nlp
 from ...optimization.solvers import Ipopt, Solver
 from ...problems.joint import JointForm, joint_nlp
+from ...problems.joint_hessian import MAX_MEMBERS
 from ...problems.joint_instances import JointTask, joint_instance
 from ...typing import FloatArray, IntArray
 from ..kinematics import integrate
-from .distribution import PlanDistribution
+from .distribution import MAX_EXACT, PlanDistribution
 from .initial_guesses import InitialGuess, track
 from .plan import DISTANCE_TOL, SwarmOutcome, least_distance
 
@@ -23,35 +24,26 @@ if TYPE_CHECKING:
 
 _TIME_LIMIT = 3600.0  # never reached: solves end by iterations, whatever the machine's speed
 
-MAX_EXACT = 10
-"""Maximum number of members of plans with an exact distribution."""
 
+def default_solver(n: int, iterations: int) -> Ipopt:
+    """Ipopt for n members: with exact second derivatives up to `MAX_MEMBERS`, near its start.
 
-def newton(iterations: int) -> Ipopt:
-    """Ipopt with exact second derivatives that stays near its start, for small swarms.
-
-    Log-odds to 1e-7 are relative differences in the probability of failure.
+    Log-odds to 1e-7 are relative differences in the probability of failure. Beyond, and for the
+    mean field, it has a limited-memory Hessian.
     """
-    return Ipopt(
-        tolerance=1e-7,
-        max_iter=iterations,
-        time_limit=_TIME_LIMIT,
-        constraint_tolerance=1e-8,
-        bound_push=1e-4,
-        mu_init=1e-3,
-    )
-
-
-def quasi_newton(iterations: int) -> Ipopt:
-    """Ipopt with a limited-memory Hessian, for larger swarms and the mean field."""
+    settings: dict[str, Any] = {
+        "max_iter": iterations,
+        "time_limit": _TIME_LIMIT,
+        "constraint_tolerance": 1e-8,
+    }
+    if n <= MAX_MEMBERS:
+        return Ipopt(tolerance=1e-7, bound_push=1e-4, mu_init=1e-3, **settings)
     return Ipopt(
         tolerance=1e-5,
-        max_iter=iterations,
-        time_limit=_TIME_LIMIT,
         hessian="limited-memory",
         memory=20,
         mu_strategy="adaptive",
-        constraint_tolerance=1e-8,
+        **settings,
     )
 
 
