@@ -6,14 +6,14 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...hazard import Hazard
 from ...hazard.lower_bounds import LeastRate
 from ...typing import BoolArray, FloatArray, IntArray
+from ..kinematics import remaining_distance
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
@@ -78,6 +78,11 @@ class Relaxation:
             dt=scenario.time.dt,
         )
 
+    def reachable(self, positions: FloatArray, steps: int) -> BoolArray:
+        """Whether the target can be reached from positions (..., 2) in `steps` steps."""
+        distance = remaining_distance(positions, self.center, steps * self.step)
+        return np.asarray(distance <= self.radius)
+
     def rates(self, points: FloatArray) -> FloatArray:
         """Rates (...) at points (..., 2)."""
         rates = self.hazard.single_agent_rates(points)
@@ -98,12 +103,6 @@ class Relaxation:
             assert bound is not None
             below = np.maximum(bound, 0.0)
         return self.least(below)
-
-    @property
-    def extent(self) -> float:
-        """Largest absolute coordinate that a guide can have."""
-        far = np.maximum(np.abs(self.start), np.abs(self.center))
-        return float(far.max() + self.steps * self.step)
 
 
 class Block(NamedTuple):
@@ -234,9 +233,7 @@ class Grid:
         return replace(self, stride=stride, blocks=twice[: -(-self.task.steps // stride)])
 
 
-def bilinear(
-    values: FloatArray, cells: NDArray[np.integer[Any]], fractions: FloatArray
-) -> FloatArray:
+def bilinear(values: FloatArray, cells: IntArray, fractions: FloatArray) -> FloatArray:
     """Bilinear interpolation (B,) of values (n, m) in cells (B, 2), at fractions (B, 2) of a cell.
 
     Infinite outside the grid, and where a corner of positive weight is.

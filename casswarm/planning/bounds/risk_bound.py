@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from ...hazard.lower_bounds import cap_radius
-from ...typing import BoolArray, FloatArray
+from ...typing import FloatArray
 from .dynamic_programming import (
     StageCosts,
     Values,
@@ -156,21 +156,18 @@ def _refined(
 ) -> Grid | None:
     """The next grid, without cells that no better guide visits; None if it is too large."""
     grid = stage_costs.grid
-    active: list[tuple[BoolArray, ...]] = []
-    cells = 0
     totals = _strided_totals if grid.stride > 1 else _totals
-    for blocks, risks in zip(grid.blocks, totals(stage_costs, to_go), strict=True):
-        masks = []
-        for block, risk in zip(blocks, risks, strict=True):
-            mask = np.zeros(block.cells.shape, bool)
-            for corner in corners(risk):
-                mask |= corner <= threshold
-            masks.append(mask & block.cells)
-            cells += int(np.count_nonzero(masks[-1]))
-        active.append(tuple(masks))
+    active = tuple(
+        tuple(
+            block.cells & np.any([corner <= threshold for corner in corners(risk)], axis=0)
+            for block, risk in zip(blocks, risks, strict=True)
+        )
+        for blocks, risks in zip(grid.blocks, totals(stage_costs, to_go), strict=True)
+    )
+    cells = sum(np.count_nonzero(mask) for masks in active for mask in masks)
     if 4 * cells * (1 + (grid.stride > 1)) > max_nodes:
         return None
-    refined = grid.halved(tuple(active))
+    refined = grid.halved(active)
     return refined if refined.size <= max_nodes else None
 
 
@@ -215,7 +212,8 @@ def rounding(stage_costs: StageCosts, risk: float) -> float:
     grid = stage_costs.grid
     task = grid.task
     operations = 4 * len(grid.blocks) + 2 * len(task.hazard.radar_positions) + 64
-    coordinates = 16 * task.extent / cap_radius(grid.spacing)
+    far = np.maximum(np.abs(task.start), np.abs(task.center)).max() + task.steps * task.step
+    coordinates = 16 * far / cap_radius(grid.spacing)
     return float(UNIT * (operations + coordinates) * (risk + 2 * stage_costs.max_terminal))
 
 

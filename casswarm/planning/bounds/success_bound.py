@@ -17,7 +17,6 @@ import numpy as np
 
 from ...typing import FloatArray
 from ..guide import rounded_up
-from ..kinematics import remaining_distance
 from .dynamic_programming import StageCosts, costs_to_go, least_cost, minimum_within_reach, trace
 from .grid import Block, Grid, Relaxation, bilinear
 from .risk_bound import arrival_multiplier, rounding
@@ -156,8 +155,7 @@ def lowest_risks(task: Relaxation, starts: FloatArray, max_nodes: int) -> FloatA
         initial = np.minimum(initial, stage_costs.terminal(block))
     risks = bilinear(initial, cells - low, nodes - cells)
     slack = rounding(stage_costs, float(risks[np.isfinite(risks)].max(initial=0.0)))
-    distance = remaining_distance(starts, task.center, task.steps * task.step)
-    reachable = distance <= task.radius * (1 + 1e-9)
+    reachable = task.reachable(starts, task.steps)
     return np.where(reachable, np.maximum(0.0, np.minimum(risks, 1e300) - slack), np.inf)
 
 

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from ...errors import PlanningError
 from ...typing import BoolArray, FloatArray
-from ..kinematics import remaining_distance
 from .dynamic_programming import StageCosts, Values, box_minimum, costs_to_go
 from .grid import ANYWHERE, UNIT, Grid, Relaxation, bilinear, node_count
 
@@ -99,7 +98,8 @@ class ValueFunction:
         if self.lower is not None:
             low = self._interpolated(self.lower, step + 1, flat, self.grid.reach)
             low = np.where(arrived, 0.0, np.maximum(0.0, low) * (1 - _ROUNDING))
-        low[~arrived & ~self._reachable(step, flat)] = np.inf
+        remaining = max(0, self.grid.task.steps - step)
+        low[~arrived & ~self.grid.task.reachable(flat, remaining)] = np.inf
         return low.reshape(points.shape[:-1]), high.reshape(points.shape[:-1])
 
     def velocities(self, step: int, positions: ArrayLike) -> FloatArray:
@@ -161,7 +161,7 @@ class ValueFunction:
     def _best_nodes(
         self, values: Values, step: int, flat: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Least value of the next step within reach of positions (B, 2), and its nodes."""
+        """Least value of the next step within reach of positions (B, 2), and its nodes if any."""
         following = self._at(values, step + 1)
         risk, goals = np.full(len(flat), np.inf), flat.copy()
         if following is None:
@@ -183,15 +183,8 @@ class ValueFunction:
             best = costs.argmin(axis=1)
             rows = np.arange(len(best))
             risk[chunk] = costs[rows, best]
-            chosen = task.start + h * (nodes[rows, best] + np.array(low))
-            goals[chunk] = np.where(np.isfinite(risk[chunk])[:, None], chosen, flat[chunk])
+            goals[chunk] = task.start + h * (nodes[rows, best] + np.array(low))
         return risk, goals
-
-    def _reachable(self, step: int, flat: FloatArray) -> BoolArray:
-        """Whether the target can be reached from positions (B, 2) by step N."""
-        task = self.grid.task
-        reach = max(0, task.steps - step) * task.step
-        return np.asarray(remaining_distance(flat, task.center, reach) <= task.radius)
 
 
 @dataclass(frozen=True, eq=False)
