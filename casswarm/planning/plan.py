@@ -14,8 +14,7 @@ from ..errors import PlanningError, SolverError
 from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 from ..problems.guide import GuideTask
 from ..typing import FloatArray, Progress
-from .bounds.certification import certify_guide
-from .bounds.risk_bound import GAP, TIME_LIMIT
+from .bounds.risk_bound import GAP, TIME_LIMIT, certify_guide
 from .guide import Guide
 from .multistart import Multistart, preference
 

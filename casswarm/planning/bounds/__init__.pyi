@@ -1,6 +1,5 @@
-from .certification import certify_guide
 from .grid import UNIT, Relaxation
-from .risk_bound import Certificate, Level, certify
+from .risk_bound import Certificate, Level, certify, certify_guide
 from .success_bound import SuccessBound
 from .value_function import CostToGoMap, ValueFunction
 

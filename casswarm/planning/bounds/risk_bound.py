@@ -5,12 +5,19 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...hazard.lower_bounds import cap_radius
+from ...optimization.solvers import make_solver
+from ...problems.guide import GuideTask
 from ...typing import FloatArray
+from ..guide import Candidate, Guide
+from ..homotopy import best_homotopy_classes
+from ..kinematics import integrate
+from ..multistart import Multistart
 from .dynamic_programming import (
     StageCosts,
     Values,
@@ -21,6 +28,9 @@ from .dynamic_programming import (
     single_node,
 )
 from .grid import UNIT, Block, Grid, Relaxation, corners
+
+if TYPE_CHECKING:
+    from ...scenario import Scenario
 
 GAP, TIME_LIMIT = 0.01, 10.0
 """Default relative gap at which a certificate is good enough, and default time limit in seconds."""
@@ -93,6 +103,44 @@ class Certificate:
     def as_dict(self) -> dict[str, object]:
         """Plain values, for a record."""
         return asdict(self) | {"gap": self.gap}
+
+
+def certify_guide(
+    scenario: Scenario, guide: Guide, gap: float = GAP, time_limit: float = TIME_LIMIT
+) -> Certificate | None:
+    """Certificate for the guides of a scenario; None if its hazard provides no lower bounds.
+
+    The bound is compared with the best known path without acceleration limits and margin: the
+    guide itself, or what Ipopt reaches from the best homotopy classes.
+    """
+    hazard, start = scenario.hazard, scenario.guide_start
+    if hazard.single_agent_lower_bound(start, start) is None:
+        return None
+    task = Relaxation.from_scenario(scenario)
+    paths = [guide.positions]
+    limited = np.isfinite(scenario.guide_a_max) or scenario.swarm.velocity != "guide"
+    smaller_target = scenario.arrival_margin > 1e-5 * task.radius
+    if limited or smaller_target or guide.search != "global":
+        paths += _relaxed_paths(scenario, task)
+    risks = [task.dt * float(hazard.single_agent_rates(path[1:]).sum()) for path in paths]
+    best = int(np.argmin(risks))
+    multiplier = arrival_multiplier(task, paths[best])
+    return certify(task, risks[best], multiplier, gap=gap, time_limit=time_limit)
+
+
+def _relaxed_paths(scenario: Scenario, task: Relaxation) -> list[FloatArray]:
+    """Locally best paths of the relaxation, in two homotopy classes and near their arrival steps.
+
+    The grid is not that of `Multistart`, whose target is smaller by the margin.
+    """
+    free = replace(
+        GuideTask.from_scenario(scenario, task.start), radius=scenario.target.radius, a_max=np.inf
+    )
+    multistart = Multistart(scenario, free, make_solver("ipopt"))
+    candidates: list[Candidate] = []
+    for path, shifts in zip(best_homotopy_classes(task, 2), ((-1, 0, 1), (0,)), strict=False):
+        candidates += multistart.candidates_along(path, [path.arrival + shift for shift in shifts])
+    return [integrate(task.start, c.velocities, task.dt) for c in candidates if np.isfinite(c.risk)]
 
 
 def certify(
@@ -205,10 +253,7 @@ def _strided_totals(stage_costs: StageCosts, to_go: Values) -> Iterator[list[Flo
 
 
 def rounding(stage_costs: StageCosts, risk: float) -> float:
-    """Bound on the rounding error of the cost of a path of at most this risk.
-
-    It is derived in ``docs/global-guide.md``.
-    """
+    """Bound on the rounding error of a path's cost, at most this risk: docs/global-guide.md."""
     grid = stage_costs.grid
     task = grid.task
     operations = 4 * len(grid.blocks) + 2 * len(task.hazard.radar_positions) + 64
