@@ -144,9 +144,6 @@ class FixedAnswer(Solver):
     name: ClassVar[str] = "fixed"
     summary: ClassVar[str] = "reports a fixed answer"
 
-    def prepare(self, nlp: Nlp) -> None:
-        pass
-
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:  # noqa: ARG002
         count = len(instances) if self.answers is None else self.answers
         return [Answer(np.array(self.x), self.status, "trust me", 3, 4, 0.5)] * count

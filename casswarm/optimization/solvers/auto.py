@@ -47,9 +47,6 @@ class Auto(Solver):
     summary: ClassVar[str] = "spectral or barrier, every answer verified; ipopt for the rest"
     capabilities: ClassVar[Capabilities] = Capabilities(batch=True)
 
-    def prepare(self, nlp: Nlp) -> None:
-        """Nothing to do: every solver prepares what it needs when it runs."""
-
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         """See `Solver.run`."""
         batch = self._batch(nlp, instances)

@@ -74,8 +74,9 @@ class Capabilities:
 class Solver(ABC):
     """Base of all solvers: a frozen dataclass of options that can be shared, hashed and pickled.
 
-    A subclass overrides `prepare` and `run`. Options whose annotations state what is allowed (see
-    `casswarm.optimization.solvers.options`) are checked when the solver is made.
+    A subclass overrides `run`, and `prepare` if it compiles problems. Options whose annotations
+    state what is allowed (see `casswarm.optimization.solvers.options`) are checked when the solver
+    is made.
     """
 
     name: ClassVar[str]
@@ -90,8 +91,7 @@ class Solver(ABC):
         """Why this solver cannot run in this installation; empty if it can."""
         return ""
 
-    @abstractmethod
-    def prepare(self, nlp: Nlp) -> None:
+    def prepare(self, nlp: Nlp) -> None:  # noqa: B027  (not every solver compiles anything)
         """Compile the problem for this backend, once; raise SolverError if that is impossible."""
 
     @abstractmethod

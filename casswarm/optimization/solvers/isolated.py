@@ -67,9 +67,6 @@ class Isolated(Solver):
             raise SolverError(f"isolated: solver = {self.solver!r}; allowed: a Solver")
         super().__post_init__()
 
-    def prepare(self, nlp: Nlp) -> None:
-        """Nothing: the process builds the programs that it receives."""
-
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         """See `Solver.run`."""
         return self.timed_answers(nlp, instances)[1]
