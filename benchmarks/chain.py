@@ -259,7 +259,7 @@ def growth_chart(table: pd.DataFrame, path: Path) -> None:
     from matplotlib.figure import Figure
 
     from casswarm.figures import save
-    from casswarm.figures.style import MEMBERS, tidy
+    from casswarm.figures.style import MEMBERS, despine
 
     fig = Figure(figsize=(8.4, 3.6), layout="constrained")
     FigureCanvasAgg(fig)
@@ -282,7 +282,7 @@ def growth_chart(table: pd.DataFrame, path: Path) -> None:
                 fontsize=8,
             )
         axes.margins(0.15)
-        tidy(axes)
+        despine(axes)
     right.set_xticks([2, 5, 10, 20, 50], ["2", "5", "10", "20", "50"])
     right.minorticks_off()
     fig.suptitle("leader protection on paper-1: time, and peak of memory", fontsize=11)

@@ -3,19 +3,15 @@
 They are drawn in the theme of their context, ``with theme("column"): ...``; see `THEMES`.
 """
 
-from .animation import animate
-from .convergence import convergence_chart
+from .animation import animate, player, save_gif
 from .distributions import arrival_chart, population_chart, survival_chart
 from .formations import formation_chart
-from .frames import player, save_gif
-from .maps import cost_to_go_map, guide_map
-from .mpc import mpc_chart
-from .paper import infeasible_chart, sensitivity_chart, table_2_chart
-from .path_maps import comparison_map, joint_map, swarm_map
+from .maps import comparison_map, cost_to_go_map, guide_map, joint_map, swarm_map
+from .paper import convergence_chart, infeasible_chart, sensitivity_chart, table_2_chart
 from .performance_profiles import pair_chart, profile_chart, win_chart
 from .style import THEMES, save, theme
 from .success import difference_chart, success_chart
-from .sweeps import sweep_heat_map, sweep_lines
+from .sweeps import mpc_chart, sweep_heat_map, sweep_lines
 
 __all__ = [
     "THEMES",

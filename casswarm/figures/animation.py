@@ -1,25 +1,32 @@
-"""Animation of a run: the members on the map, and a close-up of their formation."""
+"""Animation of a run: the members on the map, and a close-up of their formation.
+
+Animations become GIF files, or players for browsers and notebooks, without other programs.
+"""
 
 from __future__ import annotations
 
+import io
+from functools import cache
+from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 from matplotlib import rc_context
-from matplotlib.animation import FuncAnimation
+from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
+from PIL import Image
 
+from .._util.documents import data_uri, render
 from ..chain.trajectories import RunTrajectory
 from ..planning.guide import Guide
 from ..scenario import Scenario
-from .base_map import add_landmarks, draw_field, extent, pixels, set_extent, single_agent_norm
+from ..typing import Progress
+from .base_map import draw_base_map, extent, pixels
 from .closeups import (
-    RELATIVE_RATE_NORM,
-    RELATIVE_RATES,
+    COLLISION,
     Closeup,
     additional_agent_rates,
     follows_guide,
@@ -27,9 +34,22 @@ from .closeups import (
     window,
 )
 from .formations import caption, legend_handles
-from .style import BLUE, INK, MEMBERS, VERMILION, current_theme, panels, scaled, settings, themed
+from .style import (
+    BLUE,
+    INK,
+    MEMBERS,
+    VERMILION,
+    current_theme,
+    marker,
+    panels,
+    scaled,
+    settings,
+    themed,
+)
 
+DPI = 110
 _PIXELS = 110
+_LAST = 6  # durations of a frame for which a GIF shows the last one
 
 
 def animate(
@@ -83,16 +103,109 @@ def animate(
     )
 
 
-class RunFigure:
-    """Figure with a map and a close-up that shows any step of a run.
+def save_gif(
+    animation: FuncAnimation, path: Path | str, dpi: int = DPI, progress: Progress | None = None
+) -> Path:
+    """Write an animation as a GIF that repeats, with a pause at the last frame."""
+    interval = _interval(animation)
+    first, *others = _images(animation, dpi, progress)
+    durations = [interval] * len(others) + [_LAST * interval]
+    first.save(path, format="GIF", save_all=True, append_images=others, duration=durations, loop=0)
+    return Path(path)
+
+
+def player(
+    animation: FuncAnimation,
+    dpi: int = DPI,
+    *,
+    title: str = "Run of a swarm",
+    page: bool = False,
+    progress: Progress | None = None,
+) -> str:
+    """HTML that plays an animation, also step by step, with the mouse or the arrow keys.
+
+    It is self-contained: nothing is loaded from the network.
 
     Parameters
     ----------
-    scenario : Scenario
-    trajectory : RunTrajectory
-    guide : Guide or None
+    animation : FuncAnimation
+    dpi : int
     title : str
+        Name for screen readers.
+    page : bool
+        Whether to return a whole page; otherwise it is an element of one, for
+        ``IPython.display.HTML`` in a notebook.
+    progress : Progress, optional
     """
+    images = _images(animation, dpi, progress)
+    width, height = images[0].size
+    return render(
+        "player.html",
+        name=f"run-{uuid4().hex[:8]}",
+        title=title,
+        page=page,
+        frames=[_png_uri(image) for image in images],
+        interval=_interval(animation),
+        width=width,
+        height=height,
+    )
+
+
+def _interval(animation: FuncAnimation) -> int:
+    """Milliseconds between frames."""
+    source: Any = animation.event_source
+    return int(source.interval)
+
+
+def _png_uri(image: Image.Image) -> str:
+    buffer = io.BytesIO()
+    image.save(buffer, "PNG", optimize=True)
+    return data_uri(buffer.getvalue(), "image/png")
+
+
+class _Frames(PillowWriter):
+    """Writer that keeps the frames in memory."""
+
+    _frames: list[Image.Image]
+
+    def finish(self) -> None:
+        """Write no file."""
+
+
+@cache
+def _palette() -> Image.Image:
+    """Greys of the hazard rates, and the other colours of an animation with their soft edges."""
+    colors = 255 * np.array([to_rgb(color) for color in (*MEMBERS, COLLISION)])
+    tints = [
+        weight * colors + (1 - weight) * background
+        for background, weights in ((255, (1.0, 0.75, 0.5, 0.25)), (190, (0.7, 0.4)), (34, (0.5,)))
+        for weight in weights
+    ]
+    # no grey just below white: Pillow finds the nearest colour on a coarse grid
+    greys = np.append(np.linspace(20, 247, 255 - 7 * len(colors)), 255)
+    palette = Image.new("P", (1, 1))
+    rows = np.vstack([*tints, np.repeat(greys[:, None], 3, axis=1)])
+    palette.putpalette(rows.round().astype(int).ravel().tolist())
+    return palette
+
+
+def _images(animation: FuncAnimation, dpi: int, progress: Progress | None) -> list[Image.Image]:
+    """Frames in one palette, so that files are small and the background is still."""
+    writer = _Frames()
+
+    def report(frame: int, total: int | None) -> None:
+        if progress is not None:
+            progress("drawing frames", frame + 1, total)
+
+    animation.save("not-written.gif", writer=writer, dpi=dpi, progress_callback=report)
+    return [
+        frame.convert("RGB").quantize(palette=_palette(), dither=Image.Dither.NONE)
+        for frame in writer._frames
+    ]
+
+
+class RunFigure:
+    """Figure with a map and a close-up that shows any step of a run."""
 
     def __init__(
         self, scenario: Scenario, trajectory: RunTrajectory, guide: Guide | None, title: str
@@ -115,34 +228,24 @@ class RunFigure:
         self.nodes = pixels(low, high, _PIXELS)
         ratios = (1.0, (high[1] - low[1]) / (high[0] - low[0]))
         fig, (self.map, close) = panels(2, 2, 0.62, width_ratios=ratios)
-        set_extent(self.map, low, high)
-        norm = single_agent_norm(self.scenario, low, high)
-        self.image = draw_field(self.map, np.full(self.nodes.shape[:2], norm.vmin), norm)
-        add_landmarks(self.map, self.scenario)
-        follows = guide is not None and follows_guide(
-            trajectory, guide, self.scenario.formation.rho
-        )
-        center = guide if follows else None
+        self.image = draw_base_map(self.map, self.scenario, low, high)
+        rho = self.scenario.formation.rho
+        center = guide if guide and follows_guide(trajectory, guide, rho) else None
         half = window(trajectory, center)
-        self.closeup = Closeup(close, self.scenario, trajectory, center, half, corridors=False)
+        self.closeup = Closeup(close, self.scenario, trajectory, center, half)
         close.set_ylabel("")
-        scales: list[tuple[ScalarMappable, Axes, str]] = [
-            (self.image, self.map, "hazard rate of an additional agent"),
-            (
-                ScalarMappable(RELATIVE_RATE_NORM, RELATIVE_RATES),
-                close,
-                "relative to an isolated agent",
-            ),
-        ]
-        for mappable, axes, label in scales:
-            fig.colorbar(mappable, ax=axes, label=label, extend="max", location="bottom", pad=0.02)
-        handles = self.map.get_legend_handles_labels()[0]
-        handles += legend_handles(False, False, bool((trajectory.leaders >= 0).any()))
+        for image, label in (
+            (self.image, "hazard rate of an additional agent"),
+            (self.closeup.image, "relative to an isolated agent"),
+        ):
+            bar = fig.colorbar(image, ax=image.axes, extend="max", location="bottom", pad=0.02)
+            bar.set_label(label)
+        handles = [*self.map.get_legend_handles_labels()[0], *legend_handles(trajectory)]
         handles[-1].set_label("lost")
         if guide is not None:
-            line: dict[str, Any] = {"color": INK, "linewidth": scaled(0.8), "linestyle": ":"}
-            self.map.plot(*guide.positions.T, zorder=3, **line)
-            handles.append(Line2D([], [], label="guide", **line))
+            line = self.map.plot(*guide.positions.T, color=INK, lw=scaled(0.8), ls=":", zorder=3)
+            line[0].set_label("guide")
+            handles += line
         columns = 3 if current_theme().narrow else len(handles)
         fig.legend(handles=handles, loc="outside lower center", ncols=columns)
         self.heading = fig.suptitle(self._heading(0))
@@ -170,18 +273,14 @@ class RunFigure:
             color = MEMBERS[member] if self.few else BLUE
             path = self.trajectory.positions[: end + 1, member]
             self.artists += self.map.plot(*path.T, color=color, lw=scaled(0.9), alpha=0.7, zorder=4)
-            leads, lost = member == leader, not alive[member]
-            if lost or (leads and not self.few):
-                color = "white" if lost else VERMILION
-            self.artists += self.map.plot(
-                *path[-1],
-                marker="X" if lost else "*" if leads else "o",
-                color=color,
-                markeredgecolor=INK if leads or lost else "white",
-                markeredgewidth=scaled(0.7),
-                markersize=scaled(11 if leads else 6.5 if self.few else 4.5),
-                zorder=7 if leads else 6,
-            )
+            leads, size = member == leader, 6.5 if self.few else 4.5
+            if leads:
+                style = marker("*", 11, color if self.few else VERMILION, edge_width=0.7)
+            elif alive[member]:
+                style = marker("o", size, color, "white", 0.7)
+            else:
+                style = marker("X", size, edge_width=0.7)
+            self.artists += self.map.plot(*path[-1], zorder=7 if leads else 6, **style)
 
     def _heading(self, step: int) -> str:
         return f"{self.title}: {caption(self.trajectory, step)}"

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap, LogNorm
+from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.patches import Circle, Rectangle
 
 from ..scenario import Scenario
 from ..typing import FloatArray
-from .style import INK, SKY, VERMILION, scaled, single_panel, wrap
+from .style import INK, SKY, VERMILION, marker, single_panel, wrap
 
 _PIXELS = 300
 _CAP = 0.995  # quantile of the rates at which the scale ends: near radars they are far higher
@@ -22,16 +22,11 @@ GREYS = LinearSegmentedColormap.from_list("greys", colormaps["Greys"](np.linspac
 
 
 def base_map(scenario: Scenario, contents: Sequence[FloatArray]) -> tuple[Figure, Axes]:
-    """Map of the hazard rates that holds all points (..., 2) of `contents`."""
-    low, high = extent(scenario, contents)
+    """Figure with a map of the hazard rates that holds all points (..., 2) of `contents`."""
     fig, axes = single_panel()
-    set_extent(axes, low, high)
-    norm = single_agent_norm(scenario, low, high)
-    rates = scenario.hazard.single_agent_rates(pixels(low, high))
-    image = draw_field(axes, np.maximum(rates, norm.vmin or 0.0), norm)
+    image = draw_base_map(axes, scenario, *extent(scenario, contents))
     label = wrap("single-agent hazard rate, per unit time", 0.42)
     fig.colorbar(image, ax=axes, label=label, extend="max")
-    add_landmarks(axes, scenario)
     return fig, axes
 
 
@@ -56,19 +51,24 @@ def pixels(low: FloatArray, high: FloatArray, number: int = _PIXELS) -> FloatArr
     return np.stack(np.meshgrid(*(low[k] + size[k] * axis for k in (0, 1))), axis=-1)
 
 
-def single_agent_norm(scenario: Scenario, low: FloatArray, high: FloatArray) -> LogNorm:
-    """Logarithmic scale of the hazard rates of an isolated agent between these corners."""
+def draw_base_map(axes: Axes, scenario: Scenario, low: FloatArray, high: FloatArray) -> AxesImage:
+    """Make axes a map with these corners: hazard rates on a logarithmic scale, and landmarks."""
+    set_extent(axes, low, high)
     rates = scenario.hazard.single_agent_rates(pixels(low, high))
     lowest = max(float(rates.min()), 1e-12)
-    return LogNorm(lowest, max(float(np.quantile(rates, _CAP)), lowest * 1.01))
+    norm = LogNorm(lowest, max(float(np.quantile(rates, _CAP)), lowest * 1.01))
+    add_landmarks(axes, scenario)
+    return draw_field(axes, np.maximum(rates, lowest), norm)
 
 
-def draw_field(axes: Axes, values: FloatArray, norm: LogNorm) -> AxesImage:
-    """Draw values at the pixels of a map as shades of grey."""
+def draw_field(
+    axes: Axes, values: FloatArray, norm: Normalize, cmap: Colormap | str = GREYS
+) -> AxesImage:
+    """Draw values at the pixels of a map."""
     return axes.imshow(
         values,
         norm=norm,
-        cmap=GREYS,
+        cmap=cmap,
         extent=(*axes.get_xlim(), *axes.get_ylim()),
         origin="lower",
         interpolation="bilinear",
@@ -77,43 +77,17 @@ def draw_field(axes: Axes, values: FloatArray, norm: LogNorm) -> AxesImage:
 
 def add_landmarks(axes: Axes, scenario: Scenario, radars: str = VERMILION) -> None:
     """Draw the target and the radars."""
-    zone = Circle(
-        scenario.target.center,
-        scenario.target.radius,
-        facecolor="white",
-        edgecolor=INK,
-        hatch="////",
-        zorder=2,
-        label="target",
-    )
-    axes.add_patch(zone)
+    center, radius = scenario.target.center, scenario.target.radius
+    zone = Circle(center, radius, facecolor="white", edgecolor=INK, hatch="////", label="target")
+    axes.add_patch(zone).set_zorder(2)
     if len(scenario.hazard.radar_positions):
-        axes.plot(
-            *scenario.hazard.radar_positions.T,
-            color=radars,
-            marker="^",
-            markersize=scaled(9.0),
-            linestyle="",
-            markeredgecolor="white" if radars != "white" else INK,
-            markeredgewidth=scaled(1.0),
-            zorder=5,
-            label="radar",
-        )
+        style = marker("^", 9, radars, edge="white" if radars != "white" else INK)
+        axes.plot(*scenario.hazard.radar_positions.T, zorder=5, label="radar", **style)
 
 
 def add_start(axes: Axes, positions: FloatArray, label: str = "start") -> None:
     """Draw the initial positions (n, 2) as circles."""
-    axes.plot(
-        *positions.T,
-        linestyle="",
-        marker="o",
-        markersize=scaled(4.5),
-        markerfacecolor="white",
-        markeredgecolor=INK,
-        markeredgewidth=scaled(1.0),
-        zorder=5,
-        label=label,
-    )
+    axes.plot(*positions.T, zorder=5, label=label, **marker("o", 4.5))
 
 
 def add_corridor(axes: Axes, path: FloatArray, rho: float) -> None:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import SupportsInt
-
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -17,8 +14,8 @@ from ..hazard import Hazard
 from ..planning.guide import Guide
 from ..scenario import Scenario
 from ..typing import BoolArray, FloatArray, IntArray
-from .base_map import GREYS, pixels, set_extent
-from .style import BLUE, INK, MEMBERS, VERMILION, scaled, text_outline
+from .base_map import GREYS, draw_field, pixels, set_extent
+from .style import BLUE, MEMBERS, VERMILION, add_label, marker, scaled
 
 _PIXELS = 80
 _MAX = 1.5  # relative rate up to which the boundary of dangerous regions is interpolated
@@ -26,23 +23,12 @@ _NEAR = 0.2  # of a window's half width: members this close share a label
 COLLISION = "#E8A987"  # where members endanger each other
 RELATIVE_RATES = GREYS.with_extremes(over=COLLISION)
 """Colours of hazard rates relative to an isolated agent: the better the protection, the lighter."""
-RELATIVE_RATE_NORM = Normalize(0.0, 1.0)
-"""At 1 there is no protection; above, members endanger each other."""
 
 
 def additional_agent_rates(
     hazard: Hazard, points: FloatArray, positions: FloatArray, alive: BoolArray
 ) -> FloatArray:
-    """Hazard rates (...) of an additional agent at points (..., 2), given a swarm.
-
-    Parameters
-    ----------
-    hazard : Hazard
-    points : (..., 2)
-    positions : (n, 2)
-        Of the swarm.
-    alive : (n,) bool
-    """
+    """Hazard rates (...) of an additional agent at points (..., 2), given positions (n, 2)."""
     flat = points.reshape(-1, 2)
     others = np.broadcast_to(positions[alive], (len(flat), int(alive.sum()), 2))
     states = np.concatenate([flat[:, None], others], axis=1)
@@ -59,18 +45,7 @@ def relative_rates(
 
 
 class Closeup:
-    """Axes that show the formation of a run at any step.
-
-    Parameters
-    ----------
-    axes : Axes
-    scenario : Scenario
-    trajectory : RunTrajectory
-    guide : Guide or None
-    half : float
-        Half the width of the window.
-    corridors : bool
-    """
+    """Axes, 2 `half` wide and high, that show the formation of a run at any step."""
 
     def __init__(
         self,
@@ -79,7 +54,7 @@ class Closeup:
         trajectory: RunTrajectory,
         guide: Guide | None,
         half: float,
-        corridors: bool,
+        corridors: bool = False,
     ) -> None:
         self.axes, self.hazard, self.trajectory = axes, scenario.hazard, trajectory
         self.guide, self.half = guide, half
@@ -89,14 +64,9 @@ class Closeup:
         tick = float(f"{0.7 * half:.1g}")
         axes.set(xticks=[-tick, 0, tick], yticks=[-tick, 0, tick])
         self.nodes = pixels(-corner, corner, _PIXELS)
-        self.image = axes.imshow(
-            np.ones((_PIXELS, _PIXELS)),
-            norm=RELATIVE_RATE_NORM,
-            cmap=RELATIVE_RATES,
-            extent=(-half, half, -half, half),
-            origin="lower",
-            interpolation="bilinear",
-        )
+        # at 1 there is no protection; above, members endanger each other
+        unit, norm = np.ones((_PIXELS, _PIXELS)), Normalize(0.0, 1.0)
+        self.image = draw_field(axes, unit, norm, RELATIVE_RATES)
         if guide is not None:
             axes.plot(0, 0, marker="+", color=BLUE, markersize=scaled(9), zorder=3)
         if corridors:
@@ -125,33 +95,21 @@ class Closeup:
         for member in np.flatnonzero(alive):
             leads = member == leader
             color = MEMBERS[member] if self.few else VERMILION if leads else BLUE
-            self.artists += self.axes.plot(
-                *offsets[member],
-                marker="*" if leads else "o",
-                color=color,
-                markeredgecolor=INK if leads else "white",
-                markeredgewidth=scaled(0.8 if leads else 0.5),
-                markersize=scaled(12 if leads else (6.5 if self.few else 3.5)),
-                zorder=6 if leads else 5,
-            )
+            if leads:
+                style = marker("*", 12, color, edge_width=0.8)
+            else:
+                style = marker("o", 6.5 if self.few else 3.5, color, "white", 0.5)
+            self.artists += self.axes.plot(*offsets[member], zorder=6 if leads else 5, **style)
 
     def _draw_lost(self, offsets: FloatArray, alive: BoolArray, lost: BoolArray) -> None:
         """Draw crosses, shifted where they would cover members that are alive."""
+        style = marker("X", 7, edge_width=0.9)
         for member in np.flatnonzero(lost):
             covers = self._near(offsets, offsets[member], np.flatnonzero(alive)).size
             shift = -scaled(7) / 72 if covers else 0.0
             translation = ScaledTranslation(shift, shift, self.axes.figure.dpi_scale_trans)
-            self.artists += self.axes.plot(
-                *offsets[member],
-                marker="X",
-                color="white",
-                markeredgecolor=INK,
-                markeredgewidth=scaled(0.9),
-                markersize=scaled(7.0),
-                transform=self.axes.transData + translation,
-                zorder=7,
-            )
-            self.artists[-1].set_clip_on(True)
+            place = self.axes.transData + translation
+            self.artists += self.axes.plot(*offsets[member], transform=place, zorder=7, **style)
 
     def _label(
         self, offsets: FloatArray, members: BoolArray, others: BoolArray, crosses: bool = False
@@ -172,15 +130,14 @@ class Closeup:
                 right, above = not (x > 0.4 or -0.6 < x < -0.05), not (y > 0.6 or -0.6 < y < -0.05)
             gap = 13.0 if crosses and beside else 6.0
             self.artists.append(
-                self.axes.annotate(
+                add_label(
+                    self.axes,
                     _ranges(near + 1),
                     point,
-                    (scaled(gap if right else -gap), scaled(gap - 1 if above else 1 - gap)),
-                    textcoords="offset points",
+                    (gap if right else -gap, gap - 1 if above else 1 - gap),
+                    outlined=True,
                     ha="left" if right else "right",
                     va="bottom" if above else "top",
-                    fontsize="small",
-                    path_effects=text_outline(),
                     zorder=8,
                 )
             )
@@ -191,15 +148,10 @@ class Closeup:
         return np.asarray(members[distances < _NEAR * self.half])
 
 
-def _ranges(numbers: Iterable[SupportsInt]) -> str:
+def _ranges(numbers: IntArray) -> str:
     """Text of ascending numbers, consecutive ones as a range: 1, 3–5."""
-    runs: list[list[int]] = []
-    for number in map(int, numbers):
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1].append(number)
-        else:
-            runs.append([number])
-    return ", ".join(f"{run[0]}–{run[-1]}" if run[1:] else f"{run[0]}" for run in runs)
+    runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+    return ", ".join(f"{run[0]}–{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
 
 
 def formation_center(trajectory: RunTrajectory, guide: Guide | None, step: int) -> FloatArray:
@@ -233,9 +185,7 @@ def leader_at(trajectory: RunTrajectory, step: int) -> int:
 def window(trajectory: RunTrajectory, guide: Guide | None) -> float:
     """Half the width of a window around the formation that nearly always holds all members."""
     distances = [
-        np.abs(positions[alive] - formation_center(trajectory, guide, step)).max(axis=1)
-        for step, (positions, alive) in enumerate(
-            zip(trajectory.positions, trajectory.alive, strict=True)
-        )
+        np.abs(trajectory.positions[step][alive] - formation_center(trajectory, guide, step))
+        for step, alive in enumerate(trajectory.alive)
     ]
-    return 1.25 * max(0.05, float(np.quantile(np.concatenate(distances), 0.98)))
+    return 1.25 * max(0.05, float(np.quantile(np.concatenate(distances).max(axis=1), 0.98)))

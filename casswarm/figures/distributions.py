@@ -22,9 +22,9 @@ def arrival_chart(distributions: Sequence[OutcomeDistribution], title: str = "")
         np.minimum(1.0, bound + each.residual_mass_before)
         for bound, each in zip(low, distributions, strict=True)
     ]
-    fig, axes = _bands(distributions, list(zip(low, high, strict=True)), title)
+    bounds = list(zip(low, high, strict=True))
+    fig, axes = _bands(distributions, bounds, title, "probability of arrival")
     labels = [f"{d.policy}: {d.success[0]:.4f} to {d.success[1]:.4f}" for d in distributions]
-    axes.set(ylabel="probability of arrival", ylim=(0, 1.02))
     axes.legend(axes.get_lines(), labels, loc="upper left")
     return fig
 
@@ -36,8 +36,7 @@ def population_chart(
     """Mean number of members alive at every step, a band per policy from lower to upper bound."""
     means = [each.population_mean for each in distributions]
     bounds = [(mean.low, np.minimum(float(members), mean.high)) for mean in means]
-    fig, axes = _bands(distributions, bounds, title)
-    axes.set(ylabel="mean number of members alive", ylim=(0, 1.02 * members))
+    fig, axes = _bands(distributions, bounds, title, "mean number of members alive", members)
     axes.legend(loc="lower left")
     return fig
 
@@ -48,8 +47,8 @@ def survival_chart(distributions: Sequence[OutcomeDistribution], title: str = ""
 
     After arrival a run keeps the number of members that arrived.
     """
-    fig, axes = _bands(distributions, [each.any_alive for each in distributions], title)
-    axes.set(ylabel="probability that any member is alive", ylim=(0, 1.02))
+    bounds = [each.any_alive for each in distributions]
+    fig, axes = _bands(distributions, bounds, title, "probability that any member is alive")
     axes.legend(loc="lower left")
     return fig
 
@@ -58,23 +57,19 @@ def _bands(
     distributions: Sequence[OutcomeDistribution],
     bounds: Sequence[tuple[FloatArray, FloatArray]],
     title: str,
+    ylabel: str,
+    top: float = 1.0,
 ) -> tuple[Figure, Axes]:
-    """Step curves of the lower bounds (N+1,), with bands up to the upper bounds."""
+    """Step curves of the lower bounds (N+1,), with bands up to the upper bounds, up to `top`."""
     fig, axes = single_panel()
     styles = policy_styles(each.policy for each in distributions)
     for (low, high), (policy, style) in zip(bounds, styles.items(), strict=True):
         steps = np.arange(len(low))
         axes.fill_between(steps, low, high, step="post", color=style.color, alpha=0.3, linewidth=0)
-        axes.step(
-            steps,
-            low,
-            where="post",
-            color=style.color,
-            linewidth=scaled(1.8),
-            linestyle=style.dashes,
-            label=policy,
-        )
+        (line,) = axes.step(steps, low, where="post", color=style.color, linestyle=style.dashes)
+        line.set(linewidth=scaled(1.8), label=policy)
     axes.set(xlabel="step", xlim=(0, max(len(low) for low, _ in bounds) - 1))
+    axes.set(ylabel=ylabel, ylim=(0, 1.02 * top))
     add_title(fig, title, "exact distribution")
     despine(axes)
     return fig, axes

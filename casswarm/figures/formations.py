@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..chain.trajectories import RunTrajectory
 from ..planning.guide import Guide
 from ..scenario import Scenario
-from .closeups import RELATIVE_RATE_NORM, RELATIVE_RATES, Closeup, window
-from .style import BLUE, GREY, INK, add_title, current_theme, panels, scaled, themed
+from .closeups import Closeup, window
+from .style import BLUE, GREY, add_title, current_theme, marker, panels, scaled, themed
 
 
 @themed
@@ -66,14 +65,14 @@ def formation_chart(
         panel.set_title(caption(trajectory, step), fontsize="small")
         panel.label_outer()
     fig.colorbar(
-        ScalarMappable(RELATIVE_RATE_NORM, RELATIVE_RATES),
+        axes[0].images[0],
         ax=axes,
         extend="max",
         location="bottom" if narrow else "right",
         pad=0.02,
         label="hazard rate\nrelative to an isolated agent",
     )
-    handles = legend_handles(guide is not None, corridors, bool((trajectory.leaders >= 0).any()))
+    handles = legend_handles(trajectory, guide is not None, corridors)
     fig.legend(handles=handles, loc="outside lower center", ncols=2 if narrow else len(handles))
     center = "the guide" if guide else "its mean"
     add_title(fig, title or scenario.name, f"formation around {center}")
@@ -101,26 +100,16 @@ def caption(trajectory: RunTrajectory, step: int) -> str:
     return f"step {step}: {int(alive.sum())} of {len(alive)} alive"
 
 
-def legend_handles(guide: bool, corridors: bool, leaders: bool) -> list[Line2D]:
-    """Handles of a legend of close-ups."""
-    markers = [("alive", "o", GREY, "white", 6.5), ("lost in this step", "X", "white", INK, 7.5)]
-    if leaders:
-        markers.insert(0, ("leader", "*", GREY, INK, 11))
+def legend_handles(
+    trajectory: RunTrajectory, guide: bool = False, corridors: bool = False
+) -> list[Line2D]:
+    """Handles of a legend of close-ups of a run."""
+    styles = {"leader": marker("*", 11, GREY)} if (trajectory.leaders >= 0).any() else {}
+    styles |= {"alive": marker("o", 6.5, GREY, "white"), "lost in this step": marker("X", 7.5)}
     if guide:
-        markers.append(("guide", "+", BLUE, BLUE, 9))
-    handles = [
-        Line2D(
-            [],
-            [],
-            linestyle="",
-            marker=marker,
-            color=color,
-            markeredgecolor=edge,
-            markersize=scaled(size),
-            label=label,
-        )
-        for label, marker, color, edge, size in markers
-    ]
+        styles["guide"] = marker("+", 9, edge=BLUE)
+    edge = {"markeredgewidth": 1.0}  # the same in all themes
+    handles = [Line2D([], [], label=label, **style | edge) for label, style in styles.items()]
     if corridors:
         handles.append(Line2D([], [], color=BLUE, lw=scaled(0.8), label="corridor"))
     return handles

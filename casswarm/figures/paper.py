@@ -1,4 +1,4 @@
-"""Figures of the paper's reproduction: Table II, sensitivity, and empty constraint sets."""
+"""Figures of the paper's reproduction: Table II, sensitivity, empty sets, convergence."""
 
 from __future__ import annotations
 
@@ -15,15 +15,20 @@ from .style import (
     GREY,
     GRID,
     INK,
+    add_label,
     add_title,
     current_theme,
     despine,
+    marker,
     panels,
     scaled,
     single_panel,
     themed,
     wrap,
 )
+
+_HOLLOW = "s^"  # markers of few runs, whose values have two digits
+_DASHES = ("-", "--", "-.", ":")
 
 
 @themed
@@ -39,54 +44,40 @@ def table_2_chart(table: pd.DataFrame, runs: int, paper_runs: int = 50) -> Figur
         Numbers of runs.
     """
     kinds = {
-        "paper": (f"the paper, {paper_runs} runs", _marker("s", filled=False)),
-        f"runs_{paper_runs}": (f"casswarm, {paper_runs} runs", _marker("^", filled=False)),
-        f"runs_{runs}": (f"casswarm, {runs:,} runs", _marker("D")),
-        "exact": ("casswarm, exact", _marker("|")),
+        "paper": (f"the paper, {paper_runs} runs", "s"),
+        f"runs_{paper_runs}": (f"casswarm, {paper_runs} runs", "^"),
+        f"runs_{runs}": (f"casswarm, {runs:,} runs", "D"),
+        "exact": ("casswarm, exact", "|"),
     }
     fig, axes = single_panel(current_theme().aspect_of(1.45 * len(kinds) * len(table) + 7))
     styles = policy_styles(table["policy"])
     for row, values in enumerate(table.to_dict("records")):
         color = styles[str(values["policy"])].color
-        for number, (column, (_, marker)) in enumerate(kinds.items()):
+        for number, (column, (_, shape)) in enumerate(kinds.items()):
             low, high = values[f"{column}_low"], values[f"{column}_high"]
             estimate = (low + high) / 2 if column == "exact" else values[column]
             y = row + 0.2 * (number - (len(kinds) - 1) / 2)
             axes.plot([low, high], [y] * 2, color=color, linewidth=scaled(1.6), zorder=2)
-            axes.plot(estimate, y, color=color, zorder=3, **marker)
-            axes.annotate(
-                f"{estimate:.2f}"
-                if column in ("paper", f"runs_{paper_runs}")
-                else f"{estimate:.3f}",
-                (max(high, estimate), y),
-                (scaled(6), 0),
-                textcoords="offset points",
-                va="center",
-                fontsize="small",
-            )
+            axes.plot(estimate, y, zorder=3, **_marker(shape, color))
+            text = f"{estimate:.{2 if shape in _HOLLOW else 3}f}"
+            add_label(axes, text, (max(high, estimate), y), (6, 0), va="center")
     axes.set_yticks(range(len(table)), list(table["policy"]), fontsize="medium")
     axes.set(xlim=(0.15, 0.87), ylim=(len(table) - 0.5, -0.5), xlabel="success probability")
     despine(axes, grid="x")
     for row in range(1, len(table)):
         axes.axhline(row - 0.5, color=GRID, linewidth=scaled(0.6))
-    handles = [
-        Line2D([], [], color=GREY, label=label, **marker) for label, marker in kinds.values()
-    ]
+    handles = [Line2D([], [], label=label, **_marker(kind, GREY)) for label, kind in kinds.values()]
     columns = 4 if current_theme().characters > 90 else 2
     fig.legend(handles=handles, loc="outside lower center", ncols=columns)
     add_title(fig, "paper-1", "Table II, with Wilson's 95 % intervals")
     return fig
 
 
-def _marker(marker: str, filled: bool = True) -> dict[str, Any]:
+def _marker(shape: str, color: str) -> dict[str, Any]:
     """Arguments of ``Axes.plot`` for a marker."""
-    bar = marker == "|"
-    return {
-        "linestyle": "",
-        "marker": marker,
-        "markersize": scaled(10 if bar else 5),
-        "markeredgewidth": scaled(2 if bar else 1.2),
-    } | ({} if filled else {"markerfacecolor": "white"})
+    size, edge_width = (10, 2.0) if shape == "|" else (5, 1.2)
+    face = {"markerfacecolor": "white"} if shape in _HOLLOW else {}
+    return marker(shape, size, color, color, edge_width) | face
 
 
 @themed
@@ -147,4 +138,55 @@ def infeasible_chart(table: pd.DataFrame) -> Figure:
     ]
     fig.legend(handles=handles, loc="outside lower center", ncols=2)
     add_title(fig, "members with an empty constraint set")
+    return fig
+
+
+@themed
+def convergence_chart(
+    guide: pd.DataFrame, formations: pd.DataFrame, references: Mapping[str, float]
+) -> Figure:
+    """Gaps and stationarity residuals of the projected gradient, for the guide and formations.
+
+    Parameters
+    ----------
+    guide : DataFrame
+        With the columns iteration, survival and residual.
+    formations : DataFrame
+        With the columns problems (a policy, a comma and a scenario), iteration, gap_median and
+        residual_median.
+    references : mapping
+        Name to the survival of other guides.
+    """
+    narrow = current_theme().narrow
+    across = 1 if narrow else 2
+    fig, axes = panels(4, across, 2.3 if narrow else 0.75, sharex=True)
+    survival, residual, gap, formation_residual = axes
+    path: dict[str, Any] = {"color": INK, "marker": "o"}
+    survival.plot(guide["iteration"], guide["survival"], **path)
+    for number, (name, value) in enumerate(references.items()):
+        survival.axhline(value, color=GREY, linewidth=scaled(), linestyle=_DASHES[1 + number % 3])
+        add_label(survival, f"{name}: {value:.2g}", (1, value), (0, 3))
+    survival.set(title="guide: single-agent survival", yscale="log", ylim=(5e-5, 5))
+    residual.plot(guide["iteration"], guide["residual"], **path)
+    residual.set(title="guide: stationarity residual", yscale="log", ylim=(1e-5, 1e-2))
+    styles = policy_styles(str(kind).split(",")[0] for kind in formations["problems"])
+    for number, (kind, rows) in enumerate(formations.groupby("problems", sort=False)):
+        style: dict[str, Any] = {
+            "color": styles[str(kind).split(",")[0]].color,
+            "linestyle": _DASHES[number % len(_DASHES)],
+            "label": str(kind),
+        }
+        for panel, column in ((gap, "gap_median"), (formation_residual, "residual_median")):
+            panel.plot(rows["iteration"], rows[column].clip(lower=1e-9), **style)
+    gap.set(title="formation: gap to the best known objective", yscale="log")
+    formation_residual.set(title="formation: stationarity residual", yscale="log")
+    for panel in axes:
+        panel.set_xscale("symlog", linthresh=1)
+        panel.set(xlim=(0, 1e4), xticks=[0, 1, 10, 100, 1000, 10000])
+        despine(panel)
+    for panel in axes[-across:]:
+        panel.set_xlabel("iteration")
+    handles, columns = gap.get_legend_handles_labels()[0], 2 if narrow else 4
+    fig.legend(handles=handles, loc="outside lower center", ncols=columns, title="formation of")
+    add_title(fig, "the paper's projected gradient; formations: medians over the steps")
     return fig

@@ -87,17 +87,11 @@ def win_chart(wins: pd.DataFrame, title: str = "") -> Figure:
     fig, axes = single_panel(min(1.1, 0.18 + 0.394 * scaled() * size / current_theme().width))
     values = wins.to_numpy(dtype=float)
     axes.imshow(np.nan_to_num(values), cmap="Blues", vmin=0, vmax=1.25, aspect="auto")
+    fontsize = "small" if size <= 6 else "x-small"
     for row, column in np.argwhere(np.isfinite(values)):
-        fraction = values[row, column]
-        axes.text(
-            column,
-            row,
-            f"{100 * fraction:.0f} %",
-            ha="center",
-            va="center",
-            fontsize="small" if size <= 6 else "x-small",
-            color="white" if fraction > 0.7 else INK,
-        )
+        text = f"{100 * values[row, column]:.0f} %"
+        color = "white" if values[row, column] > 0.7 else INK
+        axes.text(column, row, text, ha="center", va="center", fontsize=fontsize, color=color)
     axes.set_xticks(range(size), list(wins.columns), rotation=30, ha="right")
     axes.set_yticks(range(size), list(wins.index))
     axes.set(xlabel="than this solver", ylabel="this solver is faster")
@@ -164,14 +158,9 @@ def _end_labels(axes: Axes, profile: pd.DataFrame, names: Sequence[str]) -> None
 
 def _separated(heights: FloatArray, distance: float) -> FloatArray:
     """Descending heights, moved down to be `distance` apart, and up again where that is below 0."""
-    moved = heights.copy()
-    for i in range(1, len(moved)):
-        moved[i] = min(moved[i], moved[i - 1] - distance)
-    if len(moved) and moved[-1] < 0:
-        moved[-1] = 0.0
-        for i in range(len(moved) - 2, -1, -1):
-            moved[i] = max(moved[i], moved[i + 1] + distance)
-    return moved
+    offsets = distance * np.arange(len(heights))
+    lowest = distance * (len(heights) - 1)
+    return np.asarray(np.maximum(np.minimum.accumulate(heights + offsets), lowest) - offsets)
 
 
 def _power(value: float, _: int) -> str:

@@ -15,7 +15,6 @@ from functools import cache, wraps
 from pathlib import Path
 from typing import Any, ParamSpec
 
-import numpy as np
 from matplotlib import rc_context, rc_params_from_file
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -23,6 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.legend import Legend
 from matplotlib.patheffects import withStroke
+from matplotlib.text import Annotation
 
 P = ParamSpec("P")
 
@@ -128,19 +128,15 @@ def themed(function: Callable[P, Figure]) -> Callable[P, Figure]:
     return draw
 
 
+@cache
 def settings(chosen: Theme) -> dict[Any, Any]:
     """Matplotlib's settings for a theme: casswarm.mplstyle with its numbers scaled."""
+    sheet = rc_params_from_file(Path(__file__).with_name("casswarm.mplstyle"), False, False)
     scaled_numbers = {
         key: value * chosen.line_scale if isinstance(value, float) else value
-        for key, value in _style_sheet().items()
+        for key, value in sheet.items()
     }
     return scaled_numbers | {"font.size": chosen.font_size, "legend.handlelength": 2.4}
-
-
-@cache
-def _style_sheet() -> dict[str, Any]:
-    path = Path(__file__).with_name("casswarm.mplstyle")
-    return {str(key): value for key, value in rc_params_from_file(path, False, False).items()}
 
 
 def scaled(size: float = 1.0) -> float:
@@ -237,9 +233,39 @@ def add_legend(fig: Figure, axes: Axes) -> Legend:
     return fig.legend(handles, labels, loc="outside lower center", ncols=max(1, fitting))
 
 
-def text_outline() -> list[withStroke]:
-    """Path effects that make small text readable on any background."""
-    return [withStroke(linewidth=scaled(1.8), foreground="white", alpha=0.85)]
+def marker(
+    shape: str, size: float, color: str = "white", edge: str = INK, edge_width: float = 1.0
+) -> dict[str, Any]:
+    """Arguments of ``Axes.plot`` for markers without a line; sizes are those on a page."""
+    return {
+        "linestyle": "",
+        "marker": shape,
+        "markersize": scaled(size),
+        "color": color,
+        "markeredgecolor": edge,
+        "markeredgewidth": scaled(edge_width),
+    }
+
+
+def add_label(
+    axes: Axes,
+    text: str,
+    point: Any,
+    offset: tuple[float, float],
+    outlined: bool = False,
+    **options: Any,
+) -> Annotation:
+    """Write small text at an offset, in points on a page, from a point.
+
+    An outline makes it readable on any background. `options` are those of ``Axes.annotate``.
+    """
+    if outlined:
+        outline = withStroke(linewidth=scaled(1.8), foreground="white", alpha=0.85)
+        options["path_effects"] = [outline]
+    place = (scaled(offset[0]), scaled(offset[1]))
+    return axes.annotate(
+        text, point, place, textcoords="offset points", fontsize="small", **options
+    )
 
 
 def despine(axes: Axes, grid: str = "y") -> None:
@@ -255,22 +281,14 @@ def despine(axes: Axes, grid: str = "y") -> None:
     axes.set_axisbelow(True)
 
 
-def format_value(value: object) -> str:
-    """Text of a parameter's value along an axis."""
-    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    return f"{value:g}" if number else str(value)
-
-
 def save(fig: Figure, path: Path | str, dpi: int = DPI) -> Path:
     """Write a figure at its own width, in the format of the file's suffix (png, pdf, svg, ...).
 
     The same figure gives the same file, byte for byte: no dates are written.
     """
     path = Path(path)
-    suffix = path.suffix.lower()
-    dates = {".pdf": "CreationDate", ".svg": "Date"}
-    metadata = {dates[suffix]: None} if suffix in dates else None
+    date = {".pdf": "CreationDate", ".svg": "Date"}.get(path.suffix.lower())
     # text as text, which journals ask for; identifiers in an SVG that do not change
     with rc_context({"pdf.fonttype": 42, "svg.hashsalt": "casswarm"}):
-        fig.savefig(path, dpi=dpi, metadata=metadata)
+        fig.savefig(path, dpi=dpi, metadata={date: None} if date else None)
     return path

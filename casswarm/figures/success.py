@@ -7,6 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..typing import FloatArray
 from .policy_styles import policy_styles
 from .style import (
     GREY,
@@ -38,14 +39,13 @@ def success_chart(table: pd.DataFrame, title: str = "") -> Figure:
     title : str
     """
     several = "scenario" in table
-    scenarios = list(dict.fromkeys(table["scenario"])) if several else [""]
+    scenarios = (table if several else table.assign(scenario="")).groupby("scenario", sort=False)
     policies = list(dict.fromkeys(map(str, table["policy"])))
     columns = min(len(scenarios), 2 if current_theme().narrow else 3)
     lines = len(policies) * (1.5 if several else 2.4) + 4
     aspect = current_theme().aspect_of(lines * -(-len(scenarios) // columns) + 3)
     fig, axes = panels(len(scenarios), columns, max(0.28, aspect), sharex=True, sharey=True)
-    for panel, scenario in zip(axes, scenarios, strict=True):
-        rows = table[table["scenario"] == scenario] if several else table
+    for panel, (scenario, rows) in zip(axes, scenarios, strict=True):
         _bars(panel, rows, policies, values=not several)
         heading = wrap(scenario, 0.85 / columns)
         if "bound" in rows:
@@ -66,28 +66,29 @@ def success_chart(table: pd.DataFrame, title: str = "") -> Figure:
 
 def _bars(axes: Axes, rows: pd.DataFrame, policies: list[str], values: bool) -> None:
     """Draw a bar and an interval per policy, with their values on the right if asked for."""
-    styles = policy_styles(policies)
-    for row in rows.to_dict("records"):
-        policy, low, high = str(row["policy"]), row["success_low"], row["success_high"]
-        success = row.get("success", low)
-        y = policies.index(policy)
-        axes.barh(y, success, height=0.6, color=styles[policy].color, alpha=0.85)
-        error = [[max(0.0, success - low)], [max(0.0, high - success)]]
-        size = 1.0 if values else 0.6
-        axes.errorbar(
-            success,
-            y,
-            xerr=error,
-            color=INK,
-            capsize=scaled(5 * size),
-            linewidth=scaled(1.3 * size),
-            zorder=4,
-        )
-        if values:
-            text = f"{success:.3f}" if "success" in row else _interval(low, high)
-            axes.annotate(
-                text, (1.01, y), xycoords=axes.get_yaxis_transform(), va="center", fontsize="small"
-            )
+    styles, names = policy_styles(policies), list(map(str, rows["policy"]))
+    simulated = "success" in rows
+    rows = rows if simulated else rows.assign(success=rows["success_low"])
+    success, error = with_errors(rows, "success")
+    y, size = [policies.index(name) for name in names], 1.0 if values else 0.6
+    axes.barh(y, success, height=0.6, color=[styles[name].color for name in names], alpha=0.85)
+    width, cap = scaled(1.3 * size), scaled(5 * size)
+    axes.errorbar(
+        success, y, xerr=error, fmt="none", ecolor=INK, linewidth=width, capsize=cap, zorder=4
+    )
+    if not values:
+        return
+    intervals = map(_interval, rows["success_low"], rows["success_high"])
+    texts = [f"{value:.3f}" for value in success] if simulated else intervals
+    place = axes.get_yaxis_transform()
+    for text, row in zip(texts, y, strict=True):
+        axes.annotate(text, (1.01, row), xycoords=place, va="center", fontsize="small")
+
+
+def with_errors(rows: pd.DataFrame, name: str) -> tuple[FloatArray, FloatArray]:
+    """Values of a column, and the lengths (2, ...) of error bars to NAME_low and to NAME_high."""
+    values, low, high = (rows[name + end].to_numpy(float) for end in ("", "_low", "_high"))
+    return values, np.maximum(0.0, [values - low, high - values])
 
 
 def _kind(table: pd.DataFrame) -> str:
@@ -115,14 +116,13 @@ def difference_chart(paired: pd.DataFrame, title: str = "") -> Figure:
     """
     fig, axes = single_panel(min(1.2, (0.9 + 0.32 * len(paired)) / 4))
     rows = np.arange(len(paired))[::-1]
-    difference = paired["difference"].to_numpy(float)
-    low, high = (paired[f"difference_{end}"].to_numpy(float) for end in ("low", "high"))
-    error = [np.maximum(0.0, difference - low), np.maximum(0.0, high - difference)]
+    difference, error = with_errors(paired, "difference")
     axes.axvline(0.0, color=INK, linewidth=scaled(0.8), zorder=1)
     axes.errorbar(difference, rows, xerr=error, fmt="o", color=INK, capsize=scaled(4), zorder=3)
     names = [f"{a} − {b}" for a, b in zip(paired["first"], paired["second"], strict=True)]
     axes.set_yticks(rows, names, fontsize="medium")
-    ends = np.array([min(-0.02, low.min()), max(0.02, high.max())])
+    lowest, highest = paired["difference_low"].min(), paired["difference_high"].max()
+    ends = np.array([min(-0.02, lowest), max(0.02, highest)])
     axes.set(xlim=ends + 0.08 * np.ptp(ends) * np.array([-1, 1]), ylim=(-0.7, len(paired) - 0.3))
     axes.set_xlabel("difference in success probability,\n95 % interval")
     add_title(fig, title, "paired by common random numbers")

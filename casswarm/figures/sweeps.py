@@ -1,4 +1,4 @@
-"""Sweeps: success over one parameter as lines, over two as heat maps."""
+"""Success over parameters: over one or MPC horizons as lines, over two as heat maps."""
 
 from __future__ import annotations
 
@@ -12,16 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .policy_styles import policy_styles
-from .style import (
-    add_title,
-    current_theme,
-    despine,
-    format_value,
-    panels,
-    scaled,
-    single_panel,
-    themed,
-)
+from .style import add_title, current_theme, despine, panels, scaled, single_panel, themed
+from .success import with_errors
 
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (6, 1.5, 1, 1.5)), (0, (1, 1)), (0, (3, 1)))
 
@@ -50,7 +42,7 @@ def sweep_lines(
     fig, axes = single_panel()
     styles = policy_styles(table["policy"])
     for policy, rows in valid.groupby("policy", sort=False):
-        success_line(axes, rows, key, order, styles[str(policy)].line | {"label": str(policy)})
+        _success_line(axes, rows, key, order, styles[str(policy)].line | {"label": str(policy)})
     _finish(axes, key, order)
     axes.set_ylabel("success probability")
     if len(valid):
@@ -75,17 +67,15 @@ def _panel_per_policy(
                 "color": colors[index],
                 "marker": "osD^vP"[index % 6],
                 "linestyle": _DASHES[index % len(_DASHES)],
-                "label": ", ".join(map(format_value, rows[others].iloc[0])),
+                "label": ", ".join(map(_text, rows[others].iloc[0])),
             }
-            success_line(panel, rows, key, order, style)
+            _success_line(panel, rows, key, order, style)
         _finish(panel, key, order)
         panel.set_title(str(policy))
         panel.label_outer()
     fig.supylabel("success probability", fontsize="medium")
-    handles, labels = axes[0].get_legend_handles_labels()
     fig.legend(
-        handles,
-        labels,
+        handles=axes[0].get_legend_handles_labels()[0],
         loc="outside lower center" if narrow else "outside right upper",
         title=", ".join(others),
         title_fontsize="small",
@@ -95,16 +85,14 @@ def _panel_per_policy(
     return fig
 
 
-def success_line(
+def _success_line(
     axes: Axes, rows: pd.DataFrame, key: str, order: list[Any], style: dict[str, Any]
 ) -> None:
     """Draw success over a parameter's values, with its interval as error bars."""
     numeric = _numeric(order)
     rows = rows.sort_values(key) if numeric else rows
     x = rows[key].to_numpy(float) if numeric else np.array([order.index(v) for v in rows[key]])
-    y = rows["success"].to_numpy(float)
-    low, high = rows["success_low"].to_numpy(float), rows["success_high"].to_numpy(float)
-    error = [np.maximum(0.0, y - low), np.maximum(0.0, high - y)]
+    y, error = with_errors(rows, "success")
     axes.errorbar(x, y, error, **style | ({} if numeric else {"linestyle": "none"}))
 
 
@@ -116,9 +104,15 @@ def _finish(axes: Axes, key: str, order: list[Any]) -> None:
             axes.set_xscale("log")
             axes.minorticks_off()
         if len(order) <= 8:
-            axes.set_xticks(order, [format_value(value) for value in order])
+            axes.set_xticks(order, [_text(value) for value in order])
     axes.set(xlabel=key, ylim=(0, 1.02))
     despine(axes)
+
+
+def _text(value: object) -> str:
+    """Text of a parameter's value along an axis."""
+    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    return f"{value:g}" if number else str(value)
 
 
 def _numeric(values: Sequence[Any]) -> bool:
@@ -154,11 +148,56 @@ def sweep_heat_map(table: pd.DataFrame, keys: Sequence[str], title: str = "") ->
             text = "×" if np.isnan(value) else f"{value:.2f}"
             color = "black" if np.isnan(value) or value > 0.55 else "white"
             panel.text(j, i, text, ha="center", va="center", fontsize=max(4.0, size), color=color)
-        panel.set_xticks(range(len(columns)), [format_value(value) for value in columns])
-        panel.set_yticks(range(len(rows)), [format_value(value) for value in rows])
+        panel.set_xticks(range(len(columns)), [_text(value) for value in columns])
+        panel.set_yticks(range(len(rows)), [_text(value) for value in rows])
         panel.set_title(str(policy))
         panel.set(xlabel=x, ylabel=y)
         panel.label_outer()
     fig.colorbar(image, ax=axes, label="success probability")
+    add_title(fig, title)
+    return fig
+
+
+@themed
+def mpc_chart(table: pd.DataFrame, title: str = "") -> Figure:
+    """Success (above) and infeasible member-steps (below) over the horizon, a column per scenario.
+
+    Parameters
+    ----------
+    table : DataFrame
+        With the columns scenario, policy, horizon, success, success_low, success_high and
+        infeasible (member-steps per run).
+    title : str
+    """
+    scenarios = list(dict.fromkeys(table["scenario"]))
+    horizons = sorted(set(table["horizon"]))
+    across = min(len(scenarios), 2 if current_theme().narrow else 3)
+    bands = -(-len(scenarios) // across)  # of two rows of panels each
+    aspect = 1.25 * bands / max(2, across) + 0.12
+    fig, axes = panels(2 * bands * across, across, aspect, sharex=True)
+    grid: Any = np.array(axes).reshape(bands, 2, across)
+    pairs = grid.swapaxes(1, 2).reshape(-1, 2)  # the panels of every scenario
+    for unused in pairs[len(scenarios) :].flat:
+        unused.set_visible(False)
+    styles = policy_styles(table["policy"])
+    for number, (scenario, (upper, lower)) in enumerate(zip(scenarios, pairs, strict=False)):
+        rows_here = table[table["scenario"] == scenario].sort_values("horizon")
+        for policy, rows in rows_here.groupby("policy", sort=False):
+            style = styles[str(policy)].line
+            _success_line(upper, rows, "horizon", horizons, style | {"label": str(policy)})
+            lower.plot(rows["horizon"].to_numpy(float), rows["infeasible"], **style)
+        upper.set(title=str(scenario), ylim=(-0.03, 1.03))
+        lower.set_ylim(bottom=0.0)
+        if number % across == 0:
+            upper.set_ylabel("success")
+            lower.set_ylabel("infeasible\nmember-steps")
+        if number + across >= len(scenarios):  # the lowest of its column
+            lower.tick_params(labelbottom=True)
+            lower.set_xlabel("MPC horizon")
+        for panel in (upper, lower):
+            panel.set_xticks(horizons, [_text(horizon) for horizon in horizons])
+            despine(panel)
+    handles = axes[0].get_legend_handles_labels()[0]
+    fig.legend(handles=handles, loc="outside lower center", ncols=min(3, len(handles)))
     add_title(fig, title)
     return fig

@@ -134,7 +134,7 @@ def test_success_chart_of_scenarios_has_panel_for_each() -> None:
         assert [to_hex(bar.get_facecolor()) for bar in panel.patches] == colors(
             "naive", "leader-mpc"
         )
-        ends = [lines.get_segments()[0][1, 0] for lines in panel.collections]
+        ends = [segment[1, 0] for lines in panel.collections for segment in lines.get_segments()]
         assert ends == pytest.approx(high)
     assert [label.get_text() for label in panels[0].get_yticklabels()] == ["naive", "leader-mpc-3"]
 
