@@ -8,16 +8,14 @@ from pathlib import Path
 import click
 
 from .common import WrongInput, reported_errors
-from .options import folder_argument, option, options, quiet_option, run_option
+from .options import SavedRunOptions, option, options, quiet_option
 from .output import progress_report, say
 
 
 @dataclass(frozen=True)
-class AnimationOptions:
+class AnimationOptions(SavedRunOptions):
     """Which run is animated, and how."""
 
-    folder: Path = folder_argument()
-    run: int = run_option()
     policy: str | None = option(
         "--policy",
         metavar="NAME",

@@ -11,7 +11,6 @@ from .common import load, named_policies, reported_errors
 from .options import (
     CommonOptions,
     ExactOptions,
-    FigureOptions,
     PolicyOptions,
     option,
     options,
@@ -44,7 +43,6 @@ class EstimateOptions:
 @options
 def evaluate(
     common: CommonOptions,
-    figures: FigureOptions,
     policies: PolicyOptions,
     exact: ExactOptions,
     sampling: EstimateOptions,
@@ -71,7 +69,7 @@ def evaluate(
         from ..studies.evaluation import estimate
         from ..studies.evaluation import evaluate as evaluate_exactly
 
-        folder = open_folder("evaluate", chosen, common.out, figures)
+        folder = open_folder("evaluate", chosen, common.out, common)
         guide = plan(chosen, certify=False, progress=progress)
         shared: dict[str, Any] = {**asdict(exact), "guide": guide, "solver": policies.solver}
         shared["progress"] = progress
@@ -99,30 +97,23 @@ def _write(
     inputs: dict[str, Any],
 ) -> dict[str, Any]:
     from ..results.catalogue import evaluation_figures
-    from ..studies.tables import (
-        arrival_table,
-        distribution_table,
-        estimate_table,
-        member_table,
-        population_table,
-        survivor_table,
-    )
+    from ..studies import tables
 
-    table = successes = distribution_table(distributions)
+    table = successes = tables.distribution_table(distributions)
     result: dict[str, Any] = {
         "distributions": table.to_dict("records"),
         "success_bound": bound.as_dict(),
     }
     if estimates:
-        successes = estimate_table(estimates)
+        successes = tables.estimate_table(estimates)
         folder.write_table("estimates", successes)
         result["estimates"] = successes.to_dict("records")
     folder.write_objects(distributions=distributions)
     folder.write_table("distributions", table)
-    folder.write_table("arrival", arrival_table(distributions))
-    folder.write_table("survivors", survivor_table(distributions))
-    folder.write_table("members", member_table(distributions))
-    folder.write_table("population", population_table(distributions))
+    folder.write_table("arrival", tables.arrival_table(distributions))
+    folder.write_table("survivors", tables.survivor_table(distributions))
+    folder.write_table("members", tables.member_table(distributions))
+    folder.write_table("population", tables.population_table(distributions))
     folder.write_figures(evaluation_figures(scenario, distributions, successes))
     return folder.write_record(result, inputs)
 

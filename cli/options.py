@@ -4,7 +4,7 @@ A command gets its arguments and options as records instead of as twenty paramet
 
     @click.command()
     @options
-    def command(common: CommonOptions, figures: FigureOptions) -> None: ...
+    def command(common: CommonOptions, policies: PolicyOptions) -> None: ...
 """
 
 from __future__ import annotations
@@ -64,21 +64,9 @@ def seed_option() -> Any:
     return option("--seed", type=click.IntRange(0), default=0, help="Random seed.")
 
 
-def run_option() -> Any:
-    """Field of the index of a saved run."""
-    return option(
-        "--run", type=click.IntRange(0), default=0, help="Index of the saved run to show."
-    )
-
-
 def quiet_option() -> Any:
     """Field of the switch that silences progress."""
     return option("--quiet", is_flag=True, help="Print no progress.")
-
-
-def folder_argument() -> Any:
-    """Field of the results folder that a command reads."""
-    return argument(type=click.Path(path_type=Path), metavar="DIR")
 
 
 @dataclass(frozen=True)
@@ -91,8 +79,8 @@ class OutputOptions:
 
 
 @dataclass(frozen=True)
-class CommonOptions(OutputOptions):
-    """The scenario, and options of every command on one."""
+class ScenarioOptions(OutputOptions):
+    """The scenario and its values."""
 
     scenario: str = argument()
     settings: tuple[str, ...] = option(
@@ -126,6 +114,21 @@ class FigureOptions:
         type=click.IntRange(30, 1200),
         default=200,
         help="Resolution of PNG figures, in dots per inch.",
+    )
+
+
+@dataclass(frozen=True)
+class CommonOptions(FigureOptions, ScenarioOptions):
+    """Options of every command on a scenario."""
+
+
+@dataclass(frozen=True)
+class SavedRunOptions:
+    """A results folder, and which of its runs is shown."""
+
+    folder: Path = argument(type=click.Path(path_type=Path), metavar="DIR")
+    run: int = option(
+        "--run", type=click.IntRange(0), default=0, help="Index of the saved run to show."
     )
 
 

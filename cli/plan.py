@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import WrongInput, load, reported_errors
-from .options import CommonOptions, FigureOptions, GuideOptions, option, options
+from .options import CommonOptions, GuideOptions, option, options
 from .output import open_folder, print_result, progress_report
 
 if TYPE_CHECKING:
@@ -64,9 +64,7 @@ class SolveOptions:
 
 @click.command()
 @options
-def plan(
-    common: CommonOptions, figures: FigureOptions, planning: PlanOptions, solving: SolveOptions
-) -> None:
+def plan(common: CommonOptions, planning: PlanOptions, solving: SolveOptions) -> None:
     """Plan the guide of a scenario.
 
     The guide is the path of least risk for a single agent, which the swarm follows. Writes
@@ -94,7 +92,7 @@ def plan(
         from ..planning.bounds import ValueFunction
         from ..planning.plan import plan as plan_guide
 
-        folder = open_folder("plan", chosen, common.out, figures)
+        folder = open_folder("plan", chosen, common.out, common)
         # first, since it may need too many nodes
         value = ValueFunction.from_scenario(chosen) if solving.with_map else None
         guide = plan_guide(
@@ -136,18 +134,13 @@ def _write(
     solver: str,
 ) -> dict[str, object]:
     from ..figures.base_map import extent
+    from ..planning import tables
     from ..planning.bounds import CostToGoMap
     from ..planning.kinematics import integrate
-    from ..planning.tables import (
-        candidate_table,
-        guide_comparison_table,
-        guide_table,
-        path_table,
-    )
     from ..results.catalogue import plan_figures
 
-    folder.write_table("guide", guide_table(guide))
-    folder.write_table("candidates", candidate_table(guide))
+    folder.write_table("guide", tables.guide_table(guide))
+    folder.write_table("candidates", tables.candidate_table(guide))
     paths = {
         f"{best.homotopy or 'path'} {number}": integrate(
             guide.positions[0], best.velocities, guide.dt
@@ -156,9 +149,9 @@ def _write(
     }
     guides = {} if baseline is None else {"projected gradient": guide, "global search": baseline}
     compared = {name: compared.positions for name, compared in guides.items()}
-    folder.write_table("paths", path_table({"path": paths, "baseline": compared}))
+    folder.write_table("paths", tables.path_table({"path": paths, "baseline": compared}))
     if guides:
-        folder.write_table("comparison", guide_comparison_table(guides))
+        folder.write_table("comparison", tables.guide_comparison_table(guides))
     objects: dict[str, Any] = {
         "guide": guide,
         "others": list(paths.values()),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import load, reported_errors
-from .options import CommonOptions, FigureOptions, option, options, seed_option
+from .options import CommonOptions, option, options, seed_option
 from .output import aligned_table, open_folder, print_result, progress_report, say
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class SwarmPlanOptions:
 
 @click.command("plan-swarm")
 @options
-def plan_swarm(common: CommonOptions, figures: FigureOptions, planning: SwarmPlanOptions) -> None:
+def plan_swarm(common: CommonOptions, planning: SwarmPlanOptions) -> None:
     """Plan the paths of all members jointly.
 
     Finds the open-loop plan of greatest success. Prints the plan's success probability and a bound
@@ -67,18 +67,9 @@ def plan_swarm(common: CommonOptions, figures: FigureOptions, planning: SwarmPla
         from ..policies import JointPolicy
         from ..studies.evaluation import estimate
 
-        folder = open_folder("plan-swarm", chosen, common.out, figures)
+        folder = open_folder("plan-swarm", chosen, common.out, common)
         guide = plan(chosen, certify=False, progress=progress)  # for the initial velocities
-        swarm_plan = plan_all(
-            chosen,
-            planning.objective,
-            planning.solver,
-            seed=planning.seed,
-            min_distance=planning.min_distance,
-            time_limit=planning.time_limit,
-            guide=guide,
-            progress=progress,
-        )
+        swarm_plan = plan_all(chosen, **asdict(planning), guide=guide, progress=progress)
         sampled = None
         if swarm_plan.distribution is None:
             say(f"simulating: {_RUNS} runs", common.quiet)

@@ -8,24 +8,14 @@ from pathlib import Path
 import click
 
 from .common import reported_errors
-from .options import (
-    FigureOptions,
-    folder_argument,
-    option,
-    options,
-    out_option,
-    quiet_option,
-    run_option,
-)
+from .options import FigureOptions, SavedRunOptions, option, options, out_option, quiet_option
 from .output import open_folder, say
 
 
 @dataclass(frozen=True)
-class PlotOptions:
+class PlotOptions(SavedRunOptions):
     """Which figures are drawn, and where."""
 
-    folder: Path = folder_argument()
-    run: int = run_option()
     names: tuple[str, ...] = option(
         "--figure",
         multiple=True,

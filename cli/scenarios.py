@@ -64,25 +64,18 @@ def new(path: Path, source: str, force: bool) -> None:
 def check(sources: tuple[str, ...]) -> None:
     """Check every SCENARIO, and print its size."""
     from ..errors import ScenarioError
-    from ..scenario import Scenario, load_scenario
-
-    def facts(source: str, scenario: Scenario) -> tuple[str, ...]:
-        radars = len(scenario.hazard.radar_positions)
-        return (
-            source,
-            "valid",
-            f"{scenario.n} members",
-            f"{radars} radars",
-            f"{scenario.n_steps} steps",
-            str(scenario.hazard_table.kind),
-        )
+    from ..scenario import load_scenario
 
     valid, wrong = [], []
     for source in sources:
         try:
-            valid.append(facts(source, load_scenario(source)))
+            scenario = load_scenario(source)
         except ScenarioError as error:
             wrong.append(str(error))
+            continue
+        radars = len(scenario.hazard.radar_positions)
+        size = (f"{scenario.n} members", f"{radars} radars", f"{scenario.n_steps} steps")
+        valid.append((source, "valid", *size, str(scenario.hazard_table.kind)))
     if valid:
         click.echo(aligned(valid))
     if wrong:

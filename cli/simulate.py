@@ -10,7 +10,6 @@ import click
 from .common import WrongInput, executor, load, named_policies, reported_errors
 from .options import (
     CommonOptions,
-    FigureOptions,
     GuideOptions,
     PolicyOptions,
     StudyOptions,
@@ -53,7 +52,6 @@ class SimulateOptions:
 @options
 def simulate(
     common: CommonOptions,
-    figures: FigureOptions,
     policies: PolicyOptions,
     sampling: SimulateOptions,
     execution: StudyOptions,
@@ -90,7 +88,7 @@ def simulate(
         from ..studies.simulation import runs_needed
         from ..studies.simulation import simulate as run_study
 
-        folder = open_folder("simulate", chosen, common.out, figures)
+        folder = open_folder("simulate", chosen, common.out, common)
         guide = plan(chosen, progress=progress)
         chosen_policies = named_policies(policies.policies)
         shared: dict[str, Any] = {"guide": guide, "solver": policies.solver}

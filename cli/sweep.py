@@ -13,7 +13,6 @@ from .common import Failure, WrongInput, executor, named_policies, reported_erro
 from .options import (
     CommonOptions,
     ExactOptions,
-    FigureOptions,
     PolicyOptions,
     StudyOptions,
     option,
@@ -59,7 +58,6 @@ class MethodOptions:
 @options
 def sweep(
     common: GridOptions,
-    figures: FigureOptions,
     policies: PolicyOptions,
     method: MethodOptions,
     accuracy: ExactOptions,
@@ -94,15 +92,14 @@ def sweep(
         chosen = load_scenario(common.scenario)
         from ..studies.sweep import sweep as run_sweep
 
-        folder = open_folder("sweep", chosen, common.out, figures)
+        folder = open_folder("sweep", chosen, common.out, common)
+        settings: dict[str, Any] = {"runs": method.runs, "seed": method.seed, **asdict(accuracy)}
+        settings["solver"] = policies.solver
         result = run_sweep(
             chosen,
             grid,
             named_policies(policies.policies),
-            runs=method.runs,
-            seed=method.seed,
-            **asdict(accuracy),
-            solver=policies.solver,
+            **settings,
             workers=workers,
             checkpoint=folder.path,
             if_exists=execution.if_exists,
@@ -111,10 +108,7 @@ def sweep(
         inputs = {
             "settings": grid,
             "policies": list(dict.fromkeys(result.table["policy"])),
-            "runs": method.runs,
-            "seed": method.seed,
-            **asdict(accuracy),
-            "solver": policies.solver,
+            **settings,
             "workers": execution.workers,
         }
         content = _write(folder, result, inputs)

@@ -83,7 +83,9 @@ def done_jobs(jobs: Sequence[Callable[[], T]], workers: Workers) -> Iterator[tup
         try:
             yield from _gathered(workers, dict(enumerate(jobs)))
         except Exception as error:
-            if not _is_executor_error(error):
+            # not a job's error, but one of the executor: the standard library's or Dask's
+            from_dask = type(error).__module__.partition(".")[0] == "distributed"
+            if not (from_dask or isinstance(error, BrokenExecutor | CancelledError)):
                 raise
             raise WorkerError(f"the executor lost its workers: {error or type(error)}") from error
     elif workers == 1:
@@ -123,12 +125,6 @@ def _gathered(pool: SubmitsJobs, jobs: dict[int, Callable[[], T]]) -> Iterator[t
             future.cancel()
 
 
-def _is_executor_error(error: Exception) -> bool:
-    """Whether an executor failed, and not a job: an error of the standard library or of Dask."""
-    from_dask = type(error).__module__.partition(".")[0] == "distributed"
-    return from_dask or isinstance(error, BrokenExecutor | CancelledError)
-
-
 def _call(job: Callable[[], T]) -> T:
     with _ONE_AT_A_TIME:
         return job()
@@ -140,7 +136,10 @@ def _in_processes(jobs: Sequence[Callable[[], T]], workers: int) -> Iterator[tup
         raise PolicyError(f"a worker process cannot have workers of its own: {_GUARD}")
     unfinished, fruitless = dict(enumerate(jobs)), 0
     while unfinished:
-        pool = _pool(min(workers, len(unfinished)))
+        # spawned: the threads of CasADi and of Ipopt's linear solver do not survive a fork
+        pool = ProcessPoolExecutor(
+            min(workers, len(unfinished)), get_context("spawn"), initializer=begin_child
+        )
         try:
             for index, result in _gathered(pool, dict(unfinished)):
                 del unfinished[index]
@@ -158,11 +157,6 @@ def _in_processes(jobs: Sequence[Callable[[], T]], workers: int) -> Iterator[tup
             raise
         else:
             pool.shutdown()
-
-
-def _pool(workers: int) -> ProcessPoolExecutor:
-    # spawned, not forked: CasADi and Ipopt's linear solver do not survive a fork of their threads
-    return ProcessPoolExecutor(workers, get_context("spawn"), initializer=begin_child)
 
 
 def _terminate(pool: ProcessPoolExecutor) -> None:
