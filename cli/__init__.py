@@ -1,6 +1,7 @@
 """Command line: commands parse options, call the library, and write and print results.
 
-Command modules import the library inside their functions, so that ``--help`` is quick.
+Command modules use the library's public names, which are imported when they are first used, and
+import its other modules inside their functions, so that ``--help`` is quick.
 """
 
 from __future__ import annotations

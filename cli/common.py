@@ -8,14 +8,14 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from .options import CommonOptions, StudyOptions
+import casswarm as csw
 
-if TYPE_CHECKING:
-    from ..scenario import Scenario
+from ..errors import CasswarmError, FolderError, PlanningError, PolicyError, WorkerError
+from .options import CommonOptions, StudyOptions
 
 
 class Failure(click.ClickException):
@@ -37,8 +37,6 @@ RESUME = "; finished work is saved: free some space, then continue with --resume
 @contextmanager
 def reported_errors(resumes: bool = False) -> Iterator[None]:
     """Turn the library's errors into messages and exit codes; studies may be resumed."""
-    from ..errors import CasswarmError, FolderError, PlanningError, WorkerError
-
     try:
         yield
     except KeyboardInterrupt as error:
@@ -57,16 +55,14 @@ def reported_errors(resumes: bool = False) -> Iterator[None]:
         raise Failure(f"{error}{RESUME if resumes else ''}") from error
 
 
-def load(common: CommonOptions, values: Mapping[str, Any] | None = None) -> Scenario:
+def load(common: CommonOptions, values: Mapping[str, Any] | None = None) -> csw.Scenario:
     """The scenario, with the values of ``--set`` and of other options.
 
     `values` are by dotted key; None leaves the scenario's value.
     """
-    from ..scenario import load_scenario
-
     changes = dict(map(_setting, common.settings))
     changes |= {key: value for key, value in (values or {}).items() if value is not None}
-    scenario = load_scenario(common.scenario)
+    scenario = csw.load_scenario(common.scenario)
     return scenario.with_values(changes) if changes else scenario
 
 
@@ -91,9 +87,6 @@ def named_policies(names: tuple[str, ...]) -> list[Any]:
 
 
 def _imported(name: str) -> Any:
-    from ..errors import PolicyError
-    from ..policies import as_policy
-
     module, _, attribute = name.partition(":")
     if "" not in sys.path and str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))
@@ -101,7 +94,7 @@ def _imported(name: str) -> Any:
         policy = getattr(import_module(module), attribute)
     except (ImportError, AttributeError, ValueError) as error:
         raise PolicyError(f"policy {name!r} cannot be imported: {error}", policy=name) from error
-    return as_policy(policy, attribute)
+    return csw.as_policy(policy, attribute)
 
 
 @contextmanager

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import casswarm as csw
+
 from .common import Failure, reported_errors
 from .options import FigureOptions, OutputOptions, option, options, out_option, seed_option
 from .output import aligned_table, open_folder, print_result, progress_report
@@ -15,7 +17,6 @@ from .output import aligned_table, open_folder, print_result, progress_report
 if TYPE_CHECKING:
     import pandas as pd
 
-    from ..comparison import Comparison
     from ..results.folder import ResultsFolder
 
 
@@ -81,11 +82,10 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: FigureOpt
     """
     with reported_errors(), progress_report(output.quiet) as progress:
         from ..comparison import DEFAULT
-        from ..comparison import compare as run
 
         folder = open_folder("compare", None, output.out, figures)
         try:
-            comparison = run(
+            comparison = csw.compare(
                 selection.families or DEFAULT,
                 selection.solvers or None,
                 problems=selection.problems,
@@ -104,7 +104,7 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: FigureOpt
     print_result(folder, content, _text(comparison.summary), output)
 
 
-def _write(folder: ResultsFolder, comparison: Comparison) -> dict[str, Any]:
+def _write(folder: ResultsFolder, comparison: csw.Comparison) -> dict[str, Any]:
     from ..comparison.report import make_report
     from ..figures import theme
     from ..results.catalogue import drawn_figures

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import casswarm as csw
+
 from .common import load, named_policies, reported_errors
 from .options import (
     CommonOptions,
@@ -19,11 +21,7 @@ from .options import (
 from .output import aligned_table, open_folder, print_result, progress_report, say
 
 if TYPE_CHECKING:
-    from ..chain.distribution import OutcomeDistribution
-    from ..chain.stratified import Estimate
-    from ..planning.bounds import SuccessBound
     from ..results.folder import ResultsFolder
-    from ..scenario import Scenario
 
 
 @dataclass(frozen=True)
@@ -64,24 +62,21 @@ def evaluate(
     """
     with reported_errors(), progress_report(common.quiet) as progress:
         chosen = load(common)
-        from ..planning.bounds.success_bound import success_bound
-        from ..planning.plan import plan
-        from ..studies.evaluation import estimate
-        from ..studies.evaluation import evaluate as evaluate_exactly
-
         folder = open_folder("evaluate", chosen, common.out, common)
-        guide = plan(chosen, certify=False, progress=progress)
+        guide = csw.plan(chosen, certify=False, progress=progress)
         shared: dict[str, Any] = {**asdict(exact), "guide": guide, "solver": policies.solver}
         shared["progress"] = progress
         distributions, estimates = [], []
         for policy in named_policies(policies.policies):
             say(f"evaluating {getattr(policy, 'name', policy)}", common.quiet)
             if sampling.runs is None:
-                distributions.append(evaluate_exactly(chosen, policy, **shared))
+                distributions.append(csw.evaluate(chosen, policy, **shared))
             else:
-                estimates.append(estimate(chosen, policy, sampling.runs, sampling.seed, **shared))
+                estimates.append(
+                    csw.estimate(chosen, policy, sampling.runs, sampling.seed, **shared)
+                )
                 distributions.append(estimates[-1].enumerated)
-        bound = success_bound(chosen)
+        bound = csw.success_bound(chosen)
         inputs = {**asdict(exact), **asdict(sampling), "solver": policies.solver}
         content = _write(folder, chosen, distributions, estimates, bound, inputs)
     text = "\n".join(map(str, estimates)) if estimates else _text(chosen, distributions)
@@ -90,10 +85,10 @@ def evaluate(
 
 def _write(
     folder: ResultsFolder,
-    scenario: Scenario,
-    distributions: list[OutcomeDistribution],
-    estimates: list[Estimate],
-    bound: SuccessBound,
+    scenario: csw.Scenario,
+    distributions: list[csw.OutcomeDistribution],
+    estimates: list[csw.Estimate],
+    bound: csw.SuccessBound,
     inputs: dict[str, Any],
 ) -> dict[str, Any]:
     from ..results.catalogue import evaluation_figures
@@ -118,7 +113,7 @@ def _write(
     return folder.write_record(result, inputs)
 
 
-def _text(scenario: Scenario, distributions: list[OutcomeDistribution]) -> str:
+def _text(scenario: csw.Scenario, distributions: list[csw.OutcomeDistribution]) -> str:
     rows = [
         {
             "policy": distribution.policy,

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import casswarm as csw
+
 from .._util.documents import json_text
 from .options import FigureOptions, OutputOptions
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
-    from ..scenario import Scenario
-    from ..typing import Progress
 
 
 _BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
@@ -40,7 +40,7 @@ def aligned_table(rows: Sequence[Mapping[Any, str]]) -> str:
 
 
 @contextmanager
-def progress_report(quiet: bool) -> Iterator[Progress | None]:
+def progress_report(quiet: bool) -> Iterator[csw.Progress | None]:
     """Report progress on standard error: with a bar where a total is known, else with a line.
 
     Yields None where nothing should be reported. Bars are drawn on terminals only.
@@ -72,7 +72,7 @@ def say(text: str, quiet: bool = False) -> None:
 
 
 def open_folder(
-    command: str, scenario: Scenario | None, out: Path | None, figures: FigureOptions
+    command: str, scenario: csw.Scenario | None, out: Path | None, figures: FigureOptions
 ) -> ResultsFolder:
     """Folder for the results of a command, with figures as the options ask for them."""
     from ..results.folder import FigureFormat, ResultsFolder

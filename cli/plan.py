@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import click
+
+import casswarm as csw
 
 from .common import WrongInput, load, reported_errors
 from .options import CommonOptions, GuideOptions, option, options
 from .output import open_folder, print_result, progress_report
 
 if TYPE_CHECKING:
-    from ..planning.bounds import ValueFunction
-    from ..planning.guide import Guide
     from ..results.folder import ResultsFolder
-    from ..scenario import Scenario
 
 _MAX_CLASSES = 6  # that are printed; candidates.csv has them all
 
@@ -89,13 +89,10 @@ def plan(common: CommonOptions, planning: PlanOptions, solving: SolveOptions) ->
         )
     with reported_errors(), progress_report(common.quiet) as progress:
         chosen = load(common, planning.values)
-        from ..planning.bounds import ValueFunction
-        from ..planning.plan import plan as plan_guide
-
         folder = open_folder("plan", chosen, common.out, common)
         # first, since it may need too many nodes
-        value = ValueFunction.from_scenario(chosen) if solving.with_map else None
-        guide = plan_guide(
+        value = csw.ValueFunction.from_scenario(chosen) if solving.with_map else None
+        guide = csw.plan(
             chosen,
             solving.solver,
             certify=solving.certify,
@@ -108,12 +105,8 @@ def plan(common: CommonOptions, planning: PlanOptions, solving: SolveOptions) ->
     print_result(folder, content, _text(chosen, guide, baseline), common)
 
 
-def _globally_planned(scenario: Scenario, guide: Guide) -> Guide:
+def _globally_planned(scenario: csw.Scenario, guide: csw.Guide) -> csw.Guide:
     """Global search for the guide of the paper's form: no a_max, no margin, any arrival step."""
-    from dataclasses import replace
-
-    from ..planning.plan import plan as plan_guide
-
     relaxed = scenario.with_values(
         {
             "guide.acceleration_limited": False,
@@ -121,16 +114,16 @@ def _globally_planned(scenario: Scenario, guide: Guide) -> Guide:
             "guide.arrival": "any",
         }
     )
-    baseline = plan_guide(relaxed, search="global", certify=False)
+    baseline = csw.plan(relaxed, search="global", certify=False)
     return replace(baseline, risk_bound=guide.risk_bound, certificate=guide.certificate)
 
 
 def _write(
     folder: ResultsFolder,
-    scenario: Scenario,
-    guide: Guide,
-    baseline: Guide | None,
-    value: ValueFunction | None,
+    scenario: csw.Scenario,
+    guide: csw.Guide,
+    baseline: csw.Guide | None,
+    value: csw.ValueFunction | None,
     solver: str,
 ) -> dict[str, object]:
     from ..figures.base_map import extent
@@ -180,9 +173,7 @@ def _write(
     return folder.write_record(result, {"solver": solver})
 
 
-def _text(scenario: Scenario, guide: Guide, baseline: Guide | None) -> str:
-    from collections import Counter
-
+def _text(scenario: csw.Scenario, guide: csw.Guide, baseline: csw.Guide | None) -> str:
     counts = Counter(str(candidate.solution.status) for candidate in guide.candidates)
     radars = len(scenario.hazard.radar_positions)
     lines = [
@@ -209,7 +200,7 @@ def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def _homotopy_classes(guide: Guide) -> list[str]:
+def _homotopy_classes(guide: csw.Guide) -> list[str]:
     """The best path of every homotopy class, unless there is only one class."""
     paths = guide.best_per_homotopy_class()
     if len(paths) < 2 or not paths[0].homotopy:
@@ -226,7 +217,7 @@ def _homotopy_classes(guide: Guide) -> list[str]:
     return lines
 
 
-def _uncertified(scenario: Scenario) -> list[str]:
+def _uncertified(scenario: csw.Scenario) -> list[str]:
     """What a bound would need, where a user's hazard does not have it."""
     start = scenario.guide_start
     if scenario.hazard.single_agent_lower_bound(start, start) is not None:
@@ -237,7 +228,7 @@ def _uncertified(scenario: Scenario) -> list[str]:
     ]
 
 
-def _gap(guide: Guide) -> list[str]:
+def _gap(guide: csw.Guide) -> list[str]:
     """The gap to the bound, and what it consists of."""
     certificate = guide.certificate
     if certificate is None or guide.gap is None:

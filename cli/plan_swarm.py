@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import casswarm as csw
+
 from .common import load, reported_errors
 from .options import CommonOptions, option, options, seed_option
 from .output import aligned_table, open_folder, print_result, progress_report, say
 
 if TYPE_CHECKING:
-    from ..chain.stratified import Estimate
-    from ..planning.joint import SwarmPlan
     from ..results.folder import ResultsFolder
-    from ..scenario import Scenario
 
 _RUNS = 2000  # that estimate the success of a swarm too large for an exact distribution
 
@@ -62,28 +61,27 @@ def plan_swarm(common: CommonOptions, planning: SwarmPlanOptions) -> None:
     """
     with reported_errors(), progress_report(common.quiet) as progress:
         chosen = load(common)
-        from ..planning.joint import plan_swarm as plan_all
-        from ..planning.plan import plan
         from ..policies import JointPolicy
-        from ..studies.evaluation import estimate
 
         folder = open_folder("plan-swarm", chosen, common.out, common)
-        guide = plan(chosen, certify=False, progress=progress)  # for the initial velocities
-        swarm_plan = plan_all(chosen, **asdict(planning), guide=guide, progress=progress)
+        guide = csw.plan(chosen, certify=False, progress=progress)  # for the initial velocities
+        swarm_plan = csw.plan_swarm(chosen, **asdict(planning), guide=guide, progress=progress)
         sampled = None
         if swarm_plan.distribution is None:
             say(f"simulating: {_RUNS} runs", common.quiet)
             policy = JointPolicy.from_plan(swarm_plan)
-            sampled = estimate(chosen, policy, _RUNS, planning.seed, tolerance=1e-4, guide=guide)
+            sampled = csw.estimate(
+                chosen, policy, _RUNS, planning.seed, tolerance=1e-4, guide=guide
+            )
         content = _write(folder, chosen, swarm_plan, sampled, asdict(planning))
     print_result(folder, content, _text(chosen, swarm_plan, sampled), common)
 
 
 def _write(
     folder: ResultsFolder,
-    scenario: Scenario,
-    plan: SwarmPlan,
-    sampled: Estimate | None,
+    scenario: csw.Scenario,
+    plan: csw.SwarmPlan,
+    sampled: csw.Estimate | None,
     inputs: dict[str, Any],
 ) -> dict[str, Any]:
     from ..planning.tables import joint_table, outcome_table
@@ -123,7 +121,7 @@ def _write(
     return folder.write_record(result, inputs)
 
 
-def _labels(plan: SwarmPlan, sampled: Estimate | None) -> tuple[str, str]:
+def _labels(plan: csw.SwarmPlan, sampled: csw.Estimate | None) -> tuple[str, str]:
     """Success and its bound as the figure's title shows them."""
     if sampled is not None:
         low, high = sampled.success
@@ -135,7 +133,7 @@ def _labels(plan: SwarmPlan, sampled: Estimate | None) -> tuple[str, str]:
     return success, str(plan.bound) if certified else ""
 
 
-def _text(scenario: Scenario, plan: SwarmPlan, sampled: Estimate | None) -> str:
+def _text(scenario: csw.Scenario, plan: csw.SwarmPlan, sampled: csw.Estimate | None) -> str:
     lines = [
         f"{scenario.name}: {scenario.n} members, {scenario.n_steps} steps of {scenario.time.dt:g}",
         str(plan),

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from .._util.text import did_you_mean
+from ..errors import CheckpointError
 from .common import reported_errors
 from .options import FigureOptions, SavedRunOptions, option, options, out_option, quiet_option
 from .output import open_folder, say
@@ -43,8 +45,6 @@ def plot(selection: PlotOptions, figures: FigureOptions) -> None:
       casswarm plot results/compare --width slide --out slides
     """
     with reported_errors():
-        from .._util.text import did_you_mean
-        from ..errors import CheckpointError
         from ..figures import theme
         from ..results.folder import ResultsFolder
 

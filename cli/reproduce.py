@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from .._util.text import did_you_mean
 from .common import WrongInput, reported_errors
 from .options import FigureOptions, OutputOptions, option, options, out_option, seed_option
 from .output import aligned_table, open_folder, print_result, say
@@ -61,7 +62,6 @@ def reproduce(output: ReproduceOutput, selection: ReproduceOptions, figures: Fig
     """
     with reported_errors():
         folder = open_folder("reproduce", None, output.out, figures)
-        from .._util.text import did_you_mean
         from ..reproduction import page
         from ..reproduction import reproduce as run
         from ..reproduction.reproduce import DRAWN, TABLES

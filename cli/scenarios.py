@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+import casswarm as csw
+
 from .common import WrongInput, reported_errors
 from .output import aligned
 
@@ -18,9 +20,7 @@ def scenarios() -> None:
 @scenarios.command("list")
 def list_() -> None:
     """List the built-in scenarios."""
-    from ..scenario import builtin_scenarios
-
-    for name, description in builtin_scenarios().items():
+    for name, description in csw.builtin_scenarios().items():
         click.echo(f"{name:14s} {description}")
 
 
@@ -28,10 +28,8 @@ def list_() -> None:
 @click.argument("scenario")
 def show(scenario: str) -> None:
     """Print SCENARIO as a TOML file."""
-    from ..scenario import load_scenario
-
     with reported_errors():
-        click.echo(load_scenario(scenario).to_toml(), nl=False)
+        click.echo(csw.load_scenario(scenario).to_toml(), nl=False)
 
 
 @scenarios.command()
@@ -49,13 +47,11 @@ def new(path: Path, source: str, force: bool) -> None:
       casswarm scenarios check mine.toml
       casswarm simulate mine.toml
     """
-    from ..scenario import load_scenario, save_scenario
-
     if path.exists() and not force:
         raise WrongInput(f"{path} exists; choose another name, or overwrite it with --force")
     with reported_errors():
         values = {"name": path.stem, "description": f"copied from {source}"}
-        save_scenario(load_scenario(source).with_values(values), path, comments=True)
+        csw.save_scenario(csw.load_scenario(source).with_values(values), path, comments=True)
     click.echo(f"wrote {path}; edit it, then: casswarm scenarios check {path}")
 
 
@@ -63,14 +59,11 @@ def new(path: Path, source: str, force: bool) -> None:
 @click.argument("sources", nargs=-1, required=True, metavar="SCENARIO...")
 def check(sources: tuple[str, ...]) -> None:
     """Check every SCENARIO, and print its size."""
-    from ..errors import ScenarioError
-    from ..scenario import load_scenario
-
     valid, wrong = [], []
     for source in sources:
         try:
-            scenario = load_scenario(source)
-        except ScenarioError as error:
+            scenario = csw.load_scenario(source)
+        except csw.ScenarioError as error:
             wrong.append(str(error))
             continue
         radars = len(scenario.hazard.radar_positions)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import casswarm as csw
+
 from .common import WrongInput, executor, load, named_policies, reported_errors
 from .options import (
     CommonOptions,
@@ -20,9 +22,7 @@ from .options import (
 from .output import aligned_table, open_folder, print_result, progress_report, say
 
 if TYPE_CHECKING:
-    from ..planning.bounds import SuccessBound
     from ..results.folder import ResultsFolder
-    from ..studies.simulation import Study
 
 
 @dataclass(frozen=True)
@@ -83,22 +83,17 @@ def simulate(
         executor(execution) as workers,
     ):
         chosen = load(common, planning.values)
-        from ..planning.bounds.success_bound import success_bound
-        from ..planning.plan import plan
-        from ..studies.simulation import runs_needed
-        from ..studies.simulation import simulate as run_study
-
         folder = open_folder("simulate", chosen, common.out, common)
-        guide = plan(chosen, progress=progress)
+        guide = csw.plan(chosen, progress=progress)
         chosen_policies = named_policies(policies.policies)
         shared: dict[str, Any] = {"guide": guide, "solver": policies.solver}
         runs = sampling.runs or 1000
         if sampling.half_width is not None:
-            runs = runs_needed(
+            runs = csw.runs_needed(
                 chosen, chosen_policies, sampling.half_width, sampling.seed, **shared
             )
             say(f"pilot study: {runs} runs per policy needed", common.quiet)
-        study = run_study(
+        study = csw.simulate(
             chosen,
             chosen_policies,
             runs,
@@ -119,7 +114,7 @@ def simulate(
             "workers": execution.workers,
             "solver": policies.solver,
         }
-        bound = success_bound(chosen)
+        bound = csw.success_bound(chosen)
         content = _write(folder, study, bound, inputs)
         if sampling.report:
             _report(folder, common.quiet)
@@ -127,7 +122,7 @@ def simulate(
 
 
 def _write(
-    folder: ResultsFolder, study: Study, bound: SuccessBound, inputs: dict[str, Any]
+    folder: ResultsFolder, study: csw.Study, bound: csw.SuccessBound, inputs: dict[str, Any]
 ) -> dict[str, Any]:
     from ..planning.tables import guide_table
     from ..results.catalogue import simulation_figures
@@ -169,7 +164,7 @@ def _report(folder: ResultsFolder, quiet: bool) -> None:
     folder.extend_record()
 
 
-def _text(study: Study) -> str:
+def _text(study: csw.Study) -> str:
     from ..studies.tables import paired_texts, summary_texts
 
     lines = [

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import casswarm as csw
+
 from .common import Failure, WrongInput, executor, named_policies, reported_errors
 from .options import (
     CommonOptions,
@@ -23,7 +25,6 @@ from .output import aligned, open_folder, print_result, progress_report
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
-    from ..studies.sweep import Sweep
 
 
 @dataclass(frozen=True)
@@ -87,15 +88,11 @@ def sweep(
         progress_report(common.quiet) as progress,
         executor(execution) as workers,
     ):
-        from ..scenario import load_scenario
-
-        chosen = load_scenario(common.scenario)
-        from ..studies.sweep import sweep as run_sweep
-
+        chosen = csw.load_scenario(common.scenario)
         folder = open_folder("sweep", chosen, common.out, common)
         settings: dict[str, Any] = {"runs": method.runs, "seed": method.seed, **asdict(accuracy)}
         settings["solver"] = policies.solver
-        result = run_sweep(
+        result = csw.sweep(
             chosen,
             grid,
             named_policies(policies.policies),
@@ -167,7 +164,7 @@ def _range(text: str, parts: list[str]) -> list[Any]:
     return [int(value) for value in values] if whole else values
 
 
-def _write(folder: ResultsFolder, result: Sweep, inputs: dict[str, Any]) -> dict[str, Any]:
+def _write(folder: ResultsFolder, result: csw.Sweep, inputs: dict[str, Any]) -> dict[str, Any]:
     from ..results.catalogue import sweep_figures
 
     folder.write_table("sweep", result.table)
@@ -179,7 +176,7 @@ def _write(folder: ResultsFolder, result: Sweep, inputs: dict[str, Any]) -> dict
     )
 
 
-def _text(result: Sweep) -> str:
+def _text(result: csw.Sweep) -> str:
     sampled = bool(result.table["method"].eq("sampled").all())
     probability = ("success", "95 % interval") if sampled else ("success, bounds",)
     header = (*result.keys, "policy", *probability, "survivors")
