@@ -122,7 +122,7 @@ def flight(hazard: csw.Hazard, policy: str, n: int) -> list[Measured]:
             Measured(
                 build,
                 statistics.median(run.seconds for run in runs) / copies,
-                int(runs[0].counts[0, 1]) + 1,  # and one to verify
+                int(runs[0].results.counts[0, 1]) + 1,  # and one to verify
                 gradient_seconds(found.x[0], problem),
                 bool(found.success[0]),
                 bool(found.used_fallback[0]),

@@ -52,25 +52,16 @@ def inverse_squares_below(
     """
     squared_cap = cap_radius(spacing) ** 2
     total = np.zeros((len(east), len(north)))
-    for radar, strength in zip(radars, strengths, strict=True):
-        distances = [
-            np.abs(nodes - center) for nodes, center in zip((east, north), radar, strict=True)
-        ]
-        at, near, far = (
-            [column[:, None] ** 2, row**2]
-            for column, row in (
-                distances,
-                [np.maximum(a - spacing, 0.0) for a in distances],
-                [a + spacing for a in distances],
-            )
-        )
-        value = np.maximum(at[0] + at[1], squared_cap)
-        np.divide(strength, value, out=value)
-        total += value
-        curved = np.maximum(6 * far[0] - 2 * near[1], 0.0)
-        curved += np.maximum(6 * far[1] - 2 * near[0], 0.0)
-        nearest = near[0] + near[1]
-        nearest[far[0] + far[1] <= squared_cap] = np.inf
+    for (x_radar, y_radar), strength in zip(radars, strengths, strict=True):
+        x, y = np.abs(east - x_radar)[:, None], np.abs(north - y_radar)
+        x_near, y_near = (np.maximum(a - spacing, 0.0) ** 2 for a in (x, y))
+        x_far, y_far = ((a + spacing) ** 2 for a in (x, y))
+        value = np.maximum(x**2 + y**2, squared_cap)
+        total += np.divide(strength, value, out=value)
+        curved = np.maximum(6 * x_far - 2 * y_near, 0.0)
+        curved += np.maximum(6 * y_far - 2 * x_near, 0.0)
+        nearest = x_near + y_near
+        nearest[x_far + y_far <= squared_cap] = np.inf
         curved *= strength * spacing**2 / 8
         total -= np.divide(curved, nearest**3, out=curved)
     return total

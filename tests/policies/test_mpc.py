@@ -30,8 +30,8 @@ def paths_of(problem: Formation, data: Step) -> Array:
     rows = np.flatnonzero(problem.free.any(axis=1))
     found = problem.instances.x0.copy()
     run = InteriorPoint().run_batch(problem.nlp, problem.instances[rows])
-    assert run.verified[:, 2].max(initial=0.0) <= 1e-6
-    found[rows] = run.x
+    assert run.results.verified[:, 2].max(initial=0.0) <= 1e-6
+    found[rows] = run.results.x
     return found.reshape(batch, data.horizon, n, 2)
 
 

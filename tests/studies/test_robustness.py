@@ -60,7 +60,7 @@ class Hasty(SpectralProjectedGradient):
 
     def run_batch(self, nlp, instances):
         run = SpectralProjectedGradient(max_iter=1).run_batch(nlp, instances)
-        run.outcome[:] = CONVERGED
+        run.results.outcome[:] = CONVERGED
         return run
 
 

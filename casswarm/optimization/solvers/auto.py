@@ -79,7 +79,7 @@ class Auto(Solver):
 
     def _accepted(self, run: BatchRun) -> BatchSolution:
         """The answers of the batch, a success where the residuals are small."""
-        return run.solution(run.verified[:, 2] <= self.stationarity)
+        return run.solution(run.results.verified[:, 2] <= self.stationarity)
 
 
 def _restarted(instances: Instances, x: FloatArray) -> Instances:

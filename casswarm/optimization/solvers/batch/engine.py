@@ -63,40 +63,38 @@ class Results(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BatchRun:
-    """The answers of one batch: `Results` with x as (B, nx), and the time it took."""
+    """The answers of one batch: results with x as (B, nx), and the time they took."""
 
-    x: FloatArray
-    verified: FloatArray
-    outcome: IntArray
-    counts: IntArray
+    results: Results
     seconds: float
 
     def solution(self, success: BoolArray) -> BatchSolution:
         """The answers as arrays; one that violates its constraints is never a success."""
-        objective, violation, stationarity = self.verified.T
+        objective, violation, stationarity = self.results.verified.T
         return BatchSolution(
-            x=self.x,
+            x=self.results.x,
             objective=objective,
             success=success & (violation <= VIOLATION),
             violation=violation,
             stationarity=stationarity,
-            used_fallback=np.zeros(len(self.x), bool),
+            used_fallback=np.zeros(len(success), bool),
             seconds=self.seconds,
-            messages=np.full(len(self.x), "", dtype=object),
+            messages=np.full(len(success), "", dtype=object),
         )
 
     def answers(self) -> list[Answer]:
         """The answers one by one."""
+        x, _, outcome, counts = self.results
         return [
             Answer(
-                self.x[i],
-                *_MESSAGES[int(self.outcome[i])],
-                iterations=int(self.counts[i, 0]),
-                evaluations=int(self.counts[i, 1]),
-                seconds=self.seconds / len(self.x),
+                x[i],
+                *_MESSAGES[int(outcome[i])],
+                iterations=int(counts[i, 0]),
+                evaluations=int(counts[i, 1]),
+                seconds=self.seconds / len(x),
                 multipliers=self.multipliers(i),
             )
-            for i in range(len(self.x))
+            for i in range(len(x))
         ]
 
     def multipliers(self, i: int) -> tuple[FloatArray, FloatArray] | None:  # noqa: ARG002
@@ -128,7 +126,7 @@ class BatchSolver(Solver):
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
         """Solve every instance; residuals are recomputed from the problem, in its scale."""
         run = self.run_batch(nlp, instances)
-        return run.solution(run.outcome == CONVERGED)
+        return run.solution(run.results.outcome == CONVERGED)
 
 
 def execute(

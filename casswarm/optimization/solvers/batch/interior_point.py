@@ -14,14 +14,7 @@ from ...feasible_sets.trajectory import TrajectorySets
 from ...problem import Instances, Nlp
 from ..base import Capabilities
 from ..options import Allowed, PositiveFinite, PositiveInt
-from .engine import (
-    BatchRun,
-    BatchSolver,
-    Results,
-    execute,
-    perturbations,
-    scale_of,
-)
+from .engine import BatchRun, BatchSolver, Results, execute, perturbations, scale_of
 
 _SPREAD = 1.0  # standard deviation of starts, in largest changes of velocity
 _PER_THREAD = 32  # instances that are worth a thread
@@ -97,16 +90,8 @@ class InteriorPoint(BatchSolver):
         arguments = nlp.compiled.evaluate, data, options, multipliers
         seconds = execute(minimise_batch, arguments, results, _PER_THREAD)
         results.verified[:, 1] *= data.scale[:, 0]
-        return InteriorPointRun(
-            x=results.x.reshape(batch, -1),
-            verified=results.verified,
-            outcome=results.outcome,
-            counts=results.counts,
-            seconds=seconds,
-            nlp=nlp,
-            instances=instances,
-            slack_multipliers=multipliers,
-        )
+        results = results._replace(x=results.x.reshape(batch, -1))
+        return InteriorPointRun(results, seconds, nlp, instances, multipliers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +104,7 @@ class InteriorPointRun(BatchRun):
 
     def multipliers(self, i: int) -> tuple[FloatArray, FloatArray]:
         """Multipliers of the bounds and of g, from those of the slacks."""
-        sets, p = self.instances.feasible_set, self.instances.p[i]
+        sets, x, p = self.instances.feasible_set, self.results.x[i], self.instances.p[i]
         assert isinstance(sets, TrajectorySets)
         z, (_, steps, n) = self.slack_multipliers[i], sets.shape
         speed, value = scale_of(self.instances)[i]
@@ -131,8 +116,8 @@ class InteriorPointRun(BatchRun):
             "corridor": z[..., 5] * value / (speed * self._dt(p)) ** 2,
         }
         lam_g = np.concatenate([rows[name].ravel() for name in self.nlp.constraints])
-        gradient = np.asarray(self.nlp.gradient(self.x[i], p)[1]).ravel()
-        lagrangian = gradient + np.asarray(self.nlp.jacobian(self.x[i], p)).T @ lam_g
+        gradient = np.asarray(self.nlp.gradient(x, p)[1]).ravel()
+        lagrangian = gradient + np.asarray(self.nlp.jacobian(x, p)).T @ lam_g
         lam_x = np.zeros((steps, n, 2))
         lam_x[0] = box[0]
         free = sets.free[i][None, :, None]

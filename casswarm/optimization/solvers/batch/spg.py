@@ -87,7 +87,7 @@ class SpectralProjectedGradient(BatchSolver):
         arguments = nlp.compiled.evaluate, data, self.tolerance, limit
         results = Results.empty((batch, size))
         seconds = execute(minimise_batch, arguments, results, _PER_THREAD)
-        return BatchRun(*results, seconds=seconds)
+        return BatchRun(results, seconds)
 
 
 def _starts(instances: Instances, number: int) -> FloatArray:

@@ -82,35 +82,28 @@ def projected_step(
 
 
 @kernel
-def residual_bounds(
-    direction: FloatArray, step_sizes: FloatArray, metric: float
-) -> tuple[float, float]:
-    """Bounds on the longest member of P(x - metric gradient) - x, from that of `step_sizes`.
+def converged(x: FloatArray, problem: Problem, work: Workspace, tolerance: float) -> bool:
+    """Whether no member of P(x - metric gradient) - x is longer than the tolerance.
 
-    The length of a member's part grows with its step size, and falls when divided by it.
+    The length of a member's part grows with its step size, and falls when divided by it: these
+    bounds from `direction`, which has the spectral step sizes, mostly suffice.
     """
+    direction, step_sizes = work.vectors[DIRECTION], work.step_sizes
+    metric = problem.scale[0] * problem.scale[0] / problem.scale[1]
+    limit: float = tolerance * problem.scale[0]
     low, high = 0.0, 0.0
-    for i in range(direction.size // 2):
+    for i in range(step_sizes.size):
         dx, dy = direction[2 * i], direction[2 * i + 1]
         square, ratio = dx * dx + dy * dy, metric / step_sizes[i]
         low = max(low, square * min(1.0, ratio * ratio))
         high = max(high, square * max(1.0, ratio * ratio))
-    return math.sqrt(low), math.sqrt(high)
-
-
-@kernel
-def converged(x: FloatArray, problem: Problem, work: Workspace, tolerance: float) -> bool:
-    """Whether P(x - metric gradient) - x is small; the bounds of `direction` mostly suffice."""
-    metric = problem.scale[0] * problem.scale[0] / problem.scale[1]
-    limit: float = tolerance * problem.scale[0]
-    low, high = residual_bounds(work.vectors[DIRECTION], work.step_sizes, metric)
-    if high <= limit:
+    if math.sqrt(high) <= limit:
         return True
-    if low > limit:
+    if math.sqrt(low) > limit:
         return False
-    step_sizes, residual = work.vectors[TRIAL_GRADIENT, : x.size // 2], work.vectors[TRIAL]
-    step_sizes[:] = metric
-    projected_step(x, work.vectors[GRADIENT], step_sizes, problem.sets, residual)
+    equal, residual = work.vectors[TRIAL_GRADIENT, : step_sizes.size], work.vectors[TRIAL]
+    equal[:] = metric
+    projected_step(x, work.vectors[GRADIENT], equal, problem.sets, residual)
     return longest_displacement(residual) <= limit
 
 
@@ -218,22 +211,13 @@ def minimise(
 
 
 @kernel
-def stationarity(x: FloatArray, problem: Problem, work: Workspace) -> float:
-    """Largest component of x - P(x - gradient) in units of x and f; NaN where not finite."""
-    gradient, residual = work.vectors[GRADIENT], work.vectors[DIRECTION]
-    unit: float = problem.scale[0]
-    for c in range(x.size):
-        if not math.isfinite(gradient[c]):
-            return math.nan  # which a projection onto a box would hide
-    work.step_sizes[:] = problem.scale[0] * problem.scale[0] / problem.scale[1]
-    projected_step(x, gradient, work.step_sizes, problem.sets, residual)
-    return largest_component(residual) / unit
-
-
-@kernel
 def verify(x: FloatArray, problem: Problem, work: Workspace) -> tuple[float, float, float]:
-    """Objective, violation and stationarity of a point, recomputed from the problem alone."""
-    f = evaluate(problem, x, work.vectors[GRADIENT])
+    """Objective, violation and stationarity of a point, recomputed from the problem alone.
+
+    Stationarity is the largest component of x - P(x - gradient) in units of x and f.
+    """
+    gradient, residual, scale = work.vectors[GRADIENT], work.vectors[DIRECTION], problem.scale
+    f = evaluate(problem, x, gradient)
     largest = 0.0
     for i in range(problem.sets.shape[0]):
         distance = violation(x[2 * i], x[2 * i + 1], problem.sets, i)
@@ -241,7 +225,12 @@ def verify(x: FloatArray, problem: Problem, work: Workspace) -> tuple[float, flo
             largest = distance
     if not (math.isfinite(f) and math.isfinite(largest)):
         return f, math.inf, math.nan
-    return f, largest, stationarity(x, problem, work)
+    for c in range(x.size):
+        if not math.isfinite(gradient[c]):
+            return f, largest, math.nan  # which a projection onto a box would hide
+    work.step_sizes[:] = scale[0] * scale[0] / scale[1]
+    projected_step(x, gradient, work.step_sizes, problem.sets, residual)
+    return f, largest, largest_component(residual) / scale[0]
 
 
 @allocating_kernel
