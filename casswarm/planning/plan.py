@@ -100,8 +100,8 @@ def plan(
         solver_options=solver_options,
         progress=progress,
     )
-    if check:
-        _require_arrival(guide)
+    if check and not guide.arrives:
+        raise _no_arrival(guide)
     if not (certify and guide.arrives):
         return guide
     if progress is not None:
@@ -172,12 +172,10 @@ def _checked_search(search: str | None, scenario: Scenario, solver: Solver) -> s
     return search or scenario.guide.search
 
 
-def _require_arrival(guide: Guide) -> None:
-    if guide.arrives:
-        return
+def _no_arrival(guide: Guide) -> PlanningError:
     outcomes = Counter(str(c.solution.status) for c in guide.candidates)
     counts = ", ".join(f"{count} {status}" for status, count in outcomes.items())
-    raise PlanningError(
+    return PlanningError(
         f"no guide found: of {len(guide.candidates)} solves ({counts}) none arrives in the target. "
         "Try a larger a_max or t_f, a smaller guide.margin, or acceleration_limited = false; "
         "check=False returns the best failure",

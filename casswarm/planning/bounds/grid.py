@@ -78,6 +78,11 @@ class Relaxation:
             dt=scenario.time.dt,
         )
 
+    @property
+    def bounded(self) -> bool:
+        """Whether the hazard provides lower bounds of its rates."""
+        return self.hazard.single_agent_lower_bound(self.start, self.start) is not None
+
     def reachable(self, positions: FloatArray, steps: int) -> BoolArray:
         """Whether the target can be reached from positions (..., 2) in `steps` steps."""
         distance = remaining_distance(positions, self.center, steps * self.step)

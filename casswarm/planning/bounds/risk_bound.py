@@ -113,16 +113,15 @@ def certify_guide(
     The bound is compared with the best known path without acceleration limits and margin: the
     guide itself, or what Ipopt reaches from the best homotopy classes.
     """
-    hazard, start = scenario.hazard, scenario.guide_start
-    if hazard.single_agent_lower_bound(start, start) is None:
-        return None
     task = Relaxation.from_scenario(scenario)
+    if not task.bounded:
+        return None
     paths = [guide.positions]
     limited = np.isfinite(scenario.guide_a_max) or scenario.swarm.velocity != "guide"
     smaller_target = scenario.arrival_margin > 1e-5 * task.radius
     if limited or smaller_target or guide.search != "global":
         paths += _relaxed_paths(scenario, task)
-    risks = [task.dt * float(hazard.single_agent_rates(path[1:]).sum()) for path in paths]
+    risks = [task.dt * float(task.rates(path[1:]).sum()) for path in paths]
     best = int(np.argmin(risks))
     multiplier = arrival_multiplier(task, paths[best])
     return certify(task, risks[best], multiplier, gap=gap, time_limit=time_limit)

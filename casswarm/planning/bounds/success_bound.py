@@ -122,15 +122,14 @@ def success_bound(scenario: Scenario, max_nodes: int = MAX_NODES) -> SuccessBoun
 
 @lru_cache(maxsize=64)
 def _bound(scenario: Scenario, max_nodes: int) -> SuccessBound:
-    hazard = scenario.hazard
-    phi, start = hazard.least_rate(scenario.n), scenario.guide_start
-    if phi is None or hazard.single_agent_lower_bound(start, start) is None:
+    task = Relaxation.from_scenario(scenario)
+    task = replace(task, least=task.hazard.least_rate(scenario.n))
+    if task.least is None or not task.bounded:
         reason = (
-            f"{type(hazard).__name__} does not provide the least rate of a member among "
+            f"{type(task.hazard).__name__} does not provide the least rate of a member among "
             f"{scenario.n}; Saturation and SaturationCollision do"
         )
         return SuccessBound(0.0, (0.0,) * scenario.n, reason)
-    task = replace(Relaxation.from_scenario(scenario), least=phi)
     risks = lowest_risks(task, scenario.positions, max_nodes)
     failure = _ROUND_DOWN * float(np.prod(-np.expm1(-risks)))
     return SuccessBound(failure, tuple(risks.tolist()))

@@ -74,14 +74,10 @@ class ValueFunction:
         while node_count(task, 1, 2 * reach, ANYWHERE) <= max_nodes:
             reach *= 2
         grid = Grid.full(task, 1, reach, ANYWHERE)
-        bounded = (
-            certified
-            and scenario.hazard.single_agent_lower_bound(task.center, task.center) is not None
-        )
         return cls(
             grid,
             costs_to_go(StageCosts(grid, certified=False, inside=True)),
-            costs_to_go(StageCosts(grid)) if bounded else None,
+            costs_to_go(StageCosts(grid)) if certified and task.bounded else None,
         )
 
     def bounds(self, step: int, positions: ArrayLike) -> tuple[FloatArray, FloatArray]:
