@@ -21,8 +21,7 @@ from .._util.jit import contiguous
 from ..policies.base import Policy
 from ..typing import BoolArray, FloatArray, Progress
 from .distribution import OutcomeDistribution
-from .frontier import Frontier
-from .states import States
+from .states import Frontier, States
 from .transition import Transition, transition
 
 if TYPE_CHECKING:
@@ -223,12 +222,12 @@ class StateSpaceExpansion:
         )
         first, population = 0, self.population[step + 1]
         while first < len(states):
-            arrival, survivors = np.zeros(1), np.zeros(n + 1)
-            totals = state_kernels.Totals(arrival, population, survivors, self.members, pruned)
-            first, filled = state_kernels.split(
+            survivors = np.zeros(n + 1)
+            totals = state_kernels.Totals(population, survivors, self.members, pruned)
+            first, filled, arrival = state_kernels.split(
                 first, data, cutoff, self.options.max_pruned_fraction, outcomes, totals
             )
-            self.arrival[step + 1] += arrival[0]
+            self.arrival[step + 1] += arrival
             self.survivors += survivors
             self.ended[step + 1] += survivors
             origin, alive = outcomes.parents[:filled], outcomes.survived[:filled].copy()

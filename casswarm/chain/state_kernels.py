@@ -42,8 +42,6 @@ class Totals(NamedTuple):
 
     Parameters
     ----------
-    arrival : (1,)
-        Mass of the runs that arrive.
     population : (n+1,)
         Mass of the outcomes with k survivors.
     survivors : (n+1,)
@@ -54,7 +52,6 @@ class Totals(NamedTuple):
         Mass that was pruned from every state; -1 where the state was not split.
     """
 
-    arrival: FloatArray
     population: FloatArray
     survivors: FloatArray
     members: FloatArray
@@ -171,8 +168,8 @@ def split(
     max_pruned_fraction: float,
     outcomes: Outcomes,
     totals: Totals,
-) -> tuple[int, int]:
-    """Split the states from `first` on by survivors: (the next state, outcomes in the buffer).
+) -> tuple[int, int, float]:
+    """Split states from `first` on by survivors: (next state, outcomes stored, mass arrived).
 
     Outcomes in which the run goes on are written to the buffer until it is full; absorbed runs are
     added to `totals`. Outcomes are enumerated depth first over the living members, and pruned where
@@ -188,27 +185,27 @@ def split(
         np.zeros(n, np.bool_),
         np.empty((3, n + 1)),
     )
-    filled = 0
+    filled, arrival = 0, 0.0
     for state in range(first, step.weights.size):
         start, living = filled, 0
         for i in range(n):
             living += step.alive[state, i]
         # a state that may not fit is left for the next call, whose buffer is empty
         if start > 0 and capacity - start < min(1 << min(living, 20), capacity // 4):
-            return state, start
+            return state, start, arrival
         filled, arrived, pruned = enumerate_outcomes(step, state, cutoff, outcomes, filled, search)
         if pruned > max_pruned_fraction * step.weights[state]:
             totals.pruned[state] = -1.0
             filled = start
             continue
         totals.pruned[state] = pruned
-        totals.arrival[0] += arrived
+        arrival += arrived
         for i in range(n + 1):
             totals.population[i] += search.counts[0, i]
             totals.survivors[i] += search.counts[1, i]
             if i < n:
                 totals.members[i] += search.counts[2, i]
-    return step.weights.size, filled
+    return step.weights.size, filled, arrival
 
 
 @kernel

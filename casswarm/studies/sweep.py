@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
+import time
 import tomllib
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.metadata import version
 from itertools import product
 from pathlib import Path
@@ -16,16 +19,33 @@ import numpy as np
 import pandas as pd
 
 from .._util.parallel import Workers, checked_workers, done_jobs, require_sendable
-from ..errors import ScenarioError
-from ..scenario.variations import DERIVED
+from ..errors import CasswarmError, ScenarioError
+from ..planning.guide import Guide
+from ..planning.plan import plan
+from ..policies.base import Policy
+from ..scenario.variations import DERIVED, with_parameters
 from ..typing import Progress
 from .checkpoint import Checkpoint, IfExists
-from .policy_list import policy_list
-from .simulation import PAPER_POLICIES
-from .sweep_points import SweepOptions, SweepPoint
+from .evaluation import evaluate
+from .policy_list import policy_list, policy_name
+from .simulation import PAPER_POLICIES, simulate
+from .tables import distribution_table
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
+
+MEASURES = (
+    "success_low",
+    "success_high",
+    "success",
+    "survivors_mean",
+    "survivors_mean_low",
+    "survivors_mean_high",
+    "infeasible_mean",
+    "solver_failures_mean",
+    "guide_survival",
+)
+"""Numbers of a sweep point; those that do not apply are missing."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -120,8 +140,12 @@ def sweep(
     checked_workers(workers)
     settings = {key: _python_numbers(values) for key, values in settings.items()}
     _require_known(scenario, settings)
-    runs = None if runs is None else int(runs)
-    options = SweepOptions(runs, int(seed), tolerance, max_states, aggregation_tol, solver)
+    options: dict[str, Any] = {"solver": solver}
+    if runs is None:
+        options |= {"tolerance": tolerance, "max_states": max_states}
+        options["aggregation_tol"] = aggregation_tol
+    else:
+        options |= {"runs": int(runs), "seed": int(seed)}
     listed = policy_list(policies)
     points = [
         SweepPoint(scenario, dict(zip(settings, values, strict=True)), policy, options)
@@ -132,14 +156,22 @@ def sweep(
     with ExitStack() as stack:
         store = None
         if checkpoint is not None:
-            inputs = _inputs(scenario, settings, [point.policy_name for point in points], options)
+            inputs = {
+                "study": "sweep",
+                "scenario": tomllib.loads(scenario.to_toml()),
+                "settings": settings,
+                "keys": list(settings),  # their order is that of the sweep points
+                "policies": list(map(policy_name, listed)),
+                "options": options,
+                "casswarm": version("casswarm"),
+            }
             store = stack.enter_context(Checkpoint(checkpoint, inputs, if_exists))
             saved = {k: store.load_json(_record_name(k)) for k in range(len(points))}
             # sweep points that failed are computed again
             results = {k: r for k, r in saved.items() if r and r["columns"]["status"] == "ok"}
         missing = [index for index in range(len(points)) if index not in results]
         if workers != 1 and missing:
-            require_sendable({point.policy_name: point for point in points})
+            require_sendable({policy_name(point.policy): point for point in points})
         for job, result in done_jobs([points[index] for index in missing], workers):
             results[missing[job]] = result
             if store is not None:
@@ -177,22 +209,67 @@ def _require_known(scenario: Scenario, settings: Mapping[str, Sequence[Any]]) ->
                 raise ScenarioError(f"{error}{hint}") from error
 
 
-def _inputs(
-    scenario: Scenario,
-    settings: Mapping[str, Sequence[Any]],
-    policies: list[str],
-    options: SweepOptions,
-) -> dict[str, Any]:
-    return {
-        "study": "sweep",
-        "scenario": tomllib.loads(scenario.to_toml()),
-        "settings": {key: json.loads(json.dumps(list(values))) for key, values in settings.items()},
-        "keys": list(settings),  # their order is that of the sweep points
-        "policies": list(dict.fromkeys(policies)),
-        "options": vars(options),
-        "casswarm": version("casswarm"),
-    }
-
-
 def _record_name(index: int) -> str:
     return f"point-{index:06d}"
+
+
+@dataclass(frozen=True)
+class SweepPoint:
+    """A combination of parameter values and a policy, as a job for a worker.
+
+    `options` are arguments of `simulate` if they have `runs`, else of `evaluate`. Errors that the
+    inputs cause become part of the result.
+    """
+
+    scenario: Scenario
+    values: Mapping[str, Any]
+    policy: str | Policy
+    options: Mapping[str, Any]
+
+    def identity(self) -> dict[str, Any]:
+        """Columns that identify the point."""
+        shown = {
+            key: json.dumps(value) if isinstance(value, (list, tuple, dict)) else value
+            for key, value in self.values.items()
+        }
+        return {**shown, "policy": policy_name(self.policy)}
+
+    def __call__(self) -> dict[str, Any]:
+        """Compute the point: its other columns, and the seconds that it took."""
+        started = time.perf_counter()
+        sampled = "runs" in self.options
+        row: dict[str, Any] = {"method": "sampled" if sampled else "exact"}
+        row |= dict.fromkeys(MEASURES, math.nan)
+        row |= {"runs": None, "successes": None, "states": None, "reason": ""}
+        try:
+            scenario = with_parameters(self.scenario, self.values)
+            guide = _guide(scenario)
+            row["guide_survival"] = float(guide.survival)
+            row |= self._sampled(scenario, guide) if sampled else self._exact(scenario, guide)
+            row["status"] = "ok"
+        except (CasswarmError, ValueError, ArithmeticError, RuntimeError, MemoryError) as error:
+            row |= {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
+        return {"columns": row, "seconds": time.perf_counter() - started}
+
+    def _exact(self, scenario: Scenario, guide: Guide) -> dict[str, Any]:
+        distribution = evaluate(scenario, self.policy, guide=guide, **self.options)
+        row = distribution_table([distribution]).to_dict("records")[0]
+        return {name: row[name] for name in (*MEASURES, "states") if name in row} | {
+            "success": distribution.success.midpoint,
+            "survivors_mean": distribution.survivors_mean.midpoint,
+            "reason": distribution.advice,  # empty if the bounds are as narrow as requested
+        }
+
+    def _sampled(self, scenario: Scenario, guide: Guide) -> dict[str, Any]:
+        study = simulate(scenario, self.policy, guide=guide, save_trajectories=0, **self.options)
+        row = study.summary.to_dict("records")[0]
+        same = ("success_low", "success_high", "success", "survivors_mean", "runs", "successes")
+        return {name: row[name] for name in same} | {
+            f"{name}_mean": row[name] / row["runs"] for name in ("infeasible", "solver_failures")
+        }
+
+
+@lru_cache(maxsize=32)
+def _guide(scenario: Scenario) -> Guide:
+    """Guide of a scenario, planned once for all policies."""
+    return plan(scenario, certify=False)

@@ -28,20 +28,17 @@ def trajectory_table(trajectories: Mapping[str, Sequence[RunTrajectory]]) -> pd.
         for run, trajectory in enumerate(saved):
             steps, members = trajectory.alive.shape
             leaders = np.append(trajectory.leaders, -1)
-            parts.append(
-                pd.DataFrame(
-                    {
-                        "policy": policy,
-                        "run": run,
-                        "step": np.repeat(np.arange(steps), members),
-                        "member": np.tile(np.arange(members), steps),
-                        "x": trajectory.positions[..., 0].ravel(),
-                        "y": trajectory.positions[..., 1].ravel(),
-                        "alive": trajectory.alive.ravel(),
-                        "leads": (leaders[:, None] == np.arange(members)).ravel(),
-                    }
-                )
-            )
+            columns = {
+                "policy": policy,
+                "run": run,
+                "step": np.repeat(np.arange(steps), members),
+                "member": np.tile(np.arange(members), steps),
+                "x": trajectory.positions[..., 0].ravel(),
+                "y": trajectory.positions[..., 1].ravel(),
+                "alive": trajectory.alive.ravel(),
+                "leads": (leaders[:, None] == np.arange(members)).ravel(),
+            }
+            parts.append(pd.DataFrame(columns))
     return pd.concat(parts, ignore_index=True)
 
 
