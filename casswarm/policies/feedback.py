@@ -94,23 +94,19 @@ class FeedbackPolicy(Policy):
         states, inverse = np.unique(
             np.hstack([positions, previous_velocities]), axis=0, return_inverse=True
         )
-        points, risks = np.empty((len(states), 2)), np.empty(len(states))
+        positions, previous_velocities = states[:, :2], states[:, 2:]
+        straight = self.motion.toward(positions, previous_velocities, self.value.grid.task.center)
+        points, least = positions + self.motion.dt * straight, np.empty(len(states))
         for begin in range(0, len(states), _CHUNK):
             chunk = slice(begin, begin + _CHUNK)
-            points[chunk], risks[chunk] = self._best(step, states[chunk, :2], states[chunk, 2:])
+            paths = self._manoeuvres(step, positions[chunk], previous_velocities[chunk])
+            risks = self._risks(step, paths)
+            best, rows = risks.argmin(axis=1), np.arange(len(risks))
+            least[chunk] = risks[rows, best]
+            known = np.isfinite(least[chunk])[:, None]
+            points[chunk] = np.where(known, paths[0, rows, best], points[chunk])
         inverse = inverse.reshape(-1)
-        return points[inverse], risks[inverse]
-
-    def _best(
-        self, step: int, positions: FloatArray, previous_velocities: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        paths = self._manoeuvres(step, positions, previous_velocities)
-        risks = self._risks(step, paths)
-        best, rows = risks.argmin(axis=1), np.arange(len(positions))
-        least = risks[rows, best]
-        straight = self.motion.toward(positions, previous_velocities, self.value.grid.task.center)
-        ahead = positions + self.motion.dt * straight
-        return np.where(np.isfinite(least)[:, None], paths[0, rows, best], ahead), least
+        return points[inverse], least[inverse]
 
     def _manoeuvres(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -22,7 +22,6 @@ from ..chain.trajectories import RunTrajectory
 from ..optimization.solvers import Solver
 from ..planning.guide import Guide
 from ..planning.plan import initial_velocities, plan
-from ..policies.base import Policy
 from ..typing import Progress
 from .batches import missing_batches, saved_results, simulate_batches
 from .checkpoint import Checkpoint, IfExists
@@ -176,8 +175,17 @@ def simulate(
     with ExitStack() as stack:
         store = None
         if checkpoint is not None:
-            label = f"{solver} {dict(solver_options)}" if solver_options else str(solver)
-            inputs = _inputs(chain, guide, chosen, runs, save_trajectories, label)
+            inputs = {
+                "study": "simulate",
+                "scenario": tomllib.loads(scenario.to_toml()),
+                "guide": hashlib.sha256(guide.positions.tobytes()).hexdigest(),
+                "policies": [policy.name for policy in chosen],
+                "runs": int(runs),
+                "save_trajectories": int(save_trajectories),
+                "seed": int(seed),
+                "solver": f"{solver} {dict(solver_options)}" if solver_options else str(solver),
+                "casswarm": version("casswarm"),
+            }
             store = stack.enter_context(Checkpoint(checkpoint, inputs, if_exists))
         results = saved_results(store, chosen, runs)
         batches = missing_batches(chain, chosen, results, runs, save_trajectories, workers)
@@ -187,28 +195,6 @@ def simulate(
         if store is not None:
             store.finish()
         return _study(scenario, guide, seed, results)
-
-
-def _inputs(
-    chain: Chain,
-    guide: Guide,
-    policies: Sequence[Policy],
-    runs: int,
-    save_trajectories: int,
-    solver: str,
-) -> dict[str, Any]:
-    """All that determines a study, for its checkpoint."""
-    return {
-        "study": "simulate",
-        "scenario": tomllib.loads(chain.scenario.to_toml()),
-        "guide": hashlib.sha256(guide.positions.tobytes()).hexdigest(),
-        "policies": [policy.name for policy in policies],
-        "runs": int(runs),
-        "save_trajectories": int(save_trajectories),
-        "seed": int(chain.seed),
-        "solver": solver,
-        "casswarm": version("casswarm"),
-    }
 
 
 def _study(scenario: Scenario, guide: Guide, seed: int, results: Mapping[str, list[Runs]]) -> Study:

@@ -152,6 +152,7 @@ def sweep(
         for values in product(*settings.values())
         for policy in listed
     ]
+    names = [f"point-{index:06d}" for index in range(len(points))]  # of checkpoint records
     results: dict[int, dict[str, Any]] = {}
     with ExitStack() as stack:
         store = None
@@ -166,7 +167,7 @@ def sweep(
                 "casswarm": version("casswarm"),
             }
             store = stack.enter_context(Checkpoint(checkpoint, inputs, if_exists))
-            saved = {k: store.load_json(_record_name(k)) for k in range(len(points))}
+            saved = {k: store.load_json(name) for k, name in enumerate(names)}
             # sweep points that failed are computed again
             results = {k: r for k, r in saved.items() if r and r["columns"]["status"] == "ok"}
         missing = [index for index in range(len(points)) if index not in results]
@@ -175,7 +176,7 @@ def sweep(
         for job, result in done_jobs([points[index] for index in missing], workers):
             results[missing[job]] = result
             if store is not None:
-                store.save_json(_record_name(missing[job]), result)
+                store.save_json(names[missing[job]], result)
             if progress is not None:
                 progress("sweep points", len(results), len(points))
         if store is not None:
@@ -207,10 +208,6 @@ def _require_known(scenario: Scenario, settings: Mapping[str, Sequence[Any]]) ->
             if "no such key" in str(error):
                 hint = f"; beyond its keys there are {' and '.join(DERIVED)}"
                 raise ScenarioError(f"{error}{hint}") from error
-
-
-def _record_name(index: int) -> str:
-    return f"point-{index:06d}"
 
 
 @dataclass(frozen=True)
