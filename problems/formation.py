@@ -83,8 +83,7 @@ def formation_nlp(hazard: Hazard, n: int, corridor: bool, horizon: int = 1) -> N
         parameters=parameters,
         objective=sum(ca.dot(weights, hazard.expression(x, alive)) for x in positions),
         constraints=constraints,
-        # up to these sizes, scalar expressions are faster
-        unroll=horizon * n <= (8 if horizon == 1 else 24),
+        unroll=horizon * n <= (8 if horizon == 1 else 24),  # where scalar expressions are faster
         compiled=formation_objective(hazard),
         n_starts=n_starts,
     )
