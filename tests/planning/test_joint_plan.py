@@ -234,6 +234,12 @@ def sum_of_risk(scenario: Scenario, best: SwarmPlan) -> float:
     return float(scenario.time.dt * rates.sum())
 
 
+def test_plan_swarm_own_guides_of_single_member_are_formations() -> None:
+    scenario = small([(0.0, 0.0)], (3.0, 0.2), RADARS, 8)
+    best = plan_swarm(scenario, initial_guesses=["own"])
+    assert {outcome.start.split()[0] for outcome in best.outcomes} == {"formation"}
+
+
 def test_plan_swarm_beats_paper_policies() -> None:
     scenario = pair()
     best = plan_swarm(scenario)

@@ -60,6 +60,7 @@ class JointSearch:
             JointProblem(scenario, task, JointForm(n, steps, n <= limit, objective, separated))
             for limit in (MAX_EXACT, MAX_EXACT_FIRST)
         )
+        # whether the first solves are of the problem itself
         self.same_program = self.problem.form == self.first_problem.form
         self.solvers, self.deadline, self.progress = solvers, deadline, progress
         self.outcomes: list[SwarmOutcome] = []
