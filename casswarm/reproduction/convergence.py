@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from ..optimization.problem import Instances, Nlp
-from ..optimization.solution import Solution
+from ..optimization.solution import BatchSolution
 from ..optimization.solvers import ProjectedGradient, make_solver
 from ..planning.guide import Guide
 from ..planning.kinematics import integrate, resample
@@ -34,16 +34,15 @@ POINTS = (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 3000, 4000, 5000, 6
 
 def iterates(
     nlp: Nlp, instances: Instances, step: float, points: Sequence[int], start: str = "x0"
-) -> Iterator[tuple[int, list[Solution]]]:
+) -> Iterator[tuple[int, BatchSolution]]:
     """Yield numbers of iterations and the iterates of all instances after them."""
     first = ProjectedGradient(step=step, max_iter=points[0], start=start)  # type: ignore[arg-type]
-    solutions = first.solve(nlp, instances)
-    yield points[0], solutions
+    found = first.solve_batch(nlp, instances)
+    yield points[0], found
     for before, after in pairwise(points):
-        x = np.stack([solution.x for solution in solutions])
         solver = ProjectedGradient(step=step, max_iter=after - before)
-        solutions = solver.solve(nlp, instances.with_x0(x))
-        yield after, solutions
+        found = solver.solve_batch(nlp, instances.with_x0(found.x))
+        yield after, found
 
 
 def guide_convergence(scenario: Scenario, points: Sequence[int] = POINTS) -> pd.DataFrame:
@@ -60,16 +59,16 @@ def guide_convergence(scenario: Scenario, points: Sequence[int] = POINTS) -> pd.
     instance = penalised_guide_instance(nlp, task, scenario.guide.gamma, line)
     up_to = [k for k in points if k <= scenario.guide.iterations]
     rows = []
-    for iteration, (solution,) in iterates(nlp, instance, scenario.guide.learning_rate, up_to):
-        velocities = np.clip(nlp.variable("velocities", solution.x), -task.v_max, task.v_max)
+    for iteration, found in iterates(nlp, instance, scenario.guide.learning_rate, up_to):
+        velocities = np.clip(nlp.variable("velocities", found.x[0]), -task.v_max, task.v_max)
         path = integrate(task.start, velocities, task.dt)
         risk = _risk(scenario, path)
         away = scenario.target.distances(path[-1:])[0] - scenario.target.radius
         rows.append(
             {
                 "iteration": iteration,
-                "objective": solution.objective,
-                "residual": solution.residuals.stationarity,
+                "objective": found.objective[0],
+                "residual": found.stationarity[0],
                 "risk": risk,
                 "survival": np.exp(-risk),
                 "distance": max(0.0, float(away)),
@@ -127,24 +126,22 @@ def formation_convergence(
     steps = np.flatnonzero(formation.free.any(axis=1))
     nlp, instances = formation.nlp, formation.instances[steps]
     best = make_solver("auto").solve_batch(nlp, instances).objective
-    units = np.ones((len(steps), 2)) if instances.scale is None else instances.scale
     up_to = [k for k in points if k <= options.iterations]
-    rows = []
-    for iteration, solutions in iterates(nlp, instances, options.learning_rate, up_to, "zero"):
-        for row, solution in enumerate(solutions):
-            residual = solution.residuals.stationarity * units[row, 0] / units[row, 1]
-            rows.append(
-                {
-                    "step": int(steps[row]),
-                    "iteration": iteration,
-                    "objective": solution.objective,
-                    "best": float(best[row]),
-                    "gap": solution.objective / float(best[row]) - 1.0,
-                    "residual": float(residual),
-                    "converged": solution.status.success,
-                }
-            )
-    return _rounded(pd.DataFrame(rows))
+    tables = [
+        pd.DataFrame(
+            {
+                "step": steps,
+                "iteration": iteration,
+                "objective": found.objective,
+                "best": best,
+                "gap": found.objective / best - 1.0,
+                "residual": found.stationarity,
+                "converged": found.success,
+            }
+        )
+        for iteration, found in iterates(nlp, instances, options.learning_rate, up_to, "zero")
+    ]
+    return _rounded(pd.concat(tables, ignore_index=True))
 
 
 def condensed(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:

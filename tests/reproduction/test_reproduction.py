@@ -172,10 +172,9 @@ def test_iterates_equal_those_of_a_single_solve():
     nlp, instances = formation.nlp, formation.instances
     assert isinstance(instances, Instances)
     found = dict(iterates(nlp, instances, 0.05, (0, 3, 10, 40), "zero"))
-    for count, solutions in found.items():
+    for count, parts in found.items():
         whole = ProjectedGradient(step=0.05, max_iter=count, start="zero").solve(nlp, instances)
-        for part, all_ in zip(solutions, whole, strict=True):
-            np.testing.assert_array_equal(part.x, all_.x)
+        np.testing.assert_array_equal(parts.x, [solution.x for solution in whole])
 
 
 def test_guide_convergence_improves_risk_slightly():
