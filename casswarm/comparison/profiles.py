@@ -14,6 +14,7 @@ column per solver: the fraction of problems at or below that point.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
@@ -49,7 +50,7 @@ def performance_profile(costs: pd.DataFrame) -> pd.DataFrame:
     values = _checked(costs)
     best = values.min(axis=1, keepdims=True)
     ratios = np.divide(values, best, out=np.full_like(values, np.inf), where=np.isfinite(values))
-    return _fractions(ratios, costs, "tau", 1.0)
+    return _fractions(ratios, costs, "tau", [1.0])
 
 
 def data_profile(costs: pd.DataFrame, units: ArrayLike = 1.0) -> pd.DataFrame:
@@ -80,7 +81,7 @@ def data_profile(costs: pd.DataFrame, units: ArrayLike = 1.0) -> pd.DataFrame:
     scale = np.broadcast_to(np.asarray(units, dtype=float), len(values))
     if not (np.isfinite(scale).all() and (scale > 0).all()):
         raise ValueError("units must be finite and above zero")
-    return _fractions(values / scale[:, None], costs, "kappa", None)
+    return _fractions(values / scale[:, None], costs, "kappa")
 
 
 def pairwise_profiles(costs: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:
@@ -127,17 +128,14 @@ def fraction_at(profile: pd.DataFrame, point: float) -> pd.Series:
 
 
 def _fractions(
-    values: FloatArray, costs: pd.DataFrame, name: str, first: float | None
+    values: FloatArray, costs: pd.DataFrame, name: str, first: Sequence[float] = ()
 ) -> pd.DataFrame:
-    points = np.unique(values[np.isfinite(values)])
-    if first is not None:
-        points = np.union1d(points, [first])
-    ordered = np.sort(values, axis=0)
-    fractions = [
-        np.searchsorted(column, points, side="right") / len(values) for column in ordered.T
-    ]
-    table = np.stack(fractions, axis=1) if fractions else np.empty((len(points), 0))
-    return pd.DataFrame(table, pd.Index(points, name=name), costs.columns)
+    points = np.union1d(values[np.isfinite(values)], first)
+    fractions = {
+        solver: np.searchsorted(np.sort(column), points, side="right") / len(values)
+        for solver, column in zip(costs.columns, values.T, strict=True)
+    }
+    return pd.DataFrame(fractions, pd.Index(points, name=name), costs.columns)
 
 
 def _checked(costs: pd.DataFrame) -> FloatArray:
