@@ -90,13 +90,10 @@ def _with_success_bounds(table: pd.DataFrame) -> pd.DataFrame:
     """The table with its bounds of success as one column of text."""
     bounds = zip(table["success_low"], table["success_high"], strict=True)
     success = [bounds_text(low, high) for low, high in bounds]
-    column = list(table.columns).index("success_low")
-    shown = table.drop(columns=["success_low", "success_high"])
-    shown.insert(column, "success", success)
-    return shown
+    shown = table.assign(success_low=success).rename(columns={"success_low": "success"})
+    return shown.drop(columns="success_high")
 
 
 def _formatted(table: pd.DataFrame, formats: Mapping[str, str]) -> pd.DataFrame:
     """The table with columns written in the given formats."""
-    texts = {name: [form.format(value) for value in table[name]] for name, form in formats.items()}
-    return table.assign(**texts)
+    return table.assign(**{name: table[name].map(form.format) for name, form in formats.items()})

@@ -50,10 +50,10 @@ class ResultsFolder(ResultsReader):
         path: Path,
         command: str,
         record: Mapping[str, Any],
-        figure_format: FigureFormat = FigureFormat(),  # noqa: B008 (immutable)
+        figure_format: FigureFormat | None = None,
     ) -> None:
         super().__init__(path, command, record)
-        self.figure_format = figure_format
+        self.figure_format = figure_format or FigureFormat()
         self.files: list[str] = []
         self._started = time.perf_counter()
 
@@ -80,7 +80,7 @@ class ResultsFolder(ResultsReader):
                 f"cannot write {path}: {existing} is not a folder that can be written to"
             )
         record = {} if scenario is None else {"scenario": scenario.to_toml()}
-        return cls(path, command, record, figure_format or FigureFormat())
+        return cls(path, command, record, figure_format)
 
     def write_table(self, name: str, table: pd.DataFrame) -> None:
         """Write a table as NAME.csv."""

@@ -97,6 +97,12 @@ class ResultsReader:
                 f"{self.path / RECORD} has no {name!r}: it is damaged; {self._advice}"
             ) from None
 
+    def _missing(self, name: str) -> CheckpointError:
+        return CheckpointError(
+            f"{self.path} has no {name}: it was removed, or written by an older casswarm; "
+            f"{self._advice}"
+        )
+
     @property
     def _advice(self) -> str:
         return f"run casswarm {self.command} again"
@@ -132,10 +138,7 @@ class ResultsReader:
         try:
             table: pd.DataFrame = pd.read_csv(file, **_exact_numbers())
         except FileNotFoundError:
-            raise CheckpointError(
-                f"{self.path} has no {file.name}: it was removed, or written by an older "
-                f"casswarm; {self._advice}"
-            ) from None
+            raise self._missing(file.name) from None
         except (OSError, ValueError) as error:
             raise CheckpointError(f"{file} cannot be read: {error}") from None
         return table
@@ -159,10 +162,7 @@ class ResultsReader:
             with np.load(file, allow_pickle=False) as arrays:
                 objects: dict[str, Any] = unpack(arrays)
         except FileNotFoundError:
-            raise CheckpointError(
-                f"{self.path} has no {OBJECTS}: it was removed, or written by an older casswarm; "
-                f"{self._advice}"
-            ) from None
+            raise self._missing(OBJECTS) from None
         except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as error:
             raise CheckpointError(f"{file} cannot be read ({error}); {self._advice}") from None
         return objects

@@ -51,7 +51,6 @@ def simulation_page(folder: ResultsFolder, run: int = 0) -> str:
         pictures=pictures,
         run=run,
         command=f"casswarm {shlex.join(map(str, record['arguments']))}",
-        text=record["scenario"],
         record=record,
     )
 
