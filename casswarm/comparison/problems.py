@@ -240,9 +240,6 @@ class _Recorder(Solver):
     name: ClassVar[str] = "recorder"
     summary: ClassVar[str] = "records the problems of another solver"
 
-    def prepare(self, nlp: Nlp) -> None:
-        self.inner.prepare(nlp)
-
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         answers = self.inner.timed_answers(nlp, instances)[1]
         self.records.append((nlp, instances, np.stack([answer.x for answer in answers])))
