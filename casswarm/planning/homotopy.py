@@ -18,6 +18,7 @@ from .bounds.dynamic_programming import (
     trace_back,
 )
 from .bounds.grid import Grid, Relaxation
+from .kinematics import resample
 
 _MAX_NODES = 150_000
 _TILES = 16  # along the map's longer side
@@ -65,10 +66,7 @@ class GridPath:
 
     def velocities(self, steps: int, dt: float) -> FloatArray:
         """Velocities (steps, 2) along the path, its timing stretched to `steps`."""
-        times = np.linspace(0.0, len(self.positions) - 1, steps + 1)
-        samples = np.arange(len(self.positions))
-        path = [np.interp(times, samples, self.positions[:, axis]) for axis in (0, 1)]
-        return np.diff(np.stack(path, axis=1), axis=0) / dt
+        return resample(self.positions, steps, dt, np.arange(float(len(self.positions))))
 
 
 def best_homotopy_classes(task: Relaxation, max_classes: int) -> list[GridPath]:
@@ -81,9 +79,9 @@ def best_homotopy_classes(task: Relaxation, max_classes: int) -> list[GridPath]:
     grid, radars = stage_costs.grid, task.hazard.radar_positions
     classes: dict[str, GridPath] = {}
     for nodes in _paths(stage_costs):
-        positions = task.start + grid.spacing * np.array(nodes, float)
         if len(nodes) < 2:
             continue
+        positions = task.start + grid.spacing * np.array(nodes, float)
         homotopy = homotopy_signature(positions, radars)
         classes.setdefault(homotopy, GridPath(positions, grid.stride, homotopy))
         if len(classes) == max_classes:

@@ -39,10 +39,16 @@ def remaining_distance(
     return np.asarray(np.hypot(missing[..., 0], missing[..., 1]))
 
 
-def resample(polyline: FloatArray, steps: int, dt: float) -> FloatArray:
-    """Velocities (steps, 2) that follow a polyline (m, 2) at constant speed."""
-    lengths = np.hypot(*np.diff(polyline, axis=0).T)
-    distance = np.concatenate([[0.0], np.cumsum(lengths)])
-    targets = np.linspace(0.0, distance[-1], steps + 1)
-    path = np.stack([np.interp(targets, distance, polyline[:, axis]) for axis in (0, 1)], axis=1)
+def resample(
+    polyline: FloatArray, steps: int, dt: float, times: FloatArray | None = None
+) -> FloatArray:
+    """Velocities (steps, 2) along a polyline (m, 2) whose points are passed at `times` (m,) from 0.
+
+    The times are stretched to the steps; by default the speed is constant.
+    """
+    if times is None:
+        lengths = np.hypot(*np.diff(polyline, axis=0).T)
+        times = np.concatenate([[0.0], np.cumsum(lengths)])
+    targets = np.linspace(0.0, times[-1], steps + 1)
+    path = np.stack([np.interp(targets, times, polyline[:, axis]) for axis in (0, 1)], axis=1)
     return np.diff(path, axis=0) / dt

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from decimal import ROUND_FLOOR, Context
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -79,17 +80,10 @@ class SuccessBound:
         if not self.certified:
             return f"success is not certified: {self.reason}"
         if self.failure < 1e-9:
-            return f"no policy can exceed 1 - {_rounded_down(self.failure):.1e}"
+            below = Context(prec=2, rounding=ROUND_FLOOR).create_decimal_from_float(self.failure)
+            return f"no policy can exceed 1 - {float(below):.1e}"
         digits = max(4, 1 - math.floor(math.log10(self.failure)))
         return f"no policy can exceed {rounded_up(self.value, digits):.{digits}f}"
-
-
-def _rounded_down(value: float) -> float:
-    """Round a probability down to two significant digits."""
-    if value <= 0.0:
-        return 0.0
-    scale = 10.0 ** (1 - math.floor(math.log10(value)))
-    return math.floor(value * scale) / scale if math.isfinite(scale) else 0.0
 
 
 def success_bound(scenario: Scenario, max_nodes: int = MAX_NODES) -> SuccessBound:
