@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -180,7 +181,7 @@ def _text(scenario: csw.Scenario, guide: csw.Guide, baseline: csw.Guide | None) 
         f"{scenario.name}: {_counted(scenario.n, 'member')}, {_counted(radars, 'radar')}, "
         f"{scenario.n_steps} steps of {scenario.time.dt:g}",
         f"{guide}, risk {guide.risk:.4f}",
-        *(_gap(guide) or _uncertified(scenario)),
+        *_certificate(scenario, guide),
         f"{guide.solution}",
         f"solves: {', '.join(f'{count} {status}' for status, count in counts.items())}",
         *_homotopy_classes(guide),
@@ -200,47 +201,40 @@ def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def _homotopy_classes(guide: csw.Guide) -> list[str]:
+def _homotopy_classes(guide: csw.Guide) -> Iterator[str]:
     """The best path of every homotopy class, unless there is only one class."""
     paths = guide.best_per_homotopy_class()
     if len(paths) < 2 or not paths[0].homotopy:
-        return []
+        return
     signatures = [candidate.homotopy for candidate in guide.candidates]
-    lines = ["best path of each homotopy class (L, R: each radar is on its left or right):"]
-    lines += [
-        f"  {path.homotopy}  survival {math.exp(-path.risk):.4f}, risk {path.risk:.4f}, "
-        f"step {len(path.velocities)} ({_counted(signatures.count(path.homotopy), 'solve')})"
-        for path in paths[:_MAX_CLASSES]
-    ]
+    yield "best path of each homotopy class (L, R: each radar is on its left or right):"
+    for path in paths[:_MAX_CLASSES]:
+        yield (
+            f"  {path.homotopy}  survival {math.exp(-path.risk):.4f}, risk {path.risk:.4f}, "
+            f"step {len(path.velocities)} ({_counted(signatures.count(path.homotopy), 'solve')})"
+        )
     if len(paths) > _MAX_CLASSES:
-        lines.append(f"  and {len(paths) - _MAX_CLASSES} more in candidates.csv")
-    return lines
+        yield f"  and {len(paths) - _MAX_CLASSES} more in candidates.csv"
 
 
-def _uncertified(scenario: csw.Scenario) -> list[str]:
-    """What a bound would need, where a user's hazard does not have it."""
-    start = scenario.guide_start
-    if scenario.hazard.single_agent_lower_bound(start, start) is not None:
-        return []
-    return [
-        "not certified: the bound needs a lower bound of your rates over boxes, "
-        "lower_bound (see the documentation on custom hazard rates)"
-    ]
-
-
-def _gap(guide: csw.Guide) -> list[str]:
-    """The gap to the bound, and what it consists of."""
-    certificate = guide.certificate
+def _certificate(scenario: csw.Scenario, guide: csw.Guide) -> Iterator[str]:
+    """The gap to the bound and what it consists of, or what a user's hazard lacks for a bound."""
+    certificate, start = guide.certificate, scenario.guide_start
     if certificate is None or guide.gap is None:
-        return []
-    lines = [f"gap {100 * guide.gap:.2g} % of the risk"]
+        if scenario.hazard.single_agent_lower_bound(start, start) is None:
+            yield (
+                "not certified: the bound needs a lower bound of your rates over boxes, "
+                "lower_bound (see the documentation on custom hazard rates)"
+            )
+        return
+    gap = f"gap {100 * guide.gap:.2g} % of the risk"
     if certificate.gap < 0.5 * guide.gap:
         other = "a better path not found" if guide.search == "global" else "the local search"
-        lines[0] += (
+        gap += (
             f" ({100 * certificate.gap:.2g} % without acceleration limits, survival "
             f"{certificate.survival:.4f}); remaining gap: acceleration, margin and arrival "
             f"constraints, or {other}"
         )
+    yield gap
     if certificate.gap > 0.01:
-        lines.append(f"the bound is not within 1 %: {certificate.reason}")
-    return lines
+        yield f"the bound is not within 1 %: {certificate.reason}"

@@ -132,11 +132,7 @@ def _values(text: str) -> tuple[str, list[Any]]:
             "such as formation.rho=0.05,0.1"
         )
     parts = values.split(":")
-    if (
-        len(parts) > 1
-        and not values.startswith(("[", '"', "'"))
-        and parts[0][:1] in "+-.0123456789"
-    ):
+    if len(parts) > 1 and parts[0][:1] in "+-.0123456789":
         return key, _range(text, parts)
     try:
         return key, list(tomllib.loads(f"values = [{values}]")["values"])
@@ -150,9 +146,8 @@ def _range(text: str, parts: list[str]) -> list[Any]:
     spaced = np.geomspace if parts[3:] == ["log"] else np.linspace
     try:
         start, stop, count = float(parts[0]), float(parts[1]), int(parts[2])
-        if len(parts) > 3 and parts[3:] not in (["log"], ["linear"]):
-            raise ValueError
-        if count < 1 or (spaced is np.geomspace and min(start, stop) <= 0):
+        known = parts[3:] in ([], ["log"], ["linear"])
+        if not known or count < 1 or (spaced is np.geomspace and min(start, stop) <= 0):
             raise ValueError
     except (ValueError, IndexError):
         raise WrongInput(

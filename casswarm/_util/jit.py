@@ -123,17 +123,13 @@ def generated_module(source: str) -> ModuleType:
 
 def _file(name: str, text: str) -> Path:
     """Write the text to the cache folder, or to a temporary one where that is impossible."""
+    path = cache_folder() / f"{name}.py"
     try:
-        return _written(cache_folder(), name, text)
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            atomic_write(path, text)
     except OSError as error:
         LOG.warning("%s: compiled code is for this process only", error)
-        return _written(Path(tempfile.mkdtemp(prefix="casswarm-")), name, text)
-
-
-def _written(folder: Path, name: str, text: str) -> Path:
-    path = folder / f"{name}.py"
-    if path.exists() and path.read_text(encoding="utf-8") == text:
-        return path
-    folder.mkdir(parents=True, exist_ok=True)
-    atomic_write(path, text)
+        path = Path(tempfile.mkdtemp(prefix="casswarm-")) / path.name
+        atomic_write(path, text)
     return path

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import tomli_w
@@ -48,12 +48,8 @@ def _on_one_line(array: re.Match[str]) -> str:
 
 def annotated(text: str, model: type[BaseModel]) -> str:
     """Text of a scenario file with the descriptions in `model` as comments."""
-    return "\n".join(_annotated_lines(text.splitlines(), model)) + "\n"
-
-
-def _annotated_lines(lines: list[str], model: type[BaseModel]) -> Iterator[str]:
-    known = fields(model)
-    for line in lines:
+    known, lines = fields(model), []
+    for line in text.splitlines():
         table, key = re.fullmatch(r"\[(\w+)\]", line), re.match(r"(\w+) = ", line)
         description: str | None = None
         if table and table[1] in fields(model):
@@ -64,5 +60,5 @@ def _annotated_lines(lines: list[str], model: type[BaseModel]) -> Iterator[str]:
             known = {}  # tables inside a table belong to the user
         elif key and key[1] in known:
             description = known[key[1]].description
-        yield from (f"# {part}" for part in textwrap.wrap(description or "", 96))
-        yield line
+        lines += [*(f"# {part}" for part in textwrap.wrap(description or "", 96)), line]
+    return "\n".join(lines) + "\n"
