@@ -1,11 +1,8 @@
 """Monte Carlo simulation of the controlled Markov chain: all runs of a policy advance together.
 
-A step of the paper's section II.C, for every run at once: observe positions and living members,
-decide, move, and draw the survivors from the rates at the new positions with the old living
-members, P(i survives) = exp(-dt lambda_i(X(t+1), alive(t))). A run ends at the first arrival of a
-living member, at the last destruction, or at the horizon.
-
-Policies are deterministic, so runs in equal states share one decision and one evaluation of rates.
+A step is a `transition` and a draw of the survivors. A run ends at the first arrival of a living
+member, at the last destruction, or at the horizon. Policies are deterministic, so runs in equal
+states share one decision and one evaluation of rates.
 """
 
 from __future__ import annotations

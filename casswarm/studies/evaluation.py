@@ -113,11 +113,10 @@ def estimate(
     """Estimate the success probability: probable states are enumerated, the rest is sampled.
 
     For swarms whose exact distribution takes too many states. States of probability at least
-    2 / `runs` are enumerated: as many plain runs would visit nearly all of them anyway. The
+    2 / `runs` are enumerated; with `max_states`, that many states, however improbable. The
     residual mass M is sampled by `runs` runs, so the interval is about M times as wide as that of
     `runs` plain runs, and narrower than that of as many plain runs as solve the same number of
-    states (equal where M is nearly 1). With `max_states`, that many states are enumerated, however
-    improbable they are.
+    states (equal where M is nearly 1).
 
     Parameters
     ----------
