@@ -187,17 +187,16 @@ def hessian_product(x: FloatArray, problem: Problem, work: Workspace) -> float:
     """Write the reduced Hessian of the Lagrangian times q = `CONJUGATE`; return q'Hq."""
     q, product, gradient = work.vectors[CONJUGATE], work.vectors[PRODUCT], work.vectors[GRADIENT]
     trial, trial_gradient = work.vectors[TRIAL], work.vectors[TRIAL_GRADIENT]
-    face = work.face
     length = DIFFERENCE * problem.scale[0] / largest_component(q)
     for c in range(x.size):
         trial[c] = x[c] + length * q[c]
     evaluate(problem, trial, trial_gradient)
     for c in range(x.size):
         product[c] = (trial_gradient[c] - gradient[c]) / length
-    project_on_face(product, face, product)
+    project_on_face(product, work.face, product)
     total = 0.0
     for c in range(x.size):
-        product[c] += face[c // 2, 3] * q[c]
+        product[c] += work.face[c // 2, 3] * q[c]
         total += q[c] * product[c]
     return total
 

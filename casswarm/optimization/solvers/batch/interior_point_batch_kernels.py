@@ -25,22 +25,11 @@ MARGIN = 0.1  # fraction of every slack that a start keeps
 
 
 class Batch(NamedTuple):
-    """B states of n members over H steps.
+    """B states of n members over H steps: `TrajectorySets`, coordinates of members as one axis.
 
-    Parameters
-    ----------
-    starts : (B, S, H, 2n)
-    inside : (B, H, 2n)
-        Trajectories strictly within the limits; those of members that are not free are fixed.
-    free : (B, n) bool
-    initial_velocities : (B, 1, 2n)
-    change : float
-        Largest change of a velocity in a step.
-    centers, radii : (B, H, 2n), (B, H, n)
-    p : (B, 1 or H, np)
-    constants : vector
-    scale : (B, 2)
-        Units of x, the bound of a velocity's components, and of the objective.
+    starts (B, S, H, 2n), inside (B, H, 2n), free (B, n), initial_velocities (B, 1, 2n), centers
+    (B, H, 2n), radii (B, H, n), p (B, 1 or H, np); scale (B, 2) are the units of x, the bound of a
+    velocity's components, and of the objective.
     """
 
     starts: FloatArray

@@ -26,25 +26,20 @@ REGULARISATIONS = 30  # attempts to make the Newton matrix positive definite
 
 
 class Problem(NamedTuple):
-    """A state's problem: the displacements y of its active members within their limits.
+    """A state's problem: the displacements y of its k active members within their limits.
+
+    Fields that are not described are those of the problem in `face_newton_kernels`.
 
     Parameters
     ----------
-    evaluate : objective
-        See `casswarm._util.jit.objective`.
     p : (1 or H, np)
         Parameters, for all steps or for each.
-    constants : vector
-    scale : (2,)
-        Units of x and of the objective.
     columns : (2k,) int
         Columns of `u` that are variables: the coordinates of active members.
     constraints : Constraints
         Limits of y.
     u, gradients : (H, 2n)
         Displacements of all members at the last y, and the gradients there.
-    scratch : vector
-        Overwritten by `evaluate`.
     """
 
     evaluate: Any
