@@ -28,7 +28,7 @@ RELATIVE_RATES = GREYS.with_extremes(over=COLLISION)
 def additional_agent_rates(
     hazard: Hazard, points: FloatArray, positions: FloatArray, alive: BoolArray
 ) -> FloatArray:
-    """Hazard rates (...) of an additional agent at points (..., 2), given positions (n, 2)."""
+    """Hazard rates (...) of an agent added at points (..., 2) to a swarm at positions (n, 2)."""
     flat = points.reshape(-1, 2)
     others = np.broadcast_to(positions[alive], (len(flat), int(alive.sum()), 2))
     states = np.concatenate([flat[:, None], others], axis=1)

@@ -49,9 +49,9 @@ def formation_chart(
     """
     narrow = current_theme().narrow
     across = max(2, min(4, int(current_theme().characters / 22)))  # captions fit
-    chosen = (
-        representative_steps(trajectory, 6 if across == 3 else 8) if steps is None else list(steps)
-    )
+    if steps is None:
+        steps = representative_steps(trajectory, 6 if across == 3 else 8)
+    chosen = list(steps)
     last = len(trajectory.alive) - 1
     if not chosen or min(chosen) < 0 or max(chosen) > last:
         raise ValueError(f"steps = {chosen}; allowed: from 0 to {last}, at least 1")

@@ -38,8 +38,6 @@ INK = "#222222"
 GREY = "#8C8C8C"
 GRID = "#DDDDDD"
 
-DPI = 200
-
 
 @dataclass(frozen=True)
 class Theme:
@@ -281,7 +279,7 @@ def despine(axes: Axes, grid: str = "y") -> None:
     axes.set_axisbelow(True)
 
 
-def save(fig: Figure, path: Path | str, dpi: int = DPI) -> Path:
+def save(fig: Figure, path: Path | str, dpi: int = 200) -> Path:
     """Write a figure at its own width, in the format of the file's suffix (png, pdf, svg, ...).
 
     The same figure gives the same file, byte for byte: no dates are written.
