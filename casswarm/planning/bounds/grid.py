@@ -180,10 +180,7 @@ class Grid:
     def full(
         cls, task: Relaxation, stride: int, reach: int, starts: FloatArray | None = None
     ) -> Grid:
-        """All nodes on paths that reach the target in time, from any of `starts` (n, 2).
-
-        Paths begin at the task's start by default.
-        """
+        """All nodes on paths to the target in time, from `starts` (n, 2) or the task's start."""
         ranges = zip(*_ranges(task, stride, reach, starts), strict=True)
         blocks = tuple(
             (Block.full(first, last),) if (first <= last).all() else () for first, last in ranges
