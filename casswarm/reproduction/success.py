@@ -142,13 +142,10 @@ def small_changes(scenario: Scenario) -> Iterator[tuple[str, dict[str, object]]]
     for label, shift in (("wider", 0.05), ("narrower", -0.05)):
         moved = radars + np.outer([shift, *[0.0] * (len(radars) - 2), -shift], along)
         yield f"gate 0.1 {label}", {"hazard.radars": moved.tolist()}
-    for name, offset in {
-        "right": (0.05, 0.0),
-        "left": (-0.05, 0.0),
-        "up": (0.0, 0.05),
-        "down": (0.0, -0.05),
-    }.items():
-        yield f"radars 0.05 {name}", {"hazard.radars": (radars + offset).tolist()}
+    directions = {"right": (1, 0), "left": (-1, 0), "up": (0, 1), "down": (0, -1)}
+    for name, direction in directions.items():
+        moved = radars + 0.05 * np.array(direction)
+        yield f"radars 0.05 {name}", {"hazard.radars": moved.tolist()}
 
 
 def sensitivity(
