@@ -29,6 +29,7 @@ def test_evaluate_with_few_states_gives_advice(tmp_path):
     assert "allow more states (--max-states" in done.stdout
 
 
+@pytest.mark.slow
 def test_evaluate_with_runs_samples_residual_mass(tmp_path):
     done = casswarm(
         tmp_path,

@@ -25,6 +25,7 @@ def reproduced(tmp_path_factory):
     return folder, first, second
 
 
+@pytest.mark.slow
 def test_reproduce_prints_tables_and_progress(reproduced):
     _, first, second = reproduced
     assert "Table II: success probabilities in scenario I" in first.stdout
@@ -35,6 +36,7 @@ def test_reproduce_prints_tables_and_progress(reproduced):
     assert [row["policy"] for row in result["table-2"]] == ["naive", "constrained", "leader"]
 
 
+@pytest.mark.slow
 def test_reproduce_writes_tables_figures_and_record(reproduced):
     results = reproduced[0] / "results" / "paper"
     for name in QUICK[:-1]:
@@ -47,12 +49,14 @@ def test_reproduce_writes_tables_figures_and_record(reproduced):
     assert not (results / "README.md").exists()
 
 
+@pytest.mark.slow
 def test_reproduce_figures_have_requested_width(reproduced):
     for folder, inches in (("results/paper", 7.16), ("again", 3.5)):
         with Image.open(reproduced[0] / folder / "table-2.png") as image:
             assert image.width == pytest.approx(200 * inches, abs=1)
 
 
+@pytest.mark.slow
 def test_plot_of_reproduce_is_refused_with_advice(reproduced):
     done = casswarm(reproduced[0], "plot", "results/paper", code=2)
     assert "casswarm reproduce again, which takes --format, --width and --dpi" in done.stderr

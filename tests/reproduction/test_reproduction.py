@@ -130,6 +130,7 @@ def test_table_2_equals_saved_one_within_paper_intervals(guide):
     assert exact == sorted(exact), "the paper's order"
 
 
+@pytest.mark.slow
 def test_sensitivity_equals_saved_table():
     saved = checked_in("sensitivity")
     assert saved["change"].tolist() == [name for name, _ in small_changes(FIRST)]

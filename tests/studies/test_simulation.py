@@ -80,6 +80,7 @@ def test_simulate_same_seed_gives_same_tables() -> None:
     assert not study(seed=5).runs.equals(reference().runs)
 
 
+@pytest.mark.slow
 def test_simulate_tables_are_independent_of_workers() -> None:
     found = study(workers=2, save_trajectories=160)  # more than the first worker's share
     assert_same_tables(found, reference())
