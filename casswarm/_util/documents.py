@@ -5,9 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
-import math
 import re
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -72,18 +70,10 @@ def figure_uri(figure: Figure, suffix: str = "png", **options: Any) -> str:
 
 def json_text(content: Any) -> str:
     """JSON text of plain values; numbers that JSON lacks (infinity, NaN) become null."""
-    return json.dumps(_plain(content), indent=2, allow_nan=False)
+    from pydantic_core import to_jsonable_python
 
+    def fallback(value: Any) -> Any:
+        return value.tolist() if hasattr(value, "tolist") else str(value)
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value
-    return str(value)
+    plain = to_jsonable_python(content, inf_nan_mode="null", fallback=fallback)
+    return json.dumps(plain, indent=2, allow_nan=False)
