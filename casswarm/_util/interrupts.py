@@ -11,19 +11,6 @@ from multiprocessing import parent_process
 from types import FrameType
 
 
-@contextmanager
-def interruptible() -> Iterator[None]:
-    """Raise KeyboardInterrupt after the block if Ctrl-C occurred in it, even if it was suppressed.
-
-    CasADi checks for signals when it evaluates a function, and some plugins treat the resulting
-    exception as a failed evaluation and continue; while expressions are built, Python is called
-    from code that clears exceptions. A user's handler of SIGINT is called and restored. Does
-    nothing in threads, which receive no signals.
-    """
-    with _handled_interrupts(defer=False):
-        yield
-
-
 def begin_child() -> None:
     """Ignore Ctrl-C in this child process, and end it when its parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -31,8 +18,7 @@ def begin_child() -> None:
 
 
 def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
+    if parent := parent_process():
         parent.join()
         os._exit(1)
 
@@ -44,13 +30,19 @@ def deferred() -> Iterator[None]:
     A child is then either complete or not started, and prints nothing on a terminal that sends
     Ctrl-C to parent and child.
     """
-    with _handled_interrupts(defer=True), blocked():
+    with interruptible(defer=True), blocked():
         yield
 
 
 @contextmanager
-def _handled_interrupts(defer: bool) -> Iterator[None]:
-    """Note Ctrl-C in the block, and handle it after the block, if not deferred also at once."""
+def interruptible(*, defer: bool = False) -> Iterator[None]:
+    """Raise KeyboardInterrupt after the block if Ctrl-C occurred in it, even if it was suppressed.
+
+    CasADi checks for signals when it evaluates a function, and some plugins treat the resulting
+    exception as a failed evaluation and continue; while expressions are built, Python is called
+    from code that clears exceptions. A user's handler of SIGINT is called, with `defer` only after
+    the block, and restored. Does nothing in threads, which receive no signals.
+    """
     previous = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(previous):
         yield
