@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import pickle
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -14,7 +13,7 @@ from concurrent.futures import (
     as_completed,
 )
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
+from multiprocessing import current_process, get_context
 from numbers import Integral
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
@@ -37,28 +36,19 @@ Workers = int | SubmitsJobs
 
 _ONE_AT_A_TIME = threading.Lock()  # in a process: threads must not share CasADi's functions
 
-_MAX_FRUITLESS = 2  # pools that may die in a row without finishing a job
-
 _GUARD = (
     "in a script, use more than one only under `if __name__ == '__main__':`, and never from "
     "standard input; where memory is short, use fewer; or use workers=1"
 )
 
 
-def checked_workers(workers: Workers) -> Workers:
-    """Check a number of workers or an executor, and return it.
-
-    Raises
-    ------
-    ValueError
-        Neither a whole number from 1 nor an executor.
-    """
+def require_workers(workers: Workers) -> None:
+    """Raise ValueError for workers that are neither a whole number from 1 nor an executor."""
     valid = isinstance(workers, Integral) and int(workers) >= 1
     if not (valid or isinstance(workers, SubmitsJobs)):
         raise ValueError(
             f"workers = {workers!r}; allowed: whole numbers from 1, or an executor with submit()"
         )
-    return workers
 
 
 def done_jobs(jobs: Sequence[Callable[[], T]], workers: Workers) -> Iterator[tuple[int, T]]:
@@ -98,12 +88,7 @@ def done_jobs(jobs: Sequence[Callable[[], T]], workers: Workers) -> Iterator[tup
 
 
 def require_sendable(jobs: Mapping[str, Any]) -> None:
-    """Raise PolicyError for jobs that do not pickle: a pool could not report them clearly.
-
-    Parameters
-    ----------
-    jobs : mapping of policy name to job
-    """
+    """Raise PolicyError for jobs, by policy, that do not pickle: a pool reports them unclearly."""
     for policy, job in jobs.items():
         try:
             pickle.dumps(job)
@@ -132,9 +117,9 @@ def _call(job: Callable[[], T]) -> T:
 
 def _in_processes(jobs: Sequence[Callable[[], T]], workers: int) -> Iterator[tuple[int, T]]:
     """Run jobs in a pool of processes; if one dies, run the unfinished jobs again."""
-    if getattr(multiprocessing.current_process(), "_inheriting", False):
+    if getattr(current_process(), "_inheriting", False):
         raise PolicyError(f"a worker process cannot have workers of its own: {_GUARD}")
-    unfinished, fruitless = dict(enumerate(jobs)), 0
+    unfinished, died = dict(enumerate(jobs)), False
     while unfinished:
         # spawned: the threads of CasADi and of Ipopt's linear solver do not survive a fork
         pool = ProcessPoolExecutor(
@@ -143,23 +128,16 @@ def _in_processes(jobs: Sequence[Callable[[], T]], workers: int) -> Iterator[tup
         try:
             for index, result in _gathered(pool, dict(unfinished)):
                 del unfinished[index]
-                fruitless = 0
+                died = False
                 yield index, result
+            pool.shutdown()
         except BrokenProcessPool as error:
-            _terminate(pool)
-            fruitless += 1
-            if fruitless >= _MAX_FRUITLESS:
+            if died:
                 raise WorkerError(
                     f"a worker process died, and the next one too: {_GUARD}"
                 ) from error
-        except BaseException:  # do not wait for results that will not be read
-            _terminate(pool)
-            raise
-        else:
-            pool.shutdown()
-
-
-def _terminate(pool: ProcessPoolExecutor) -> None:
-    for process in list((pool._processes or {}).values()):
-        process.terminate()
-    pool.shutdown(cancel_futures=True)  # waits for the processes, which releases semaphores
+            died = True
+        finally:  # do not wait for results that will not be read
+            for process in list((pool._processes or {}).values()):
+                process.terminate()
+            pool.shutdown(cancel_futures=True)  # waits for the processes, which releases semaphores

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from .._util.display import Displayed
-from .._util.parallel import Workers, checked_workers, require_sendable
+from .._util.parallel import Workers, require_sendable, require_workers
 from ..chain.confidence import required_runs
 from ..chain.monte_carlo import Chain, Runs
 from ..chain.trajectories import RunTrajectory
@@ -167,7 +167,7 @@ def simulate(
     for name, value, least in (("runs", runs, 1), ("seed", seed, 0)):
         if not isinstance(value, Integral) or value < least:
             raise ValueError(f"{name} = {value}; allowed: whole numbers from {least}")
-    checked_workers(workers)
+    require_workers(workers)
     guide = plan(scenario) if guide is None else guide
     listed = policy_list(policies)
     chosen = [resolve_policy(p, scenario, guide, solver, solver_options) for p in listed]

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from .._util.parallel import Workers, checked_workers, done_jobs, require_sendable
+from .._util.parallel import Workers, done_jobs, require_sendable, require_workers
 from ..errors import CasswarmError, ScenarioError
 from ..planning.guide import Guide
 from ..planning.plan import plan
@@ -137,7 +137,7 @@ def sweep(
     PolicyError, CheckpointError, ValueError
         As in `simulate`.
     """
-    checked_workers(workers)
+    require_workers(workers)
     settings = {key: _python_numbers(values) for key, values in settings.items()}
     _require_known(scenario, settings)
     options: dict[str, Any] = {"solver": solver}
