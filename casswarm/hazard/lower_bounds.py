@@ -24,9 +24,6 @@ import numpy as np
 from .._util.constants import CORE_RADIUS
 from ..typing import FloatArray
 
-CAP = 8.0
-"""R in spacings."""
-
 _INTERVALS = 4096
 _ROUNDED = 1 - 1e-12
 """Downward by more than all rounding here."""
@@ -34,7 +31,7 @@ _ROUNDED = 1 - 1e-12
 
 def cap_radius(spacing: float) -> float:
     """R, the distance to a radar below which the rate counts as if at R."""
-    return max(CAP * spacing, CORE_RADIUS)
+    return max(8.0 * spacing, CORE_RADIUS)
 
 
 def inverse_squares_below(
@@ -126,23 +123,15 @@ def _lower_hull(x: FloatArray, y: FloatArray) -> list[int]:
     return hull
 
 
-def saturation_least_rate(n: int, alpha_2: float) -> LeastRate:
-    """phi of the paper's saturation, with all members at one point."""
-    ratio = (1 + alpha_2) / (1 + alpha_2 * n)
-    return LeastRate(np.zeros(1), np.array([ratio * _ROUNDED]))
-
-
-def collision_least_rate(
+def saturation_least_rate(
     n: int, alpha_2: float, collision: Callable[[FloatArray], FloatArray]
 ) -> LeastRate:
-    """phi with collisions; `collision` is g, the collision rate at densities h in (0, 1]."""
+    """phi of the paper's rates; `collision` is g, the collision rate at densities h in (0, 1]."""
     neighbours = n - 1
-    if neighbours == 0:
-        return saturation_least_rate(n, alpha_2)
     h = np.linspace(0.0, 1.0, _INTERVALS + 1)
+    g = np.zeros_like(h)
     with np.errstate(all="ignore"):
-        g = np.nan_to_num(collision(np.maximum(h, 1e-300)), nan=0.0, posinf=1e300)
-    g[0] = 0.0
+        g[1:] = np.nan_to_num(collision(h[1:]), nan=0.0, posinf=1e300)
     # on [h_k, h_(k+1)) g is at least g(h_k): the convex hull of the steps' lower right corners
     corners = np.append(0.0, g[:-1])
     hull = _lower_hull(h, corners)

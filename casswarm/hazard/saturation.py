@@ -13,7 +13,6 @@ from ..typing import Expr, FloatArray
 from .kernels import KernelHazard, lowered_kernels, regular
 from .lower_bounds import (
     LeastRate,
-    collision_least_rate,
     inverse_squares_below,
     least_inverse_squares,
     saturation_least_rate,
@@ -77,8 +76,13 @@ class Saturation(KernelHazard):
         return self._unit_rate * inverse_squares_below(east, north, spacing, radars, strengths)
 
     def least_rate(self, n: int) -> LeastRate | None:
-        """With all n members at one point; see `casswarm.hazard.lower_bounds`."""
-        return saturation_least_rate(n, self.alpha_2) if type(self) is Saturation else None
+        """With the neighbours at the best compromise of saturation and collisions."""
+        if type(self) not in (Saturation, SaturationCollision):
+            return None
+        collision = lowered_kernels(self)[2]
+        return saturation_least_rate(
+            n, self.alpha_2, lambda h: collision((1.0 / h - 1.0) / self.alpha_3)
+        )
 
     @property
     def _has_papers_kernels(self) -> bool:
@@ -116,15 +120,6 @@ class SaturationCollision(Saturation):
     def collision(self, squared_distance: Expr) -> Expr:
         """(beta_1 / r)^beta_2, of squared distances; as an exponential, whose slope is cheap."""
         return ca.exp(0.5 * self.beta_2 * ca.log(self.beta_1**2 / regular(squared_distance)))
-
-    def least_rate(self, n: int) -> LeastRate | None:
-        """With the neighbours at the best compromise of saturation and collisions."""
-        if type(self) is not SaturationCollision:
-            return None
-        kernel = lowered_kernels(self)[2]
-        return collision_least_rate(
-            n, self.alpha_2, lambda h: kernel((1.0 / h - 1.0) / self.alpha_3)
-        )
 
 
 def _require_finite(
