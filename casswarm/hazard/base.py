@@ -117,7 +117,14 @@ class Hazard(ABC):
         batch = np.ascontiguousarray(x.reshape(-1, *x.shape[-2:]))
         mask = np.ascontiguousarray(living.reshape(-1, x.shape[-2]))
         rates = np.where(mask, self._evaluate(batch, mask), 0.0)
-        self._check(rates, batch)
+        bad = ~(np.isfinite(rates) & (rates >= 0))
+        if bad.any():
+            state, member = np.argwhere(bad)[0]
+            east, north = batch[state, member]
+            raise HazardError(
+                f"{self!r} gives the rate {rates[state, member]} for member {member} at "
+                f"({east:g}, {north:g}); rates must be finite and not negative"
+            )
         return rates.reshape(x.shape[:-1])
 
     def single_agent_rates(self, points: ArrayLike) -> FloatArray:
@@ -172,16 +179,6 @@ class Hazard(ABC):
         """
         nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)
         return self.single_agent_lower_bound(nodes - spacing, nodes + spacing)
-
-    def _check(self, rates: FloatArray, positions: FloatArray) -> None:
-        bad = ~(np.isfinite(rates) & (rates >= 0))
-        if bad.any():
-            state, member = np.argwhere(bad)[0]
-            x, y = positions[state, member]
-            raise HazardError(
-                f"{self!r} gives the rate {rates[state, member]} for member {member} at "
-                f"({x:g}, {y:g}); rates must be finite and not negative"
-            )
 
 
 def checked_radars(radars: ArrayLike) -> tuple[tuple[float, float], ...]:

@@ -151,14 +151,8 @@ def user_hazard(
 ) -> Hazard:
     """Hazard of a user's function, or of a class derived from `Hazard`.
 
-    Parameters
-    ----------
-    kind : str or callable
-        ``module:name``, imported from `folder` first, or the function or class itself.
-    folder : Path, optional
-    radars : k pairs (x, y)
-    parameters : mapping
-        Keyword arguments; a class is called with them and the radars.
+    `kind` is the function or class, or its name ``module:name``, imported from `folder` first. A
+    class is called with the radars and parameters.
 
     Raises
     ------
