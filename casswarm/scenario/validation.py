@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import takewhile
 from typing import Annotated, Any, NamedTuple, get_args
@@ -33,8 +33,6 @@ class Allowed:
     text: str
 
 
-_RANGE = f"(from {SMALLEST:g} to {LARGEST:g})"
-
 Number = Annotated[
     float,
     Field(strict=True, allow_inf_nan=False, ge=-LARGEST, le=LARGEST),
@@ -43,7 +41,7 @@ Number = Annotated[
 Positive = Annotated[
     float,
     Field(strict=True, allow_inf_nan=False, ge=SMALLEST, le=LARGEST),
-    Allowed(f"a number above 0 {_RANGE}"),
+    Allowed(f"a number above 0 (from {SMALLEST:g} to {LARGEST:g})"),
 ]
 NotNegative = Annotated[
     float,
@@ -88,7 +86,7 @@ class Problem(NamedTuple):
     allowed: str | None = None
 
 
-def scenario_error(headline: str, problems: Iterable[Problem], **values: Any) -> ScenarioError:
+def scenario_error(headline: str, problems: Iterable[Problem]) -> ScenarioError:
     """Error with an indented line for every problem, and the values of the first."""
     problems = tuple(problems)
     lines = [problem.message for problem in problems]
@@ -101,7 +99,6 @@ def scenario_error(headline: str, problems: Iterable[Problem], **values: Any) ->
         value=first.value,
         allowed=first.allowed,
         problems=problems,
-        **values,
     )
 
 
@@ -218,23 +215,17 @@ def subtable(field: FieldInfo) -> type[BaseModel] | None:
 
 def allowed(field: FieldInfo) -> str:
     """Values that a field may have, as text."""
-    table = subtable(field)
-    if table is not None:
+    if table := subtable(field):
         return f"a table with the keys {', '.join(fields(table))}"
-    text = _allowed_text([*field.metadata, field.annotation])
-    assert text is not None, field
-    return text
+    return next(_allowed_texts([*field.metadata, field.annotation]))
 
 
-def _allowed_text(annotations: Iterable[Any]) -> str | None:
+def _allowed_texts(annotations: Iterable[Any]) -> Iterator[str]:
     for annotation in annotations:
         if isinstance(annotation, Allowed):
-            return annotation.text
+            yield annotation.text
         # innermost last: the metadata of Annotated are more specific than the annotated type
-        text = _allowed_text(reversed(get_args(annotation)))
-        if text:
-            return text
-    return None
+        yield from _allowed_texts(reversed(get_args(annotation)))
 
 
 def known_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
@@ -242,7 +233,6 @@ def known_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
     keys: list[str] = []
     for name, field in fields(model).items():
         keys.append(prefix + name)
-        table = subtable(field)
-        if table is not None:
+        if table := subtable(field):
             keys += known_keys(table, f"{prefix}{name}.")
     return keys
