@@ -142,6 +142,13 @@ def project_on_face(vector: FloatArray, face: FloatArray, out: FloatArray) -> fl
 
 
 @kernel
+def copy(source: FloatArray, target: FloatArray) -> None:
+    """Copy without slices, whose error messages take Numba seconds to compile."""
+    for c in range(source.size):
+        target[c] = source[c]
+
+
+@kernel
 def largest_component(vector: FloatArray) -> float:
     """Largest magnitude of a component."""
     largest = 0.0

@@ -66,7 +66,7 @@ class InteriorPoint(BatchSolver):
             )
         # Numba takes a second to import
         from .interior_point_batch_kernels import Batch, minimise_batch
-        from .interior_point_kernels import MU_INIT, Options
+        from .interior_point_kernels import Options
 
         sets = instances.feasible_set
         assert isinstance(sets, TrajectorySets)
@@ -84,7 +84,7 @@ class InteriorPoint(BatchSolver):
             constants=nlp.compiled.constants,
             scale=scale_of(instances),
         )
-        options = Options(MU_INIT, self.mu_final, self.tolerance, self.max_iter)
+        options = Options(self.mu_final, self.tolerance, self.max_iter)
         multipliers = np.zeros((batch, steps, n, 6))
         results = Results.empty((batch, steps, 2 * n))
         arguments = nlp.compiled.evaluate, data, options, multipliers

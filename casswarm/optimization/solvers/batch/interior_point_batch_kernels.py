@@ -17,9 +17,11 @@ from ...feasible_sets.trajectory_kernels import (
     slacks,
 )
 from .engine import NO_INTERIOR, NOT_FINITE, Results
+from .face_newton_kernels import copy
 from .interior_point_kernels import Options, minimise, residuals
-from .newton_system_kernels import Problem, clear, copy, gather, read, total, write
+from .newton_system_kernels import Problem, clear, gather, read, total, write
 
+MU_INIT = 1e-2  # barrier parameter at the beginning, in units of the objective
 COARSE = 1e-4  # barrier parameter at which starts are compared, in units of the objective
 MARGIN = 0.1  # fraction of every slack that a start keeps
 
@@ -144,13 +146,10 @@ def minimise_state(
         else:
             copy(best, y)
             copy(best_z, z)
-        stage = Options(
-            max(options.mu_init if t < trials else COARSE, mu_final),
-            max(COARSE, mu_final) if coarse else mu_final,
-            max(COARSE, tolerance) if coarse else tolerance,
-            options.max_iter,
-        )
-        value, outcome = minimise(y, z, problem, stage, counts)
+        floor = COARSE if coarse else 0.0
+        stage = Options(max(floor, mu_final), max(floor, tolerance), options.max_iter)
+        mu = max(MU_INIT if t < trials else COARSE, mu_final)
+        value, outcome = minimise(y, z, mu, problem, stage, counts)
         if not coarse or (outcome != NOT_FINITE and value < least):
             least = value
             copy(y, best)
@@ -185,8 +184,7 @@ def minimise_batch(
         )
         z = np.zeros(ROWS * constraints.radii.size)
         for s in range(steps):
-            for c in range(2 * n):
-                u[s, c] = batch.inside[row, s, c]
+            copy(batch.inside[row, s], u[s])
         results.outcome[row] = minimise_state(
             batch.starts[row], z, problem, options, results.counts[row]
         )

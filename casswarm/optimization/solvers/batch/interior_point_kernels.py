@@ -24,27 +24,25 @@ from ...feasible_sets.trajectory_kernels import (
     solve,
 )
 from .engine import CONVERGED, EXHAUSTED, NO_INTERIOR, NOT_FINITE, STALLED
+from .face_newton_kernels import copy, largest_component
 from .newton_system_kernels import (
     Problem,
     Workspace,
     assemble,
     clear,
-    copy,
     gather,
     newton_direction,
     total,
     workspace,
 )
 
-MU_INIT = 1e-2  # barrier parameter at the beginning, in units of the objective
 SUFFICIENT = 1e-4  # sufficient decrease, as a fraction of what the slope predicts
 TRIALS = 40  # of a step's length
 
 
 class Options(NamedTuple):
-    """The barrier parameter, from `mu_init` to `mu_final`; the tolerance at the end."""
+    """The barrier parameter and the tolerance at the end."""
 
-    mu_init: float
     mu_final: float
     tolerance: float
     max_iter: int
@@ -75,13 +73,11 @@ def residuals(
     lagrangian: FloatArray, z: FloatArray, slack: FloatArray, mu: float
 ) -> tuple[float, float]:
     """Largest components of the Lagrangian's gradient, and of z slack - mu."""
-    stationarity, complementarity = 0.0, 0.0
-    for c in range(lagrangian.size):
-        stationarity = max(stationarity, abs(lagrangian[c]))
+    complementarity = 0.0
     for row in range(z.size):
         if slack[row] < math.inf:
             complementarity = max(complementarity, abs(z[row] * slack[row] - mu))
-    return stationarity, complementarity
+    return largest_component(lagrangian), complementarity
 
 
 @kernel
@@ -170,14 +166,14 @@ def move_multipliers(z: FloatArray, mu: float, work: Workspace) -> None:
 
 @allocating_kernel
 def minimise(
-    y: FloatArray, z: FloatArray, problem: Problem, options: Options, counts: IntArray
+    y: FloatArray, z: FloatArray, mu: float, problem: Problem, options: Options, counts: IntArray
 ) -> tuple[float, int]:
     """Improve `y`, strictly inside, in place, with multipliers z: (value, outcome).
 
-    Multipliers that are 0 begin at mu / slack; counts iterations and evaluations.
+    `mu` is the initial barrier parameter. Multipliers that are 0 begin at mu / slack; counts
+    iterations and evaluations.
     """
-    work = workspace(problem)
-    mu, regularisation = options.mu_init, 0.0
+    work, regularisation = workspace(problem), 0.0
     if not slacks(y, problem.constraints, work.slack) > 0.0:
         return math.nan, NO_INTERIOR
     for row in range(z.size):

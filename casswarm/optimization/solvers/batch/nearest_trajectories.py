@@ -67,7 +67,7 @@ def _solve(
     """Answers (M, H, 2) for discs (M, H, 3), and whether they are good (M,)."""
     from ...feasible_sets.trajectory_kernels import disc_distance  # Numba takes a second to import
     from .interior_point_batch_kernels import Batch, minimise_batch
-    from .interior_point_kernels import MU_INIT, Options
+    from .interior_point_kernels import Options
 
     size, steps, _ = discs.shape
     inside = limits.slowing(initial_velocities, steps)
@@ -84,8 +84,7 @@ def _solve(
         scale=np.tile([limits.speed, limits.speed**2], (size, 1)),
     )
     results, multipliers = Results.empty((size, steps, 2)), np.empty((size, steps, 1, 6))
-    options = Options(MU_INIT, *tolerances, _MAX_ITER)
+    options = Options(*tolerances, _MAX_ITER)
     minimise_batch((0, size), disc_distance, batch, options, multipliers, results)
     _, violation, residual = results.verified.T
-    residual = np.where(np.isnan(residual), np.inf, residual)
     return results.x, (violation <= _ROUNDING) & (residual <= _ACCEPTABLE * tolerances[1])

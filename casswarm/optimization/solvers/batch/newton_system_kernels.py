@@ -20,6 +20,7 @@ from ...feasible_sets.trajectory_kernels import (
     factor,
     solve,
 )
+from .face_newton_kernels import copy
 
 DIFFERENCE = 1e-7  # length of the gradient's differences, in units of x
 REGULARISATIONS = 30  # attempts to make the Newton matrix positive definite
@@ -68,13 +69,6 @@ class Workspace(NamedTuple):
     factor: FloatArray
     block: FloatArray
     changed: FloatArray
-
-
-@kernel
-def copy(source: FloatArray, target: FloatArray) -> None:
-    """Copy without slices, whose error messages take Numba seconds to compile."""
-    for c in range(source.size):
-        target[c] = source[c]
 
 
 @kernel

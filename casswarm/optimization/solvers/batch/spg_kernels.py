@@ -24,6 +24,7 @@ from .face_newton_kernels import (
     TRIAL_GRADIENT,
     Problem,
     Workspace,
+    copy,
     evaluate,
     largest_component,
     longest_displacement,
@@ -129,13 +130,6 @@ def spectral_steps(
 
 
 @kernel
-def copy(source: FloatArray, target: FloatArray) -> None:
-    """Copy without slices, whose error messages take Numba seconds to compile."""
-    for c in range(source.size):
-        target[c] = source[c]
-
-
-@kernel
 def line_search(
     x: FloatArray, f: float, slope: float, problem: Problem, work: Workspace, counts: IntArray
 ) -> tuple[float, bool]:
@@ -234,14 +228,6 @@ def verify(x: FloatArray, problem: Problem, work: Workspace) -> tuple[float, flo
 
 
 @allocating_kernel
-def workspace(members: int) -> Workspace:
-    """Arrays for problems of so many members."""
-    return Workspace(
-        np.empty((8, 2 * members)), np.empty(members), np.empty(MEMORY), np.empty((members, 4))
-    )
-
-
-@allocating_kernel
 def minimise_batch(
     rows: tuple[int, int],
     evaluate: Any,
@@ -255,7 +241,10 @@ def minimise_batch(
     From every start a state is solved coarsely, and from the best of the ends to tolerance.
     """
     members = batch.sets.shape[1]
-    work, scratch = workspace(members), np.empty(members * (members + 8))
+    work = Workspace(
+        np.empty((8, 2 * members)), np.empty(members), np.empty(MEMORY), np.empty((members, 4))
+    )
+    scratch = np.empty(members * (members + 8))
     x, best = np.empty(2 * members), np.empty(2 * members)
     trials = batch.starts.shape[0] if batch.starts.shape[0] > 1 else 0  # coarse, before the last
     for row in range(rows[0], rows[1]):
