@@ -179,7 +179,6 @@ def jax(scenario: csw.Scenario, nlp: Nlp, instances: Instances) -> Callable[[], 
     assert instances.feasible_set is not None
     discs = instances.feasible_set.radii.shape[-1]
     p, units = instances.p, instances.scale
-    assert units is not None
     weights = p[:, 5 * n : 6 * n]
     one = bool((np.count_nonzero(weights, axis=1) == 1).all())
     order = np.argsort(-weights, axis=1, kind="stable")  # who has the weight comes first

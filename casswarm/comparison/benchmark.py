@@ -31,7 +31,7 @@ def benchmark(problem: Problem, start: str, label: str, solver: Isolated) -> dic
     objective_scale; gradient_seconds, the time of an evaluation of objective and gradient.
     """
     nlp, instance = problem.nlp, problem.starts[start]
-    length, value = (1.0, 1.0) if instance.scale is None else instance.scale[0].tolist()
+    length, value = instance.scale[0].tolist()
     row: dict[str, Any] = {
         "family": problem.family,
         "problem": problem.name,

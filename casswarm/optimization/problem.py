@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -214,8 +214,9 @@ class Instances:
         exploit: a product of simple sets in the plane, onto which one can project, or paths within
         limits of speed and acceleration. With `TrajectorySets`, x are the displacements
         per step, and the objective is the sum of `Nlp.compiled` over the steps.
-    scale : (B, 2), optional
-        A typical length of x and a typical value of f: what tolerances are relative to.
+    scale : (B, 2)
+        A typical length of x and a typical value of f: what tolerances are relative to. Ones by
+        default.
     """
 
     x0: FloatArray
@@ -225,11 +226,11 @@ class Instances:
     lbg: FloatArray
     ubg: FloatArray
     feasible_set: PlanarSets | TrajectorySets | None = None
-    scale: FloatArray | None = None
+    scale: FloatArray = field(default_factory=lambda: np.ones((1, 2)))
 
     def __post_init__(self) -> None:
         batch = self.x0.shape[0]
-        for name in ("p", "lbx", "ubx", "lbg", "ubg"):
+        for name in ("p", "lbx", "ubx", "lbg", "ubg", "scale"):
             array = getattr(self, name)
             object.__setattr__(self, name, np.broadcast_to(array, (batch, array.shape[-1])))
 
@@ -246,7 +247,7 @@ class Instances:
         return Instances(*parts)
 
     def _values(self) -> tuple[Any, ...]:
-        return tuple(getattr(self, field.name) for field in fields(self))
+        return tuple(getattr(self, part.name) for part in fields(self))
 
     def with_x0(self, x0: FloatArray) -> Instances:
         """The same instances with other initial guesses."""

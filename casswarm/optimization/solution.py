@@ -134,11 +134,9 @@ class BatchSolution:
     messages: NDArray[np.object_]
 
     @classmethod
-    def from_solutions(
-        cls, solutions: Sequence[Solution], scale: FloatArray | None = None
-    ) -> BatchSolution:
+    def from_solutions(cls, solutions: Sequence[Solution], scale: FloatArray) -> BatchSolution:
         """Batch of single solutions; `scale` (B, 2) is that of x and f."""
-        factor = 1.0 if scale is None else scale[:, 0] / scale[:, 1]
+        factor = scale[:, 0] / scale[:, 1]
         return cls(
             x=np.array([s.x for s in solutions]),
             objective=np.array([s.objective for s in solutions]),

@@ -176,7 +176,7 @@ def test_interior_point_residuals_equal_kkt_residuals() -> None:
         for i, answer in enumerate(run.answers()):
             found = kkt_residuals(problem.nlp, instances[i : i + 1], answer.x, answer.multipliers)
             assert found.violation <= 1e-12
-            unit = instances.scale[i, 1] / instances.scale[i, 0]  # type: ignore[index]
+            unit = instances.scale[i, 1] / instances.scale[i, 0]
             assert found.stationarity <= unit * run.results.verified[i, 2] + 1e-9
             assert found.complementarity <= 1e-6
             low, high = answer.multipliers  # type: ignore[misc]

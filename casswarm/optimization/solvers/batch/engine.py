@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...._util.jit import announce, contiguous
+from ...._util.jit import announce
 from ....typing import BoolArray, FloatArray, IntArray
 from ...problem import Instances, Nlp
 from ...solution import BatchSolution, Status
@@ -155,12 +155,6 @@ def execute(
 @lru_cache(maxsize=1)
 def _pool(process: int) -> ThreadPoolExecutor:  # noqa: ARG001  (threads do not survive a fork)
     return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="casswarm")
-
-
-def scale_of(instances: Instances) -> FloatArray:
-    """Units of x and of the objective, (B, 2); ones by default."""
-    scale = instances.scale
-    return np.ones((len(instances), 2)) if scale is None else contiguous(scale)
 
 
 def perturbations(number: int, members: int) -> FloatArray:

@@ -14,7 +14,7 @@ from ...feasible_sets.trajectory import TrajectorySets
 from ...problem import Instances, Nlp
 from ..base import Capabilities
 from ..options import Allowed, PositiveFinite, PositiveInt
-from .engine import BatchRun, BatchSolver, Results, execute, perturbations, scale_of
+from .engine import BatchRun, BatchSolver, Results, execute, perturbations
 
 _SPREAD = 1.0  # standard deviation of starts, in largest changes of velocity
 _PER_THREAD = 32  # instances that are worth a thread
@@ -82,7 +82,7 @@ class InteriorPoint(BatchSolver):
             radii=contiguous(sets.radii.swapaxes(1, 2)),
             p=contiguous(instances.p)[:, None],
             constants=nlp.compiled.constants,
-            scale=scale_of(instances),
+            scale=contiguous(instances.scale),
         )
         options = Options(self.mu_final, self.tolerance, self.max_iter)
         multipliers = np.zeros((batch, steps, n, 6))
@@ -107,7 +107,7 @@ class InteriorPointRun(BatchRun):
         sets, x, p = self.instances.feasible_set, self.results.x[i], self.instances.p[i]
         assert isinstance(sets, TrajectorySets)
         z, (_, steps, n) = self.slack_multipliers[i], sets.shape
-        speed, value = scale_of(self.instances)[i]
+        speed, value = self.instances.scale[i]
         box = (z[..., :2] - z[..., 2:4]) * value / speed
         rows = {
             "acceleration": z[..., 4] * value / speed**2,

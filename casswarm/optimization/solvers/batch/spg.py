@@ -14,7 +14,7 @@ from ...feasible_sets.planar import PlanarSets
 from ...problem import Instances, Nlp
 from ..base import Capabilities
 from ..options import PositiveFinite, PositiveInt
-from .engine import BatchRun, BatchSolver, Results, execute, perturbations, scale_of
+from .engine import BatchRun, BatchSolver, Results, execute, perturbations
 
 _PER_THREAD = 256  # instances that are worth a thread
 _SPREAD = 2.0  # standard deviation of further starts, in radii of the smallest disc
@@ -80,7 +80,7 @@ class SpectralProjectedGradient(BatchSolver):
             starts=_starts(instances, self.n_starts or nlp.n_starts),
             p=contiguous(instances.p),
             constants=nlp.compiled.constants,
-            scale=scale_of(instances),
+            scale=contiguous(instances.scale),
             sets=instances.feasible_set.packed,
         )
         limit = self.max_iter or 300 + size
