@@ -121,7 +121,7 @@ def test_no_feasible_sample_is_nearer(cases: tuple[PlanarSets, Array]) -> None:
     seen = 0
     for _ in range(30):
         sample = sets.lower + rng.random(points.shape) * (sets.upper - sets.lower)
-        feasible = sets.contains(sample, 0.0)
+        feasible = sets.violation(sample) <= 0.0
         seen += np.count_nonzero(feasible)
         assert (np.hypot(*(sample - points).T) >= far - 1e-13)[feasible].all()
     assert seen > 50_000
@@ -157,7 +157,7 @@ def test_projection_is_nonexpansive(cases: tuple[PlanarSets, Array]) -> None:
 
 def test_points_inside_stay(cases: tuple[PlanarSets, Array]) -> None:
     sets, points = cases
-    inside = sets.contains(points, 0.0)
+    inside = sets.violation(points) <= 0.0
     assert inside.any()
     np.testing.assert_array_equal(sets.project(points)[inside], points[inside])
 

@@ -145,10 +145,6 @@ class PlanarSets:
         violation_batch(flat, sets, largest)
         return largest.reshape(shape)
 
-    def contains(self, points: ArrayLike, tolerance: float) -> BoolArray:
-        """Whether the violation (...) is at most `tolerance`, a distance; never if not finite."""
-        return np.asarray(self.violation(points) <= tolerance)
-
     @cached_property
     def is_empty(self) -> BoolArray:
         """Which sets are empty, shape `shape`; gaps of the order of rounding do not count."""
