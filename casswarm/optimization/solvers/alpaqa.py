@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -10,8 +9,6 @@ from ..solution import Status
 from .base import Capabilities
 from .casadi_nlpsol import NlpsolSolver
 from .options import Positive, PositiveInt
-
-LIMITED = "SOLVER_RET_LIMITED"
 
 
 @dataclass(frozen=True)
@@ -44,10 +41,7 @@ class Alpaqa(NlpsolSolver):
     plugin: ClassVar[str] = "alpaqa"
     counts: ClassVar[tuple[str, ...]] = ("nlp_psi", "nlp_grad_psi")
     # the plugin sets no return_status
-    statuses: ClassVar[dict[str, Status]] = {
-        "SOLVER_RET_SUCCESS": Status.SOLVED,
-        LIMITED: Status.ITERATION_LIMIT,
-    }
+    statuses: ClassVar[dict[str, Status]] = {"SOLVER_RET_SUCCESS": Status.SOLVED}
 
     def plugin_options(self) -> dict[str, Any]:
         """See `NlpsolSolver.plugin_options`."""
@@ -60,8 +54,3 @@ class Alpaqa(NlpsolSolver):
                 "alm.max_time": self.time_limit,
             }
         }
-
-    def _status(self, message: str, stats: Mapping[str, Any]) -> Status:
-        if message == LIMITED and stats["t_wall_total"] >= self.time_limit:
-            return Status.TIME_LIMIT
-        return super()._status(message, stats)

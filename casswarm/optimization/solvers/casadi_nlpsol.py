@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
@@ -42,9 +43,10 @@ class NlpsolSolver(Solver):
     Multipliers are CasADi's: positive at an upper bound, like those of `kkt.kkt_residuals`.
     """
 
+    time_limit: float = math.inf
     plugin: ClassVar[str]
     statuses: ClassVar[Mapping[str, Status]]
-    """Status by return_status, or CasADi's unified one if the plugin has none; else a failure."""
+    """Status by return_status, or by CasADi's unified one if the plugin has none."""
     counts: ClassVar[tuple[str, ...]] = ("nlp_f", "nlp_fg")
     """Functions whose calls are the evaluations."""
     uses_hessian: ClassVar[bool] = False
@@ -101,7 +103,7 @@ class NlpsolSolver(Solver):
             raise KeyboardInterrupt
         return Answer(
             x=np.asarray(out["x"]).ravel(),
-            status=self._status(message, stats),
+            status=self.statuses.get(message) or self._limit(stats),
             message=message,
             iterations=int(stats.get("iter_count", 0)),
             evaluations=sum(int(stats.get(f"n_call_{name}", 0)) for name in self.counts),
@@ -109,9 +111,12 @@ class NlpsolSolver(Solver):
             multipliers=(np.asarray(out["lam_x"]).ravel(), np.asarray(out["lam_g"]).ravel()[:rows]),
         )
 
-    def _status(self, message: str, stats: Mapping[str, Any]) -> Status:  # noqa: ARG002
-        """Status by the table."""
-        return self.statuses.get(message, Status.FAILED)
+    def _limit(self, stats: Mapping[str, Any]) -> Status:
+        """The limit that stopped the plugin, where only CasADi's unified status tells of one."""
+        if stats["unified_return_status"] != "SOLVER_RET_LIMITED":
+            return Status.FAILED
+        late = stats["t_wall_total"] >= self.time_limit
+        return Status.TIME_LIMIT if late else Status.ITERATION_LIMIT
 
 
 @cache

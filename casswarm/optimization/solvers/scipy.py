@@ -13,7 +13,7 @@ import numpy as np
 from ...typing import FloatArray
 from ..problem import Instances, Nlp
 from ..solution import Status
-from .base import Answer, Capabilities, Solver
+from .base import Answer, Capabilities, Solver, error_text
 from .options import Positive, PositiveInt
 
 
@@ -52,6 +52,9 @@ class Slsqp(Solver):
         return [self._solve(nlp, instances[i : i + 1]) for i in range(len(instances))]
 
     def _solve(self, nlp: Nlp, instance: Instances) -> Answer:
+        # slow to import, and seldom needed
+        from scipy.optimize import Bounds, NonlinearConstraint, minimize
+
         started = time.perf_counter()
         functions = _Functions(nlp, instance, started + self.time_limit)
 
@@ -61,14 +64,25 @@ class Slsqp(Solver):
 
         if not (instance.lbx <= instance.ubx).all() or not np.isfinite(functions.x0).all():
             return failure(Status.FAILED, "bounds cross, or bounds or start are not finite")
+        rows = NonlinearConstraint(
+            functions.rows, instance.lbg[0], instance.ubg[0], functions.jacobian
+        )
         try:
             with warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")  # the answer's status reports what they warn of
-                result = self._minimize(functions)
+                result = minimize(
+                    functions.objective,
+                    functions.x0,
+                    method="SLSQP",
+                    jac=functions.gradient,
+                    bounds=Bounds(instance.lbx[0], instance.ubx[0]),
+                    constraints=[rows] if instance.lbg.size else [],
+                    options={"ftol": self.tolerance, "maxiter": self.max_iter},
+                )
         except _OutOfTimeError:
             return failure(Status.TIME_LIMIT, f"no answer in {self.time_limit:g} s")
         except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
-            return failure(Status.FAILED, f"{type(error).__name__}: {error}")
+            return failure(Status.FAILED, error_text(error))
         message = str(result.message)
         return Answer(
             x=np.asarray(result.x, dtype=float),
@@ -77,24 +91,6 @@ class Slsqp(Solver):
             iterations=int(result.nit),
             evaluations=functions.evaluations,
             seconds=time.perf_counter() - started,
-        )
-
-    def _minimize(self, functions: _Functions) -> Any:
-        # slow to import, and seldom needed
-        from scipy.optimize import Bounds, NonlinearConstraint, minimize
-
-        instance = functions.instance
-        rows = NonlinearConstraint(
-            functions.rows, instance.lbg[0], instance.ubg[0], functions.jacobian
-        )
-        return minimize(
-            functions.objective,
-            functions.x0,
-            method="SLSQP",
-            jac=functions.gradient,
-            bounds=Bounds(instance.lbx[0], instance.ubx[0]),
-            constraints=[rows] if instance.lbg.size else [],
-            options={"ftol": self.tolerance, "maxiter": self.max_iter},
         )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -10,9 +9,6 @@ from ..solution import Status
 from .base import Capabilities
 from .casadi_nlpsol import NlpsolSolver
 from .options import Positive, PositiveInt
-
-NOT_OPTIMAL = "Terminated with not optimal point"
-"""The return_status at any limit, and of errors."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +33,7 @@ class Uno(NlpsolSolver):
     capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
     plugin: ClassVar[str] = "uno"
     prints_to_stdout: ClassVar[bool] = True  # warnings on fixed variables and rows without bounds
-    # small steps and Fritz John points are failures
+    # small steps and Fritz John points are failures; limits share one text with errors
     statuses: ClassVar[dict[str, Status]] = {
         "Converged with feasible KKT point": Status.SOLVED,
         "Converged with infeasible stationary point": Status.INFEASIBLE,
@@ -56,9 +52,3 @@ class Uno(NlpsolSolver):
                 "time_limit": self.time_limit,
             }
         }
-
-    def _status(self, message: str, stats: Mapping[str, Any]) -> Status:
-        if message == NOT_OPTIMAL and stats["unified_return_status"] == "SOLVER_RET_LIMITED":
-            exhausted = stats["iter_count"] >= self.max_iter
-            return Status.ITERATION_LIMIT if exhausted else Status.TIME_LIMIT
-        return super()._status(message, stats)
