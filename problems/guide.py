@@ -58,17 +58,11 @@ def guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
     points = ca.repmat(origin, 1, horizon) + length * X
     previous = ca.horzcat(ca.DM.zeros(2), X[:, :-1])
     change = V - ca.horzcat(initial_velocity, V[:, :-1])
+    symbols = initial_velocity, center, weights, origin, length, clock
     return Nlp(
         name=f"guide[{horizon}]",
         variables={"positions": X, "velocities": V},
-        parameters={
-            "initial_velocity": initial_velocity,
-            "center": center,
-            "weights": weights,
-            "origin": origin,
-            "length": length,
-            "clock": clock,
-        },
+        parameters={symbol.name(): symbol for symbol in symbols},
         objective=ca.dot(weights, clock * hazard.single_agent_expression(points)),
         constraints={
             "dynamics": X - previous - V,
@@ -110,14 +104,13 @@ class GuideTask:
         cls, scenario: Scenario, start: ArrayLike, initial_velocity: ArrayLike | None = None
     ) -> GuideTask:
         """Task of an agent at `start` (2,); without `initial_velocity` (2,), it may be any."""
+        velocity = np.zeros(2) if initial_velocity is None else initial_velocity
         free = initial_velocity is None or not scenario.guide.acceleration_limited
         return cls(
             start=np.asarray(start, float),
             center=np.asarray(scenario.target.center, float),
             radius=scenario.target.radius - scenario.arrival_margin,
-            initial_velocity=np.asarray(
-                np.zeros(2) if initial_velocity is None else initial_velocity, float
-            ),
+            initial_velocity=np.asarray(velocity, float),
             a_max=scenario.guide_a_max,
             a_max_first=np.inf if free else scenario.swarm.a_max,
             v_max=scenario.swarm.v_max,

@@ -116,7 +116,11 @@ def joint_nlp(hazard: Hazard, form: JointForm) -> Nlp:
         constraints["separation"] = _squares(ca.mtimes(differences, X))
     points = ca.repmat(p["origin"], n, steps) + p["length"] * X
     if form.exact:
-        values = _recursion(hazard, p, points)
+        step = _step(hazard, n)
+        backwards = step.mapaccum("recursion", steps)
+        clocks = ca.repmat(p["clock"], 1, steps)
+        reverse = (each[:, ::-1] for each in (points, p["continues"], p["costs"]))
+        values = backwards(p["last_cost"], *reverse, clocks)[:, ::-1]  # F_0, ..., F_{N-1}
         objective = _log_odds(values[-1, 0])
     else:
         objective = _mean_field(hazard, form, p, points)
@@ -128,27 +132,13 @@ def joint_nlp(hazard: Hazard, form: JointForm) -> Nlp:
         constraints=constraints,
     )
     if form.exact and n <= MAX_MEMBERS:
-        hessian = lagrangian_hessian(program, _step(hazard, n), points, values, _log_odds)
+        hessian = lagrangian_hessian(program, step, points, values, _log_odds)
         return replace(program, hessian=hessian)
     return program
 
 
 def _log_odds(failure: Expr) -> Expr:
     return ca.log(failure + _TINY) - ca.log(1.0 - failure + _CERTAIN)
-
-
-def _recursion(hazard: Hazard, p: Mapping[str, Expr], points: Expr) -> Expr:
-    """F_0, ..., F_{N-1}, (2^n, N)."""
-    n, steps = points.shape[0] // 2, points.shape[1]
-    backwards = _step(hazard, n).mapaccum("recursion", steps)
-    values = backwards(
-        p["last_cost"],
-        points[:, ::-1],
-        p["continues"][:, ::-1],
-        p["costs"][:, ::-1],
-        ca.repmat(p["clock"], 1, steps),
-    )
-    return values[:, ::-1]
 
 
 def _step(hazard: Hazard, n: int) -> Expr:
