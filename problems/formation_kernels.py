@@ -93,10 +93,9 @@ kernels that it calls are generated: compiled in one module with them, they are 
 
 
 def formation_objective(hazard: Hazard) -> CompiledObjective | None:
-    """The compiled objective; None for hazards that are not compositions of kernels.
+    """The compiled objective; its constants are the hazard's radars, strengths and parameters.
 
-    It is None, too, where a kernel uses an operation that has no counterpart in Python. The
-    constants are the hazard's radars, strengths and parameters.
+    None for hazards that are not made of kernels, or of such as have no counterpart in Python.
     """
     if not isinstance(hazard, KernelHazard):
         return None

@@ -53,11 +53,10 @@ def kkt_residuals(
     gradient = np.asarray(nlp.gradient(x, p)[1]).ravel()
     jacobian = nlp.jacobian(x, p).sparse()
     columns = sparse.hstack([sparse.eye_array(len(x)), sparse.csr_array(jacobian).T]).tocsc()
-    lam = (
-        _estimate(columns, gradient, values, lower, upper)
-        if multipliers is None
-        else np.concatenate(multipliers)
-    )
+    if multipliers is None:
+        lam = _estimate(columns, gradient, values, lower, upper)
+    else:
+        lam = np.concatenate(multipliers)
     stationarity = float(np.abs(gradient + columns @ lam).max(initial=0.0))
     slack = np.where(lam > 0, upper - values, values - lower)
     slack = np.where(np.isfinite(slack), slack, 1.0)  # a row without bound has no multiplier

@@ -16,14 +16,14 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from ..._util.interrupts import begin_child, deferred
 from ...errors import CasswarmError, SolverError
 from ..problem import Instances, Nlp
 from ..solution import Solution, Status
 from .base import Answer, Solver, error_text, failed
-from .options import PositiveFinite
+from .options import Allowed, PositiveFinite
 
 CHUNK = 64
 """Largest number of instances that are sent together."""
@@ -35,6 +35,8 @@ _START_SECONDS = 60.0
 _MAX_OUTPUT = 500  # characters in which the last line that a process printed is looked for
 _MAX_PROGRAMS = 64  # that are kept, pickled here and restored in the process
 _GUARD = "a script must call this under `if __name__ == '__main__':`, and not be standard input"
+
+AnySolver = Annotated[Solver, Allowed(lambda value: isinstance(value, Solver), "a Solver")]
 
 
 @dataclass(frozen=True)
@@ -56,16 +58,11 @@ class Isolated(Solver):
         Answers that take longer have the status time limit.
     """
 
-    solver: Solver
+    solver: AnySolver
     time_limit: PositiveFinite = 60.0
 
     name: ClassVar[str] = "isolated"
     summary: ClassVar[str] = "another solver in a process of its own, with a time limit"
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.solver, Solver):
-            raise SolverError(f"isolated: solver = {self.solver!r}; allowed: a Solver")
-        super().__post_init__()
 
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         """See `Solver.run`."""
@@ -147,15 +144,7 @@ class _Worker:
     def solve(
         self, nlp: Nlp, instances: Instances, time_limit: float
     ) -> tuple[float, list[Answer]]:
-        """Seconds of preparing, and answers.
-
-        Raises
-        ------
-        WorkerEndedError
-            The child crashed, or took longer than `time_limit` and was ended.
-        SolverError
-            The solver cannot solve the problem, or no child could be started.
-        """
+        """Seconds of preparing, and answers; WorkerEndedError if the child crashed or was slow."""
         with self._lock:
             try:
                 self.start()

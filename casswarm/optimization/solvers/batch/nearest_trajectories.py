@@ -46,13 +46,11 @@ def nearest_trajectories(
     trajectories = limits.greedy(initial_velocities, goals)
     outside = distances(trajectories, goals) > radii + 1e-12 * limits.speed
     failed: BoolArray = np.asarray(outside.any(axis=1) & (goals.shape[1] > 1))
-    for mu_final, tolerance in _DISCS if radii.any() else _POINTS:
+    discs = np.dstack([goals, np.broadcast_to(radii, goals.shape[:2])])
+    for tolerances in _DISCS if radii.any() else _POINTS:
         rows = np.flatnonzero(failed)
         if rows.size:
-            discs = np.concatenate(
-                [goals[rows], np.broadcast_to(radii[:, None], (rows.size, len(radii), 1))], axis=2
-            )
-            x, good = _solve(limits, initial_velocities[rows], discs, (mu_final, tolerance))
+            x, good = _solve(limits, initial_velocities[rows], discs[rows], tolerances)
             trajectories[rows] = np.where(good[:, None, None], x, trajectories[rows])
             failed[rows] = ~good
     return trajectories, failed
