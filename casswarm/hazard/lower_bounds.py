@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -98,14 +97,10 @@ class LeastRate:
         object.__setattr__(self, "intercepts", intercepts[lines])
         object.__setattr__(self, "slopes", slopes[lines])
 
-    @cached_property
-    def _ends(self) -> FloatArray:
-        """Rates at which the next line becomes the lowest."""
-        return np.asarray(np.diff(self.intercepts) / -np.diff(self.slopes))
-
     def __call__(self, rates: FloatArray) -> FloatArray:
         """phi at single-agent rates (...), which are not negative."""
-        line = np.searchsorted(self._ends, rates)
+        ends = np.diff(self.intercepts) / -np.diff(self.slopes)  # where the next line is the lowest
+        line = np.searchsorted(ends, rates)
         return np.asarray(self.intercepts[line] + self.slopes[line] * rates)
 
 
