@@ -11,8 +11,7 @@ The paper's section III as a nonlinear program, by direct multiple shooting:
 
 The paper writes *min* exp(-sum) + gamma d, which has a wrong sign: survival is to be maximised, and
 the risk, minus its logarithm, is the better scaled objective. V(-1) is a parameter, and the change
-from it has its own limit, infinite if the guide may start with any velocity. The squared limits are
-tightened by `TIGHTENING`.
+from it has its own limit, infinite if the guide may start with any velocity.
 
 One program with `horizon` steps serves every arrival step T <= horizon: the risk of the steps after
 T has weight zero, and their velocities are fixed at zero.

@@ -6,8 +6,7 @@ is at X + dt u_s after s steps. Its limits are those of every step of a formatio
     |v_s| <= speed in each component,   |v_s - v_{s-1}| <= change,   v_0 = `initial_velocities`,
 
 and, where a corridor is given, |u_s - center_s| <= radius_s. The first two alone always have an
-interior: slowing down, v_s = q v_{s-1} with q a little below 1, keeps strictly within them
-(`Limits.slowing`), whatever the initial velocity within the box.
+interior, whatever the initial velocity within the box: `Limits.slowing`.
 """
 
 from __future__ import annotations

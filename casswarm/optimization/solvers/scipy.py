@@ -58,12 +58,13 @@ class Slsqp(Solver):
         started = time.perf_counter()
         functions = _Functions(nlp, instance, started + self.time_limit)
 
-        def failure(status: Status, message: str) -> Answer:
+        def answer(x: FloatArray, status: Status, message: str, iterations: int = 0) -> Answer:
             seconds = time.perf_counter() - started
-            return Answer(functions.last, status, message, 0, functions.evaluations, seconds)
+            return Answer(x, status, message, iterations, functions.evaluations, seconds)
 
         if not (instance.lbx <= instance.ubx).all() or not np.isfinite(functions.x0).all():
-            return failure(Status.FAILED, "bounds cross, or bounds or start are not finite")
+            message = "bounds cross, or bounds or start are not finite"
+            return answer(functions.last, Status.FAILED, message)
         rows = NonlinearConstraint(
             functions.rows, instance.lbg[0], instance.ubg[0], functions.jacobian
         )
@@ -80,18 +81,12 @@ class Slsqp(Solver):
                     options={"ftol": self.tolerance, "maxiter": self.max_iter},
                 )
         except _OutOfTimeError:
-            return failure(Status.TIME_LIMIT, f"no answer in {self.time_limit:g} s")
+            message = f"no answer in {self.time_limit:g} s"
+            return answer(functions.last, Status.TIME_LIMIT, message)
         except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
-            return failure(Status.FAILED, error_text(error))
-        message = str(result.message)
-        return Answer(
-            x=np.asarray(result.x, dtype=float),
-            status=self.statuses.get(message, Status.FAILED),
-            message=message,
-            iterations=int(result.nit),
-            evaluations=functions.evaluations,
-            seconds=time.perf_counter() - started,
-        )
+            return answer(functions.last, Status.FAILED, error_text(error))
+        status = self.statuses.get(result.message, Status.FAILED)
+        return answer(np.asarray(result.x, float), status, str(result.message), int(result.nit))
 
 
 class _OutOfTimeError(Exception):

@@ -53,12 +53,8 @@ class Results(NamedTuple):
     def empty(cls, shape: tuple[int, ...]) -> Results:
         """Arrays to be written, for x of this shape."""
         batch = shape[0]
-        return cls(
-            np.empty(shape),
-            np.empty((batch, 3)),
-            np.empty(batch, np.int64),
-            np.zeros((batch, 2), np.int64),
-        )
+        outcome, counts = np.empty(batch, np.int64), np.zeros((batch, 2), np.int64)
+        return cls(np.empty(shape), np.empty((batch, 3)), outcome, counts)
 
 
 @dataclass(frozen=True, eq=False)
