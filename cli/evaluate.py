@@ -78,38 +78,36 @@ def evaluate(
                 distributions.append(estimates[-1].enumerated)
         bound = csw.success_bound(chosen)
         inputs = {**asdict(exact), **asdict(sampling), "solver": policies.solver}
-        content = _write(folder, chosen, distributions, estimates, bound, inputs)
+        content = _write(folder, distributions, estimates, bound, inputs)
     text = "\n".join(map(str, estimates)) if estimates else _text(chosen, distributions)
     print_result(folder, content, f"{text}\n\n{bound}", common)
 
 
 def _write(
     folder: ResultsFolder,
-    scenario: csw.Scenario,
     distributions: list[csw.OutcomeDistribution],
     estimates: list[csw.Estimate],
     bound: csw.SuccessBound,
     inputs: dict[str, Any],
 ) -> dict[str, Any]:
-    from ..results.catalogue import evaluation_figures
     from ..studies import tables
 
-    table = successes = tables.distribution_table(distributions)
+    table = tables.distribution_table(distributions)
     result: dict[str, Any] = {
         "distributions": table.to_dict("records"),
         "success_bound": bound.as_dict(),
     }
     if estimates:
-        successes = tables.estimate_table(estimates)
-        folder.write_table("estimates", successes)
-        result["estimates"] = successes.to_dict("records")
+        estimated = tables.estimate_table(estimates)
+        folder.write_table("estimates", estimated)
+        result["estimates"] = estimated.to_dict("records")
     folder.write_objects(distributions=distributions)
     folder.write_table("distributions", table)
     folder.write_table("arrival", tables.arrival_table(distributions))
     folder.write_table("survivors", tables.survivor_table(distributions))
     folder.write_table("members", tables.member_table(distributions))
     folder.write_table("population", tables.population_table(distributions))
-    folder.write_figures(evaluation_figures(scenario, distributions, successes))
+    folder.write_figures()
     return folder.write_record(result, inputs)
 
 

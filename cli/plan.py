@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -102,7 +102,7 @@ def plan(common: CommonOptions, planning: PlanOptions, solving: SolveOptions) ->
             progress=progress,
         )
         baseline = _globally_planned(chosen, guide) if reference else None
-        content = _write(folder, chosen, guide, baseline, value, solving.solver)
+        content = _write(folder, guide, baseline, value, solving.solver)
     print_result(folder, content, _text(chosen, guide, baseline), common)
 
 
@@ -121,7 +121,6 @@ def _globally_planned(scenario: csw.Scenario, guide: csw.Guide) -> csw.Guide:
 
 def _write(
     folder: ResultsFolder,
-    scenario: csw.Scenario,
     guide: csw.Guide,
     baseline: csw.Guide | None,
     value: csw.ValueFunction | None,
@@ -131,7 +130,6 @@ def _write(
     from ..planning import tables
     from ..planning.bounds import CostToGoMap
     from ..planning.kinematics import integrate
-    from ..results.catalogue import plan_figures
 
     folder.write_table("guide", tables.guide_table(guide))
     folder.write_table("candidates", tables.candidate_table(guide))
@@ -146,17 +144,13 @@ def _write(
     folder.write_table("paths", tables.path_table({"path": paths, "baseline": compared}))
     if guides:
         folder.write_table("comparison", tables.guide_comparison_table(guides))
-    objects: dict[str, Any] = {
-        "guide": guide,
-        "others": list(paths.values()),
-        "baselines": guides,
-        "costs": None,
-    }
+    costs = None
     if value is not None:
-        area = extent(scenario, [guide.positions, scenario.positions])
-        objects["costs"] = CostToGoMap.from_value_function(value, *area)
-    folder.write_objects(**objects)
-    folder.write_figures(plan_figures(scenario, **objects))
+        area = extent(folder.scenario, [guide.positions, folder.scenario.positions])
+        costs = CostToGoMap.from_value_function(value, *area)
+    others = list(paths.values())
+    folder.write_objects(guide=guide, others=others, baselines=guides, costs=costs)
+    folder.write_figures()
     certificate = guide.certificate
     result = {
         "risk": guide.risk,

@@ -73,33 +73,26 @@ def plan_swarm(common: CommonOptions, planning: SwarmPlanOptions) -> None:
             sampled = csw.estimate(
                 chosen, policy, _RUNS, planning.seed, tolerance=1e-4, guide=guide
             )
-        content = _write(folder, chosen, swarm_plan, sampled, asdict(planning))
+        content = _write(folder, swarm_plan, sampled, asdict(planning))
     print_result(folder, content, _text(chosen, swarm_plan, sampled), common)
 
 
 def _write(
     folder: ResultsFolder,
-    scenario: csw.Scenario,
     plan: csw.SwarmPlan,
     sampled: csw.Estimate | None,
     inputs: dict[str, Any],
 ) -> dict[str, Any]:
     from ..planning.tables import joint_table, outcome_table
-    from ..results.catalogue import swarm_plan_figures
     from ..studies.tables import estimate_table
 
     folder.write_table("joint", joint_table(plan))
     folder.write_table("outcomes", outcome_table(plan))
     success, bound = _labels(plan, sampled)
     distribution = plan.distribution
-    objects: dict[str, Any] = {
-        "positions": plan.positions,
-        "survival": None if distribution is None else distribution.survival,
-        "success": success,
-        "bound": bound,
-    }
-    folder.write_objects(**objects)
-    folder.write_figures(swarm_plan_figures(scenario, **objects))
+    survival = None if distribution is None else distribution.survival
+    folder.write_objects(positions=plan.positions, survival=survival, success=success, bound=bound)
+    folder.write_figures()
     result: dict[str, Any] = {
         "objective": plan.objective,
         "value": plan.value,

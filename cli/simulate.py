@@ -125,10 +125,9 @@ def _write(
     folder: ResultsFolder, study: csw.Study, bound: csw.SuccessBound, inputs: dict[str, Any]
 ) -> dict[str, Any]:
     from ..planning.tables import guide_table
-    from ..results.catalogue import simulation_figures
     from ..studies.tables import trajectory_table
 
-    scenario, guide = study.scenario, study.guide
+    guide = study.guide
     folder.write_table("summary", study.summary)
     if len(study.paired):
         folder.write_table("paired", study.paired)
@@ -136,9 +135,7 @@ def _write(
     folder.write_table("guide", guide_table(guide))
     folder.write_table("trajectories", trajectory_table(study.trajectories))
     folder.write_objects(guide=guide, trajectories=study.trajectories, success_bound=bound)
-    folder.write_figures(
-        simulation_figures(scenario, guide, study.summary, study.paired, study.trajectories)
-    )
+    folder.write_figures()
     result = {
         "summary": study.summary.to_dict("records"),
         "paired": study.paired.to_dict("records"),

@@ -160,15 +160,12 @@ def _range(text: str, parts: list[str]) -> list[Any]:
 
 
 def _write(folder: ResultsFolder, result: csw.Sweep, inputs: dict[str, Any]) -> dict[str, Any]:
-    from ..results.catalogue import sweep_figures
-
     folder.write_table("sweep", result.table)
     folder.write_table("effort", result.effort)
     folder.write_objects(keys=list(result.keys))
-    folder.write_figures(sweep_figures(result.scenario.name, result.table, result.keys))
-    return folder.write_record(
-        {"failures": result.failures, "sweep": result.table.to_dict("records")}, inputs
-    )
+    folder.write_figures()
+    points = result.table.to_dict("records")
+    return folder.write_record({"failures": result.failures, "sweep": points}, inputs)
 
 
 def _text(result: csw.Sweep) -> str:

@@ -51,18 +51,15 @@ def simulation_figures(
     guide: Guide,
     summary: pd.DataFrame,
     paired: pd.DataFrame,
-    trajectories: Mapping[str, Sequence[RunTrajectory]],
-    run: int = 0,
+    trajectories: Mapping[str, RunTrajectory],
+    run: int,
 ) -> FigureCatalogue:
-    """Figures of a simulation: success, differences, and a run of every policy."""
+    """Figures of a simulation: success, differences, and run number `run` of every policy."""
     name = scenario.name
     catalogue: FigureCatalogue = {"success": partial(figures.success_chart, summary, name)}
     if len(paired):
         catalogue["differences"] = partial(figures.difference_chart, paired, name)
-    for policy, saved in trajectories.items():
-        if run >= len(saved):
-            continue
-        trajectory = saved[run]
+    for policy, trajectory in trajectories.items():
         follows = follows_guide(trajectory, guide, scenario.formation.rho)
         options: dict[str, Any] = {
             "title": f"{name}, {policy}, run {run}",

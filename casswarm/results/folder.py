@@ -8,6 +8,7 @@ import platform
 import sys
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -37,6 +38,7 @@ class FigureFormat(NamedTuple):
     dpi: int = 200
 
 
+@dataclass(eq=False)
 class ResultsFolder(ResultsReader):
     """Folder with the results of a command, to write (`create`) or to read (`open`).
 
@@ -45,17 +47,8 @@ class ResultsFolder(ResultsReader):
     command, its inputs, the scenario and the versions.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        command: str,
-        record: Mapping[str, Any],
-        figure_format: FigureFormat | None = None,
-    ) -> None:
-        super().__init__(path, command, record)
-        self.figure_format = figure_format or FigureFormat()
-        self.files: list[str] = []
-        self._started = time.perf_counter()
+    figure_format: FigureFormat = field(default_factory=FigureFormat)
+    _started: float = field(default_factory=time.perf_counter, init=False)
 
     @classmethod
     def create(
@@ -79,20 +72,26 @@ class ResultsFolder(ResultsReader):
             raise FolderError(
                 f"cannot write {path}: {existing} is not a folder that can be written to"
             )
-        record = {} if scenario is None else {"scenario": scenario.to_toml()}
-        return cls(path, command, record, figure_format)
+        folder = cls(path, command, {}, figure_format or FigureFormat())
+        if scenario is not None:
+            folder.record = {"scenario": scenario.to_toml()}
+            folder.scenario = scenario  # not read back: its hazard may be imported from elsewhere
+        return folder
 
     def write_table(self, name: str, table: pd.DataFrame) -> None:
         """Write a table as NAME.csv."""
         self.write_file(f"{name}.csv", table.to_csv(index=False))
 
-    def write_figures(self, catalogue: FigureCatalogue) -> None:
-        """Draw figures one by one and write them, each as NAME.png or of another format."""
+    def write_figures(self, catalogue: FigureCatalogue | None = None) -> None:
+        """Draw figures one by one and write them, each as NAME.png or of another format.
+
+        By default those of the command, from the tables and objects that are written already.
+        """
         from ..figures import save, theme
 
         suffix, width, dpi = self.figure_format
         with theme(width):
-            for name, draw in catalogue.items():
+            for name, draw in (self.figures() if catalogue is None else catalogue).items():
                 self.write_file(f"{name}.{suffix}", partial(save, draw(), dpi=dpi))
 
     def write_objects(self, **objects: Any) -> None:
@@ -149,10 +148,9 @@ class ResultsFolder(ResultsReader):
     def extend_record(self) -> None:
         """Add the files written here to the run.json of another command, which may remove them."""
         content = json.loads((self.path / RECORD).read_text(encoding="utf-8"))
-        files = self.files.copy()
-        content["files"] = sorted({*content.get("files", ()), *files})
+        content["files"] = sorted({*content.get("files", ()), *self.files})
         self.write_file(RECORD, json_text(content) + "\n")
-        self.files = files
+        self.files.remove(RECORD)
 
     def _earlier_files(self) -> set[str]:
         """Names of the files of an earlier run, by its record."""

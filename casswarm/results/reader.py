@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -20,7 +21,6 @@ from ..planning.guide import Guide
 from .serialization import unpack
 
 if TYPE_CHECKING:
-    from ..comparison import Comparison
     from ..scenario import Scenario
     from .catalogue import FigureCatalogue
 
@@ -33,8 +33,12 @@ OBJECTS = "results.npz"
 RECORD = "run.json"
 
 
+@dataclass(eq=False)
 class ResultsReader:
     """What the folder of a finished command holds.
+
+    Reading raises a CheckpointError where a part of the folder is missing, damaged, or of another
+    command.
 
     Parameters
     ----------
@@ -43,20 +47,18 @@ class ResultsReader:
         One of `COMMANDS`.
     record : mapping
         Content of run.json.
+    files : list of str
+        Names of the files that the command wrote, without those of an earlier command.
     """
 
-    def __init__(self, path: Path, command: str, record: Mapping[str, Any]) -> None:
-        self.path, self.command, self.record = path, command, record
+    path: Path
+    command: str
+    record: Mapping[str, Any]
+    files: list[str] = field(default_factory=list, kw_only=True)
 
     @classmethod
     def open(cls, path: Path) -> Self:
-        """Folder with the results of one of `COMMANDS`.
-
-        Raises
-        ------
-        CheckpointError
-            Not a folder, or not a results folder of such a command.
-        """
+        """Folder with the results of one of `COMMANDS`."""
         if not path.is_dir():
             raise CheckpointError(f"{path} is not a folder: {_EXPECTED}, {_EXAMPLE}", folder=path)
         file = path / RECORD
@@ -80,16 +82,10 @@ class ResultsReader:
         if command not in COMMANDS:
             origin = "an unknown origin" if command is None else f"casswarm {command}"
             raise CheckpointError(f"{file} is of {origin}, without figures to draw: {_EXPECTED}")
-        return cls(path, command, record)
+        return cls(path, command, record, files=list(record.get("files", ())))
 
     def part(self, name: str) -> Any:
-        """Part of the record.
-
-        Raises
-        ------
-        CheckpointError
-            The record lacks it.
-        """
+        """Part of the record."""
         try:
             return self.record[name]
         except KeyError:
@@ -123,17 +119,11 @@ class ResultsReader:
         return Scenario.from_data(data, source=source, folder=Path.cwd())
 
     def has_table(self, name: str) -> bool:
-        """Whether the table NAME.csv exists."""
-        return (self.path / f"{name}.csv").is_file()
+        """Whether the command wrote the table NAME.csv."""
+        return f"{name}.csv" in self.files
 
     def table(self, name: str) -> pd.DataFrame:
-        """The table NAME.csv, its numbers equal to the last bit.
-
-        Raises
-        ------
-        CheckpointError
-            It does not exist, or cannot be read.
-        """
+        """The table NAME.csv, its numbers equal to the last bit."""
         file = self.path / f"{name}.csv"
         try:
             table: pd.DataFrame = pd.read_csv(file, **_exact_numbers())
@@ -150,13 +140,7 @@ class ResultsReader:
 
     @cached_property
     def objects(self) -> dict[str, Any]:
-        """The objects of `write_objects`, by name.
-
-        Raises
-        ------
-        CheckpointError
-            They do not exist, or cannot be read.
-        """
+        """The objects of `write_objects`, by name."""
         file = self.path / OBJECTS
         try:
             with np.load(file, allow_pickle=False) as arrays:
@@ -189,13 +173,7 @@ class ResultsReader:
             ) from None
 
     def trajectory(self, policy: str | None = None, run: int = 0) -> tuple[str, RunTrajectory]:
-        """Name of a policy, by default the last one, and the trajectory of one of its runs.
-
-        Raises
-        ------
-        CheckpointError
-            The folder has no such trajectory.
-        """
+        """Name of a policy, by default the last one, and the trajectory of one of its runs."""
         if self.command != "simulate":
             raise CheckpointError(
                 f"{self.path} was written by casswarm {self.command}, which saves no trajectories: "
@@ -213,21 +191,8 @@ class ResultsReader:
             )
         return name, saved[run]
 
-    @cached_property
-    def comparison(self) -> Comparison:
-        """The comparison of solvers, without the properties of its problems."""
-        from ..comparison import Comparison
-
-        return Comparison(self.table("runs"), pd.DataFrame(), dict(self.part("inputs")))
-
     def figures(self, run: int = 0) -> FigureCatalogue:
-        """The figures that the command drew; of simulated runs, number `run`.
-
-        Raises
-        ------
-        CheckpointError
-            A table or object is missing or damaged, or the run was not saved.
-        """
+        """The figures of the command, drawn from what it saved; of simulated runs, number `run`."""
         try:
             return self._figures(run)
         except KeyError as error:
@@ -237,11 +202,14 @@ class ResultsReader:
             ) from None
 
     def _figures(self, run: int) -> FigureCatalogue:
-        from ..comparison import report
         from . import catalogue
 
         if self.command == "compare":
-            return catalogue.drawn_figures(report.figures(self.comparison))
+            from ..comparison import Comparison, report
+
+            inputs, no_problems = dict(self.part("inputs")), pd.DataFrame()  # for no figure
+            comparison = Comparison(self.table("runs"), no_problems, inputs)
+            return catalogue.drawn_figures(report.figures(comparison))
         scenario, objects = self.scenario, self.objects
         if self.command == "plan":
             return catalogue.plan_figures(scenario, **objects)
@@ -252,10 +220,9 @@ class ResultsReader:
             return catalogue.evaluation_figures(scenario, objects["distributions"], successes)
         if self.command == "sweep":
             return catalogue.sweep_figures(scenario.name, self.table("sweep"), objects["keys"])
-        for policy in self.trajectories:
-            self.trajectory(policy, run)  # raises if it was not saved
+        trajectories = dict(self.trajectory(policy, run) for policy in self.trajectories)
         return catalogue.simulation_figures(
-            scenario, self.guide, self.table("summary"), self.paired, self.trajectories, run
+            scenario, self.guide, self.table("summary"), self.paired, trajectories, run
         )
 
 

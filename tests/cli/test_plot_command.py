@@ -110,6 +110,7 @@ def test_simulate_removes_figures_added_by_plot(simulated):
     assert "success.pdf" in json.loads((simulated / "run.json").read_text())["files"]
     casswarm(where.parent, "simulate", "paper-1", "--policy", "naive", "--runs", 3, "--quiet")
     assert not (simulated / "success.pdf").exists()
+    assert not (simulated / "differences.png").exists()
     assert (simulated / "run-naive.png").read_bytes().startswith(PNG)
 
 
