@@ -89,11 +89,12 @@ def reproduce(output: ReproduceOutput, selection: ReproduceOptions, figures: Fig
 
 
 def _text(reproduction: Reproduction) -> str:
-    from ..reproduction.report import table_text
+    from ..reproduction.report import table_for_people
     from ..reproduction.reproduce import TABLES
 
-    return "\n\n".join(
-        f"{TABLES[name]}\n\n{aligned_table(table_text(reproduction, name))}"
-        for name in ("table-1", "table-2", "empty-sets", "beyond")
-        if name in reproduction.tables
-    )
+    texts = []
+    for name in ("table-1", "table-2", "empty-sets", "beyond"):
+        if name in reproduction.tables:
+            rows = table_for_people(reproduction, name).astype(str).to_dict("records")
+            texts.append(f"{TABLES[name]}\n\n{aligned_table(rows)}")
+    return "\n\n".join(texts)

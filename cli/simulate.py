@@ -117,7 +117,11 @@ def simulate(
         bound = csw.success_bound(chosen)
         content = _write(folder, study, bound, inputs)
         if sampling.report:
-            _report(folder, common.quiet)
+            from ..results.simulation_report import simulation_page
+
+            say("writing the report", common.quiet)
+            folder.write_file("report.html", simulation_page(folder))
+            folder.extend_record()
         print_result(folder, content, f"{_text(study)}\n\n{bound}", common)
 
 
@@ -149,16 +153,6 @@ def _write(
         "success_bound": bound.as_dict(),
     }
     return folder.write_record(result, inputs)
-
-
-def _report(folder: ResultsFolder, quiet: bool) -> None:
-    """Write the report from what is in the folder."""
-    from ..results.folder import ResultsFolder
-    from ..results.simulation_report import simulation_page
-
-    say("writing the report", quiet)
-    folder.write_file("report.html", simulation_page(ResultsFolder.open(folder.path)))
-    folder.extend_record()
 
 
 def _text(study: csw.Study) -> str:

@@ -65,6 +65,12 @@ class Problem:
                     "expected one"
                 )
 
+    def as_row(self) -> dict[str, object]:
+        """Family, name, traits and size, as a table row."""
+        variables, _, constraints = self.nlp.sizes
+        size = {"variables": variables, "constraints": constraints}
+        return {"family": self.family, "problem": self.name, **self.traits, **size}
+
     def fingerprint(self) -> str:
         """Hash of its numbers and of its functions at the starts: equal for equal problems."""
         digest = hashlib.sha256(f"{self.name} {self.family} {self.nlp.name}".encode())
@@ -135,7 +141,7 @@ def _guide(name: str, radars: FloatArray, horizon: int, rng: np.random.Generator
     near = np.where(np.isfinite(x), x, instances.x0)
     near = near + NOISE * rng.normal(size=near.shape)
     starts = {"cold": instances, "warm": instances.with_x0(near)}
-    traits = {"radars": len(radars), "horizon": horizon, **_sizes(nlp)}
+    traits = {"radars": len(radars), "horizon": horizon}
     return Problem(name, "guides", nlp, starts, traits)
 
 
@@ -158,7 +164,7 @@ def _formations(
             for number, (nlp, instances) in enumerate(recorder.sample(count, rng)):
                 zero = np.zeros_like(instances.x0)  # the paper's initial guess
                 starts = {"cold": instances.with_x0(zero), "warm": _from_previous(nlp, instances)}
-                traits = {"members": n, "policy": policy, "rate": rate, **_sizes(nlp)}
+                traits = {"members": n, "policy": policy, "rate": rate}
                 name = f"{policy}-{n}-{rate}-{number}"
                 yield Problem(name, "formations", nlp, starts, traits)
 
@@ -223,11 +229,6 @@ def _scenario(
             "hazard": {"radars": radars.tolist(), "alpha_2": 3.0, "alpha_3": 4.0, **hazard},
         }
     )
-
-
-def _sizes(nlp: Nlp) -> dict[str, object]:
-    variables, _, constraints = nlp.sizes
-    return {"variables": variables, "constraints": constraints}
 
 
 @dataclass(frozen=True, eq=False)

@@ -181,8 +181,8 @@ def _families(problems: pd.DataFrame) -> pd.DataFrame:
             {
                 "family": family,
                 "problems": len(part),
-                "variables": _range(part, "variables"),
-                "constraints": _range(part, "constraints"),
+                "variables": _range(part["variables"]),
+                "constraints": _range(part["constraints"]),
                 "description": FAMILIES[str(family)][2] if family in FAMILIES else "user-defined",
             }
             for family, part in problems.groupby("family", sort=False)
@@ -242,10 +242,8 @@ def _method(name: str) -> str:
     return SOLVERS[name].summary if name in SOLVERS else "user-defined"
 
 
-def _range(part: pd.DataFrame, column: str) -> str:
-    if column not in part or part[column].isna().all():
-        return ""
-    low, high = int(part[column].min()), int(part[column].max())
+def _range(column: pd.Series) -> str:
+    low, high = column.min(), column.max()
     return f"{low}" if low == high else f"{low} to {high}"
 
 

@@ -44,7 +44,7 @@ class Comparison(Displayed):
         A row per (problem, start, solver): see `casswarm.comparison.benchmark.benchmark` and
         `casswarm.comparison.verification.verify`.
     problems : DataFrame
-        A row per problem: family, problem, and its traits.
+        A row per problem: family, problem, its traits and its size.
     inputs : dict
         All that determines the runs and their verification: families, seed, solvers, time limit,
         machine, versions, a fingerprint of every problem, and tolerances, as plain values.
@@ -143,7 +143,14 @@ def compare(
         "solvers": {label: repr(solver) for label, solver in limited.items()},
         "unavailable": _unavailable(),
         "problems": {problem.name: problem.fingerprint() for problem in posed},
-        **_environment(),
+        # times of different machines or versions do not belong in one table
+        "machine": {
+            "processor": _processor(),
+            "cores": os.cpu_count(),
+            "system": platform.platform(),
+            "python": platform.python_version(),
+        },
+        "versions": {name: version(name) for name in _LIBRARIES},
     }
     tolerances = Tolerances() if tolerances is None else tolerances
     isolated = {label: Isolated(solver, time_limit) for label, solver in limited.items()}
@@ -156,7 +163,7 @@ def compare(
             solver.close()
     return Comparison(
         runs=verify(pd.DataFrame(rows), tolerances),
-        problems=pd.DataFrame([{"family": p.family, "problem": p.name, **p.traits} for p in posed]),
+        problems=pd.DataFrame([problem.as_row() for problem in posed]),
         inputs=inputs | {"tolerances": asdict(tolerances)},
     )
 
@@ -244,19 +251,6 @@ def _require_distinct(kind: str, names: Sequence[str], advice: str = "") -> None
         raise ComparisonError(f"{kind}s of the same name: {', '.join(repeated)}{advice}")
     if not names:
         raise ComparisonError(f"no {kind} given")
-
-
-def _environment() -> dict[str, Any]:
-    """Machine and versions: times of different ones do not belong in one table."""
-    return {
-        "machine": {
-            "processor": _processor(),
-            "cores": os.cpu_count(),
-            "system": platform.platform(),
-            "python": platform.python_version(),
-        },
-        "versions": {name: version(name) for name in _LIBRARIES},
-    }
 
 
 def _processor() -> str:

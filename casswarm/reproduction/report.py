@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
@@ -30,41 +30,35 @@ def page(reproduction: Reproduction, suffix: str = "png") -> str:
         titles=TABLES,
         figure=lambda name, caption: f"![{name}]({name}.{suffix})\n\n*{caption}*",
         paper_runs=PAPER_RUNS,
-        table_1=_table_1(tables["table-1"]),
+        table_1=table_for_people(reproduction, "table-1"),
         geometry=_formatted(tables["geometry"], {"x": "{:g}", "y": "{:g}"}),
         within=int(within.sum()),
         policies=len(within),
-        table_2=table_2_text(tables["table-2"], reproduction.runs),
+        table_2=table_for_people(reproduction, "table-2"),
         guide_iterations=f"{guide['iteration']:.0f}",
         guide_survival=f"{guide['survival']:.2g}",
         ipopt_survival=f"{reproduction.guide.survival:.2g}",
         convergence=_formatted(last, columns),
-        empty_sets=_with_success_bounds(tables["empty-sets"]),
+        empty_sets=table_for_people(reproduction, "empty-sets"),
         beyond=_with_success_bounds(_formatted(tables["beyond"], {"guide_survival": "{:.4f}"})),
         interpretations=tables["interpretations"],
     )
 
 
-def table_text(reproduction: Reproduction, name: str) -> Sequence[Mapping[Any, str]]:
-    """Rows of a table for people, all as text."""
+def table_for_people(reproduction: Reproduction, name: str) -> pd.DataFrame:
+    """A table with its intervals and bounds as text."""
     table = reproduction.tables[name]
     if name == "table-1":
-        table = _table_1(table)
-    elif name == "table-2":
-        table = table_2_text(table, reproduction.runs)
-    elif "success_low" in table:
-        table = _with_success_bounds(table)
-    return table.astype(str).to_dict("records")
+        return _formatted(table, {"paper": "{:g}", "casswarm": "{:g}"})
+    if name == "table-2":
+        return table_2_text(table, reproduction.runs)
+    return _with_success_bounds(table) if "success_low" in table else table
 
 
 def bounds_text(low: float, high: float) -> str:
     """Bounds to four digits, rounded outward so that they remain bounds."""
     slack = 1e-9  # bounds of four digits are not changed
     return f"{math.floor(1e4 * low + slack) / 1e4:.4f} to {rounded_up(high - slack):.4f}"
-
-
-def _table_1(table: pd.DataFrame) -> pd.DataFrame:
-    return _formatted(table, {"paper": "{:g}", "casswarm": "{:g}"})
 
 
 def table_2_text(table: pd.DataFrame, runs: int) -> pd.DataFrame:

@@ -118,7 +118,7 @@ class ResultsFolder(ResultsReader):
         self.files.append(name)
 
     def write_record(self, result: Mapping[str, Any], inputs: Mapping[str, Any]) -> dict[str, Any]:
-        """Write run.json: the result, and all that it depends on; return its content.
+        """Write run.json, the result and all that it depends on, and return this record.
 
         Files that an earlier run of a command wrote here and this one did not are removed.
         """
@@ -126,7 +126,7 @@ class ResultsFolder(ResultsReader):
 
         for name in self._earlier_files() - set(self.files):
             (self.path / name).unlink(missing_ok=True)
-        content = {
+        self.record = {
             "command": self.command,
             "inputs": inputs,
             "result": result,
@@ -142,15 +142,15 @@ class ResultsFolder(ResultsReader):
             "finished": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
             "seconds": time.perf_counter() - self._started,
         }
-        self.write_file(RECORD, json_text(content) + "\n")
-        return content
+        self.write_file(RECORD, json_text(self.record) + "\n")
+        return self.record
 
     def extend_record(self) -> None:
         """Add the files written here to the run.json of another command, which may remove them."""
         content = json.loads((self.path / RECORD).read_text(encoding="utf-8"))
         content["files"] = sorted({*content.get("files", ()), *self.files})
         self.write_file(RECORD, json_text(content) + "\n")
-        self.files.remove(RECORD)
+        self.files.pop()  # the record is not this command's
 
     def _earlier_files(self) -> set[str]:
         """Names of the files of an earlier run, by its record."""
