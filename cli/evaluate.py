@@ -10,14 +10,7 @@ import click
 import casswarm as csw
 
 from .common import load, named_policies, reported_errors
-from .options import (
-    CommonOptions,
-    ExactOptions,
-    PolicyOptions,
-    option,
-    options,
-    seed_option,
-)
+from .options import CommonOptions, ExactOptions, PolicyOptions, option, options, seed_option
 from .output import aligned_table, open_folder, print_result, progress_report, say
 
 if TYPE_CHECKING:

@@ -88,8 +88,13 @@ def _write(
 
     folder.write_table("joint", joint_table(plan))
     folder.write_table("outcomes", outcome_table(plan))
-    success, bound = _labels(plan, sampled)
     distribution = plan.distribution
+    if sampled is None:
+        assert distribution is not None
+        success = f"{1 - distribution.failure:.6g}"
+    else:
+        success = "{:.4f} to {:.4f} ({:.0%})".format(*sampled.success, sampled.level)
+    bound = str(plan.bound) if plan.bound is not None and plan.bound.certified else ""
     survival = None if distribution is None else distribution.survival
     folder.write_objects(positions=plan.positions, survival=survival, success=success, bound=bound)
     folder.write_figures()
@@ -112,18 +117,6 @@ def _write(
         "seconds": plan.seconds,
     }
     return folder.write_record(result, inputs)
-
-
-def _labels(plan: csw.SwarmPlan, sampled: csw.Estimate | None) -> tuple[str, str]:
-    """Success and its bound as the figure's title shows them."""
-    if sampled is not None:
-        low, high = sampled.success
-        success = f"{low:.4f} to {high:.4f} ({sampled.level:.0%})"
-    else:
-        assert plan.distribution is not None
-        success = f"{1 - plan.distribution.failure:.6g}"
-    certified = plan.bound is not None and plan.bound.certified
-    return success, str(plan.bound) if certified else ""
 
 
 def _text(scenario: csw.Scenario, plan: csw.SwarmPlan, sampled: csw.Estimate | None) -> str:

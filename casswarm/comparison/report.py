@@ -91,7 +91,11 @@ def make_report(comparison: Comparison) -> Report:
         "families": _families(comparison.problems),
         "solvers": pd.DataFrame(
             [
-                {"solver": name, "method": _method(name), "options": options}
+                {
+                    "solver": name,
+                    "method": SOLVERS[name].summary if name in SOLVERS else "user-defined",
+                    "options": options,
+                }
                 for name, options in inputs["solvers"].items()
             ]
         ),
@@ -236,10 +240,6 @@ def _by_problem(table: pd.DataFrame) -> pd.DataFrame:
 
 def _fastest(part: pd.DataFrame) -> str:
     return str(part.sort_values("mean_ms")["solver"].iloc[0])
-
-
-def _method(name: str) -> str:
-    return SOLVERS[name].summary if name in SOLVERS else "user-defined"
 
 
 def _range(column: pd.Series) -> str:

@@ -215,8 +215,7 @@ def _solvers(
     if isinstance(solvers, Mapping):
         return {label: make_solver(solver) for label, solver in solvers.items()}
     if solvers is None:
-        unavailable = _unavailable()
-        solvers = [name for name in SOLVERS if name not in unavailable]
+        solvers = [name for name, solver in SOLVERS.items() if not solver.unavailable()]
     listed = [solvers] if isinstance(solvers, str | Solver) else solvers
     chosen = [make_solver(solver) for solver in listed]
     names = [solver.name for solver in chosen]

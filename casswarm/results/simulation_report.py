@@ -15,24 +15,18 @@ from . import catalogue
 from .folder import ResultsFolder
 
 
-def simulation_page(folder: ResultsFolder, run: int = 0) -> str:
-    """HTML page of a folder that casswarm simulate wrote.
-
-    Parameters
-    ----------
-    folder : ResultsFolder
-    run : int
-        Which of the saved runs is shown.
+def simulation_page(folder: ResultsFolder) -> str:
+    """HTML page of a folder that casswarm simulate wrote, with the first run of every policy.
 
     Raises
     ------
     CheckpointError
         The folder lacks a table, or was written by another command.
     """
-    folder.trajectory(run=run)  # raises for other commands
+    folder.trajectory()  # raises for other commands
     record, summary = folder.record, folder.table("summary")
     scenario, guide = folder.scenario, folder.guide
-    figures = {**folder.figures(run), **catalogue.plan_figures(scenario, guide)}
+    figures = {**folder.figures(), **catalogue.plan_figures(scenario, guide)}
     with theme("page"):
         pictures = {name: _picture(draw()) for name, draw in figures.items()}
     best = summary.sort_values("success", ascending=False).to_dict("records")[0]
@@ -49,7 +43,6 @@ def simulation_page(folder: ResultsFolder, run: int = 0) -> str:
         guide=guide,
         bound=folder.objects["success_bound"],
         pictures=pictures,
-        run=run,
         command=f"casswarm {shlex.join(map(str, record['arguments']))}",
         record=record,
     )
