@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -80,9 +80,7 @@ class States:
         if tolerance > 0:
             order = np.lexsort((-self.weights, inverse))
             first = order[np.searchsorted(inverse[order], np.arange(len(first)))]
-        return States(
-            self.positions[first], self.previous_velocities[first], self.alive[first], weights
-        )
+        return replace(self[first], weights=weights)
 
 
 class Frontier:

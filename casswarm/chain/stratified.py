@@ -2,14 +2,9 @@
 
 `expand` leaves states of total mass M in its frontier. They are divided into R strata of equal
 mass, and one run is sampled from every stratum, independently. States are ordered by their living
-members and by step, so that neighbouring strata are alike; pairs of neighbours show how much
-variance that saves (`effective_runs`), and Wilson's interval with the effective number of runs
-covers the mean of the strata about as often as that of plain runs covers theirs. M times this
-interval is the contribution of the residual mass to the success probability.
-
-Outcomes that were too improbable to be stored contribute an interval, [0, their mass]; a state of
-which they would be a larger fraction than `MAX_PRUNED_FRACTION` is not split but sampled. Why the
-interval is narrower than that of plain sampling with as many solves: ``docs/chain.md``.
+members and by step, so that neighbouring strata are alike. M times Wilson's interval with the
+`effective_runs` is the contribution of the residual mass; outcomes too improbable to be stored
+contribute [0, their mass]. Why that interval is valid and narrower: ``docs/chain.md``.
 """
 
 from __future__ import annotations

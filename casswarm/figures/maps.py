@@ -63,7 +63,8 @@ def guide_map(
         else other
         for other in others
     ]
-    paths = [path for path in paths if not _same(path, guide.positions)]
+    shape = guide.positions.shape
+    paths = [p for p in paths if p.shape != shape or np.abs(p - guide.positions).max() > 1e-12]
     fig, axes = base_map(scenario, [guide.positions, scenario.positions, *paths])
     for number, path in enumerate(paths):
         label = "other candidate paths" if number == 0 else None
@@ -76,10 +77,6 @@ def guide_map(
     add_legend(fig, axes)
     add_title(fig, scenario.name, f"guide, single-agent survival {guide.survival:.3g}")
     return fig
-
-
-def _same(path: FloatArray, other: FloatArray) -> bool:
-    return path.shape == other.shape and bool(np.allclose(path, other, rtol=0, atol=1e-12))
 
 
 @themed
