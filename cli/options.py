@@ -35,7 +35,7 @@ def option(*flags: str, **settings: Any) -> Any:
 
 
 def options(command: Command) -> Command:
-    """Add the arguments and options of the records that all of a command's parameters are.
+    """Add the arguments and options that the records declare of which a command's parameters are.
 
     The help shows the options in the order of the records.
     """

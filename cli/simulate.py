@@ -77,11 +77,7 @@ def simulate(
     """
     if sampling.runs is not None and sampling.half_width is not None:
         raise WrongInput("--runs and --half-width: give one of them")
-    with (
-        reported_errors(resumes=True),
-        progress_report(common.quiet) as progress,
-        executor(execution) as workers,
-    ):
+    with reported_errors(resumes=True), progress_report(common.quiet) as progress:
         chosen = load(common, planning.values)
         folder = open_folder("simulate", chosen, common.out, common)
         guide = csw.plan(chosen, progress=progress)
@@ -93,18 +89,19 @@ def simulate(
                 chosen, chosen_policies, sampling.half_width, sampling.seed, **shared
             )
             say(f"pilot study: {runs} runs per policy needed", common.quiet)
-        study = csw.simulate(
-            chosen,
-            chosen_policies,
-            runs,
-            sampling.seed,
-            workers,
-            save_trajectories=sampling.save_trajectories,
-            progress=progress,
-            checkpoint=folder.path,
-            if_exists=execution.if_exists,
-            **shared,
-        )
+        with executor(execution) as workers:
+            study = csw.simulate(
+                chosen,
+                chosen_policies,
+                runs,
+                sampling.seed,
+                workers,
+                save_trajectories=sampling.save_trajectories,
+                progress=progress,
+                checkpoint=folder.path,
+                if_exists=execution.if_exists,
+                **shared,
+            )
         inputs = {
             "policies": list(study.summary["policy"]),
             "runs": int(study.summary["runs"].iloc[0]),

@@ -83,25 +83,23 @@ def sweep(
     if method.exact and method.runs is not None:
         raise WrongInput("--exact and --runs: give one of them")
     grid = _grid(common.settings)
-    with (
-        reported_errors(resumes=True),
-        progress_report(common.quiet) as progress,
-        executor(execution) as workers,
-    ):
+    with reported_errors(resumes=True), progress_report(common.quiet) as progress:
         chosen = csw.load_scenario(common.scenario)
         folder = open_folder("sweep", chosen, common.out, common)
         settings: dict[str, Any] = {"runs": method.runs, "seed": method.seed, **asdict(accuracy)}
         settings["solver"] = policies.solver
-        result = csw.sweep(
-            chosen,
-            grid,
-            named_policies(policies.policies),
-            **settings,
-            workers=workers,
-            checkpoint=folder.path,
-            if_exists=execution.if_exists,
-            progress=progress,
-        )
+        chosen_policies = named_policies(policies.policies)
+        with executor(execution) as workers:
+            result = csw.sweep(
+                chosen,
+                grid,
+                chosen_policies,
+                **settings,
+                workers=workers,
+                checkpoint=folder.path,
+                if_exists=execution.if_exists,
+                progress=progress,
+            )
         inputs = {
             "settings": grid,
             "policies": list(dict.fromkeys(result.table["policy"])),

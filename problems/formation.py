@@ -286,7 +286,7 @@ def _formation(
         lbx=nlp.pack_variables(displacements=lower),
         ubx=nlp.pack_variables(displacements=upper),
         lbg=np.full((len(free), nlp.sizes[2]), -np.inf),
-        ubg=np.moveaxis(squared, -1, 1).reshape(len(free), -1),
+        ubg=np.moveaxis(squared, -1, 1).reshape(len(free), -1),  # in the order of `constraints`
         feasible_set=sets,
         scale=formation_scale(step, weights),
     )

@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import re
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -73,6 +74,8 @@ def json_text(content: Any) -> str:
     from pydantic_core import to_jsonable_python
 
     def fallback(value: Any) -> Any:
+        if isinstance(value, Mapping):  # that is no dict
+            return {str(key): part for key, part in value.items()}
         return value.tolist() if hasattr(value, "tolist") else str(value)
 
     plain = to_jsonable_python(content, inf_nan_mode="null", fallback=fallback)

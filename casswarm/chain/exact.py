@@ -1,11 +1,8 @@
 """Exact evaluation of the controlled Markov chain: outcome distributions without sampling.
 
-The distribution is carried by distinct states (positions, previous velocities, living members) with
-probabilities. A step solves every state once and splits it by which members survive; equal states
-are aggregated. States are expanded in rounds, most probable first: a round goes through the steps
-and expands every state whose probability is at least a threshold, and the threshold decreases from
-round to round until the residual mass, that of all states not expanded, is within tolerance. The
-bounds that it leaves are derived in ``docs/chain.md``.
+Distinct states (positions, previous velocities, living members) carry probabilities. A step solves
+every state once and splits it by which members survive. States are expanded most probable first, in
+rounds of decreasing thresholds, until the residual mass is within tolerance (``docs/chain.md``).
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Estimates that enumerate the most probable states exactly and sample the residual mass.
 
-`expand` leaves states of total mass M in its frontier. They are divided into R strata of equal
-mass, and one run is sampled from every stratum, independently. States are ordered by their living
-members and by step, so that neighbouring strata are alike. M times Wilson's interval with the
-`effective_runs` is the contribution of the residual mass; outcomes too improbable to be stored
-contribute [0, their mass]. Why that interval is valid and narrower: ``docs/chain.md``.
+States of total mass M are left in the frontier of the expansion. They are divided into R strata of
+equal mass, ordered by living members and step so that neighbouring strata are alike, and one run is
+sampled from every stratum. M times Wilson's interval with the `effective_runs` is the contribution
+of the residual mass; outcomes too improbable to be stored contribute [0, their mass]. Why that
+interval is valid and narrower: ``docs/chain.md``.
 """
 
 from __future__ import annotations

@@ -68,8 +68,10 @@ class Problem:
     def as_row(self) -> dict[str, object]:
         """Family, name, traits and size, as a table row."""
         variables, _, constraints = self.nlp.sizes
-        size = {"variables": variables, "constraints": constraints}
-        return {"family": self.family, "problem": self.name, **self.traits, **size}
+        row = {"family": self.family, "problem": self.name, **self.traits}
+        row.setdefault("variables", variables)
+        row.setdefault("constraints", constraints)
+        return row
 
     def fingerprint(self) -> str:
         """Hash of its numbers and of its functions at the starts: equal for equal problems."""

@@ -68,17 +68,6 @@ class CustomHazard(Hazard):
         for n in (1, 2):
             rate_function(self, n)
 
-    @classmethod
-    def from_name(
-        cls,
-        name: str,
-        folder: Path | None = None,
-        radars: tuple[tuple[float, float], ...] = (),
-        parameters: Mapping[str, Any] | None = None,
-    ) -> CustomHazard:
-        """Hazard of the function ``module:function``, imported from `folder` first."""
-        return cls(_import_function(name, folder), radars, parameters or {})
-
     @property
     def radar_positions(self) -> FloatArray:
         """Positions of the radars, shape (k, 2)."""

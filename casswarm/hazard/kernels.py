@@ -149,7 +149,8 @@ class KernelHazard(Hazard):
         size = max(1, _CHUNK_PAIRS // (n * max(n, len(self.radars))))
         starts = range(size, len(positions), size)
         chunks = zip(np.split(positions, starts), np.split(alive, starts), strict=True)
-        return np.concatenate([self._evaluate_chunk(*chunk) for chunk in chunks])
+        rates = [np.broadcast_to(self._evaluate_chunk(x, a), a.shape) for x, a in chunks]
+        return np.concatenate(rates)
 
     def _evaluate_chunk(self, positions: FloatArray, alive: BoolArray) -> FloatArray:
         source, density, collision, combine = lowered_kernels(self)

@@ -71,7 +71,15 @@ class Policy(ABC):
     def decide(
         self, step: int, positions: ArrayLike, previous_velocities: ArrayLike, alive: ArrayLike
     ) -> Decision:
-        """Decide in a batch of states as `decide_batch`, or in one state, without the axis B.
+        """Decide in one state, which is a batch of one, or in a batch of states.
+
+        Parameters
+        ----------
+        step : int
+            t, from 0.
+        positions, previous_velocities : (n, 2) or (B, n, 2)
+            X(t) and V(t-1).
+        alive : (n,) or (B, n) bool
 
         Raises
         ------

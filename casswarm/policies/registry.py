@@ -54,8 +54,9 @@ def make_policy(
     Parameters
     ----------
     name : str
-        One of `POLICIES`; or ``"constrained"`` and ``"leader"`` with their horizon, such as
-        ``"leader-mpc-3"``.
+        ``"naive"``, ``"constrained"``, ``"leader"``, ``"constrained-feedback"``,
+        ``"leader-feedback"``, ``"joint"``, ``"joint-replanning"``; or ``"constrained"`` and
+        ``"leader"`` with their horizon, such as ``"leader-mpc-3"``.
     scenario : Scenario
     guide : Guide, optional
         Planned from the scenario by default; feedback policies need none.

@@ -104,4 +104,4 @@ def sweep_figures(name: str, table: pd.DataFrame, keys: Sequence[str]) -> Figure
 
 def drawn_figures(drawn: Mapping[str, Figure]) -> FigureCatalogue:
     """Catalogue of figures that are drawn already."""
-    return {name: partial(drawn.__getitem__, name) for name in drawn}
+    return {name: lambda figure=figure: figure for name, figure in drawn.items()}  # type: ignore[misc]

@@ -91,7 +91,7 @@ class ResultsFolder(ResultsReader):
 
         suffix, width, dpi = self.figure_format
         with theme(width):
-            for name, draw in (self.figures() if catalogue is None else catalogue).items():
+            for name, draw in (self._figures(0) if catalogue is None else catalogue).items():
                 self.write_file(f"{name}.{suffix}", partial(save, draw(), dpi=dpi))
 
     def write_objects(self, **objects: Any) -> None:

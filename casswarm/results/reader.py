@@ -48,7 +48,7 @@ class ResultsReader:
     record : mapping
         Content of run.json.
     files : list of str
-        Names of the files that the command wrote, without those of an earlier command.
+        Names of the files in the record; while a command runs, of those that it has written.
     """
 
     path: Path
@@ -82,7 +82,11 @@ class ResultsReader:
         if command not in COMMANDS:
             origin = "an unknown origin" if command is None else f"casswarm {command}"
             raise CheckpointError(f"{file} is of {origin}, without figures to draw: {_EXPECTED}")
-        return cls(path, command, record, files=list(record.get("files", ())))
+        folder = cls(path, command, record)
+        if not isinstance(files := folder.part("files"), list):
+            raise CheckpointError(f"{file} is damaged; {folder._advice}")
+        folder.files += files
+        return folder
 
     def part(self, name: str) -> Any:
         """Part of the record."""
@@ -126,7 +130,9 @@ class ResultsReader:
         """The table NAME.csv, its numbers equal to the last bit."""
         file = self.path / f"{name}.csv"
         try:
-            table: pd.DataFrame = pd.read_csv(file, **_exact_numbers())
+            table: pd.DataFrame = pd.read_csv(  # only empty cells are missing, not a policy "null"
+                file, keep_default_na=False, na_values=[""], **_exact_numbers()
+            )
         except FileNotFoundError:
             raise self._missing(file.name) from None
         except (OSError, ValueError) as error:

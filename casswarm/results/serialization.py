@@ -60,7 +60,9 @@ def _encode(value: Any, arrays: list[np.ndarray]) -> Any:
         return {"type": name, "value": value.value}
     if isinstance(value, Guide):
         value = replace(value, candidates=())  # many, and for no figure
-    if is_dataclass(value) and name in _TYPES:
+    if is_dataclass(value):
+        if name not in _TYPES:
+            raise TypeError(f"{name} objects cannot be saved")
         parts = {item.name: getattr(value, item.name) for item in fields(value)}
         return {"type": name, "fields": {k: _encode(v, arrays) for k, v in parts.items()}}
     if isinstance(value, Mapping):

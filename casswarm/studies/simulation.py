@@ -203,7 +203,7 @@ def _study(scenario: Scenario, guide: Guide, seed: int, results: Mapping[str, li
         batches.sort(key=lambda part: part.first)
         tables += [run_table(name, part) for part in batches]
         trajectories[name] = tuple(path for part in batches for path in part.trajectories)
-        states, seconds = (sum(getattr(b, key) for b in batches) for key in ("states", "seconds"))
+        states, seconds = sum(b.states for b in batches), sum(b.seconds for b in batches)
         effort.append({"policy": name, "states": states, "seconds": seconds})
     runs = pd.concat(tables, ignore_index=True)
     return Study(

@@ -15,6 +15,7 @@ from hazard_cases import symbolic
 
 from casswarm.errors import HazardError
 from casswarm.hazard import CustomHazard, Saturation, SaturationCollision
+from casswarm.hazard.custom import user_hazard
 
 RADARS = ((4.4, 4.6), (4.5, 3.0))
 CONSTANTS: Any = {"alpha_1": 3.0, "alpha_2": 2.0, "alpha_3": 5.0, "beta_1": 0.3, "beta_2": 4}
@@ -250,7 +251,7 @@ def test_unhashable_parameter_is_named(value: object) -> None:
 
 
 def test_function_is_imported_by_name() -> None:
-    hazard = CustomHazard.from_name(f"{__name__}:height", parameters={"scale": 2})
+    hazard = user_hazard(f"{__name__}:height", None, (), {"scale": 2})
     assert hazard == CustomHazard(height, (), {"scale": 2})
 
 
@@ -261,7 +262,7 @@ def test_function_is_imported_from_folder_or_class(
     (tmp_path / "found_in_folder.py").write_text(
         "class Rates:\n    @staticmethod\n    def unit(positions, alive):\n        return alive\n"
     )
-    hazard = CustomHazard.from_name("found_in_folder:Rates.unit", tmp_path)
+    hazard = user_hazard("found_in_folder:Rates.unit", tmp_path, (), {})
     assert hazard.rates([[0, 0], [1, 1]]).tolist() == [1, 1]
 
 
@@ -282,7 +283,7 @@ def test_function_is_imported_from_folder_or_class(
     ],
 )
 def test_wrong_name_names_the_missing_part(name: str, words: str) -> None:
-    assert message(CustomHazard.from_name, name) == words
+    assert message(user_hazard, name, None, (), {}) == words
 
 
 def test_module_that_fails_to_import_is_explained(
@@ -290,7 +291,7 @@ def test_module_that_fails_to_import_is_explained(
 ) -> None:
     monkeypatch.setattr(sys, "path", [*sys.path])
     (tmp_path / "broken_module.py").write_text("1 / 0\n")
-    text = message(CustomHazard.from_name, "broken_module:rate", tmp_path)
+    text = message(user_hazard, "broken_module:rate", tmp_path, (), {})
     assert "cannot import the module 'broken_module' of 'broken_module:rate'" in text
     assert text.endswith("ZeroDivisionError: division by zero")
 
@@ -301,8 +302,8 @@ def test_hidden_module_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     for folder, value in (("one", 1.0), ("two", 2.0)):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "twin_rates.py").write_text(text.format(value))
-    first = CustomHazard.from_name("twin_rates:rate", tmp_path / "one")
+    first = user_hazard("twin_rates:rate", tmp_path / "one", (), {})
     assert first.rates([[0.0, 0.0]]).tolist() == [1.0]
     with pytest.raises(HazardError, match="another of the same name"):
-        CustomHazard.from_name("twin_rates:rate", tmp_path / "two")
+        user_hazard("twin_rates:rate", tmp_path / "two", (), {})
     sys.modules.pop("twin_rates")

@@ -216,6 +216,21 @@ class Branching(Counting):
         return ca.if_else(squared_distance > 0, 1 / squared_distance, 0)
 
 
+class Constant(Counting):
+    """A rate that depends on nothing."""
+
+    def combine(self, source, density, collision):
+        del density, collision
+        return 0 * source + 5
+
+
+def test_rates_may_be_constants() -> None:
+    hazard = Constant(RADARS, (1.0, 2.0))
+    assert hazard.rates(SQUARE, np.array([1, 0, 1, 1])).tolist() == [5, 0, 5, 5]
+    assert hazard.single_agent_rates(SQUARE).tolist() == [5] * 4
+    assert hazard.rates(np.empty((0, 4, 2)), np.empty((0, 4))).shape == (0, 4)
+
+
 def test_kernels_may_be_constants() -> None:
     hazard, alive = Counting(RADARS, (1.0, 2.0)), np.array([1, 0, 1, 1])
     expected = [6 + 10 * 3 + 100 * 6, 6 + 10 * 3 + 100 * 9] + [6 + 10 * 3 + 100 * 6] * 2

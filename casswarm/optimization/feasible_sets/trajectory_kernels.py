@@ -10,8 +10,7 @@ slack::
 
     1 - v_x, 1 - v_y, 1 + v_x, 1 + v_y, acceleration - |w|^2, radii[m] - |y_m - centers_m|^2
 
-The last two bounds are squares; an infinite one means that the constraint is absent, and its slack
-is infinite. J below is the Jacobian of -g.
+The last two bounds are squares, infinite where the constraint is absent. J is the Jacobian of -g.
 """
 
 from __future__ import annotations

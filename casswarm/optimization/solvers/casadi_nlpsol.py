@@ -43,7 +43,6 @@ class NlpsolSolver(Solver):
     Multipliers are CasADi's: positive at an upper bound, like those of `kkt.kkt_residuals`.
     """
 
-    time_limit: float = math.inf
     plugin: ClassVar[str]
     statuses: ClassVar[Mapping[str, Status]]
     """Status by return_status, or by CasADi's unified one if the plugin has none."""
@@ -115,7 +114,10 @@ class NlpsolSolver(Solver):
         """The limit that stopped the plugin, where only CasADi's unified status tells of one."""
         if stats["unified_return_status"] != "SOLVER_RET_LIMITED":
             return Status.FAILED
-        late = stats["t_wall_total"] >= self.time_limit
+        if "iter_count" in stats:
+            late = stats["iter_count"] < getattr(self, "max_iter", 0)
+        else:
+            late = stats["t_wall_total"] >= getattr(self, "time_limit", math.inf)
         return Status.TIME_LIMIT if late else Status.ITERATION_LIMIT
 
 
@@ -142,7 +144,8 @@ def _reason(error: RuntimeError) -> str:
 @lru_cache(maxsize=64)
 def _compiled(solver: NlpsolSolver, nlp: Nlp) -> Any:
     options = {"expand": nlp.unroll, **COMMON, **solver.plugin_options()}
-    if nlp.hessian is not None and solver.uses_hessian:
+    exact = getattr(solver, "hessian", "exact") == "exact"
+    if nlp.hessian is not None and solver.uses_hessian and exact:
         options["hess_lag"] = nlp.hessian
     free = solver.needs_constraint_row and not nlp.sizes[2]
     problem = {"x": nlp.x, "p": nlp.p, "f": nlp.objective, "g": ca.MX(0) if free else nlp.g}

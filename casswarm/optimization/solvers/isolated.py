@@ -33,7 +33,7 @@ MAX_FAILURES = 3
 
 _START_SECONDS = 60.0
 _MAX_OUTPUT = 500  # characters in which the last line that a process printed is looked for
-_MAX_PROGRAMS = 64  # that are kept, pickled here and restored in the process
+_MAX_PROGRAMS = 64  # that a process keeps
 _GUARD = "a script must call this under `if __name__ == '__main__':`, and not be standard input"
 
 AnySolver = Annotated[Solver, Allowed(lambda value: isinstance(value, Solver), "a Solver")]
@@ -135,6 +135,7 @@ class _Worker:
         self.solver = solver
         self._child: BaseProcess | None = None
         self._connection: Connection[Any, Any] | None = None
+        self._programs: dict[Nlp, int] = {}  # those that the child has
         self._lock = threading.Lock()  # one request at a time
         handle, name = tempfile.mkstemp(prefix="casswarm-", suffix=".log")
         os.close(handle)
@@ -147,8 +148,12 @@ class _Worker:
         """Seconds of preparing, and answers; WorkerEndedError if the child crashed or was slow."""
         with self._lock:
             try:
+                if len(self._programs) >= _MAX_PROGRAMS:
+                    self.end()
                 self.start()
-                reply = self._request((_pickled(nlp), instances), time_limit)
+                program = None if nlp in self._programs else _pickled(nlp.name, nlp)
+                key = self._programs.setdefault(nlp, len(self._programs))
+                reply = self._request((key, program, instances), time_limit)
             except BaseException:  # on Ctrl-C too, or the answer would be that to the next request
                 self.end()
                 raise
@@ -164,7 +169,7 @@ class _Worker:
         self.end()
         context = get_context("spawn")  # CasADi's solvers do not survive a fork of their threads
         self._connection, theirs = context.Pipe()
-        arguments = theirs, _pickled(self.solver), str(self._output)
+        arguments = theirs, _pickled(f"solver {self.solver.name}", self.solver), str(self._output)
         self._child = context.Process(target=_serve, args=arguments, daemon=True)
         try:
             with deferred():
@@ -188,6 +193,7 @@ class _Worker:
         if self._connection is not None:
             self._connection.close()
         self._child = self._connection = None
+        self._programs.clear()
 
     def _exit(self) -> None:
         self.end()
@@ -227,13 +233,12 @@ def _exit_description(code: int | None, output: Path) -> str:
     return f"{text}; the last line that it printed: {last}" if last else text
 
 
-@lru_cache(maxsize=_MAX_PROGRAMS)
-def _pickled(value: Nlp | Solver) -> bytes:
+def _pickled(what: str, value: Nlp | Solver) -> bytes:
     try:
         return pickle.dumps(value)
     except Exception as error:  # any that a user's class raises
         raise SolverError(
-            f"{value.name} cannot be sent to another process ({error_text(error)}): classes and "
+            f"{what} cannot be sent to another process ({error_text(error)}): classes and "
             "functions must be defined in a module"
         ) from error
 
@@ -254,17 +259,21 @@ def _serve(connection: Connection[Any, Any], pickled_solver: bytes, output: str)
         connection.send(SolverError(message + "its class must be defined in a module"))
         return
     connection.send(None)  # ready
-    restored = lru_cache(maxsize=_MAX_PROGRAMS)(pickle.loads)
+    programs: dict[int, Nlp] = {}
     while True:
         try:
-            program, instances = connection.recv()
+            key, program, instances = connection.recv()
         except EOFError:
             return
+        if program is not None:
+            programs[key] = pickle.loads(program)
         try:
-            seconds, answers = solver.timed_answers(restored(program), instances)
-            connection.send((seconds, list(answers)))
+            build, answers = solver.timed_answers(programs[key], instances)
+            reply: Any = build, list(answers)
         except CasswarmError as error:
-            connection.send(SolverError(str(error)))
-        except Exception as error:  # a user's objects that do not pickle
-            message = f"its problem or answer cannot be sent: {error_text(error)}"
+            reply = SolverError(str(error))
+        try:
+            connection.send(reply)
+        except Exception as error:  # an answer of a user's solver that does not pickle
+            message = f"its answer cannot be sent: {error_text(error)}"
             connection.send((0.0, failed(instances, message)))

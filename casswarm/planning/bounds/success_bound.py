@@ -148,7 +148,7 @@ def lowest_risks(task: Relaxation, starts: FloatArray, max_nodes: int) -> FloatA
         initial = np.minimum(initial, stage_costs.terminal(block))
     risks = bilinear(initial, cells - low, nodes - cells)
     slack = rounding(stage_costs, float(risks[np.isfinite(risks)].max(initial=0.0)))
-    reachable = task.reachable(starts, task.steps)
+    reachable = replace(task, radius=task.radius * (1 + 1e-9)).reachable(starts, task.steps)
     return np.where(reachable, np.maximum(0.0, np.minimum(risks, 1e300) - slack), np.inf)
 
 

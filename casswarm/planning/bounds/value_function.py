@@ -149,7 +149,7 @@ class ValueFunction:
             return np.full(len(flat), np.inf)
         (i, j), array = at
         shape = (array.shape[0] + 2 * reach, array.shape[1] + 2 * reach)
-        least = box_minimum(array, (-reach, -reach), shape, reach)
+        least = box_minimum(array, (-reach, -reach), shape, reach) if reach else array
         nodes = (flat - self.grid.task.start) / self.grid.spacing - (i - reach, j - reach)
         cells = np.floor(nodes).astype(int)
         return bilinear(least, cells, nodes - cells)

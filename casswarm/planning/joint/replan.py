@@ -1,11 +1,9 @@
 """Replanning for the survivors: a tree of joint plans that grows as members are lost.
 
-A run follows the root, the joint plan of all members, until members are lost. Let exactly the
-members d be left at step t on the trajectories of a plan P for more members. In this situation,
-(P, t, d), a new plan for d is solved, with the rest of P's trajectories as initial guess, and
-adopted if its exact value is higher. Each situation is solved once, if the probability to enter it
-is large enough. ``docs/joint.md`` says why the plan cannot become worse, nor depend on the order of
-runs.
+In a situation (P, t, d), exactly the members d are left at step t on the trajectories of a plan P
+for more members. Each that is probable enough is solved once, from the rest of P's trajectories,
+and the new plan for d is adopted if its exact value is higher. ``docs/joint.md`` says why the plan
+cannot become worse, nor depend on the order of runs.
 """
 
 from __future__ import annotations

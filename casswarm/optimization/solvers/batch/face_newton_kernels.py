@@ -1,10 +1,8 @@
 """Newton steps on the active face of a product of planar sets, state by state.
 
-On the face of x every member is free (in the plane), on one boundary (free along it), or fixed in
-a corner. On the face the Lagrangian is minimised by conjugate gradients, its Hessian times a vector
-taken from differences of gradients, so that a step costs O(n) gradients at most and needs no more
-than the objective's gradient. A circle of radius r with multiplier m adds the curvature m / r along
-it.
+On the face every member is free (in the plane), on one boundary (free along it), or fixed in a
+corner. The Lagrangian is minimised on it by conjugate gradients, with Hessian products from
+differences of gradients; a circle of radius r with multiplier m adds the curvature m / r along it.
 """
 
 from __future__ import annotations

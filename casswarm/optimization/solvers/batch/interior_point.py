@@ -51,7 +51,10 @@ class InteriorPoint(BatchSolver):
     @staticmethod
     def can_take(nlp: Nlp, instances: Instances) -> bool:
         """Whether the objective is compiled, and the feasible set one of trajectories."""
-        return isinstance(instances.feasible_set, TrajectorySets) and nlp.compiled is not None
+        sets = instances.feasible_set
+        if not isinstance(sets, TrajectorySets) or nlp.compiled is None:
+            return False
+        return bool((instances.scale[:, 0] == sets.limits.speed).all())  # the kernels' unit
 
     def run_batch(self, nlp: Nlp, instances: Instances) -> InteriorPointRun:
         """Solve and verify every instance.

@@ -1,11 +1,9 @@
 """A primal-dual interior-point method for trajectories within limits, one state at a time.
 
-Minimise the sum over steps s of evaluate(u_s; p_s) over trajectories u within the limits of
-`casswarm.optimization.feasible_sets.trajectory_kernels`, where u_s (2n,) are the displacements of
-all n members. The limits are convex and have an interior, and every iterate is strictly within
-them. A step is the Newton step of the primal-dual equations, condensed to a banded matrix, and
-shortened until no slack shrinks too much and the barrier function decreases. ``docs/mpc.md``
-explains the second-order correction where the limits cut a step.
+Minimise the sum over steps s of evaluate(u_s; p_s), where u_s (2n,) are the displacements of all n
+members, strictly within the limits of `casswarm.optimization.feasible_sets.trajectory_kernels`. The
+Newton step of the primal-dual equations, condensed to a banded matrix, is shortened until no slack
+shrinks too much and the barrier function decreases. ``docs/mpc.md``: its second-order correction.
 """
 
 from __future__ import annotations

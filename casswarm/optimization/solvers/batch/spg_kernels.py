@@ -1,9 +1,8 @@
-"""The spectral projected gradient, state by state.
+"""The spectral projected gradient, state by state, as `SpectralProjectedGradient` describes it.
 
-SPG2 of Birgin, Martinez and Raydan (SIAM J. Optim. 10(4), 2000) identifies the face of the set that
-the minimum lies on; Newton steps on that face speed up its end, in the manner of Birgin and
-Martinez (Comput. Optim. Appl. 23, 2002). Every member has a spectral step size of its own: the set
-is a product over members, and in large swarms their curvatures differ by orders of magnitude.
+It identifies the face of the set that the minimum lies on, and Newton steps on that face speed up
+its end. Every member has a spectral step size of its own: the set is a product over members, and in
+large swarms their curvatures differ by orders of magnitude.
 """
 
 from __future__ import annotations
