@@ -82,11 +82,10 @@ class ResultsReader:
         if command not in COMMANDS:
             origin = "an unknown origin" if command is None else f"casswarm {command}"
             raise CheckpointError(f"{file} is of {origin}, without figures to draw: {_EXPECTED}")
-        folder = cls(path, command, record)
-        if not isinstance(files := folder.part("files"), list):
-            raise CheckpointError(f"{file} is damaged; {folder._advice}")
-        folder.files += files
-        return folder
+        files = record.get("files", [])
+        if not isinstance(files, list):
+            raise CheckpointError(f"{file} is damaged: run casswarm {command} again")
+        return cls(path, command, record, files=files.copy())
 
     def part(self, name: str) -> Any:
         """Part of the record."""
