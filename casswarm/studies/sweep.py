@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from ..scenario import Scenario
 
 MEASURES = (
+    "success",
     "success_low",
     "success_high",
-    "success",
     "survivors_mean",
     "survivors_mean_low",
     "survivors_mean_high",
