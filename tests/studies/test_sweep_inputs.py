@@ -52,7 +52,7 @@ def test_sweep_without_distinct_policies_raises(policies: Any) -> None:
 def test_sweep_accepts_single_policy() -> None:
     table = csw.sweep(SMALL, {"n": [1]}, "naive", runs=2).table
     assert table["policy"].tolist() == ["naive"]
-    columns = ["success_low", "success_high", "success"]
+    columns = ["success", "success_low", "success_high"]
     assert [name for name in table.columns if name in columns] == columns
 
 
