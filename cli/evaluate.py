@@ -55,8 +55,11 @@ def evaluate(
     """
     with reported_errors(), progress_report(common.quiet) as progress:
         chosen = load(common)
+        from ..planning.plan import guide_solver
+
         folder = open_folder("evaluate", chosen, common.out, common)
-        guide = csw.plan(chosen, certify=False, progress=progress)
+        solver = guide_solver(policies.solver)
+        guide = csw.plan(chosen, solver, certify=False, progress=progress)
         shared: dict[str, Any] = {**asdict(exact), "guide": guide, "solver": policies.solver}
         shared["progress"] = progress
         distributions, estimates = [], []

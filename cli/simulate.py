@@ -79,8 +79,10 @@ def simulate(
         raise WrongInput("--runs and --half-width: give one of them")
     with reported_errors(resumes=True), progress_report(common.quiet) as progress:
         chosen = load(common, planning.values)
+        from ..planning.plan import guide_solver
+
         folder = open_folder("simulate", chosen, common.out, common)
-        guide = csw.plan(chosen, progress=progress)
+        guide = csw.plan(chosen, guide_solver(policies.solver), progress=progress)
         chosen_policies = named_policies(policies.policies)
         shared: dict[str, Any] = {"guide": guide, "solver": policies.solver}
         runs = sampling.runs or 1000

@@ -29,25 +29,27 @@ from .style import (
 
 _HOLLOW = "s^"  # markers of few runs, whose values have two digits
 _DASHES = ("-", "--", "-.", ":")
+_ALPHAS = {"displacement": 1.0, "velocity": 0.35}  # of the variable in which steps are taken
 
 
 @themed
-def table_2_chart(table: pd.DataFrame, runs: int, paper_runs: int = 50) -> Figure:
-    """Table II: the paper's, the exact and the simulated probabilities, with their intervals.
+def table_2_chart(table: pd.DataFrame, paper_runs: int = 50) -> Figure:
+    """Table II: the paper's probabilities, those by its method, and exact ones, with intervals.
 
     Parameters
     ----------
     table : DataFrame
-        With the columns policy, paper, paper_low, paper_high, exact_low, exact_high, and for both
-        numbers of runs ``runs_K``, ``runs_K_low`` and ``runs_K_high``.
-    runs, paper_runs : int
-        Numbers of runs.
+        With the columns policy; paper and ``runs_K`` (the paper's method, K runs), each with the
+        ends ``_low`` and ``_high`` of its interval; and the bounds method_low, method_high,
+        exact_low and exact_high.
+    paper_runs : int
+        Number of runs K.
     """
     kinds = {
         "paper": (f"the paper, {paper_runs} runs", "s"),
-        f"runs_{paper_runs}": (f"casswarm, {paper_runs} runs", "^"),
-        f"runs_{runs}": (f"casswarm, {runs:,} runs", "D"),
-        "exact": ("casswarm, exact", "|"),
+        f"runs_{paper_runs}": (f"the paper's method, {paper_runs} runs", "^"),
+        "method": ("the paper's method", "D"),
+        "exact": ("Ipopt and batch solver, exact", "|"),
     }
     fig, axes = single_panel(current_theme().aspect_of(1.45 * len(kinds) * len(table) + 7))
     styles = policy_styles(table["policy"])
@@ -55,7 +57,7 @@ def table_2_chart(table: pd.DataFrame, runs: int, paper_runs: int = 50) -> Figur
         color = styles[str(values["policy"])].color
         for number, (column, (_, shape)) in enumerate(kinds.items()):
             low, high = values[f"{column}_low"], values[f"{column}_high"]
-            estimate = (low + high) / 2 if column == "exact" else values[column]
+            estimate = values.get(column, (low + high) / 2)
             y = row + 0.2 * (number - (len(kinds) - 1) / 2)
             axes.plot([low, high], [y] * 2, color=color, linewidth=scaled(1.6), zorder=2)
             axes.plot(estimate, y, zorder=3, **_marker(shape, color))
@@ -67,9 +69,8 @@ def table_2_chart(table: pd.DataFrame, runs: int, paper_runs: int = 50) -> Figur
     for row in range(1, len(table)):
         axes.axhline(row - 0.5, color=GRID, linewidth=scaled(0.6))
     handles = [Line2D([], [], label=label, **_marker(kind, GREY)) for label, kind in kinds.values()]
-    columns = 4 if current_theme().characters > 90 else 2
-    fig.legend(handles=handles, loc="outside lower center", ncols=columns)
-    add_title(fig, "paper-1", "Table II, with Wilson's 95 % intervals")
+    fig.legend(handles=handles, loc="outside lower center", ncols=2)
+    add_title(fig, "paper-1", "Table II, with 95 % intervals")
     return fig
 
 
@@ -150,10 +151,10 @@ def convergence_chart(
     Parameters
     ----------
     guide : DataFrame
-        With the columns iteration, survival and residual.
+        With the columns steps (displacement or velocity), iteration, survival and residual.
     formations : DataFrame
-        With the columns problems (a policy, a comma and a scenario), iteration, gap_median and
-        residual_median.
+        With the columns problems (a policy, a comma and a scenario), steps, iteration, gap_median
+        and residual_median.
     references : mapping
         Name to the survival of other guides.
     """
@@ -161,20 +162,23 @@ def convergence_chart(
     across = 1 if narrow else 2
     fig, axes = panels(4, across, 2.3 if narrow else 0.75, sharex=True)
     survival, residual, gap, formation_residual = axes
-    path: dict[str, Any] = {"color": INK, "marker": "o"}
-    survival.plot(guide["iteration"], guide["survival"], **path)
+    for steps, rows in guide.groupby("steps"):
+        path: dict[str, Any] = {"color": INK, "marker": "o", "alpha": _ALPHAS[str(steps)]}
+        survival.plot(rows["iteration"], rows["survival"], **path)
+        residual.plot(rows["iteration"], rows["residual"], **path)
     for number, (name, value) in enumerate(references.items()):
         survival.axhline(value, color=GREY, linewidth=scaled(), linestyle=_DASHES[1 + number % 3])
         add_label(survival, f"{name}: {value:.2g}", (1, value), (0, 3))
     survival.set(title="guide: single-agent survival", yscale="log", ylim=(5e-5, 5))
-    residual.plot(guide["iteration"], guide["residual"], **path)
     residual.set(title="guide: stationarity residual", yscale="log", ylim=(1e-5, 1e-2))
     styles = policy_styles(str(kind).split(",")[0] for kind in formations["problems"])
-    for number, (kind, rows) in enumerate(formations.groupby("problems", sort=False)):
+    kinds = list(dict.fromkeys(formations["problems"]))
+    for (kind, steps), rows in formations.groupby(["problems", "steps"], sort=False):
         style: dict[str, Any] = {
             "color": styles[str(kind).split(",")[0]].color,
-            "linestyle": _DASHES[number % len(_DASHES)],
-            "label": str(kind),
+            "linestyle": _DASHES[kinds.index(kind) % len(_DASHES)],
+            "label": str(kind) if _ALPHAS[str(steps)] == 1.0 else None,
+            "alpha": _ALPHAS[str(steps)],
         }
         for panel, column in ((gap, "gap_median"), (formation_residual, "residual_median")):
             panel.plot(rows["iteration"], rows[column].clip(lower=1e-9), **style)
@@ -188,5 +192,6 @@ def convergence_chart(
         panel.set_xlabel("iteration")
     handles, columns = gap.get_legend_handles_labels()[0], 2 if narrow else 4
     fig.legend(handles=handles, loc="outside lower center", ncols=columns, title="formation of")
-    add_title(fig, "the paper's projected gradient; formations: medians over the steps")
+    title = "the paper's projected gradient: steps in displacement (dark), in velocity (light)"
+    add_title(fig, title, "formations: medians over the time steps")
     return fig

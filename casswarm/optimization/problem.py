@@ -110,7 +110,8 @@ class Nlp:
     @cached_property
     def gradient(self) -> Expr:
         """CasADi Function (x, p) to (f, gradient of f)."""
-        return self._function("gradient", [self.objective, ca.gradient(self.objective, self.x)])
+        gradient = ca.densify(ca.gradient(self.objective, self.x))
+        return self._function("gradient", [self.objective, gradient])
 
     @cached_property
     def jacobian(self) -> Expr:

@@ -143,6 +143,13 @@ def plan_from(
     return Guide.from_candidate(scenario.hazard, task, best, tuple(candidates), search)
 
 
+def guide_solver(formation_solver: str | Solver) -> str:
+    """Solver of the guide for a solver of formations: the paper's method, or else Ipopt."""
+    paper = ProjectedGradient.name
+    name = formation_solver if isinstance(formation_solver, str) else formation_solver.name
+    return paper if name == paper else "ipopt"
+
+
 def initial_velocities(scenario: Scenario, guide: Guide) -> FloatArray:
     """V(-1) of every member, (n, 2): the scenario's velocity, or the guide's first velocity."""
     velocity = scenario.swarm.velocity
@@ -154,7 +161,12 @@ def _solver(scenario: Scenario, solver: str | Solver, options: Mapping[str, Any]
     paper: dict[str, Any] = {}
     if solver == ProjectedGradient.name:
         guide = scenario.guide
-        paper = {"step": guide.learning_rate, "max_iter": guide.iterations, "keep": "best"}
+        paper = {
+            "step": guide.learning_rate,
+            "x_scale": 1.0 / scenario.time.dt,  # steps in displacements
+            "max_iter": guide.iterations,
+            "keep": "best",
+        }
     return make_solver(solver, **paper | dict(options or {}))
 
 

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..hazard import Hazard
+from ..optimization.solution import BatchSolution
 from ..optimization.solvers import Solver
+from ..optimization.solvers.base import VIOLATION
 from ..planning.guide import Guide
 from ..problems.formation import Formation, Motion, Step, corridor_formation, leader_formation
 from ..typing import BoolArray, FloatArray
@@ -137,7 +139,7 @@ def applied_decision(step: Step, formation: Formation, solver: Solver) -> Decisi
         finite = np.asarray(np.isfinite(solution.x).all(axis=1))[:, None, None]
         first = solution.x.reshape(rows.size, -1, members, 2)[:, 0]
         velocities[rows] = np.where(finite, first, velocities[rows])
-        solved = np.asarray(solution.success & (solution.stationarity <= MAX_STATIONARITY))
+        solved = _solved(solution, solver)
         failures[rows] |= ~solved
         fallbacks[rows] = solution.used_fallback
         for row in np.flatnonzero(~solved):
@@ -150,6 +152,13 @@ def applied_decision(step: Step, formation: Formation, solver: Solver) -> Decisi
         missed = step.motion.misses(step.positions, velocities, step.goal, formation.radius)
         infeasible = infeasible | (formation.tracked & missed)
     return Decision(velocities, infeasible.sum(axis=1), failures, fallbacks)
+
+
+def _solved(solution: BatchSolution, solver: Solver) -> BoolArray:
+    """Which answers count as solved; of a method with fixed iterations, all feasible iterates."""
+    if solver.capabilities.fixed_iterations:
+        return np.asarray(solution.violation <= VIOLATION)  # False for NaN
+    return np.asarray(solution.success & (solution.stationarity <= MAX_STATIONARITY))
 
 
 @lru_cache(maxsize=1024)

@@ -12,7 +12,7 @@ from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 from ..planning.bounds import ValueFunction
 from ..planning.guide import Guide
 from ..planning.joint import PlanTree, plan_swarm
-from ..planning.plan import initial_velocities, plan, plan_from
+from ..planning.plan import guide_solver, initial_velocities, plan, plan_from
 from ..problems.formation import Motion
 from .base import Policy
 from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
@@ -62,7 +62,8 @@ def make_policy(
         Planned from the scenario by default; feedback policies need none.
     solver : str or Solver
         Solver of the formation problems: a name of `casswarm.optimization.solvers.SOLVERS`, by
-        default ``"auto"``.
+        default ``"auto"``. With ``"projected-gradient"`` a guide that is not given, and the guides
+        of naive members, are planned by the paper's method, too.
     leader_selection : {"nearest", "first", "safest"}
         Rule that selects the leader, for ``"leader"``.
     horizon : int
@@ -107,7 +108,7 @@ def make_policy(
         if kind == "leader-feedback":
             return LeaderFeedbackPolicy(scenario.hazard, motion, value, backend)
         return ConstrainedFeedbackPolicy(scenario.hazard, motion, value, backend, rho)
-    guide = plan(scenario, certify=False) if guide is None else guide
+    guide = plan(scenario, guide_solver(solver), certify=False) if guide is None else guide
     if kind == "naive":
         return NaivePolicy(motion, member_guides(scenario, guide))
     if kind.startswith("joint"):
@@ -128,7 +129,12 @@ def _paper_options(scenario: Scenario, solver: str | Solver) -> dict[str, Any]:
     if solver != ProjectedGradient.name:
         return {}
     options = scenario.formation
-    return {"step": options.learning_rate, "max_iter": options.iterations, "start": "zero"}
+    return {
+        "step": options.learning_rate,
+        "x_scale": 1.0 / scenario.time.dt,  # steps in displacements
+        "max_iter": options.iterations,
+        "start": "zero",
+    }
 
 
 def _parsed(name: str, horizon: int) -> tuple[str, int]:
@@ -159,11 +165,13 @@ def _require_known(kind: str, name: str, known: Mapping[str, object]) -> None:
         raise PolicyError(message, **{kind: name})
 
 
-def member_guides(scenario: Scenario, guide: Guide) -> tuple[Guide, ...]:
+def member_guides(
+    scenario: Scenario, guide: Guide, solver_options: Mapping[str, Any] | None = None
+) -> tuple[Guide, ...]:
     """Every member's own guide, from its initial position and velocity.
 
-    They are searched for like the swarm's guide; one that does not arrive is included, see
-    `Guide.arrives`.
+    They are planned like the swarm's guide, by the same method and search; one that does not
+    arrive is included, see `Guide.arrives`.
     """
     near = guide if guide.search == "global" else None
     guides: dict[tuple[float, ...], Guide] = {}
@@ -171,6 +179,12 @@ def member_guides(scenario: Scenario, guide: Guide) -> tuple[Guide, ...]:
     for start, velocity in zip(scenario.positions, velocities, strict=True):
         if tuple(start) not in guides:
             guides[tuple(start)] = plan_from(
-                scenario, start, search=guide.search, initial_velocity=velocity, near=near
+                scenario,
+                start,
+                guide_solver(guide.solution.solver),
+                search=guide.search,
+                initial_velocity=velocity,
+                near=near,
+                solver_options=solver_options,
             )
     return tuple(guides[tuple(start)] for start in scenario.positions)

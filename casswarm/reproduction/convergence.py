@@ -1,4 +1,7 @@
-"""Convergence of the paper's projected gradient on its two problems.
+"""Convergence of the paper's projected gradient on its two problems, in steps of two kinds.
+
+The paper's variable is the displacement of a step. Steps in velocities are dt^2 as long, and are
+shown for comparison.
 
 With a fixed step the method has no memory: k iterations from iterate m give iterate m + k. The
 solver itself is therefore restarted from its last iterate, and every iterate is verified like any
@@ -32,25 +35,29 @@ POINTS = (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 3000, 4000, 5000, 6
 """Numbers of iterations at which iterates are verified."""
 
 
+def step_kinds(scenario: Scenario) -> dict[str, float]:
+    """Variables in which steps are taken, and `ProjectedGradient.x_scale` of each."""
+    return {"displacement": 1.0 / scenario.time.dt, "velocity": 1.0}
+
+
 def iterates(
-    nlp: Nlp, instances: Instances, step: float, points: Sequence[int], start: str = "x0"
+    nlp: Nlp, instances: Instances, solver: ProjectedGradient, points: Sequence[int]
 ) -> Iterator[tuple[int, BatchSolution]]:
     """Yield numbers of iterations and the iterates of all instances after them."""
-    first = ProjectedGradient(step=step, max_iter=points[0], start=start)  # type: ignore[arg-type]
-    found = first.solve_batch(nlp, instances)
+    found = replace(solver, max_iter=points[0]).solve_batch(nlp, instances)
     yield points[0], found
     for before, after in pairwise(points):
-        solver = ProjectedGradient(step=step, max_iter=after - before)
-        found = solver.solve_batch(nlp, instances.with_x0(found.x))
+        further = replace(solver, max_iter=after - before, start="x0")
+        found = further.solve_batch(nlp, instances.with_x0(found.x))
         yield after, found
 
 
 def guide_convergence(scenario: Scenario, points: Sequence[int] = POINTS) -> pd.DataFrame:
     """Projected gradient on the paper's penalised guide problem, from the straight line.
 
-    A row per number of iterations: iteration, objective, residual (stationarity, recomputed), risk
-    and survival of the path up to its arrival (missing if it does not arrive), and the distance of
-    its last point from the target zone.
+    A row per kind of steps and number of iterations: steps (`step_kinds`), iteration, objective,
+    residual (stationarity, recomputed), risk and survival of the path up to its arrival (missing if
+    it does not arrive), and the distance of its last point from the target zone.
     """
     task = GuideTask.from_scenario(scenario, scenario.guide_start)
     task = replace(task, radius=scenario.target.radius)
@@ -59,21 +66,24 @@ def guide_convergence(scenario: Scenario, points: Sequence[int] = POINTS) -> pd.
     instance = penalised_guide_instance(nlp, task, scenario.guide.gamma, line)
     up_to = [k for k in points if k <= scenario.guide.iterations]
     rows = []
-    for iteration, found in iterates(nlp, instance, scenario.guide.learning_rate, up_to):
-        velocities = np.clip(nlp.variable("velocities", found.x[0]), -task.v_max, task.v_max)
-        path = integrate(task.start, velocities, task.dt)
-        risk = _risk(scenario, path)
-        away = scenario.target.distances(path[-1:])[0] - scenario.target.radius
-        rows.append(
-            {
-                "iteration": iteration,
-                "objective": found.objective[0],
-                "residual": found.stationarity[0],
-                "risk": risk,
-                "survival": np.exp(-risk),
-                "distance": max(0.0, float(away)),
-            }
-        )
+    for steps, x_scale in step_kinds(scenario).items():
+        solver = ProjectedGradient(scenario.guide.learning_rate, x_scale)
+        for iteration, found in iterates(nlp, instance, solver, up_to):
+            velocities = np.clip(nlp.variable("velocities", found.x[0]), -task.v_max, task.v_max)
+            path = integrate(task.start, velocities, task.dt)
+            risk = _risk(scenario, path)
+            away = scenario.target.distances(path[-1:])[0] - scenario.target.radius
+            rows.append(
+                {
+                    "steps": steps,
+                    "iteration": iteration,
+                    "objective": found.objective[0],
+                    "residual": found.stationarity[0],
+                    "risk": risk,
+                    "survival": np.exp(-risk),
+                    "distance": max(0.0, float(away)),
+                }
+            )
     return _rounded(pd.DataFrame(rows))
 
 
@@ -113,24 +123,26 @@ def formation_convergence(
 ) -> pd.DataFrame:
     """Projected gradient on the formation problems of the run in which no member is lost.
 
-    It starts from zero, projected. A row per step and number of iterations, of the steps in which
-    at least one member is free: step, iteration, objective (a rate per unit time), best (of the
-    default solver), gap ((objective - best) / best), residual (stationarity, recomputed, in units
-    of the scenario), converged (whether the method had converged).
+    It starts from zero, projected. A row per kind of steps, time step and number of iterations, of
+    the time steps in which at least one member is free: steps (`step_kinds`), step, iteration,
+    objective (a rate per unit time), best (of the default solver), gap ((objective - best) / best),
+    residual (stationarity, recomputed, in units of the scenario), converged (whether the method had
+    converged).
     """
     options, data = scenario.formation, whole_swarm(scenario, policy, guide)
     if policy == "leader":
         formation = leader_formation(data, nearest(data, guide.positions[:-1, None]))
     else:
         formation = corridor_formation(data, options.rho)
-    steps = np.flatnonzero(formation.free.any(axis=1))
-    nlp, instances = formation.nlp, formation.instances[steps]
+    numbers = np.flatnonzero(formation.free.any(axis=1))
+    nlp, instances = formation.nlp, formation.instances[numbers]
     best = make_solver("auto").solve_batch(nlp, instances).objective
     up_to = [k for k in points if k <= options.iterations]
     tables = [
         pd.DataFrame(
             {
-                "step": steps,
+                "steps": steps,
+                "step": numbers,
                 "iteration": iteration,
                 "objective": found.objective,
                 "best": best,
@@ -139,18 +151,22 @@ def formation_convergence(
                 "converged": found.success,
             }
         )
-        for iteration, found in iterates(nlp, instances, options.learning_rate, up_to, "zero")
+        for steps, x_scale in step_kinds(scenario).items()
+        for iteration, found in iterates(
+            nlp, instances, ProjectedGradient(options.learning_rate, x_scale, start="zero"), up_to
+        )
     ]
     return _rounded(pd.concat(tables, ignore_index=True))
 
 
 def condensed(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """Summary of formation problems: a row per kind of problem and number of iterations.
+    """Summary of formation problems: a row per kind of problem and steps, and number of iterations.
 
-    Columns: problems, iteration, count, converged (how many had converged), and the median and
-    largest gap and residual.
+    Columns: problems, steps, iteration, count, converged (how many had converged), and the median
+    and largest gap and residual.
     """
-    steps = pd.concat(tables, names=["problems"]).groupby(["problems", "iteration"], sort=False)
+    kinds = ["problems", "steps", "iteration"]
+    steps = pd.concat(tables, names=["problems"]).groupby(kinds, sort=False)
     return _rounded(
         steps.agg(
             count=("gap", "size"),

@@ -10,7 +10,8 @@ import pandas as pd
 
 from .._util.documents import render
 from ..planning.guide import rounded_up
-from .paper import PAPER_RUNS
+from .paper import PAPER_RUNS, PAPER_SUCCESS
+from .readings import RUNS as READING_RUNS
 from .reproduce import TABLES, Reproduction
 
 
@@ -20,9 +21,9 @@ def page(reproduction: Reproduction, suffix: str = "png") -> str:
     Figures are links to files NAME.SUFFIX in its folder.
     """
     tables = reproduction.tables
-    guide = tables["guide-convergence"].iloc[-1]
-    within = tables["table-2"]["within_paper_interval"]
-    last = tables["formation-convergence"].groupby("problems", sort=False).tail(1)
+    ends = tables["guide-convergence"].groupby("steps").tail(1).set_index("steps")
+    within = tables["table-2"][["method_within", "exact_within"]].sum()
+    last = tables["formation-convergence"].groupby(["problems", "steps"], sort=False).tail(1)
     columns = dict.fromkeys(("gap_median", "gap_largest"), "{:.2g}")
     columns |= dict.fromkeys(("residual_median", "residual_largest"), "{:.1g}")
     return render(
@@ -32,16 +33,18 @@ def page(reproduction: Reproduction, suffix: str = "png") -> str:
         paper_runs=PAPER_RUNS,
         table_1=table_for_people(reproduction, "table-1"),
         geometry=_formatted(tables["geometry"], {"x": "{:g}", "y": "{:g}"}),
-        within=int(within.sum()),
-        policies=len(within),
+        within=within.to_dict(),
+        policies=len(tables["table-2"]),
         table_2=table_for_people(reproduction, "table-2"),
-        guide_iterations=f"{guide['iteration']:.0f}",
-        guide_survival=f"{guide['survival']:.2g}",
+        guide_iterations=f"{ends['iteration'].iloc[0]:.0f}",
+        guide_survival=ends["survival"].map("{:.2g}".format).to_dict(),
         ipopt_survival=f"{reproduction.guide.survival:.2g}",
         convergence=_formatted(last, columns),
         empty_sets=table_for_people(reproduction, "empty-sets"),
         beyond=_with_success_bounds(_formatted(tables["beyond"], {"guide_survival": "{:.4f}"})),
         interpretations=tables["interpretations"],
+        readings=table_for_people(reproduction, "readings"),
+        reading_runs=READING_RUNS,
     )
 
 
@@ -51,7 +54,9 @@ def table_for_people(reproduction: Reproduction, name: str) -> pd.DataFrame:
     if name == "table-1":
         return _formatted(table, {"paper": "{:g}", "casswarm": "{:g}"})
     if name == "table-2":
-        return table_2_text(table, reproduction.runs)
+        return table_2_text(table)
+    if name == "readings":
+        return readings_text(table)
     return _with_success_bounds(table) if "success_low" in table else table
 
 
@@ -61,18 +66,34 @@ def bounds_text(low: float, high: float) -> str:
     return f"{math.floor(1e4 * low + slack) / 1e4:.4f} to {rounded_up(high - slack):.4f}"
 
 
-def table_2_text(table: pd.DataFrame, runs: int) -> pd.DataFrame:
+def table_2_text(table: pd.DataFrame) -> pd.DataFrame:
     """Table II for people: numbers with their intervals as text."""
     return pd.DataFrame(
         {
             "policy": row["policy"],
             f"paper, {PAPER_RUNS} runs": _with_interval(row, "paper"),
-            "exact": bounds_text(row["exact_low"], row["exact_high"]),
-            f"casswarm, {PAPER_RUNS} runs": _with_interval(row, f"runs_{PAPER_RUNS}"),
-            f"casswarm, {runs} runs": _with_interval(row, f"runs_{runs}", 4),
+            f"its method, {PAPER_RUNS} runs": _with_interval(row, f"runs_{PAPER_RUNS}"),
+            "its method": f"{_bounds_of(row, 'method')} ({row['method_kind']})",
+            "Ipopt, proven": _bounds_of(row, "exact"),
         }
         for row in table.to_dict("records")
     )
+
+
+def readings_text(table: pd.DataFrame) -> pd.DataFrame:
+    """Table II under each reading for people: numbers with their intervals as text."""
+    shown = table[["location", "question", "answer"]].copy()
+    shown["guide survives"] = table["guide_survival"].map("{:.4f}".format)
+    for policy in PAPER_SUCCESS:
+        shown[policy] = [
+            "" if math.isnan(row[policy]) else _with_interval(row, policy)
+            for row in table.to_dict("records")
+        ]
+    return shown.assign(within=table["within"])
+
+
+def _bounds_of(row: Mapping[Any, float], name: str) -> str:
+    return bounds_text(row[f"{name}_low"], row[f"{name}_high"])
 
 
 def _with_interval(row: Mapping[Any, float], name: str, digits: int = 2) -> str:

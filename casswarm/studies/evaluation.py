@@ -14,7 +14,7 @@ from ..chain.stratified import MAX_PRUNED_FRACTION, VISITS, Estimate, sample_res
 from ..errors import PolicyError
 from ..optimization.solvers import Solver
 from ..planning.guide import Guide
-from ..planning.plan import initial_velocities, plan
+from ..planning.plan import guide_solver, initial_velocities, plan
 from ..typing import FloatArray, Progress
 from .policy_list import policy_list, policy_name, resolve_policy
 
@@ -187,7 +187,8 @@ def _expansion(
             f"one policy is evaluated at a time, not {len(listed)}: "
             f"{', '.join(map(policy_name, listed))}; call evaluate for each of them"
         )
-    guide = plan(scenario, certify=False) if guide is None else guide
+    if guide is None:
+        guide = plan(scenario, guide_solver(solver[0]), certify=False)
     resolved = resolve_policy(listed[0], scenario, guide, *solver)
     velocities = initial_velocities(scenario, guide)
     expansion = StateSpaceExpansion(scenario, resolved, velocities, options)

@@ -21,7 +21,7 @@ from ..chain.monte_carlo import Chain, Runs
 from ..chain.trajectories import RunTrajectory
 from ..optimization.solvers import Solver
 from ..planning.guide import Guide
-from ..planning.plan import initial_velocities, plan
+from ..planning.plan import guide_solver, initial_velocities, plan
 from ..typing import Progress
 from .batches import missing_batches, saved_results, simulate_batches
 from .checkpoint import Checkpoint, IfExists
@@ -168,7 +168,7 @@ def simulate(
         if not isinstance(value, Integral) or value < least:
             raise ValueError(f"{name} = {value}; allowed: whole numbers from {least}")
     require_workers(workers)
-    guide = plan(scenario) if guide is None else guide
+    guide = plan(scenario, guide_solver(solver)) if guide is None else guide
     listed = policy_list(policies)
     chosen = [resolve_policy(p, scenario, guide, solver, solver_options) for p in listed]
     chain = Chain(scenario, initial_velocities(scenario, guide), seed)

@@ -21,7 +21,7 @@ import pandas as pd
 from .._util.parallel import Workers, done_jobs, require_sendable, require_workers
 from ..errors import CasswarmError, ScenarioError
 from ..planning.guide import Guide
-from ..planning.plan import plan
+from ..planning.plan import guide_solver, plan
 from ..policies.base import Policy
 from ..scenario.variations import DERIVED, with_parameters
 from ..typing import Progress
@@ -240,7 +240,7 @@ class SweepPoint:
         row |= {"runs": None, "successes": None, "states": None, "reason": ""}
         try:
             scenario = with_parameters(self.scenario, self.values)
-            guide = _guide(scenario)
+            guide = _guide(scenario, guide_solver(self.options["solver"]))
             row["guide_survival"] = float(guide.survival)
             row |= self._sampled(scenario, guide) if sampled else self._exact(scenario, guide)
             row["status"] = "ok"
@@ -267,6 +267,6 @@ class SweepPoint:
 
 
 @lru_cache(maxsize=32)
-def _guide(scenario: Scenario) -> Guide:
+def _guide(scenario: Scenario, solver: str) -> Guide:
     """Guide of a scenario, planned once for all policies."""
-    return plan(scenario, certify=False)
+    return plan(scenario, solver, certify=False)

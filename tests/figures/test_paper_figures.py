@@ -32,7 +32,7 @@ TABLE_2 = pd.DataFrame(
             for kind, low, high in (("paper", 0.3, 0.6), ("runs_50", 0.28, 0.62))
             for end, shift in (("", 0.0), ("_low", -0.1), ("_high", 0.1))
         },
-        **{f"runs_100{end}": [0.31, 0.64] for end in ("", "_low", "_high")},
+        **{f"method{end}": [0.31, 0.64] for end in ("_low", "_high")},
         "exact_low": [0.3101, 0.6401],
         "exact_high": [0.3103, 0.6403],
     }
@@ -49,11 +49,17 @@ SENSITIVITY = pd.DataFrame(
     {"change": ["none", "a = 0.05"], "naive": [0.3, 0.4], "leader": [0.6, 0.7]}
 )
 PATH = pd.DataFrame(
-    {"iteration": [0, 10, 1000], "survival": [1e-4, 2e-4, 1e-3], "residual": [1e-4, 1e-4, 1e-3]}
+    {
+        "steps": ["displacement"] * 3 + ["velocity"] * 2,
+        "iteration": [0, 10, 1000, 0, 10],
+        "survival": [1e-4, 2e-4, 1e-3, 1e-4, 1e-4],
+        "residual": [1e-4, 1e-4, 1e-3, 1e-4, 1e-4],
+    }
 )
 FORMATIONS = pd.DataFrame(
     {
         "problems": ["leader, I"] * 2 + ["constrained, I"] * 2 + ["leader, II"] * 2,
+        "steps": ["displacement"] * 6,
         "iteration": [0, 100] * 3,
         "gap_median": [1.0, 0.1, 0.5, 0.0, 2.0, 0.4],
         "residual_median": [1e-2, 1e-4] * 3,
@@ -85,7 +91,7 @@ HORIZONS = pd.DataFrame(
 )
 FIGURES: dict[str, Callable[[], Figure]] = {
     "joint": lambda: joint_map(SCENARIO, np.repeat(GUIDE.positions[:, None], 3, axis=1)),
-    "table 2": lambda: table_2_chart(TABLE_2, 100),
+    "table 2": lambda: table_2_chart(TABLE_2),
     "scenarios": lambda: success_chart(BEYOND),
     "sensitivity": lambda: sensitivity_chart(
         SENSITIVITY, {"naive": (0.2, 0.5), "leader": (0.5, 0.8)}

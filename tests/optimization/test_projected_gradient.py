@@ -85,6 +85,26 @@ def test_projected_gradient_iterates_equal_those_of_paper(iterations: int) -> No
         assert solution.iterations == iterations
 
 
+def test_projected_gradient_steps_in_scaled_variables() -> None:
+    """Steps in x / x_scale are those of the same problem stated in x / x_scale."""
+    goal, scale = np.array([[0.5, -0.2]]), 1 / 0.33
+    nlp, instances = nearest_in_box(goal)
+    solver = ProjectedGradient(step=0.01, x_scale=scale, max_iter=9, tolerance=0)
+    u = np.zeros((1, 2))
+    for _ in range(9):
+        u = np.clip(u - 0.01 * 2 * scale * (scale * u - goal), -1 / scale, 1 / scale)
+    np.testing.assert_allclose(solver.solve(nlp, instances)[0].x, scale * u[0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.0, 4.0])
+def test_projected_gradient_tolerance_is_of_scaled_steps(scale: float) -> None:
+    """It stops where the gradient by x / x_scale, with its projection, is below the tolerance."""
+    nlp, instances = nearest_in_box(np.array([[0.5, 0.5]]))
+    solver = ProjectedGradient(step=0.1 / scale**2, x_scale=scale, tolerance=1e-4)
+    error = np.abs(solver.solve(nlp, instances)[0].x - 0.5).max()
+    assert 0.64e-4 / scale < 2 * error <= 0.8e-4 / scale  # an iteration takes a fifth of it
+
+
 def test_projected_gradient_projects_infeasible_x0() -> None:
     nlp, instances = nearest_in_box(np.zeros((1, 2)))
     outside = instances.with_x0(np.array([[9.0, -9.0]]))
@@ -188,6 +208,31 @@ def test_projected_gradient_formations_equal_those_of_ipopt(which: int) -> None:
         np.testing.assert_allclose(one.x, other.x, atol=1e-3)  # the valleys are flat
         assert one.residuals.violation < 1e-12
         assert one.residuals.stationarity < 1e-5
+
+
+@pytest.mark.parametrize("start", ["x0", "zero"])
+@pytest.mark.parametrize("which", [0, 1], ids=["leader", "corridor"])
+def test_projected_gradient_compiled_iterates_equal_interpreted(which: int, start: Any) -> None:
+    formation = formations("paper-1", 8)[which]
+    interpreted = replace(formation.nlp, compiled=None)
+    solver = ProjectedGradient(step=0.05, x_scale=3.0, max_iter=300, start=start)
+    compiled = solver.solve_batch(formation.nlp, formation.instances)
+    expected = solver.solve_batch(interpreted, formation.instances)
+    np.testing.assert_allclose(compiled.x, expected.x, atol=1e-10)
+    np.testing.assert_allclose(compiled.objective, expected.objective, rtol=1e-10)
+    assert compiled.success.tolist() == expected.success.tolist()
+    assert compiled.violation.max() < 1e-12
+
+
+def test_projected_gradient_compiled_non_finite_gradient_fails() -> None:
+    formation = formations("paper-1", 3)[0]
+    parameters = formation.instances.p.copy()
+    parameters[1, 0] = np.nan  # the position of a member
+    broken = replace(formation.instances, p=parameters)
+    first, second, third = ProjectedGradient().solve(formation.nlp, broken)
+    assert second.status is Status.FAILED
+    assert np.isnan(second.x).all()
+    assert np.isfinite([first.x, third.x]).all()
 
 
 @pytest.mark.parametrize("name", ["paper-1", "paper-2"])

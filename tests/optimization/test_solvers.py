@@ -250,7 +250,7 @@ def test_make_solver_accepts_name_or_solver() -> None:
             "projected-gradient",
             {"zeal": 1},
             "solver 'projected-gradient' has no option 'zeal' "
-            "(known: step, max_iter, tolerance, keep, start)",
+            "(known: step, x_scale, max_iter, tolerance, keep, start)",
         ),
         ("ipopt", {"tolerance": 0.0}, "ipopt: tolerance = 0.0; allowed: above zero"),
         ("ipopt", {"tolerance": np.nan}, "ipopt: tolerance = nan; allowed: above zero"),

@@ -263,6 +263,22 @@ def test_solver_failure_is_counted_and_fallback_is_feasible(
         assert kept[1::2].tolist() == [3] * 3
 
 
+@pytest.mark.parametrize("name", ["leader", "constrained"])
+def test_fixed_iterations_are_no_failure(name: str) -> None:
+    """The paper's method ends after its iterations; an optimiser that does so has failed."""
+    state = states(6, seed=7)
+    paper = decided(name, state, solver="projected-gradient")
+    assert paper.failures.tolist() == [0] * 6
+    assert decided(name, state, solver=Ipopt(max_iter=1)).failures.sum() > 0
+
+
+def test_naive_guides_are_planned_by_the_method_of_the_guide() -> None:
+    by_ipopt = make_policy("naive", scenario(), guide())
+    by_paper = make_policy("naive", scenario(), solver="projected-gradient")
+    for policy_, solver in ((by_ipopt, "ipopt"), (by_paper, "projected-gradient")):
+        assert {own.solution.solver for own in policy_.guides} == {solver}  # type: ignore[attr-defined]
+
+
 def test_solver_failures_appear_in_tables() -> None:
     study = simulate(
         scenario(), ["constrained"], runs=20, guide=guide(), solver=Broken(np.nan, Status.FAILED)

@@ -63,12 +63,16 @@ class Capabilities:
         Whether answers have multipliers; otherwise they are estimated for verification.
     time_limit : bool
         Whether the solver can limit the time of a solve.
+    fixed_iterations : bool
+        Whether the method ends after a number of iterations by design: its answer is that iterate,
+        wherever it is.
     """
 
     problems: Literal["any", "product sets", "paths"] = "any"
     batch: bool = False
     multipliers: bool = False
     time_limit: bool = False
+    fixed_iterations: bool = False
 
 
 class Solver(ABC):

@@ -14,11 +14,14 @@ from ...errors import SolverError
 from ...typing import BoolArray, FloatArray
 from ..feasible_sets.planar import PlanarSets
 from ..problem import Instances, Nlp
-from ..solution import Status
+from ..solution import BatchSolution, Status
 from .base import Answer, Capabilities, Solver
+from .batch.engine import CONVERGED, BatchRun, Results, execute
+from .batch.spg import SpectralProjectedGradient, batch_data
 from .options import NonNegative, NonNegativeInt, PositiveFinite
 
 _CHUNK = 256  # instances evaluated at once
+_PER_THREAD = 4  # instances that are worth a thread, where compiled
 
 
 @dataclass(frozen=True)
@@ -27,16 +30,24 @@ class ProjectedGradient(Solver):
 
     Bertsekas, Tsitsiklis, Parallel and Distributed Computation, section 3.3.2. For problems whose
     constraints are a box, or a product of boxes and discs in the plane (`Instances.feasible_set`).
-    Batched: all instances advance together, and each stops on its own.
+    Batched, and compiled where the objective is (`Nlp.compiled`); each instance stops on its own.
 
     Parameters
     ----------
     step : float
         The paper's learning rate.
+    x_scale : float
+        Unit of x: steps are taken in x / x_scale, as in `scipy.optimize.least_squares`, so a
+        component of x moves by step x_scale^2 times its derivative. With 1 / dt, velocities become
+        displacements, the variable of the paper's X(t+1) = X(t) + V(t). Plans and policies pass
+        this value; 1 steps in velocities, each step being dt^2 as long.
     max_iter : int
+        The paper's number of iterations. Reaching it is no success of an optimiser, but the normal
+        end of this method: policies apply the iterate, and count as failed only what is not finite
+        or not feasible.
     tolerance : float
-        An instance has converged when no component of x moves by more than `tolerance` times the
-        step in one iteration. Reaching `max_iter` is not a success.
+        An instance has converged when no component of x / x_scale moves by more than `tolerance`
+        times the step in one iteration.
     keep : {"last", "best"}
         Which iterate is the answer: the last, or the one with the smallest objective (with a
         constant step the iterates may circle around a kink).
@@ -46,6 +57,7 @@ class ProjectedGradient(Solver):
     """
 
     step: PositiveFinite = 0.05
+    x_scale: PositiveFinite = 1.0
     max_iter: NonNegativeInt = 2000
     tolerance: NonNegative = 1e-6
     keep: Literal["last", "best"] = "last"
@@ -53,14 +65,25 @@ class ProjectedGradient(Solver):
 
     name: ClassVar[str] = "projected-gradient"
     summary: ClassVar[str] = "the paper's constant-step method; boxes and discs only"
-    capabilities: ClassVar[Capabilities] = Capabilities("product sets", batch=True)
+    capabilities: ClassVar[Capabilities] = Capabilities(
+        "product sets", batch=True, fixed_iterations=True
+    )
 
     def prepare(self, nlp: Nlp) -> None:
         """See `Solver.prepare`."""
-        _ = nlp.gradient
+        _ = nlp.gradient if nlp.compiled is None else nlp.compiled.evaluate
+
+    def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
+        """See `Solver.solve_batch`."""
+        if not self._is_compiled(nlp, instances):
+            return super().solve_batch(nlp, instances)
+        run = self._run_compiled(nlp, instances)
+        return run.solution(run.results.outcome == CONVERGED)
 
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         """See `Solver.run`."""
+        if self._is_compiled(nlp, instances):
+            return self._run_compiled(nlp, instances).answers()
         if nlp.constraints and not isinstance(instances.feasible_set, PlanarSets):
             raise SolverError(
                 f"projected-gradient cannot solve {nlp.name}: its constraints "
@@ -71,33 +94,53 @@ class ProjectedGradient(Solver):
             answers += self._run_chunk(nlp, instances[slice(start, start + _CHUNK)])
         return answers
 
+    def _is_compiled(self, nlp: Nlp, instances: Instances) -> bool:
+        return self.keep == "last" and SpectralProjectedGradient.can_take(nlp, instances)
+
+    def _initial(self, instances: Instances) -> FloatArray:
+        return np.zeros_like(instances.x0) if self.start == "zero" else instances.x0
+
+    def _run_compiled(self, nlp: Nlp, instances: Instances) -> BatchRun:
+        from .batch.projected_gradient_kernels import descend_batch  # Numba is slow to import
+
+        data = batch_data(nlp, instances, self._initial(instances)[None])
+        step, tolerance = self.step * self.x_scale**2, self.tolerance / self.x_scale
+        assert nlp.compiled is not None
+        arguments = nlp.compiled.evaluate, data, step, tolerance, self.max_iter
+        results = Results.empty(instances.x0.shape)
+        seconds = execute(descend_batch, arguments, results, _PER_THREAD)
+        return BatchRun(results, seconds)
+
     def _run_chunk(self, nlp: Nlp, instances: Instances) -> list[Answer]:
         started = time.perf_counter()
-        origin = np.zeros_like(instances.x0) if self.start == "zero" else instances.x0
-        x = _project(instances, origin)
+        x = _project(instances, self._initial(instances))
+        step_size = self.step * self.x_scale**2
+        least_change = self.tolerance * self.step * self.x_scale
         answer, smallest = x.copy(), np.full(len(x), np.inf)
         iterations = np.full(len(x), self.max_iter)
         converged = np.zeros(len(x), bool)
         active, remaining = np.arange(len(x)), instances
+        gradients = _Gradients(nlp, instances.p)
         for iteration in range(self.max_iter):
-            objective, gradient = _gradients(nlp, x[active], remaining.p)
+            objective, gradient = gradients(x[active])
             if self.keep == "best":
                 better = objective < smallest[active]
                 smallest[active[better]] = objective[better]
                 answer[active[better]] = x[active[better]]
-            step = x[active] - self.step * gradient
+            step = x[active] - step_size * gradient
             finite: BoolArray = np.asarray(np.isfinite(step).all(axis=1))
             projected = _project(remaining, np.where(finite[:, None], step, x[active]))
             change = np.abs(projected - x[active]).max(axis=1, initial=0.0)
             x[active] = np.where(finite[:, None], projected, np.nan)
-            done: BoolArray = np.asarray(~finite | (change <= self.tolerance * self.step))
+            done: BoolArray = np.asarray(~finite | (change <= least_change))
             if done.any():
                 iterations[active[done]] = iteration + 1
                 converged[active[done]] = finite[done]
                 active = active[~done]
+                if not active.size:
+                    break
                 remaining = instances[active]
-            if not active.size:
-                break
+                gradients = _Gradients(nlp, remaining.p)
         diverged: BoolArray = np.asarray(~np.isfinite(x).all(axis=1))
         if self.keep == "last":
             answer = x
@@ -129,23 +172,27 @@ def _project(instances: Instances, x: FloatArray) -> FloatArray:
     return sets.project(x.reshape(*sets.shape, 2)).reshape(x.shape)
 
 
-def _gradients(nlp: Nlp, x: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Objectives (B,) and gradients (B, nx) at x (B, nx); not finite where they do not exist.
+class _Gradients:
+    """Objectives (B,) and gradients (B, nx) of B instances, evaluated without copies by CasADi."""
 
-    Batches are padded to powers of two, so that few sizes of `Function.map` are built.
-    """
-    f, gradient = np.empty(len(x)), np.empty_like(x)
-    for first in range(0, len(x), _CHUNK):
-        rows = slice(first, first + _CHUNK)
-        f[rows], gradient[rows] = _chunk(nlp, x[rows], parameters[rows])
-    return f, gradient
+    def __init__(self, nlp: Nlp, parameters: FloatArray) -> None:
+        self.count = len(parameters)
+        size = 1 << max(0, self.count - 1).bit_length()  # so that few sizes are built
+        self.x, self.gradient = np.zeros((size, nlp.sizes[0])), np.empty((size, nlp.sizes[0]))
+        self.p: FloatArray = np.resize(parameters, (size, nlp.sizes[1]))
+        self.objective = np.empty(size)
+        buffer, self.evaluate = _mapped(nlp, size).buffer()
+        for index, array in enumerate((self.x, self.p)):
+            buffer.set_arg(index, memoryview(array))  # type: ignore[arg-type]
+        for index, array in enumerate((self.objective, self.gradient)):
+            buffer.set_res(index, memoryview(array))  # type: ignore[arg-type]
+        self.buffer = buffer
 
-
-def _chunk(nlp: Nlp, x: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
-    size = 1 << max(0, len(x) - 1).bit_length()
-    pad = ((0, size - len(x)), (0, 0))
-    f, gradient = _mapped(nlp, size)(np.pad(x, pad, "edge").T, np.pad(parameters, pad, "edge").T)
-    return np.asarray(f)[0, : len(x)], np.asarray(gradient).T[: len(x)]
+    def __call__(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Values at x (B, nx), not finite where they do not exist; overwritten by the next call."""
+        self.x[: self.count] = x
+        self.evaluate()
+        return self.objective[: self.count], self.gradient[: self.count]
 
 
 @lru_cache(maxsize=64)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from ...problem import Instances, Nlp
 from ..base import Capabilities
 from ..options import PositiveFinite, PositiveInt
 from .engine import BatchRun, BatchSolver, Results, execute, perturbations
+
+if TYPE_CHECKING:
+    from .spg_kernels import Batch
 
 _PER_THREAD = 256  # instances that are worth a thread
 _SPREAD = 2.0  # standard deviation of further starts, in radii of the smallest disc
@@ -71,23 +74,31 @@ class SpectralProjectedGradient(BatchSolver):
                 f"spectral cannot take {nlp.name}: it needs constraints that are products of boxes "
                 "and discs in the plane, and an objective made of kernels; take auto or ipopt"
             )
-        from .spg_kernels import Batch, minimise_batch  # Numba takes a second to import
+        from .spg_kernels import minimise_batch  # Numba takes a second to import
 
         assert nlp.compiled is not None
-        assert isinstance(instances.feasible_set, PlanarSets)
         batch, size = instances.x0.shape
-        data = Batch(
-            starts=_starts(instances, self.n_starts or nlp.n_starts),
-            p=contiguous(instances.p),
-            constants=nlp.compiled.constants,
-            scale=contiguous(instances.scale),
-            sets=instances.feasible_set.packed,
-        )
+        data = batch_data(nlp, instances, _starts(instances, self.n_starts or nlp.n_starts))
         limit = self.max_iter or 300 + size
         arguments = nlp.compiled.evaluate, data, self.tolerance, limit
         results = Results.empty((batch, size))
         seconds = execute(minimise_batch, arguments, results, _PER_THREAD)
         return BatchRun(results, seconds)
+
+
+def batch_data(nlp: Nlp, instances: Instances, starts: FloatArray) -> Batch:
+    """Arrays of B instances and their S starts (S, B, nx) for kernels on products of sets."""
+    from .spg_kernels import Batch
+
+    assert nlp.compiled is not None
+    assert isinstance(instances.feasible_set, PlanarSets)
+    return Batch(
+        starts=contiguous(starts),
+        p=contiguous(instances.p),
+        constants=nlp.compiled.constants,
+        scale=contiguous(instances.scale),
+        sets=instances.feasible_set.packed,
+    )
 
 
 def _starts(instances: Instances, number: int) -> FloatArray:

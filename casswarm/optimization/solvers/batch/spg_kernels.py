@@ -227,6 +227,14 @@ def verify(x: FloatArray, problem: Problem, work: Workspace) -> tuple[float, flo
 
 
 @allocating_kernel
+def workspace(members: int) -> Workspace:
+    """Arrays for problems of so many members."""
+    return Workspace(
+        np.empty((8, 2 * members)), np.empty(members), np.empty(MEMORY), np.empty((members, 4))
+    )
+
+
+@allocating_kernel
 def minimise_batch(
     rows: tuple[int, int],
     evaluate: Any,
@@ -240,10 +248,7 @@ def minimise_batch(
     From every start a state is solved coarsely, and from the best of the ends to tolerance.
     """
     members = batch.sets.shape[1]
-    work = Workspace(
-        np.empty((8, 2 * members)), np.empty(members), np.empty(MEMORY), np.empty((members, 4))
-    )
-    scratch = np.empty(members * (members + 8))
+    work, scratch = workspace(members), np.empty(members * (members + 8))
     x, best = np.empty(2 * members), np.empty(2 * members)
     trials = batch.starts.shape[0] if batch.starts.shape[0] > 1 else 0  # coarse, before the last
     for row in range(rows[0], rows[1]):

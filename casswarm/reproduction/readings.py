@@ -1,0 +1,123 @@
+"""Which readings of the paper make its own results come out: Table II under each alternative."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import pandas as pd
+
+from ..planning.plan import plan
+from ..policies import NaivePolicy, Policy, make_policy, member_guides
+from ..problems.formation import Motion
+from ..scenario import Scenario
+from ..studies.simulation import PAPER_POLICIES, simulate
+from .paper import paper_interval
+from .success import METHOD, Report
+
+RUNS = 200
+"""Runs per policy for every reading."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A question that the paper leaves open, and an answer to it.
+
+    Parameters
+    ----------
+    location : str
+        Section or equation of the paper.
+    question, answer : str
+    values : mapping
+        Keys of the scenario that differ.
+    guide_options, formation_options : mapping
+        Options of the projected gradient that differ, for guides and for formations.
+    leader_selection : str
+        As `make_policy` takes it.
+    """
+
+    location: str
+    question: str
+    answer: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+    guide_options: Mapping[str, Any] = field(default_factory=dict)
+    formation_options: Mapping[str, Any] = field(default_factory=dict)
+    leader_selection: str = "nearest"
+
+
+VELOCITY = {"x_scale": 1.0}  # steps in velocities instead of displacements
+_STEP = "variable of the gradient steps"
+_LEADER = "next leader"
+READINGS = (
+    Reading("all", "-", "as casswarm reads it"),
+    Reading("III.A, IV.A", _STEP, "velocity, for all", {}, VELOCITY, VELOCITY),
+    Reading("III.A", _STEP, "velocity, for guides only", {}, VELOCITY),
+    Reading("IV.A", _STEP, "velocity, for formations only", {}, {}, VELOCITY),
+    Reading("III.A", "gamma", "1", {"guide.gamma": 1.0}),
+    Reading("III.A", "gamma", "100", {"guide.gamma": 100.0}),
+    Reading("IV.A", "first iterate", "V(t-1), not 0", {}, {}, {"start": "x0"}),
+    Reading("(5)", "V(-1)", "0", {"swarm.velocity": [0.0, 0.0]}),
+    Reading("IV.B.1", _LEADER, "first alive", leader_selection="first"),
+    Reading("IV.B.1", _LEADER, "safest", leader_selection="safest"),
+    Reading("II.B", "dt in survival", "exp(-lambda)", {"hazard.alpha_1": 4.0 / 0.33}),
+    Reading("II.B", "length of a step", "1, ten steps", {"time.dt": 1.0}),
+)
+"""Answers to the paper's open questions; the first is casswarm's, the others change one each."""
+
+
+def table_2_of_reading(
+    scenario: Scenario, reading: Reading, runs: int = RUNS, seed: int = 0
+) -> dict[str, Any]:
+    """Row of a reading: Table II by the paper's method, with Wilson intervals of `runs` runs."""
+    row: dict[str, Any] = {
+        "location": reading.location,
+        "question": reading.question,
+        "answer": reading.answer,
+    }
+    moved = scenario.with_values(dict(reading.values)) if reading.values else scenario
+    guide = plan(moved, METHOD, certify=False, check=False, solver_options=reading.guide_options)
+    row |= {"guide_arrival": guide.arrival, "guide_survival": guide.survival * guide.arrives}
+    if not guide.arrives:
+        return row | {"within": 0}
+    policies: list[Policy] = [
+        NaivePolicy(Motion.from_scenario(moved), member_guides(moved, guide, reading.guide_options))
+    ]
+    policies += [
+        make_policy(
+            name,
+            moved,
+            guide,
+            METHOD,
+            leader_selection=reading.leader_selection,
+            solver_options=reading.formation_options,
+        )
+        for name in PAPER_POLICIES[1:]
+    ]
+    summary = simulate(moved, policies, runs, seed, guide=guide, save_trajectories=0).summary
+    within = 0
+    for name, (_, result) in zip(PAPER_POLICIES, summary.iterrows(), strict=True):
+        row |= {f"{name}{end}": result[f"success{end}"] for end in ("", "_low", "_high")}
+        low, high = paper_interval(name)
+        within += bool(low <= result["success"] <= high)
+    return row | {"within": within}
+
+
+def readings(
+    scenario: Scenario,
+    report: Report,
+    seed: int = 0,
+    runs: int = RUNS,
+    chosen: Sequence[Reading] = READINGS,
+) -> pd.DataFrame:
+    """Table II under each reading, by the paper's method.
+
+    Columns: location, question, answer; arrival step and survival of the guide; per policy its
+    success and its Wilson interval; within: how many of the three lie in the paper's intervals. A
+    guide that does not arrive has survival 0 and no success.
+    """
+    rows = []
+    for reading in chosen:
+        report(f"{reading.question}: {reading.answer}")
+        rows.append(table_2_of_reading(scenario, reading, runs, seed))
+    return pd.DataFrame(rows).round(6)
