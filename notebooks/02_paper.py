@@ -77,8 +77,8 @@ paper.figures["figure-4"]()
 #
 # Its steps are steps of displacement, since the paper writes X(t+1) = X(t) + V(t). Steps in
 # velocity (light) are dt^2 as long, and hardly move the guide: its objective is exp(-risk), and
-# where the risk is 9, the gradient is about 1e-4. We show the first thousand of its 6000 iterations,
-# and the formation problems of leader protection.
+# where the risk is 9, the gradient is about 1e-4. We show the first thousand of its 6000
+# iterations, and the formation problems of leader protection.
 
 # %%
 guide_path = guide_convergence(first, points=(0, 10, 100, 300, 1000))
