@@ -49,7 +49,7 @@ def table_2_chart(table: pd.DataFrame, paper_runs: int = 50) -> Figure:
         "paper": (f"the paper, {paper_runs} runs", "s"),
         f"runs_{paper_runs}": (f"the paper's method, {paper_runs} runs", "^"),
         "method": ("the paper's method", "D"),
-        "exact": ("Ipopt and batch solver, exact", "|"),
+        "exact": ("with Ipopt, exact", "|"),
     }
     fig, axes = single_panel(current_theme().aspect_of(1.45 * len(kinds) * len(table) + 7))
     styles = policy_styles(table["policy"])
@@ -83,29 +83,46 @@ def _marker(shape: str, color: str) -> dict[str, Any]:
 
 @themed
 def sensitivity_chart(table: pd.DataFrame, intervals: Mapping[str, tuple[float, float]]) -> Figure:
-    """Exact success under small changes of the geometry, with the paper's intervals.
+    """Success under small changes of the geometry, by two solvers, with the paper's intervals.
 
     Parameters
     ----------
     table : DataFrame
-        With the columns change and every policy of `intervals`.
+        With the columns solver, change, and for every policy of `intervals` its success and the
+        ends ``_low`` and ``_high`` of its interval. The first solver has filled markers.
     intervals : mapping
         Policy to (low, high), drawn as a band.
     """
-    theme, styles, y = current_theme(), policy_styles(intervals), np.arange(len(table))
-    aspect = theme.aspect_of(2.0 * len(table) + 7)
-    fig, axes = panels(len(intervals), len(intervals), aspect, sharex=True, sharey=True)
+    changes = list(dict.fromkeys(table["change"]))
+    fig, axes = panels(
+        len(intervals),
+        len(intervals),
+        current_theme().aspect_of(2.4 * len(changes) + 9),
+        sharex=True,
+        sharey=True,
+    )
+    styles, kinds = policy_styles(intervals), list(dict.fromkeys(table["solver"]))
     for panel, (policy, (low, high)) in zip(axes, intervals.items(), strict=True):
         style = styles[policy]
         panel.axvspan(low, high, color=style.color, alpha=0.15, linewidth=0)
-        panel.axvline(float(table[policy].iloc[0]), color=INK, linewidth=scaled(0.8), linestyle=":")
-        panel.plot(table[policy], y, color=style.color, marker=style.marker, linestyle="")
+        for number, solver in enumerate(kinds):
+            rows = table[(table["solver"] == solver) & table[policy].notna()]
+            y = np.array([changes.index(change) for change in rows["change"]])
+            y = y + 0.3 * (number - (len(kinds) - 1) / 2)
+            ends = rows[f"{policy}_low"], rows[f"{policy}_high"]
+            panel.hlines(y, *ends, color=style.color, linewidth=scaled(1.2))
+            face = "white" if number else style.color
+            panel.plot(rows[policy], y, **marker(style.marker, 4, face, style.color))
         panel.set_title(policy)
         despine(panel, grid="x")
-    axes[0].set_yticks(y, [wrap(change, 0.375) for change in table["change"]])
-    axes[0].set(xlim=(0.15, 0.85), ylim=(len(table) - 0.5, -0.5), xticks=[0.2, 0.4, 0.6, 0.8])
-    label = "exact success; shaded: Wilson's 95 % interval of the paper's 50 runs"
-    fig.supxlabel(wrap(label), fontsize="medium")
+    axes[0].set_yticks(range(len(changes)), [wrap(change, 0.375) for change in changes])
+    axes[0].set(ylim=(len(changes) - 0.5, -0.5), xlim=(0.0, 1.0), xticks=[0.2, 0.4, 0.6, 0.8])
+    handles = [
+        Line2D([], [], label=solver, **marker("o", 4, "white" if number else GREY, GREY))
+        for number, solver in enumerate(kinds)
+    ]
+    title = wrap("success; shaded: Wilson's 95 % interval of the paper's 50 runs")
+    fig.legend(handles=handles, loc="outside lower center", ncols=2, title=title)
     add_title(fig, "paper-1", "small changes of the geometry")
     return fig
 
@@ -170,7 +187,7 @@ def convergence_chart(
         survival.axhline(value, color=GREY, linewidth=scaled(), linestyle=_DASHES[1 + number % 3])
         add_label(survival, f"{name}: {value:.2g}", (1, value), (0, 3))
     survival.set(title="guide: single-agent survival", yscale="log", ylim=(5e-5, 5))
-    residual.set(title="guide: stationarity residual", yscale="log", ylim=(1e-5, 1e-2))
+    residual.set(title="guide: stationarity residual", yscale="log")
     styles = policy_styles(str(kind).split(",")[0] for kind in formations["problems"])
     kinds = list(dict.fromkeys(formations["problems"]))
     for (kind, steps), rows in formations.groupby(["problems", "steps"], sort=False):
@@ -192,6 +209,6 @@ def convergence_chart(
         panel.set_xlabel("iteration")
     handles, columns = gap.get_legend_handles_labels()[0], 2 if narrow else 4
     fig.legend(handles=handles, loc="outside lower center", ncols=columns, title="formation of")
-    title = "the paper's projected gradient: steps in displacement (dark), in velocity (light)"
-    add_title(fig, title, "formations: medians over the time steps")
+    title = "steps in displacement (dark) or velocity (light); formations: medians over time steps"
+    add_title(fig, "the paper's projected gradient", title)
     return fig

@@ -13,6 +13,7 @@ from ..planning.guide import rounded_up
 from .paper import PAPER_RUNS, PAPER_SUCCESS
 from .readings import RUNS as READING_RUNS
 from .reproduce import TABLES, Reproduction
+from .sensitivity import RUNS as SENSITIVITY_RUNS
 
 
 def page(reproduction: Reproduction, suffix: str = "png") -> str:
@@ -26,6 +27,7 @@ def page(reproduction: Reproduction, suffix: str = "png") -> str:
     last = tables["formation-convergence"].groupby(["problems", "steps"], sort=False).tail(1)
     columns = dict.fromkeys(("gap_median", "gap_largest"), "{:.2g}")
     columns |= dict.fromkeys(("residual_median", "residual_largest"), "{:.1g}")
+    changes = tables["sensitivity"].query("solver == @METHOD")
     return render(
         "reproduction.md",
         titles=TABLES,
@@ -36,6 +38,9 @@ def page(reproduction: Reproduction, suffix: str = "png") -> str:
         within=within.to_dict(),
         policies=len(tables["table-2"]),
         table_2=table_for_people(reproduction, "table-2"),
+        sensitivity_runs=SENSITIVITY_RUNS,
+        inside=int((changes["within"] == len(PAPER_SUCCESS)).sum()),
+        changes=len(changes),
         guide_iterations=f"{ends['iteration'].iloc[0]:.0f}",
         guide_survival=ends["survival"].map("{:.2g}".format).to_dict(),
         ipopt_survival=f"{reproduction.guide.survival:.2g}",

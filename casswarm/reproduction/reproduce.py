@@ -30,7 +30,8 @@ from .convergence import condensed, formation_convergence, guide_convergence
 from .infeasibility import infeasibility_cost, infeasible_steps
 from .paper import PAPER_RUNS, PAPER_SUCCESS, geometry, interpretations, paper_interval, table_1
 from .readings import readings
-from .success import METHOD, Report, beyond, sensitivity, table_2, variants
+from .sensitivity import sensitivity
+from .success import METHOD, Report, beyond, table_2, variants
 
 RUNS = 2000
 """Runs that sample what the exact distributions of Table II leave open."""
@@ -137,7 +138,7 @@ def reproduce(
         "table-1": lambda: table_1(second),
         "geometry": lambda: geometry(first),
         "table-2": lambda: table_2(first, guide, runs, seed),
-        "sensitivity": lambda: sensitivity(first, report),
+        "sensitivity": lambda: sensitivity(first, report, seed),
         "guide-convergence": lambda: guide_convergence(first),
         "formation-convergence": lambda: _formations(first, second, guide, report),
         "infeasible": lambda: infeasible_steps(first, guide, seed=seed),

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
-import numpy as np
 import pandas as pd
 
 from ..optimization.solvers import ProjectedGradient
@@ -113,16 +112,21 @@ def variants() -> dict[str, Scenario]:
     """Scenarios beyond the paper's, by their titles."""
     first, second = load_scenario("paper-1"), load_scenario("paper-2")
     best = {"guide.search": "global", "guide.arrival": "any"}
-    short = {**best, "time.t_f": 4.0}
+    alley = load_scenario("alley")
+    collisions = {
+        "hazard.kind": "saturation+collision",
+        "hazard.beta_1": 0.2,
+        "hazard.beta_2": 6.0,
+    }
     return {
         "I: the paper's, local guide": first,
         "I: global guide": first.with_values(best),
-        "I: no time to go around, t_f = 4": first.with_values(short),
+        "I: alley": alley,
         "I: wall": load_scenario("wall"),
         "I: ring": load_scenario("ring"),
         "II: the paper's, local guide": second,
         "II: global guide": second.with_values(best),
-        "II: no time to go around, t_f = 4": second.with_values(short),
+        "II: alley": alley.with_values(collisions),
     }
 
 
@@ -162,46 +166,3 @@ def beyond(
                 }
             )
     return pd.DataFrame(rows).round(DIGITS)
-
-
-def small_changes(scenario: Scenario) -> Iterator[tuple[str, dict[str, object]]]:
-    """Small changes of the calibrated geometry: names and values."""
-    yield "as calibrated", {}
-    for margin in (0.05, 0.1, 0.15, 0.3):
-        yield f"guide.margin = {margin}", {"guide.margin": margin}
-    for factor in (0.8, 1.25):
-        a_max = round(factor * scenario.guide_a_max, 6)
-        yield f"guide.a_max = {a_max:g}", {"guide.a_max": a_max}
-    radars = scenario.hazard.radar_positions
-    gate = radars[0] - radars[-1]
-    along = gate / np.hypot(*gate)
-    for label, shift in (("wider", 0.05), ("narrower", -0.05)):
-        moved = radars + np.outer([shift, *[0.0] * (len(radars) - 2), -shift], along)
-        yield f"gate 0.1 {label}", {"hazard.radars": moved.tolist()}
-    directions = {"right": (1, 0), "left": (-1, 0), "up": (0, 1), "down": (0, -1)}
-    for name, direction in directions.items():
-        moved = radars + 0.05 * np.array(direction)
-        yield f"radars 0.05 {name}", {"hazard.radars": moved.tolist()}
-
-
-def sensitivity(
-    scenario: Scenario, report: Report, policies: Sequence[str] = PAPER_POLICIES
-) -> pd.DataFrame:
-    """Exact success after small changes of the geometry: a row per change, midpoints of bounds.
-
-    Columns: change, the guide's risk and arrival step, a column per policy, and a column
-    POLICY_within: whether the bounds, at most 0.01 wide, lie in the paper's interval.
-    """
-    rows = []
-    for name, change in small_changes(scenario):
-        report(f"change: {name}")
-        moved = scenario.with_values(change) if change else scenario
-        guide = plan(moved, certify=False)
-        row: dict[str, object] = {"change": name, "risk": guide.risk, "arrival": guide.arrival}
-        for policy in policies:
-            success = evaluate(moved, policy, 10 * WIDTH, guide=guide).success
-            low, high = paper_interval(policy)
-            row[policy] = sum(success) / 2
-            row[f"{policy}_within"] = low <= success.low and success.high <= high
-        rows.append(row)
-    return pd.DataFrame(rows).round(4)

@@ -19,8 +19,8 @@ def planned(tmp_path_factory):
 
 def test_plan_prints_survival_residuals_and_solves(planned):
     text = planned[1]
-    assert "survival 0.03" in text
-    assert "no guide can exceed 0.70" in text
+    assert "survival 0.045" in text
+    assert "no guide can exceed 0.74" in text
     assert "local search" in text
     assert "violation" in text
     assert "solves: 1 solved" in text

@@ -46,7 +46,15 @@ BEYOND = pd.DataFrame(
     }
 )
 SENSITIVITY = pd.DataFrame(
-    {"change": ["none", "a = 0.05"], "naive": [0.3, 0.4], "leader": [0.6, 0.7]}
+    {
+        "solver": ["gradient", "gradient", "ipopt"],
+        "change": ["none", "a = 0.05", "none"],
+        **{
+            f"{policy}{end}": [value + shift for value in values]
+            for policy, values in (("naive", (0.3, 0.4, 0.35)), ("leader", (0.6, 0.7, 0.65)))
+            for end, shift in (("", 0.0), ("_low", -0.05), ("_high", 0.05))
+        },
+    }
 )
 PATH = pd.DataFrame(
     {
@@ -159,8 +167,10 @@ def test_sensitivity_chart_has_panel_per_policy_with_interval() -> None:
     assert [axes.get_title() for axes in fig.axes] == ["naive", "leader"]
     band = fig.axes[1].patches[0]
     assert (band.get_x(), band.get_x() + band.get_width()) == pytest.approx((0.5, 0.8))
-    dots = next(line for line in fig.axes[1].get_lines() if line.get_marker() == "D")
-    np.testing.assert_array_equal(dots.get_xdata(), SENSITIVITY["leader"])
+    filled, hollow = (line for line in fig.axes[1].get_lines() if line.get_marker() == "D")
+    np.testing.assert_array_equal(filled.get_xdata(), [0.6, 0.7])
+    np.testing.assert_array_equal(hollow.get_xdata(), [0.65])
+    assert hollow.get_markerfacecolor() == "white"
 
 
 def test_convergence_chart_has_colours_of_policies() -> None:

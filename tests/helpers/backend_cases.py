@@ -20,14 +20,19 @@ from casswarm.problems.guide import GuideTask, guide_instance, guide_nlp
 
 Case = tuple[Nlp, Instances]
 COLLISIONS = {"hazard.kind": "saturation+collision", "hazard.beta_1": 0.2, "hazard.beta_2": 6.0}
+GATE = {
+    "target.center": [8.0, 6.5],
+    "hazard.radars": [[4.4, 4.6], [4.5, 3.0]],
+    "guide.a_max": 0.2,
+}
 FORMATIONS = ("leader", "constrained", "leader, collisions", "constrained, collisions")
 
 
 @cache
 def formation(name: str) -> Case:
-    """One state of five members between the radars of paper-1, a little out of order."""
+    """One state of five members on their way to the gate, a little out of order."""
     policy, _, rate = name.partition(", ")
-    scenario = load_scenario("paper-1").with_values(COLLISIONS if rate else {})
+    scenario = load_scenario("paper-1").with_values(GATE | (COLLISIONS if rate else {}))
     rng = np.random.default_rng(3)
     here, toward = np.array([3.0, 2.6]), np.array([0.45, 0.35])
     step = Step(
@@ -48,8 +53,8 @@ def formation(name: str) -> Case:
 
 @cache
 def guide(t_f: float) -> Case:
-    """The guide of paper-1 that arrives at its last step, from the straight line."""
-    scenario = load_scenario("paper-1").with_values({"time.t_f": t_f})
+    """The guide through the gate that arrives at its last step, from the straight line."""
+    scenario = load_scenario("paper-1").with_values(GATE | {"time.t_f": t_f})
     task = _task(scenario)
     nlp = guide_nlp(scenario.hazard, scenario.n_steps)
     line = resample(np.stack([task.start, task.center]), scenario.n_steps, task.dt)

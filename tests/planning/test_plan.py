@@ -140,7 +140,8 @@ def test_plan_initial_velocity_limits_first_change() -> None:
 
 
 def test_plan_ends_at_first_arrival() -> None:
-    scenario = load_scenario("paper-1")
+    gate = {"target.center": [8.0, 6.5], "hazard.radars": [[4.4, 4.6], [4.5, 3.0]]}
+    scenario = load_scenario("paper-1").with_values(gate)
     guide = plan(scenario)
     assert guide.arrival < scenario.n_steps  # planned for the horizon, and at the rim before it
     inside = scenario.target.contains(guide.positions)

@@ -39,7 +39,8 @@ from casswarm.reproduction.infeasibility import POLICIES, infeasible_steps
 from casswarm.reproduction.paper import geometry
 from casswarm.reproduction.readings import READINGS, Reading, readings
 from casswarm.reproduction.reproduce import representative_run
-from casswarm.reproduction.success import beyond, sensitivity, small_changes, table_2, variants
+from casswarm.reproduction.sensitivity import geometry_changes, guide_changes, sensitivity
+from casswarm.reproduction.success import beyond, table_2, variants
 from casswarm.studies.simulation import PAPER_POLICIES
 
 FIRST, SECOND = csw.load_scenario("paper-1"), csw.load_scenario("paper-2")
@@ -136,21 +137,21 @@ def test_table_2_equals_saved_one_within_paper_intervals(guide):
 
 @pytest.mark.slow
 def test_sensitivity_equals_saved_table():
-    saved = checked_in("sensitivity")
-    assert saved["change"].tolist() == [name for name, _ in small_changes(FIRST)]
-    made = sensitivity(FIRST, silent, ["naive", "leader"]).set_index("change")
-    for _, row in saved.iterrows():
-        for column in ("risk", "naive", "leader"):
-            assert made.loc[row["change"], column] == pytest.approx(row[column], abs=0.011), row[
-                "change"
-            ]
-    assert saved["leader_within"].all()
-    assert saved["constrained_within"].all()
+    saved, made = checked_in("sensitivity"), sensitivity(FIRST, silent, runs=100)
+    assert made[["solver", "change"]].equals(saved[["solver", "change"]])
+    for (_, old), (_, new) in zip(saved.iterrows(), made.iterrows(), strict=True):
+        assert new["guide_survival"] == pytest.approx(old["guide_survival"], abs=2e-4)
+        for policy in PAPER_POLICIES:  # intervals of the same number
+            assert new[f"{policy}_low"] <= old[f"{policy}_high"] + 0.01, tuple(new)[:2]
+            assert old[f"{policy}_low"] <= new[f"{policy}_high"] + 0.01, tuple(new)[:2]
 
 
-@pytest.mark.parametrize(
-    "name", ["I: no time to go around, t_f = 4", "I: ring", "II: the paper's, local guide"]
-)
+def test_changes_keep_scenario_valid_and_differ():
+    for _, change in [*geometry_changes(FIRST), *guide_changes(FIRST)]:
+        assert FIRST.with_values(change) != FIRST
+
+
+@pytest.mark.parametrize("name", ["I: alley", "I: ring", "II: the paper's, local guide"])
 def test_beyond_equals_saved_table(name):
     saved = checked_in("beyond").set_index(["scenario", "policy"]).loc[name]
     made = beyond({name: variants()[name]}, silent, states=5000, runs=500).set_index("policy")
@@ -163,7 +164,7 @@ def test_beyond_equals_saved_table(name):
 
 def test_beyond_scenario_2_has_less_success():
     success = checked_in("beyond").set_index(["scenario", "policy"])
-    for guide_of in ("the paper's, local guide", "global guide", "no time to go around, t_f = 4"):
+    for guide_of in ("the paper's, local guide", "global guide", "alley"):
         for policy in PAPER_SUCCESS:
             harder, easier = success.loc[(f"II: {guide_of}", policy)], (f"I: {guide_of}", policy)
             assert harder["success_high"] < success.loc[easier]["success_low"]
@@ -183,7 +184,7 @@ def test_iterates_equal_those_of_a_single_solve():
 
 
 def test_guide_convergence_is_faster_in_displacements():
-    points = (0, 10, 100)
+    points = (0, 10, 50)
     made, saved = guide_convergence(FIRST, points), checked_in("guide-convergence")
     saved = saved[saved["iteration"].isin(points)].reset_index(drop=True)
     for column in ("objective", "risk", "survival"):
@@ -227,9 +228,9 @@ def test_readings_begin_with_the_method_itself():
 
 
 def test_reading_whose_guide_does_not_arrive_has_no_success():
-    late = FIRST.with_values({"guide.iterations": 1, "guide.gamma": 1e-9})
-    far = Reading("III.A", "v_max", "too slow", {"swarm.v_max": 0.5, "time.t_f": 5.0})
-    row = readings(late, silent, runs=2, chosen=[far]).loc[0]
+    tiny = {"guide.gamma": 1e-9, "guide.learning_rate": 5000.0}
+    far = Reading("III.A", "gamma", "tiny", tiny)
+    row = readings(FIRST, silent, runs=2, chosen=[far]).loc[0]
     assert row["guide_survival"] == row["within"] == 0
     assert "leader" not in row
 
@@ -251,8 +252,8 @@ def test_infeasibility_decreases_with_looser_limits():
     table = checked_in("empty-sets").set_index(["change", "policy"])
     short = table["infeasible"].xs("constrained", level="policy")
     by_a_max = [short[f"a_max = {a_max}, rho = 0.05"] for a_max in ("0.5", "1", "4")]
-    assert by_a_max == sorted(by_a_max, reverse=True)
-    assert short["a_max = 4, rho = 0.2"] == 0
+    assert by_a_max[0] == pytest.approx(by_a_max[1], abs=0.1)
+    assert by_a_max[1] > 1.5 * by_a_max[2] > 3 * short["a_max = 4, rho = 0.2"]
 
 
 # --- pictures

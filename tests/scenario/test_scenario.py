@@ -41,10 +41,10 @@ def test_paper_1_has_the_values_of_table_1(paper: Scenario) -> None:
     assert (paper.formation.rho, paper.formation.iterations) == (0.05, 2000)
     assert (paper.guide.search, paper.guide.a_max, paper.guide.acceleration_limited) == (
         "local",
-        0.2,
+        0.1,
         True,
     )
-    radars = ((4.4, 4.6), (4.5, 3.0))
+    radars = ((6.8, 3.5), (6.4, 1.7))
     assert paper.hazard == Saturation(radars=radars, alpha_1=4.0, alpha_2=3.0, alpha_3=4.0)
 
 
@@ -101,7 +101,7 @@ def test_guide_start_with_ties_is_first_member(paper: Scenario) -> None:
 
 
 def test_guide_a_max_defaults_to_that_of_members(paper: Scenario) -> None:
-    assert paper.guide_a_max == 0.2
+    assert paper.guide_a_max == 0.1
     assert paper.with_values({"guide.a_max": None}).guide_a_max == 0.5
     assert paper.with_values({"guide.acceleration_limited": False}).guide_a_max == math.inf
 

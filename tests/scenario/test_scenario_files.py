@@ -125,8 +125,8 @@ def test_several_problems_are_listed_one_per_line(file: Callable[..., Path]) -> 
 
 def test_saved_file_has_one_point_per_line(paper: Scenario) -> None:
     text = paper.to_toml()
-    assert "    [0.0, 0.0],\n    [0.5, 0.0],\n" in text
-    assert "center = [8.0, 6.5]" in text
+    assert "    [0.0, 0.0],\n    [0.45, 0.45],\n" in text
+    assert "center = [13.4, 5.9]" in text
     assert "beta_1" not in text
     assert "parameters" not in text
 

@@ -70,14 +70,14 @@ def test_wrong_value_reports_allowed_values(
 
 
 def test_member_on_radar_is_named(paper: Scenario) -> None:
-    text = message(paper.with_values, {"hazard.radars": [[3, 3], [0.5, 0.005]]})
-    assert "swarm.positions[1] is [0.5, 0.0], on hazard.radars[1]; move one of them" in text
+    text = message(paper.with_values, {"hazard.radars": [[3, 3], [0.45, 0.455]]})
+    assert "swarm.positions[1] is [0.45, 0.45], on hazard.radars[1]; move one of them" in text
     assert "0.01 or more apart" in text
 
 
 def test_member_in_target_zone_is_named(paper: Scenario) -> None:
-    text = message(paper.with_values, {"target.center": [0.9, 0.0]})
-    assert "swarm.positions[1] is [0.5, 0.0], inside the target zone" in text
+    text = message(paper.with_values, {"target.center": [0.8, 0.6]})
+    assert "swarm.positions[1] is [0.45, 0.45], inside the target zone" in text
 
 
 def test_members_at_same_position_are_allowed(paper: Scenario) -> None:
