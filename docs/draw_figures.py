@@ -1,7 +1,7 @@
 """Draw the pictures of the documentation with the commands of docs/figures.md.
 
     python docs/draw_figures.py                      # all of them, in a few minutes
-    python docs/draw_figures.py mpc evaluate-paper-1  # those of these results folders
+    python docs/draw_figures.py mpc evaluate-ring  # those of these results folders
 
 casswarm must be installed.
 """
@@ -32,9 +32,9 @@ COMMANDS = {
         *("simulate", "paper-2", "--policy", "leader"),
         *("--save-trajectories", "100", "--runs", "100"),
     ],
-    "one-run": ["simulate", "paper-1", "--policy", "leader", "--runs", "1", "--seed", "39"],
+    "one-run": ["simulate", "paper-1", "--policy", "leader", "--runs", "1"],
     "mpc": ["simulate", "wall", *MPC, "--runs", "500"],
-    "evaluate-paper-1": ["evaluate", "paper-1"],
+    "evaluate-ring": ["evaluate", "ring"],
     "sweep-n": ["sweep", "paper-1", "--set", "n=2,3,4,5,6"],
     "sweep-paper-1": [
         *("sweep", "paper-1", "--set", "n=2,4,6", "--set", "spacing=0.2,0.5,1.0"),
@@ -57,7 +57,7 @@ FIGURES = {
     ),
     "simulate-paper-2": ("formation-leader",),
     "mpc": ("success", "run-leader", "run-leader-mpc-8"),
-    "evaluate-paper-1": ("arrival", "population", "survival"),
+    "evaluate-ring": ("arrival", "population", "survival"),
     "sweep-n": ("over-n",),
     "sweep-paper-1": ("over-spacing", "heat-map"),
     "compare": ("profile-formations-cold",),

@@ -68,7 +68,7 @@ def _bands(
         axes.fill_between(steps, low, high, step="post", color=style.color, alpha=0.3, linewidth=0)
         (line,) = axes.step(steps, low, where="post", color=style.color, linestyle=style.dashes)
         line.set(linewidth=scaled(1.8), label=policy)
-    axes.set(xlabel="step", xlim=(0, max(len(low) for low, _ in bounds) - 1))
+    axes.set(xlabel="step", xlim=(0, 1.01 * (max(len(low) for low, _ in bounds) - 1)))
     axes.set(ylabel=ylabel, ylim=(0, 1.02 * top))
     add_title(fig, title, "exact distribution")
     despine(axes)

@@ -22,7 +22,7 @@ def page(reproduction: Reproduction, suffix: str = "png") -> str:
     Figures are links to files NAME.SUFFIX in its folder.
     """
     tables = reproduction.tables
-    ends = tables["guide-convergence"].groupby("steps").tail(1).set_index("steps")
+    paths = tables["guide-convergence"].groupby("steps")
     within = tables["table-2"][["method_within", "exact_within"]].sum()
     last = tables["formation-convergence"].groupby(["problems", "steps"], sort=False).tail(1)
     columns = dict.fromkeys(("gap_median", "gap_largest"), "{:.2g}")
@@ -41,8 +41,8 @@ def page(reproduction: Reproduction, suffix: str = "png") -> str:
         sensitivity_runs=SENSITIVITY_RUNS,
         inside=int((changes["within"] == len(PAPER_SUCCESS)).sum()),
         changes=len(changes),
-        guide_iterations=f"{ends['iteration'].iloc[0]:.0f}",
-        guide_survival=ends["survival"].map("{:.2g}".format).to_dict(),
+        guide_iterations=f"{paths['iteration'].max().iloc[0]:.0f}",
+        guide_survival=paths["survival"].max().map("{:.2g}".format).to_dict(),
         ipopt_survival=f"{reproduction.guide.survival:.2g}",
         convergence=_formatted(last, columns),
         empty_sets=table_for_people(reproduction, "empty-sets"),
