@@ -147,7 +147,8 @@ class PolicyOptions:
     solver: str = option(
         "--solver",
         default="auto",
-        help="Solver of the formation problems; casswarm solvers lists them.",
+        help="Solver of the formation problems; casswarm solvers lists them. With "
+        "projected-gradient, the paper's method, the guides are planned by it, too.",
     )
 
 

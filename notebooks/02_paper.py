@@ -76,8 +76,8 @@ paper.figures["figure-4"]()
 # ## Does the paper's projected gradient converge?
 #
 # Its steps are steps of displacement, since the paper writes X(t+1) = X(t) + V(t). Steps in
-# velocity (light) are dt^2 as long, and hardly move the guide: its objective is exp(-risk), and
-# where the risk is 9, the gradient is about 1e-4. We show the first thousand of its 6000
+# velocity (light) are dt^2 as long, and need nine times as many iterations. The objective is
+# exp(-risk), which is flat where the risk is large. We show the first thousand of its 6000
 # iterations, and the formation problems of leader protection.
 
 # %%
@@ -94,8 +94,8 @@ convergence_chart(
 # ## Empty constraint sets
 #
 # The paper does not say what happens where no member can meet the constraints of (7). In 500 runs
-# of the constrained trajectory this occurs at the first step, while the swarm brakes and turns at
-# steps 3 to 6, and once in the gate.
+# of the constrained trajectory this occurs in the first five steps, in which the members come from
+# their initial positions into the corridor.
 
 # %%
 paper.figures["infeasible"]()

@@ -14,6 +14,7 @@ from .paper import PAPER_RUNS, PAPER_SUCCESS
 from .readings import RUNS as READING_RUNS
 from .reproduce import TABLES, Reproduction
 from .sensitivity import RUNS as SENSITIVITY_RUNS
+from .success import METHOD
 
 
 def page(reproduction: Reproduction, suffix: str = "png") -> str:
@@ -27,7 +28,8 @@ def page(reproduction: Reproduction, suffix: str = "png") -> str:
     last = tables["formation-convergence"].groupby(["problems", "steps"], sort=False).tail(1)
     columns = dict.fromkeys(("gap_median", "gap_largest"), "{:.2g}")
     columns |= dict.fromkeys(("residual_median", "residual_largest"), "{:.1g}")
-    changes = tables["sensitivity"].query("solver == @METHOD")
+    changes = tables["sensitivity"]
+    changes = changes[changes["solver"] == METHOD]
     return render(
         "reproduction.md",
         titles=TABLES,

@@ -39,8 +39,8 @@ class ProjectedGradient(Solver):
     x_scale : float
         Unit of x: steps are taken in x / x_scale, as in `scipy.optimize.least_squares`, so a
         component of x moves by step x_scale^2 times its derivative. With 1 / dt, velocities become
-        displacements, the variable of the paper's X(t+1) = X(t) + V(t). Plans and policies pass
-        this value; 1 steps in velocities, each step being dt^2 as long.
+        displacements, the variable of the paper's X(t+1) = X(t) + V(t): plans and policies pass
+        this value when the solver is given by name. 1 steps in velocities, dt^2 as far.
     max_iter : int
         The paper's number of iterations. Reaching it is no success of an optimiser, but the normal
         end of this method: policies apply the iterate, and count as failed only what is not finite
