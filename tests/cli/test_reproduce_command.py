@@ -11,18 +11,27 @@ from reproduced import CHECKED_IN, checked_in
 from casswarm.reproduction import TABLES, Reproduction, page
 from casswarm.reproduction.reproduce import FIGURES
 
-QUICK = ("table-1", "geometry", "table-2", "infeasible", "interpretations", "figures")
+QUICK = ("table-1", "geometry", "infeasible", "interpretations")
+PARTS = ("table-1", "geometry", "table-2", "infeasible", "interpretations", "figures")
+
+
+def twice(folder, parts):
+    """A folder with some parts, reproduced twice (the figures once), and what was printed."""
+    names = [word for name in parts for word in ("--only", name)]
+    first = casswarm(folder, "reproduce", *names)
+    tables = names[:-2] if parts[-1] == "figures" else names
+    options = "--out", "again", "--json", "--quiet", "--width", "column"
+    return folder, first, casswarm(folder, "reproduce", *tables, *options)
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory):
+    return twice(tmp_path_factory.mktemp("quick"), QUICK)
 
 
 @pytest.fixture(scope="module")
 def reproduced(tmp_path_factory):
-    """A folder with the quick parts, reproduced twice, and what was printed."""
-    folder = tmp_path_factory.mktemp("reproduced")
-    names = [word for name in QUICK for word in ("--only", name)]
-    first = casswarm(folder, "reproduce", *names)
-    options = names[:-2], ("--out", "again", "--json", "--quiet")  # the figures once
-    second = casswarm(folder, "reproduce", *options[0], *options[1], "--width", "column")
-    return folder, first, second
+    return twice(tmp_path_factory.mktemp("reproduced"), PARTS)
 
 
 @pytest.mark.slow
@@ -39,12 +48,12 @@ def test_reproduce_prints_tables_and_progress(reproduced):
 @pytest.mark.slow
 def test_reproduce_writes_tables_figures_and_record(reproduced):
     results = reproduced[0] / "results" / "paper"
-    for name in QUICK[:-1]:
+    for name in PARTS[:-1]:
         assert list(pd.read_csv(results / f"{name}.csv").columns) == list(checked_in(name).columns)
     for number in range(1, 5):
         assert (results / f"figure-{number}.png").read_bytes().startswith(PNG)
     record = json.loads((results / "run.json").read_text())
-    assert record["inputs"] == {"runs": 2000, "only": list(QUICK), "seed": 0}
+    assert record["inputs"] == {"runs": 2000, "only": list(PARTS), "seed": 0}
     assert {"casswarm", "casadi", "numpy"} <= set(record["versions"])
     assert not (results / "README.md").exists()
 
@@ -62,15 +71,16 @@ def test_plot_of_reproduce_is_refused_with_advice(reproduced):
     assert "casswarm reproduce again, which takes --format, --width and --dpi" in done.stderr
 
 
-def test_reproduce_twice_gives_same_tables(reproduced):
-    folder = reproduced[0]
+@pytest.mark.parametrize("parts", ["quick", pytest.param("reproduced", marks=pytest.mark.slow)])
+def test_reproduce_twice_gives_same_tables(parts, request):
+    folder = request.getfixturevalue(parts)[0]
     for path in sorted((folder / "again").glob("*.csv")):
         assert path.read_bytes() == (folder / "results" / "paper" / path.name).read_bytes()
 
 
-def test_reproduced_tables_equal_those_in_repository(reproduced):
+def test_reproduced_tables_equal_those_in_repository(quick):
     for name in ("table-1", "geometry", "interpretations"):
-        text = (reproduced[0] / "again" / f"{name}.csv").read_text()
+        text = (quick[0] / "again" / f"{name}.csv").read_text()
         assert text == (CHECKED_IN / f"{name}.csv").read_text()
 
 

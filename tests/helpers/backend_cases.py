@@ -22,9 +22,12 @@ Case = tuple[Nlp, Instances]
 COLLISIONS = {"hazard.kind": "saturation+collision", "hazard.beta_1": 0.2, "hazard.beta_2": 6.0}
 GATE = {
     "target.center": [8.0, 6.5],
+    "swarm.positions": [[0.0, 0.0], [0.5, 0.0], [0.0, 0.5], [-0.5, 0.0], [0.0, -0.5]],
     "hazard.radars": [[4.4, 4.6], [4.5, 3.0]],
     "guide.a_max": 0.2,
 }
+"""Changes of `paper-1`: a gate close to the start, and more time than the path takes."""
+
 FORMATIONS = ("leader", "constrained", "leader, collisions", "constrained, collisions")
 
 

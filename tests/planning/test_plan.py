@@ -9,6 +9,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from backend_cases import GATE
 from small_scenarios import DT, V_MAX, grid_bounds, patrolled, single_agent_rate_by_hand, small
 
 from casswarm import Guide, PlanningError, Scenario, SolverError, Status, load_scenario, plan
@@ -140,8 +141,7 @@ def test_plan_initial_velocity_limits_first_change() -> None:
 
 
 def test_plan_ends_at_first_arrival() -> None:
-    gate = {"target.center": [8.0, 6.5], "hazard.radars": [[4.4, 4.6], [4.5, 3.0]]}
-    scenario = load_scenario("paper-1").with_values(gate)
+    scenario = load_scenario("paper-1").with_values(GATE)
     guide = plan(scenario)
     assert guide.arrival < scenario.n_steps  # planned for the horizon, and at the rim before it
     inside = scenario.target.contains(guide.positions)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from backend_cases import GATE
 from commands import casswarm
 from window_cases import GOAL, HAZARD, MOTION, RHO, both, window
 
@@ -84,7 +85,7 @@ def test_invalid_horizon_raises_policy_error(name: str, horizon: int, words: str
 
 
 def test_horizon_avoids_most_infeasible_corridor_steps() -> None:
-    scenario = csw.load_scenario("paper-1")
+    scenario = csw.load_scenario("paper-1").with_values(GATE)
     guide = csw.plan(scenario, certify=False)
     study = csw.simulate(scenario, ["constrained", "constrained-mpc-5"], 40, guide=guide)
     near, far = study.summary["infeasible"]
