@@ -57,8 +57,9 @@ table_2_chart(paper.tables["table-2"])
 # %% [markdown]
 # ## Figures 1 to 4
 #
-# Runs that succeed and lose two members, as in the paper: leader protection,
-# constrained trajectory, leader protection with collisions, and the guides of the naive policy.
+# Runs by the paper's method that succeed and, in scenario I, lose two members, as in the paper:
+# leader protection, constrained trajectory, leader protection with collisions, and the guides of
+# the naive policy.
 
 # %%
 paper.figures["figure-1"]()
@@ -93,8 +94,8 @@ convergence_chart(
 # %% [markdown]
 # ## Empty constraint sets
 #
-# The paper does not say what happens where no member can meet the constraints of (7). In 500 runs
-# of the constrained trajectory this occurs in the first five steps, in which the members come from
+# The paper does not say what happens where a member cannot meet the constraints of (7). Along
+# Ipopt's guide, in 500 runs of the constrained trajectory this occurs in the first five steps, in which the members come from
 # their initial positions into the corridor.
 
 # %%

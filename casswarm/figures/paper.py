@@ -194,7 +194,7 @@ def convergence_chart(
         style: dict[str, Any] = {
             "color": styles[str(kind).split(",")[0]].color,
             "linestyle": _DASHES[kinds.index(kind) % len(_DASHES)],
-            "label": str(kind) if _ALPHAS[str(steps)] == 1.0 else None,
+            "label": str(kind) if steps == "displacement" else None,
             "alpha": _ALPHAS[str(steps)],
         }
         for panel, column in ((gap, "gap_median"), (formation_residual, "residual_median")):

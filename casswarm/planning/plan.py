@@ -143,11 +143,10 @@ def plan_from(
     return Guide.from_candidate(scenario.hazard, task, best, tuple(candidates), search)
 
 
-def guide_solver(formation_solver: str | Solver) -> str:
-    """Solver of the guide for a solver of formations: the paper's method, or else Ipopt."""
-    paper = ProjectedGradient.name
-    name = formation_solver if isinstance(formation_solver, str) else formation_solver.name
-    return paper if name == paper else "ipopt"
+def guide_solver(solver: str | Solver) -> str:
+    """Solver of guides beside another solver: the paper's method beside itself, else Ipopt."""
+    name = solver if isinstance(solver, str) else solver.name
+    return name if name == ProjectedGradient.name else "ipopt"
 
 
 def initial_velocities(scenario: Scenario, guide: Guide) -> FloatArray:

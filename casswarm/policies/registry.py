@@ -62,8 +62,8 @@ def make_policy(
         Planned from the scenario by default; feedback policies need none.
     solver : str or Solver
         Solver of the formation problems: a name of `casswarm.optimization.solvers.SOLVERS`, by
-        default ``"auto"``. With ``"projected-gradient"`` a guide that is not given, and the guides
-        of naive members, are planned by the paper's method, too.
+        default ``"auto"``. With ``"projected-gradient"`` a guide that is not given is planned by
+        the paper's method, too; the guides of naive members are by the method of the guide.
     leader_selection : {"nearest", "first", "safest"}
         Rule that selects the leader, for ``"leader"``.
     horizon : int
@@ -170,8 +170,8 @@ def member_guides(
 ) -> tuple[Guide, ...]:
     """Every member's own guide, from its initial position and velocity.
 
-    They are planned like the swarm's guide, by the same method and search; one that does not
-    arrive is included, see `Guide.arrives`.
+    They are planned with the search of the swarm's guide, by projected gradient if that is its
+    method, else by Ipopt. One that does not arrive is included, see `Guide.arrives`.
     """
     near = guide if guide.search == "global" else None
     guides: dict[tuple[float, ...], Guide] = {}

@@ -61,6 +61,7 @@ READINGS = (
     Reading("IV.A", _STEP, "velocity, for formations only", {}, {}, VELOCITY),
     Reading("III.A", "gamma", "1", {"guide.gamma": 1.0}),
     Reading("III.A", "gamma", "100", {"guide.gamma": 100.0}),
+    Reading("III.A", "iterate that is the guide", "the last", guide_options={"keep": "last"}),
     Reading("IV.A", "first iterate", "V(t-1), not 0", {}, {}, {"start": "x0"}),
     Reading("(5)", "V(-1)", "0", {"swarm.velocity": [0.0, 0.0]}),
     Reading("(5)-(7)", "point of the guide", "X*(t), not X*(t+1)", lag=1),
@@ -73,19 +74,22 @@ READINGS = (
 
 
 def table_2_of_reading(
-    scenario: Scenario, reading: Reading, runs: int = RUNS, seed: int = 0
+    scenario: Scenario, reading: Reading = READINGS[0], runs: int = RUNS, seed: int = 0
 ) -> dict[str, Any]:
     """Table II by the paper's method under a reading.
 
-    Arrival step and survival of the guide (0 if it does not arrive); per policy its success and
-    Wilson interval of `runs` runs; within: how many of them lie in the paper's intervals.
+    Keys: guide_arrival and guide_survival (0 if the guide does not arrive); per policy its success
+    and the ends ``_low`` and ``_high`` of its Wilson interval of `runs` runs (absent if the guide
+    does not arrive); within: how many of the policies are in the paper's intervals.
     """
     moved = scenario.with_values(dict(reading.values)) if reading.values else scenario
     guide = plan(moved, METHOD, certify=False, check=False, solver_options=reading.guide_options)
     row = {"guide_arrival": guide.arrival, "guide_survival": guide.survival * guide.arrives}
     if not guide.arrives:
         return row | {"within": 0}
-    guide = lagging(guide, reading.lag)
+    if reading.lag:  # V(-1) stays that of the guide
+        moved = moved.with_values({"swarm.velocity": guide.velocities[0].tolist()})
+        guide = lagging(guide, reading.lag)
     policies: list[Policy] = [
         NaivePolicy(Motion.from_scenario(moved), member_guides(moved, guide, reading.guide_options))
     ]
@@ -107,7 +111,7 @@ def table_2_of_reading(
 
 
 def lagging(guide: Guide, steps: int) -> Guide:
-    """The guide after a rest of `steps` steps at its start."""
+    """The guide, positions (T+1, 2), after a rest at its start: positions (T+1+steps, 2)."""
     rest = (steps, 0)
     return replace(
         guide,

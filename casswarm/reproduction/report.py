@@ -93,7 +93,7 @@ def readings_text(table: pd.DataFrame) -> pd.DataFrame:
     shown["guide survives"] = table["guide_survival"].map("{:.4f}".format)
     for policy in PAPER_SUCCESS:
         shown[policy] = [
-            "" if math.isnan(row[policy]) else _with_interval(row, policy)
+            "" if math.isnan(row[policy]) else _with_interval(row, policy, digits=3)
             for row in table.to_dict("records")
         ]
     return shown.assign(within=table["within"])

@@ -28,7 +28,7 @@ from ..scenario import Scenario, load_scenario
 from ..studies.simulation import simulate
 from .convergence import condensed, formation_convergence, guide_convergence
 from .infeasibility import infeasibility_cost, infeasible_steps
-from .paper import PAPER_RUNS, PAPER_SUCCESS, geometry, interpretations, paper_interval, table_1
+from .paper import PAPER_SUCCESS, geometry, interpretations, paper_interval, table_1
 from .readings import readings
 from .sensitivity import sensitivity
 from .success import METHOD, Report, beyond, table_2, variants
@@ -43,8 +43,8 @@ TABLES = {
     "sensitivity": "Table II after small changes of the geometry",
     "guide-convergence": "The paper's projected gradient on its guide problem",
     "formation-convergence": "The paper's projected gradient on its formation problems",
-    "infeasible": "Members with an empty constraint set, step by step",
-    "empty-sets": "Cost of empty constraint sets",
+    "infeasible": "Members with an empty constraint set along Ipopt's guide, step by step",
+    "empty-sets": "Cost of empty constraint sets along Ipopt's guide",
     "beyond": "Success with other guides, in other scenarios, and in scenario II",
     "readings": "Table II by the paper's method, under other readings of the paper",
     "interpretations": "Errors and ambiguities of the paper, and casswarm's interpretation",
@@ -79,7 +79,7 @@ class Reproduction:
     figures : mapping of name to function
         The requested ones of `FIGURES`; each draws its figure in the theme of its context.
     guide : Guide
-        The local guide of scenario I, which the paper's policies follow.
+        Ipopt's local guide of scenario I, for comparison with the paper's method.
     runs, seed : int
         Of the runs in Table II.
     """
@@ -107,7 +107,7 @@ def reproduce(
     Parameters
     ----------
     runs : int
-        Number of runs that sample what exact distributions leave open in Table II, above 50.
+        Number of runs that sample what exact distributions leave open in Table II.
     seed : int
         Of all random numbers.
     progress : callable, optional
@@ -126,8 +126,8 @@ def reproduce(
     ValueError
         Too few runs, or an unknown name in `only`.
     """
-    if not (isinstance(runs, int) and runs > PAPER_RUNS):
-        raise ValueError(f"runs = {runs!r}; allowed: whole numbers above {PAPER_RUNS}")
+    if not (isinstance(runs, int) and runs > 0):
+        raise ValueError(f"runs = {runs!r}; allowed: whole numbers from 1")
     unknown = sorted({*(only or ())} - {*TABLES, DRAWN})
     if unknown:
         raise ValueError(f"only = {unknown[0]!r}; allowed: {', '.join([*TABLES, DRAWN])}")
@@ -191,7 +191,7 @@ def paper_figures(
 def representative_run(
     scenario: Scenario, policy: str, guide: Guide, seed: int = 0, runs: int = 200
 ) -> tuple[int, RunTrajectory]:
-    """The first run that succeeds and loses two members, as in the paper's Figures 1 and 2.
+    """The first run by the paper's method that succeeds and loses two members, as in its figures.
 
     If there is none among `runs`, the first that succeeds, or else the first. Also its number.
     """

@@ -12,7 +12,7 @@ from ..planning.plan import plan
 from ..scenario import Scenario
 from ..studies.evaluation import evaluate
 from ..studies.simulation import PAPER_POLICIES
-from .readings import Reading, table_2_of_reading, within
+from .readings import table_2_of_reading, within
 from .success import METHOD, WIDTH, Report
 
 RUNS = 1000
@@ -63,8 +63,8 @@ def sensitivity(
     rows = []
     for name, change in geometries:
         report(f"{METHOD}: {name}")
-        reading = Reading("", "", "", change)
-        row = table_2_of_reading(scenario, reading, runs, seed)
+        moved = scenario.with_values(change) if change else scenario
+        row = table_2_of_reading(moved, runs=runs, seed=seed)
         rows.append({"solver": METHOD, "change": name, **row})
     for name, change in [*geometries, *guide_changes(scenario)]:
         report(f"ipopt: {name}")
