@@ -95,8 +95,8 @@ convergence_chart(
 # ## Empty constraint sets
 #
 # The paper does not say what happens where a member cannot meet the constraints of (7). Along
-# Ipopt's guide, in 500 runs of the constrained trajectory this occurs in the first five steps, in which the members come from
-# their initial positions into the corridor.
+# Ipopt's guide, in 500 runs of the constrained trajectory, this occurs in the first five steps, in
+# which the members come from their initial positions into the corridor.
 
 # %%
 paper.figures["infeasible"]()

@@ -179,8 +179,8 @@ def convergence_chart(
     across = 1 if narrow else 2
     fig, axes = panels(4, across, 2.3 if narrow else 0.75, sharex=True)
     survival, residual, gap, formation_residual = axes
-    for steps, rows in guide.groupby("steps"):
-        path: dict[str, Any] = {"color": INK, "marker": "o", "alpha": _ALPHAS[str(steps)]}
+    for variable, rows in guide.groupby("steps"):
+        path: dict[str, Any] = {"color": INK, "marker": "o", "alpha": _ALPHAS[str(variable)]}
         survival.plot(rows["iteration"], rows["survival"], **path)
         residual.plot(rows["iteration"], rows["residual"], **path)
     for number, (name, value) in enumerate(references.items()):
