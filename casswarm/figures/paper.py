@@ -116,7 +116,7 @@ def sensitivity_chart(table: pd.DataFrame, intervals: Mapping[str, tuple[float, 
         panel.set_title(policy)
         despine(panel, grid="x")
     axes[0].set_yticks(range(len(changes)), [wrap(change, 0.375) for change in changes])
-    axes[0].set(ylim=(len(changes) - 0.5, -0.5), xlim=(0.0, 1.0), xticks=[0.2, 0.4, 0.6, 0.8])
+    axes[0].set(ylim=(len(changes) - 0.5, -0.5), xlim=(-0.05, 1.0), xticks=[0.2, 0.4, 0.6, 0.8])
     handles = [
         Line2D([], [], label=solver, **marker("o", 4, "white" if number else GREY, GREY))
         for number, solver in enumerate(kinds)
