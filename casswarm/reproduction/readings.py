@@ -82,7 +82,7 @@ def table_2_of_reading(
     and the ends ``_low`` and ``_high`` of its Wilson interval of `runs` runs (absent if the guide
     does not arrive); within: how many of the policies are in the paper's intervals.
     """
-    moved = scenario.with_values(dict(reading.values)) if reading.values else scenario
+    moved = scenario.with_values(reading.values)
     guide = plan(moved, METHOD, certify=False, check=False, solver_options=reading.guide_options)
     row = {"guide_arrival": guide.arrival, "guide_survival": guide.survival * guide.arrives}
     if not guide.arrives:

@@ -63,13 +63,12 @@ def sensitivity(
     rows = []
     for name, change in geometries:
         report(f"{METHOD}: {name}")
-        moved = scenario.with_values(change) if change else scenario
-        row = table_2_of_reading(moved, runs=runs, seed=seed)
+        row = table_2_of_reading(scenario.with_values(change), runs=runs, seed=seed)
         rows.append({"solver": METHOD, "change": name, **row})
     for name, change in [*geometries, *guide_changes(scenario)]:
         report(f"ipopt: {name}")
-        moved = scenario.with_values(change) if change else scenario
-        rows.append({"solver": "ipopt", "change": name, **table_2_with_ipopt(moved)})
+        row = table_2_with_ipopt(scenario.with_values(change))
+        rows.append({"solver": "ipopt", "change": name, **row})
     return pd.DataFrame(rows).round(4)
 
 
