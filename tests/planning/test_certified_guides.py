@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from small_scenarios import (
     TWO,
     Array,
@@ -18,6 +19,7 @@ from small_scenarios import (
 
 from casswarm import HazardError, Saturation, ScenarioError, load_scenario, plan
 from casswarm.planning.bounds import certify_guide
+from casswarm.typing import FloatArray
 
 
 def test_plan_symmetric_scenario_reports_one_of_two_optima() -> None:
@@ -85,11 +87,23 @@ class Weaker(Saturation):
         return 0.1 / (1.0 + squared_distance)
 
 
-def test_hazard_subclass_does_not_inherit_lower_bound() -> None:
-    hazard = Weaker(tuple(TWO))
+class Halved(Saturation):
+    """With rates of its own, whatever their kernels."""
+
+    def rates(self, positions: ArrayLike, alive: ArrayLike | None = None) -> FloatArray:
+        return 0.5 * super().rates(positions, alive)
+
+    def single_agent_rates(self, points: ArrayLike) -> FloatArray:
+        return 0.5 * super().single_agent_rates(points)
+
+
+@pytest.mark.parametrize("kind", [Weaker, Halved])
+def test_hazard_subclass_does_not_inherit_lower_bound(kind: type[Saturation]) -> None:
+    hazard = kind(tuple(TWO))
     corner = np.zeros(2)
     assert hazard.single_agent_lower_bound(corner, corner) is None
     assert hazard.single_agent_rates_below(np.zeros(2), np.zeros(2), 0.1) is None
+    assert hazard.least_rate(3) is None
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_scenarios import DT, V_MAX, patrolled, small
 
-from casswarm import PlanningError, Scenario, plan
+from casswarm import PlanningError, Scenario, load_scenario, plan
 from casswarm.planning.bounds import ValueFunction
 from casswarm.planning.plan import plan_from
 
@@ -51,6 +51,23 @@ def test_upper_bound_is_attained_by_feedback_guide(seed: int) -> None:
     assert low <= high
     if np.isfinite(high) and high > 0:
         assert followed(SCENARIO, VALUE, position, step) <= high * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("v_max", [1.0, 2.0])
+@pytest.mark.parametrize("target", [(3.0, 0.0), (3.0, 1.0), (5.0, 3.0)])
+@pytest.mark.parametrize("dt", [0.1, 0.2, 0.3])
+def test_feedback_guide_arrives_where_nodes_lie_on_the_rim(
+    dt: float, target: tuple[float, float], v_max: float
+) -> None:
+    values = {"time.dt": dt, "time.t_f": 8.0, "swarm.v_max": v_max, "target.center": target}
+    scenario = load_scenario("single-agent").with_values(values)
+    value = ValueFunction.from_scenario(scenario, 100_000, certified=False)
+    position = scenario.positions[0]
+    for step in range(scenario.n_steps):
+        position = position + dt * value.velocities(step, position)
+        if scenario.target.contains(position):
+            return
+    pytest.fail(f"{scenario.target.distances(position) - scenario.target.radius} outside")
 
 
 @pytest.mark.parametrize(("step", "position"), [(3, (1.0, -1.0)), (5, (1.0, 3.0)), (0, (3.0, 3.5))])

@@ -17,6 +17,8 @@ from ...typing import FloatArray
 from .grid import Block, Grid
 
 Node: TypeAlias = tuple[int, int]
+_ROUNDING = 2.0**-44  # 256 units in the last place
+
 Values: TypeAlias = list[list[FloatArray]]
 """Node values, an array for every block of every sample."""
 
@@ -90,7 +92,10 @@ class StageCosts:
         ]
         margin = 0.0 if self.inside else h + slack  # of the cells around a node
         near = [np.maximum(offset - margin, 0.0) ** 2 for offset in offsets]
-        touched = near[0][:, None] + near[1] <= radius**2 * (1 + 1e-12)
+        largest = radius + float(np.abs([task.start, task.center]).max())
+        rounding = _ROUNDING * largest  # of a path's coordinates
+        rim = max(radius - rounding, 0.0) if self.inside else radius + rounding
+        touched = near[0][:, None] + near[1] <= rim**2
         if self.multiplier == 0.0 or grid.stride > 1:
             return np.where(touched, 0.0, np.inf)
         squared = (offsets[0] ** 2)[:, None] + offsets[1] ** 2
