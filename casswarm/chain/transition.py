@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._util.constants import SPEED_TOL
 from ..policies.base import Policy, checked_velocities
 from ..problems.formation import Motion
 from ..typing import BoolArray, FloatArray, IntArray
@@ -25,7 +26,8 @@ COUNTS = ("infeasible", "solver_failures", "fallbacks", "saturated")
 whose velocity was projected to respect v_max and a_max."""
 
 SATURATION_TOL = 1e-9
-"""Excess over v_max or a_max (in units of velocity) up to which a velocity is not projected."""
+"""Excess over v_max or a_max, relative to v_max, up to which a projected velocity is not counted:
+solvers meet limits to about this accuracy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +67,14 @@ def transition(scenario: Scenario, policy: Policy, step: int, states: States) ->
     decision = policy.decide(step, positions, previous_velocities, alive)
     commanded = checked_velocities(policy.name, step, decision.velocities, alive)
     sets = Motion.from_scenario(scenario).sets(previous_velocities)
-    exceeds = alive & (sets.violation(commanded) > SATURATION_TOL)
+    excess = np.where(alive, sets.violation(commanded) / scenario.swarm.v_max, 0.0)
+    exceeds = excess > SPEED_TOL
     velocities = commanded.copy()
     if exceeds.any():
         velocities[exceeds] = sets[exceeds].project(commanded[exceeds])
     following = positions + scenario.time.dt * velocities
-    counts = decision.infeasible, decision.failures, decision.fallbacks, exceeds.sum(axis=1)
+    saturated = (excess > SATURATION_TOL).sum(axis=1)
+    counts = decision.infeasible, decision.failures, decision.fallbacks, saturated
     return Transition(
         velocities=velocities,
         positions=following,

@@ -14,10 +14,10 @@ from typing import TypeAlias
 import numpy as np
 
 from ...typing import FloatArray
-from .grid import Block, Grid
+from .grid import UNIT, Block, Grid
 
 Node: TypeAlias = tuple[int, int]
-_ROUNDING = 2.0**-44  # 256 units in the last place
+_ROUNDING = 512 * UNIT  # relative
 
 Values: TypeAlias = list[list[FloatArray]]
 """Node values, an array for every block of every sample."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ..._util.constants import SPEED_TOL
 from ...hazard import Hazard
 from ...hazard.lower_bounds import LeastRate
 from ...typing import BoolArray, FloatArray, IntArray
@@ -33,8 +34,9 @@ _MAX_REACH = 64
 class Relaxation:
     """A scenario's guide problem with the speed limit, the horizon and the target only.
 
-    Without acceleration limits and arrival margin, and with the rest rounded outwards: a lower
-    bound for all guides of the relaxation is one for all guides of the scenario.
+    Without acceleration limits and arrival margin, with the excess of speed that the chain allows,
+    and with the rest rounded outwards: a lower bound for all guides of the relaxation is one for
+    all guides of the scenario, and for every member of a swarm.
 
     Parameters
     ----------
@@ -73,7 +75,7 @@ class Relaxation:
             start=np.array(begin),
             center=center,
             radius=scenario.target.radius * (1 + rounding) + rounding * extent,
-            step=step * (1 + rounding) + rounding * extent,
+            step=step * (1 + SPEED_TOL + rounding) + rounding * extent,
             steps=scenario.n_steps,
             dt=scenario.time.dt,
         )
