@@ -246,7 +246,7 @@ def test_success_bound_holds_for_policies_that_ask_for_more_than_v_max(
     )
     guide = plan(scenario, certify=False, check=False)
 
-    def hasty(step, positions, previous_velocities, alive):  # type: ignore[no-untyped-def]
+    def hasty(_step, positions, _previous_velocities, _alive):  # type: ignore[no-untyped-def]
         return np.broadcast_to([v_max + 0.9e-9, 0.0], positions.shape)
 
     success = evaluate(scenario, hasty, guide=guide).success
