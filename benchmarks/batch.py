@@ -26,7 +26,8 @@ from casswarm.optimization.problem import Instances, Nlp
 from casswarm.optimization.solvers import Auto, Ipopt
 from casswarm.policies.base import Decision, Policy
 from casswarm.policies.leader_selection import LEADER_SELECTION
-from casswarm.problems.formation import Motion, Step, corridor_formation, leader_formation
+from casswarm.problems.formation import corridor_formation, leader_formation
+from casswarm.problems.step import Motion, Step
 
 PROBLEMS = {
     "leader": ("paper-1", "leader", 1000),

@@ -116,7 +116,8 @@ FIRST_USE = """
 import resource, time
 import numpy as np
 import casswarm as csw
-from casswarm.problems.formation import Motion, Step, leader_formation
+from casswarm.problems.formation import leader_formation
+from casswarm.problems.step import Motion, Step
 from casswarm.optimization.solvers import Auto
 scenario = csw.load_scenario("paper-2")
 x = scenario.positions[None]

@@ -119,7 +119,7 @@ swarm_map(scenario, study.trajectories["leader"][0], guide)
 
 # %%
 from casswarm.planning.kinematics import integrate
-from casswarm.problems.formation import Motion
+from casswarm.problems.step import Motion
 
 motion = Motion.from_scenario(scenario)
 paths = [

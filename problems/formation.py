@@ -26,7 +26,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -37,12 +36,7 @@ from ..optimization.feasible_sets.planar import PlanarSets
 from ..optimization.problem import Instances, Nlp
 from ..typing import BoolArray, FloatArray, IntArray
 from .formation_kernels import formation_objective
-
-if TYPE_CHECKING:
-    from ..scenario import Scenario
-
-POSITION_TOL = 1e-6
-"""Distance, in units of v_max dt, up to which a member counts as being at a position."""
+from .step import Step
 
 
 @lru_cache(maxsize=32)
@@ -87,89 +81,6 @@ def formation_nlp(hazard: Hazard, n: int, corridor: bool, horizon: int = 1) -> N
         compiled=formation_objective(hazard),
         n_starts=n_starts,
     )
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Limits of a member's motion in a step.
-
-    Parameters
-    ----------
-    v_max : float
-        Bound on each velocity component.
-    a_max : float
-        Bound on ||V(t) - V(t-1)||^2.
-    dt : float
-    """
-
-    v_max: float
-    a_max: float
-    dt: float
-
-    @classmethod
-    def from_scenario(cls, scenario: Scenario) -> Motion:
-        """Limits of the members of a scenario."""
-        return cls(scenario.swarm.v_max, scenario.swarm.a_max, scenario.time.dt)
-
-    def sets(self, previous_velocities: FloatArray) -> PlanarSets:
-        """Sets of velocities (..., 2) allowed after `previous_velocities` (..., 2)."""
-        return PlanarSets(
-            np.full(2, -self.v_max),
-            np.full(2, self.v_max),
-            previous_velocities[..., None, :],
-            np.full(1, np.sqrt(self.a_max)),
-        )
-
-    def toward(
-        self, positions: FloatArray, previous_velocities: FloatArray, goals: FloatArray
-    ) -> FloatArray:
-        """Velocities (..., 2) that bring positions (..., 2) as close to goals as is allowed.
-
-        Equation (6)'s v_i = X* - X_i where the limits allow it, and its projection elsewhere.
-        """
-        return self.sets(previous_velocities).project((goals - positions) / self.dt)
-
-    def misses(
-        self, positions: FloatArray, velocities: FloatArray, goals: FloatArray, radius: float = 0.0
-    ) -> BoolArray:
-        """Whether steps (..., 2) end farther than `radius` from the goals, shape (...)."""
-        offset = positions + self.dt * velocities - goals
-        distance = np.hypot(offset[..., 0], offset[..., 1])
-        return np.asarray(distance > radius + POSITION_TOL * self.v_max * self.dt)
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """Data of a step t -> t + 1, or of H steps, for a batch of B states.
-
-    Parameters
-    ----------
-    hazard : Hazard
-    motion : Motion
-    positions, previous_velocities : (B, n, 2)
-        X(t) and V(t-1).
-    alive : (B, n) bool
-        Held fixed over the steps.
-    goals : (H, 2) or (H, B, 2)
-        X*(t+1), ..., X*(t+H), for all states or for each.
-    """
-
-    hazard: Hazard
-    motion: Motion
-    positions: FloatArray
-    previous_velocities: FloatArray
-    alive: BoolArray
-    goals: FloatArray
-
-    @property
-    def horizon(self) -> int:
-        """Number of steps H."""
-        return len(self.goals)
-
-    @property
-    def goal(self) -> FloatArray:
-        """X*(t+1), (1, 1, 2) or (B, 1, 2)."""
-        return np.asarray(self.goals[0].reshape(-1, 1, 2))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 
 from ..optimization.problem import Instances, Nlp
 from ..typing import BoolArray, FloatArray, IntArray
-from .formation import Motion
 from .guide import tightened
 from .joint import JointForm
+from .step import Motion
 from .subsets import subsets
 
 if TYPE_CHECKING:

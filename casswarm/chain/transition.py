@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .._util.constants import SPEED_TOL
 from ..policies.base import Policy, checked_velocities
-from ..problems.formation import Motion
+from ..problems.step import Motion
 from ..typing import BoolArray, FloatArray, IntArray
 from .states import States
 

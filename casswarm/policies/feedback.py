@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from ..hazard import Hazard
 from ..optimization.solvers import Solver
 from ..planning.bounds import ValueFunction
-from ..problems.formation import Motion, Step, corridor_formation, leader_formation
+from ..problems.formation import corridor_formation, leader_formation
+from ..problems.step import Motion, Step
 from ..typing import BoolArray, FloatArray
 from .base import Decision, Policy
 from .formation import applied_decision

@@ -16,7 +16,8 @@ from ..optimization.solution import BatchSolution
 from ..optimization.solvers import Solver
 from ..optimization.solvers.base import VIOLATION
 from ..planning.guide import Guide
-from ..problems.formation import Formation, Motion, Step, corridor_formation, leader_formation
+from ..problems.formation import Formation, corridor_formation, leader_formation
+from ..problems.step import Motion, Step
 from ..typing import BoolArray, FloatArray
 from .base import Decision, Policy
 from .leader_selection import LEADER_SELECTION

@@ -20,7 +20,8 @@ from ..optimization.feasible_sets.trajectory import (
 )
 from ..optimization.problem import Instances
 from ..optimization.solvers.batch.nearest_trajectories import nearest_trajectories
-from ..problems.formation import Formation, Step, formation_nlp, formation_scale
+from ..problems.formation import Formation, formation_nlp, formation_scale
+from ..problems.step import Step
 from ..typing import BoolArray, FloatArray
 
 MARGIN = 1e-4

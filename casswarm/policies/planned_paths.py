@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import PolicyError
 from ..planning.guide import Guide
 from ..planning.joint import PlanTree, SwarmPlan
-from ..problems.formation import Motion
+from ..problems.step import Motion
 from ..typing import BoolArray, FloatArray
 from .base import Decision, Policy
 

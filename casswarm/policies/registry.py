@@ -13,7 +13,7 @@ from ..planning.bounds import ValueFunction
 from ..planning.guide import Guide
 from ..planning.joint import PlanTree, plan_swarm
 from ..planning.plan import guide_solver, initial_velocities, plan, plan_from
-from ..problems.formation import Motion
+from ..problems.step import Motion
 from .base import Policy
 from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy

@@ -25,9 +25,10 @@ from ..planning.kinematics import integrate, resample
 from ..planning.plan import initial_velocities
 from ..policies import make_policy
 from ..policies.leader_selection import nearest
-from ..problems.formation import Motion, Step, corridor_formation, leader_formation
+from ..problems.formation import corridor_formation, leader_formation
 from ..problems.guide import GuideTask
 from ..problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp
+from ..problems.step import Motion, Step
 from ..scenario import Scenario
 from ..typing import FloatArray
 

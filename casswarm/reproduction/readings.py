@@ -12,7 +12,7 @@ import pandas as pd
 from ..planning.guide import Guide
 from ..planning.plan import plan
 from ..policies import NaivePolicy, Policy, make_policy, member_guides
-from ..problems.formation import Motion
+from ..problems.step import Motion
 from ..scenario import Scenario
 from ..studies.simulation import PAPER_POLICIES, simulate
 from .paper import paper_interval

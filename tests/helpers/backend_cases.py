@@ -9,14 +9,9 @@ import numpy as np
 from casswarm import Scenario, load_scenario
 from casswarm.optimization.problem import Instances, Nlp
 from casswarm.planning.kinematics import resample
-from casswarm.problems.formation import (
-    Formation,
-    Motion,
-    Step,
-    corridor_formation,
-    leader_formation,
-)
+from casswarm.problems.formation import Formation, corridor_formation, leader_formation
 from casswarm.problems.guide import GuideTask, guide_instance, guide_nlp
+from casswarm.problems.step import Motion, Step
 
 Case = tuple[Nlp, Instances]
 COLLISIONS = {"hazard.kind": "saturation+collision", "hazard.beta_1": 0.2, "hazard.beta_2": 6.0}

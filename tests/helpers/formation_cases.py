@@ -3,13 +3,8 @@
 import numpy as np
 
 from casswarm import load_scenario
-from casswarm.problems.formation import (
-    Formation,
-    Motion,
-    Step,
-    corridor_formation,
-    leader_formation,
-)
+from casswarm.problems.formation import Formation, corridor_formation, leader_formation
+from casswarm.problems.step import Motion, Step
 
 
 def formations(name: str, count: int) -> list[Formation]:

@@ -13,13 +13,8 @@ from casswarm.errors import SolverError
 from casswarm.hazard import KernelHazard, regular
 from casswarm.optimization.solvers import Auto, Ipopt, SpectralProjectedGradient
 from casswarm.optimization.solvers.batch.spg_kernels import minimise_batch
-from casswarm.problems.formation import (
-    Motion,
-    Step,
-    corridor_formation,
-    formation_nlp,
-    leader_formation,
-)
+from casswarm.problems.formation import corridor_formation, formation_nlp, leader_formation
+from casswarm.problems.step import Motion, Step
 
 MOTION = Motion(v_max=2.0, a_max=0.5, dt=0.33)
 RADARS = ((4.4, 4.6), (4.5, 3.0))

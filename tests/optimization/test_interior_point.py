@@ -17,7 +17,7 @@ from casswarm.optimization.solvers.batch.interior_point import InteriorPoint
 from casswarm.optimization.solvers.batch.nearest_trajectories import nearest_trajectories
 from casswarm.policies.formation import applied_decision
 from casswarm.policies.mpc_instances import leader_mpc_formation, path_limits
-from casswarm.problems.formation import Motion, Step
+from casswarm.problems.step import Motion, Step
 
 # --- the program
 

@@ -9,7 +9,7 @@ from casswarm import (
     Saturation,
 )
 from casswarm.policies import LEADER_SELECTION
-from casswarm.problems.formation import Motion, Step
+from casswarm.problems.step import Motion, Step
 
 HAZARD = Saturation(((2.0, 2.0),))
 

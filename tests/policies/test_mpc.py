@@ -16,12 +16,8 @@ from casswarm.optimization.solvers.batch.interior_point import InteriorPoint
 from casswarm.policies import make_policy
 from casswarm.policies.formation import applied_decision
 from casswarm.policies.mpc_instances import MARGIN, corridor_mpc_formation, leader_mpc_formation
-from casswarm.problems.formation import (
-    Formation,
-    Step,
-    corridor_formation,
-    leader_formation,
-)
+from casswarm.problems.formation import Formation, corridor_formation, leader_formation
+from casswarm.problems.step import Step
 
 
 def paths_of(problem: Formation, data: Step) -> Array:

@@ -18,10 +18,8 @@ from casswarm.errors import PolicyError, SolverError
 from casswarm.figures import mpc_chart
 from casswarm.optimization.solvers.batch.interior_point import InteriorPoint
 from casswarm.policies import LeaderPolicy, make_policy
-from casswarm.problems.formation import (
-    Step,
-    corridor_formation,
-)
+from casswarm.problems.formation import corridor_formation
+from casswarm.problems.step import Step
 
 # --- custom rates, solvers, pickling, names
 

@@ -13,12 +13,11 @@ from small_scenarios import Array, rate_by_hand
 from casswarm import Saturation, SaturationCollision, Status, load_scenario, make_solver
 from casswarm.problems.formation import (
     Formation,
-    Motion,
-    Step,
     corridor_formation,
     formation_nlp,
     leader_formation,
 )
+from casswarm.problems.step import Motion, Step
 
 RADARS = ((3.0, 2.0), (1.0, 3.0))
 HAZARD, COLLIDING = Saturation(RADARS), SaturationCollision(RADARS)

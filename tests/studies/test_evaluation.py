@@ -13,7 +13,7 @@ from casswarm.chain.monte_carlo import Chain
 from casswarm.chain.stratified import sample_residual
 from casswarm.errors import PolicyError
 from casswarm.policies import POLICIES, as_policy
-from casswarm.problems.formation import Motion
+from casswarm.problems.step import Motion
 from casswarm.studies.evaluation import evaluate
 
 PAPER = csw.load_scenario("paper-1")

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..._util.display import Displayed
 from ...optimization.solution import Solution
-from ...problems.formation import Motion
+from ...problems.step import Motion
 from ...typing import FloatArray, IntArray, Interval
 from ..bounds.success_bound import SuccessBound
 from .distribution import PlanDistribution
