@@ -169,10 +169,11 @@ def alpaqa(nlp: Nlp, instances: Instances) -> Callable[[], object]:
 
 
 def jax(scenario: csw.Scenario, nlp: Nlp, instances: Instances) -> Callable[[], np.ndarray]:
-    """All states at once by the same algorithm in JAX, from the same starts."""
+    """All states at once by the same algorithm in JAX, from the same first starts."""
     from jax_program import batch_program
 
-    from casswarm.optimization.solvers.batch.spg import _starts
+    from casswarm.optimization.solvers.batch.multistart_kernels import Starts
+    from casswarm.optimization.solvers.batch.spg import _spread
 
     hazard, batch, n = scenario.hazard, len(instances), nlp.sizes[0] // 2
     keys = ("alpha_1", "alpha_2", "alpha_3", "beta_1", "beta_2")
@@ -198,7 +199,9 @@ def jax(scenario: csw.Scenario, nlp: Nlp, instances: Instances) -> Callable[[], 
         "metric": units[:, 0] ** 2 / units[:, 1],
     }
     lanes = {key: np.moveaxis(array, 0, -1).copy() for key, array in data.items()}
-    starts = _starts(instances, nlp.n_starts).reshape(-1, batch, n, 2)
+    starts = Starts.around(nlp.n_starts, _spread(instances))
+    moves = starts.directions[: nlp.n_starts].reshape(-1, 1, n, 2) * starts.spread[..., None]
+    starts = instances.x0.reshape(batch, n, 2) + moves
     first = np.stack([np.moveaxis(ordered(start), 0, -1) for start in starts])
 
     def run() -> np.ndarray:

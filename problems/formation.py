@@ -11,8 +11,9 @@ The paper's section IV.B, both of its problems as one program with weights and a
 Displacements are in units of dt, and v_1 = u_1 is applied. The paper has H = 1; with more steps
 this is model predictive control, see ``docs/mpc.md``.
 
-- **Leader protection** (6): w is 1 for the leader and 0 for the others; the leader's velocity is
-  fixed, dt v_i = X*(t+1) - X_i or as close to it as v_max and a_max allow; no corridor.
+- **Leader protection** (6): w is 1 for the leader; the leader's velocity is fixed,
+  dt v_i = X*(t+1) - X_i or as close to it as v_max and a_max allow; no corridor. For the others w
+  is 0 where this determines their velocities, without collisions, and `FOLLOWER_WEIGHT` elsewhere.
 - **Constrained trajectory** (7): w is 1 for the living; every member has the corridor, r^2 = rho.
 
 For one step, the set of a member is a box and one or two discs in the plane, and that of a state
@@ -38,12 +39,20 @@ from ..typing import BoolArray, FloatArray, IntArray
 from .formation_kernels import formation_objective
 from .step import Step
 
+FOLLOWER_WEIGHT = 0.01
+"""Weight of the other members' rates in leader protection, where members collide.
+
+The leader's rate depends on distances to the leader alone. Without collisions it increases with
+each, and determines the formation. With collisions it is least at some distance, in any direction:
+among the minimisers, the one of least total rate is wanted. This weight selects it."""
+
 
 @lru_cache(maxsize=32)
 def formation_nlp(hazard: Hazard, n: int, corridor: bool, horizon: int = 1) -> Nlp:
     """The program above for n members and H = `horizon`, with or without the corridor.
 
-    The variables are displacements, a column for every step and member: (2, H n).
+    The variables are displacements, a column for every step and member: (2, H n). Constraints are
+    in units of v_max, of a step and of a velocity, so that tolerances do not depend on units.
     """
     u = ca.MX.sym("displacements", 2, horizon * n)
     shapes = {
@@ -53,23 +62,22 @@ def formation_nlp(hazard: Hazard, n: int, corridor: bool, horizon: int = 1) -> N
         "weights": (1, n),
         "goal": (2, 1),
         "dt": (1, 1),
+        "v_max": (1, 1),
         "later": (2, horizon - 1),
     }
     parameters = {name: ca.MX.sym(name, *shape) for name, shape in shapes.items() if all(shape)}
-    X, previous_velocities, alive, weights, goal, dt, *later = parameters.values()
+    X, previous_velocities, alive, weights, goal, dt, v_max, *later = parameters.values()
     displacements = ca.horzsplit(u, n)
     positions = [X + dt * each for each in displacements]
     velocities = [b - a for a, b in pairwise([ca.MX.zeros(2, n), *displacements])]
     changes = [b - a for a, b in pairwise([previous_velocities, *velocities])]
-    constraints = {"acceleration": ca.horzcat(*[ca.sum1(change**2) for change in changes])}
+    squares = [ca.sum1((change / v_max) ** 2) for change in changes]
+    constraints = {"acceleration": ca.horzcat(*squares)}
     if horizon > 1:  # the first step's velocity is a variable, and has bounds
-        constraints["speed"] = ca.horzcat(*velocities[1:])
+        constraints["speed"] = ca.horzcat(*velocities[1:]) / v_max
     if corridor:
         offsets = ca.horzcat(*positions) - ca.kron(ca.horzcat(goal, *later), ca.DM.ones(1, n))
-        constraints["corridor"] = ca.sum1(offsets**2)
-    n_starts = 4 if corridor or horizon > 1 else 2  # almost always find the best local minimum
-    if isinstance(hazard, KernelHazard) and not hazard.collides:
-        n_starts = 1
+        constraints["corridor"] = ca.sum1((offsets / (v_max * dt)) ** 2)
     size = f"formation[{n}" if horizon == 1 else f"mpc-formation[{horizon} x {n}"
     return Nlp(
         name=f"{size}{', corridor' if corridor else ''}]",
@@ -79,7 +87,7 @@ def formation_nlp(hazard: Hazard, n: int, corridor: bool, horizon: int = 1) -> N
         constraints=constraints,
         unroll=horizon * n <= (8 if horizon == 1 else 24),  # where scalar expressions are faster
         compiled=formation_objective(hazard),
-        n_starts=n_starts,
+        n_starts=1 if isinstance(hazard, KernelHazard) and not hazard.collides else 4,
     )
 
 
@@ -135,7 +143,15 @@ def leader_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
         # closed form: the closer to the leader the better, for every follower independently
         following = positions + step.motion.dt * velocity
         guess = (following[:, None] - step.positions) / step.motion.dt
-    return _formation(step, sets, leads, step.alive & ~leads, prescribed, infeasible, guess)
+    followers = step.alive & ~leads
+    weights = leader_weights(step, leads)
+    return _formation(step, sets, weights, followers, prescribed, infeasible, guess)
+
+
+def leader_weights(step: Step, leads: BoolArray) -> FloatArray:
+    """Weights (B, n) of the members' rates in leader protection, for leaders (B, n)."""
+    gathers = isinstance(step.hazard, KernelHazard) and step.hazard.gathers
+    return np.where(leads, 1.0, 0.0 if gathers else FOLLOWER_WEIGHT) * step.alive
 
 
 def corridor_formation(
@@ -159,13 +175,14 @@ def corridor_formation(
         leads = np.arange(step.alive.shape[1]) == lead_agents[:, None]
         free &= ~leads
         prescribed = np.where(leads[..., None], hard.project(to_goal), prescribed)
-    return _formation(step, sets, step.alive, free, prescribed, step.alive & infeasible)
+    weights = step.alive.astype(float)
+    return _formation(step, sets, weights, free, prescribed, step.alive & infeasible)
 
 
 def _formation(
     step: Step,
     sets: PlanarSets,
-    weights: BoolArray,
+    weights: FloatArray,
     free: BoolArray,
     prescribed: FloatArray,
     infeasible: BoolArray,
@@ -182,8 +199,7 @@ def _formation(
     radii = np.where(free[..., None], sets.radii, np.inf)
     sets = PlanarSets(lower, upper, sets.centers, radii)
     fallback = sets.project(step.previous_velocities)
-    # the constraints bound squared distances, of velocities and of positions
-    squared = (radii * [1.0, step.motion.dt][: radii.shape[-1]]) ** 2
+    squared = (radii / step.motion.v_max) ** 2  # the constraints bound squared distances
     instances = Instances(
         x0=nlp.pack_variables(displacements=fallback if guess is None else sets.project(guess)),
         p=nlp.pack_parameters(
@@ -193,6 +209,7 @@ def _formation(
             weights=weights[..., None],
             goal=step.goal,
             dt=step.motion.dt,
+            v_max=step.motion.v_max,
         ),
         lbx=nlp.pack_variables(displacements=lower),
         ubx=nlp.pack_variables(displacements=upper),
@@ -204,7 +221,7 @@ def _formation(
     return Formation(nlp, instances, free, sets, fallback, infeasible)
 
 
-def formation_scale(step: Step, weights: BoolArray) -> FloatArray:
+def formation_scale(step: Step, weights: FloatArray) -> FloatArray:
     """Scales (B, 2): v_max, and the rate of isolated members at the present positions, H steps."""
     isolated = (weights * step.hazard.single_agent_rates(step.positions)).sum(axis=1)
     rates = step.horizon * np.where(isolated > 0, isolated, 1.0)

@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..hazard import Hazard
+from ..optimization.problem import Instances, Nlp
 from ..optimization.solution import BatchSolution
 from ..optimization.solvers import Solver
+from ..optimization.solvers.auto import Auto
 from ..optimization.solvers.base import VIOLATION
 from ..planning.guide import Guide
 from ..problems.formation import Formation, corridor_formation, leader_formation
@@ -136,7 +138,7 @@ def applied_decision(step: Step, formation: Formation, solver: Solver) -> Decisi
         failures |= formation.failures
     rows = np.flatnonzero(formation.free.any(axis=1))
     if rows.size:
-        solution = solver.solve_batch(formation.nlp, formation.instances[rows])
+        solution = _solutions(formation.nlp, formation.instances[rows], solver)
         finite = np.asarray(np.isfinite(solution.x).all(axis=1))[:, None, None]
         first = solution.x.reshape(rows.size, -1, members, 2)[:, 0]
         velocities[rows] = np.where(finite, first, velocities[rows])
@@ -153,6 +155,18 @@ def applied_decision(step: Step, formation: Formation, solver: Solver) -> Decisi
         missed = step.motion.misses(step.positions, velocities, step.goal, formation.radius)
         infeasible = infeasible | (formation.tracked & missed)
     return Decision(velocities, infeasible.sum(axis=1), failures, fallbacks)
+
+
+def _solutions(nlp: Nlp, instances: Instances, solver: Solver) -> BatchSolution:
+    """Answers of the solver, which begins at the best minimum that the batch solver finds.
+
+    So all solvers decide alike where there are several local minima. `Auto` itself searches, and a
+    method of fixed iterations has a start of its own.
+    """
+    if nlp.n_starts == 1 or isinstance(solver, Auto) or solver.capabilities.fixed_iterations:
+        return solver.solve_batch(nlp, instances)
+    located = instances.with_x0(Auto().located(nlp, instances))
+    return solver.warm().solve_batch(nlp, located)
 
 
 def _solved(solution: BatchSolution, solver: Solver) -> BoolArray:

@@ -16,14 +16,15 @@ from ..typing import FloatArray
 
 Rule = Callable[[Step, FloatArray], NDArray[np.intp]]
 
-_TIE = 1e-9  # difference of distances that counts as a tie; the lower index leads
+_TIE = 1e-9  # counts as a tie, in units of v_max dt and of rates; the lower index leads
 
 
 def nearest(step: Step, reference: FloatArray) -> NDArray[np.intp]:
     """The living member nearest to the guide's present point `reference` (2,), ties by index."""
     offset = step.positions - reference
     distance = np.where(step.alive, np.hypot(offset[..., 0], offset[..., 1]), np.inf)
-    return np.asarray(np.argmax(distance <= distance.min(axis=1, keepdims=True) + _TIE, axis=1))
+    tie = _TIE * step.motion.v_max * step.motion.dt
+    return np.asarray(np.argmax(distance <= distance.min(axis=1, keepdims=True) + tie, axis=1))
 
 
 def first(step: Step, reference: FloatArray) -> NDArray[np.intp]:  # noqa: ARG001

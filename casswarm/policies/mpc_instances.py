@@ -20,7 +20,7 @@ from ..optimization.feasible_sets.trajectory import (
 )
 from ..optimization.problem import Instances
 from ..optimization.solvers.batch.nearest_trajectories import nearest_trajectories
-from ..problems.formation import Formation, formation_nlp, formation_scale
+from ..problems.formation import Formation, formation_nlp, formation_scale, leader_weights
 from ..problems.step import Step
 from ..typing import BoolArray, FloatArray
 
@@ -34,7 +34,9 @@ class _Plan(NamedTuple):
     Parameters
     ----------
     constrained : (B, n) bool
-        Members with a soft constraint, whose rates are also the objective.
+        Members with a soft constraint.
+    weights : (B, n)
+        Weights of the members' rates in the objective.
     free : (B, n) bool
         Members whose paths are optimised.
     interior : (B, n, H, 2)
@@ -52,6 +54,7 @@ class _Plan(NamedTuple):
     """
 
     constrained: BoolArray
+    weights: FloatArray
     free: BoolArray
     interior: FloatArray
     guess: FloatArray
@@ -82,7 +85,9 @@ def leader_mpc_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
         joined = free & (distances(guess, to_leader) <= 1e-12 * limits.speed).all(axis=-1)
         interior[joined], free = guess[joined], free & ~joined
     radii = np.full((batch, n, step.horizon), np.inf)
-    return _formation(step, _Plan(leads, free, interior, guess, radii, radii[..., 0], 0.0, failed))
+    weights = leader_weights(step, leads)
+    plan = _Plan(leads, weights, free, interior, guess, radii, radii[..., 0], 0.0, failed)
+    return _formation(step, plan)
 
 
 def corridor_mpc_formation(step: Step, rho: float) -> Formation:
@@ -104,9 +109,13 @@ def corridor_mpc_formation(step: Step, rho: float) -> Formation:
     first_radii = np.where(excess[..., 0] > margin, radii[..., 0], radius)
     first_radii = np.where(living, first_radii, np.inf)
     failures = np.asarray(failed.any(axis=1))
+    weights = living.astype(float)
+    soft_radius = float(np.sqrt(rho))
     return _formation(
         step,
-        _Plan(living, living, interior, nearest, radii, first_radii, float(np.sqrt(rho)), failures),
+        _Plan(
+            living, weights, living, interior, nearest, radii, first_radii, soft_radius, failures
+        ),
     )
 
 
@@ -153,16 +162,18 @@ def _formation(step: Step, plan: _Plan) -> Formation:
         "positions": step.positions,
         "previous_velocities": step.previous_velocities,
         "alive": step.alive[..., None].astype(float),
-        "weights": plan.constrained[..., None].astype(float),
+        "weights": plan.weights[..., None],
         "goal": step.goals[None, :1],
         "dt": np.array([[motion.dt]]),
+        "v_max": np.array([[motion.v_max]]),
     }
-    blocks: dict[str, FloatArray] = {"acceleration": np.full((batch, horizon, n, 1), motion.a_max)}
+    change = motion.a_max / motion.v_max**2
+    blocks: dict[str, FloatArray] = {"acceleration": np.full((batch, horizon, n, 1), change)}
     if horizon > 1:
         parameters["later"] = step.goals[None, 1:]
-        blocks["speed"] = np.full((batch, horizon - 1, n, 2), motion.v_max)
+        blocks["speed"] = np.ones((batch, horizon - 1, n, 2))
     if corridor:
-        blocks["corridor"] = (motion.dt * plan.radii.transpose(0, 2, 1)[..., None]) ** 2
+        blocks["corridor"] = (plan.radii.transpose(0, 2, 1)[..., None] / motion.v_max) ** 2
     upper = {
         name: np.where(fixed, np.inf, block).reshape(batch, -1, block.shape[-1])
         for name, block in blocks.items()
@@ -178,7 +189,7 @@ def _formation(step: Step, plan: _Plan) -> Formation:
         ubx=np.where(fixed, interior, bound).reshape(batch, -1),
         lbg=nlp.pack_constraints(**lower),
         ubg=nlp.pack_constraints(**upper),
-        scale=formation_scale(step, plan.constrained),
+        scale=formation_scale(step, plan.weights),
         feasible_set=TrajectorySets(
             step.previous_velocities,
             np.where(np.isfinite(plan.radii)[..., None], path_targets(step), 0.0),

@@ -71,6 +71,11 @@ class Auto(Solver):
         again = self.fallback.solve_batch(nlp, _restarted(instances[left], solution.x[left]))
         return solution.with_rows(left, replace(again, used_fallback=np.ones(left.size, bool)))
 
+    def located(self, nlp: Nlp, instances: Instances) -> FloatArray:
+        """The batch solver's answers (B, nx), or the initial guesses where none applies."""
+        batch = self._batch(nlp, instances)
+        return instances.x0 if batch is None else batch.run_batch(nlp, instances).results.x
+
     def _batch(self, nlp: Nlp, instances: Instances) -> BatchSolver | None:
         """The batch solver that applies to the problem; None if none does."""
         if self.batch.can_take(nlp, instances):

@@ -98,6 +98,10 @@ class Solver(ABC):
     def prepare(self, nlp: Nlp) -> None:  # noqa: B027  (not every solver compiles anything)
         """Compile the problem for this backend, once; raise SolverError if that is impossible."""
 
+    def warm(self) -> Solver:
+        """This solver for initial guesses that are close to a minimum; by default itself."""
+        return self
+
     @abstractmethod
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         """Solve every instance; failures are answers, not exceptions.

@@ -82,13 +82,14 @@ class NlpsolSolver(Solver):
         started = time.perf_counter()
         rows = instances.lbg.shape[1]
         free = self.needs_constraint_row and not rows
+        length, value = instances.scale[i]
         try:
             with interruptible(), silence() if self.prints_to_stdout else nullcontext():
                 out = function(
-                    x0=instances.x0[i],
-                    p=instances.p[i],
-                    lbx=instances.lbx[i],
-                    ubx=instances.ubx[i],
+                    x0=instances.x0[i] / length,
+                    p=np.concatenate([instances.p[i], instances.scale[i]]),
+                    lbx=instances.lbx[i] / length,
+                    ubx=instances.ubx[i] / length,
                     lbg=-np.inf if free else instances.lbg[i],
                     ubg=np.inf if free else instances.ubg[i],
                 )
@@ -101,13 +102,16 @@ class NlpsolSolver(Solver):
         if message == INTERRUPTED:
             raise KeyboardInterrupt
         return Answer(
-            x=np.asarray(out["x"]).ravel(),
+            x=np.clip(length * np.asarray(out["x"]).ravel(), instances.lbx[i], instances.ubx[i]),
             status=self.statuses.get(message) or self._limit(stats),
             message=message,
             iterations=int(stats.get("iter_count", 0)),
             evaluations=sum(int(stats.get(f"n_call_{name}", 0)) for name in self.counts),
             seconds=seconds,
-            multipliers=(np.asarray(out["lam_x"]).ravel(), np.asarray(out["lam_g"]).ravel()[:rows]),
+            multipliers=(
+                value / length * np.asarray(out["lam_x"]).ravel(),
+                value * np.asarray(out["lam_g"]).ravel()[:rows],
+            ),
         )
 
     def _limit(self, stats: Mapping[str, Any]) -> Status:
@@ -143,12 +147,18 @@ def _reason(error: RuntimeError) -> str:
 
 @lru_cache(maxsize=64)
 def _compiled(solver: NlpsolSolver, nlp: Nlp) -> Any:
+    """Solver of the problem in units of `Instances.scale`, which are its last two parameters."""
     options = {"expand": nlp.unroll, **COMMON, **solver.plugin_options()}
+    x, scale = ca.MX.sym("x", nlp.sizes[0]), ca.MX.sym("scale", 2)
+    p, (length, value) = ca.vertcat(nlp.p, scale), ca.vertsplit(scale)
+    f, g = nlp.evaluate.call([length * x, nlp.p], True, False)
     exact = getattr(solver, "hessian", "exact") == "exact"
     if nlp.hessian is not None and solver.uses_hessian and exact:
-        options["hess_lag"] = nlp.hessian
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.sizes[2])
+        hessian = length**2 * nlp.hessian(length * x, nlp.p, lam_f / value, lam_g)
+        options["hess_lag"] = ca.Function("hess_lag", [x, p, lam_f, lam_g], [hessian])
     free = solver.needs_constraint_row and not nlp.sizes[2]
-    problem = {"x": nlp.x, "p": nlp.p, "f": nlp.objective, "g": ca.MX(0) if free else nlp.g}
+    problem = {"x": x, "p": p, "f": f / value, "g": ca.MX(0) if free else g}
     try:
         with silence() if solver.prints_to_stdout else nullcontext():
             return ca.nlpsol("solver", solver.plugin, problem, options)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 from ..solution import Status
@@ -59,6 +59,10 @@ class Ipopt(NlpsolSolver):
         "Maximum_WallTime_Exceeded": Status.TIME_LIMIT,
         "Diverging_Iterates": Status.DIVERGED,
     }
+
+    def warm(self) -> Ipopt:
+        """With a small initial barrier parameter, which keeps it near its initial guess."""
+        return self if self.mu_init is not None else replace(self, mu_init=1e-4)
 
     def plugin_options(self) -> dict[str, Any]:
         """See `NlpsolSolver.plugin_options`."""

@@ -103,7 +103,7 @@ class ProjectedGradient(Solver):
     def _run_compiled(self, nlp: Nlp, instances: Instances) -> BatchRun:
         from .batch.projected_gradient_kernels import descend_batch  # Numba is slow to import
 
-        data = batch_data(nlp, instances, self._initial(instances)[None])
+        data = batch_data(nlp, instances, self._initial(instances))
         step, tolerance = self.step * self.x_scale**2, self.tolerance / self.x_scale
         assert nlp.compiled is not None
         arguments = nlp.compiled.evaluate, data, step, tolerance, self.max_iter

@@ -151,11 +151,3 @@ def execute(
 @lru_cache(maxsize=1)
 def _pool(process: int) -> ThreadPoolExecutor:  # noqa: ARG001  (threads do not survive a fork)
     return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="casswarm")
-
-
-def perturbations(number: int, members: int) -> FloatArray:
-    """Standard normal displacements (number, 1, members, 2) of further starts.
-
-    They are the same for all states, so that a state's answer does not depend on its batch.
-    """
-    return np.random.default_rng(1).normal(size=(number, 1, members, 2))

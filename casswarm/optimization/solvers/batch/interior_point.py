@@ -14,7 +14,7 @@ from ...feasible_sets.trajectory import TrajectorySets
 from ...problem import Instances, Nlp
 from ..base import Capabilities
 from ..options import Allowed, PositiveFinite, PositiveInt
-from .engine import BatchRun, BatchSolver, Results, execute, perturbations
+from .engine import BatchRun, BatchSolver, Results, execute
 
 _SPREAD = 1.0  # standard deviation of starts, in largest changes of velocity
 _PER_THREAD = 32  # instances that are worth a thread
@@ -35,8 +35,8 @@ class InteriorPoint(BatchSolver):
     max_iter : int
         Limit for every start.
     n_starts : int, optional
-        Starts of every instance: the given one, or several around it, in the same pattern for every
-        state. By default as many as the problem says are worth it (`Nlp.n_starts`).
+        Starts of every instance, as for `SpectralProjectedGradient`. By default as many as the
+        problem says are worth it (`Nlp.n_starts`).
     """
 
     tolerance: PositiveFinite = 1e-8
@@ -70,13 +70,14 @@ class InteriorPoint(BatchSolver):
         # Numba takes a second to import
         from .interior_point_batch_kernels import Batch, minimise_batch
         from .interior_point_kernels import Options
+        from .multistart_kernels import Starts
 
         sets = instances.feasible_set
         assert isinstance(sets, TrajectorySets)
         assert nlp.compiled is not None
         batch, steps, n = sets.shape
         data = Batch(
-            starts=_starts(instances, sets, self.n_starts or nlp.n_starts),
+            x0=contiguous(instances.x0.reshape(batch, steps, 2 * n)),
             inside=contiguous(sets.inside.reshape(batch, steps, 2 * n)),
             free=contiguous(sets.free),
             initial_velocities=contiguous(sets.initial_velocities.reshape(batch, 1, 2 * n)),
@@ -87,10 +88,12 @@ class InteriorPoint(BatchSolver):
             constants=nlp.compiled.constants,
             scale=contiguous(instances.scale),
         )
+        spread = np.full((batch, n), _SPREAD * sets.limits.change)
+        starts = Starts.around(self.n_starts or nlp.n_starts, spread)
         options = Options(self.mu_final, self.tolerance, self.max_iter)
         multipliers = np.zeros((batch, steps, n, 6))
         results = Results.empty((batch, steps, 2 * n))
-        arguments = nlp.compiled.evaluate, data, options, multipliers
+        arguments = nlp.compiled.evaluate, data, starts, options, multipliers
         seconds = execute(minimise_batch, arguments, results, _PER_THREAD)
         results.verified[:, 1] *= data.scale[:, 0]
         results = results._replace(x=results.x.reshape(batch, -1))
@@ -111,34 +114,13 @@ class InteriorPointRun(BatchRun):
         assert isinstance(sets, TrajectorySets)
         z, (_, steps, n) = self.slack_multipliers[i], sets.shape
         speed, value = self.instances.scale[i]
-        box = (z[..., :2] - z[..., 2:4]) * value / speed
-        rows = {
-            "acceleration": z[..., 4] * value / speed**2,
-            "speed": box[1:],
-            # of squared distances; displacements are velocities times dt
-            "corridor": z[..., 5] * value / (speed * self._dt(p)) ** 2,
-        }
+        box = (z[..., :2] - z[..., 2:4]) * value
+        # constraints are in units of x
+        rows = {"acceleration": value * z[..., 4], "speed": box[1:], "corridor": value * z[..., 5]}
         lam_g = np.concatenate([rows[name].ravel() for name in self.nlp.constraints])
         gradient = np.asarray(self.nlp.gradient(x, p)[1]).ravel()
         lagrangian = gradient + np.asarray(self.nlp.jacobian(x, p)).T @ lam_g
         lam_x = np.zeros((steps, n, 2))
-        lam_x[0] = box[0]
+        lam_x[0] = box[0] / speed
         free = sets.free[i][None, :, None]
         return np.where(free, lam_x, -lagrangian.reshape(steps, n, 2)).ravel(), lam_g
-
-    def _dt(self, p: FloatArray) -> float:
-        start = 0
-        for name, symbol in self.nlp.parameters.items():
-            if name == "dt":
-                return float(p[start])
-            start += symbol.numel()
-        return 1.0
-
-
-def _starts(instances: Instances, sets: TrajectorySets, number: int) -> FloatArray:
-    """Starts (B, S, H, 2n): the given one, or several around it."""
-    batch, steps, n = sets.shape
-    starts = np.repeat(instances.x0.reshape(batch, 1, steps, n, 2), number, axis=1)
-    if number > 1:
-        starts += _SPREAD * sets.limits.change * perturbations(number, n)
-    return starts.reshape(batch, number, steps, 2 * n)

@@ -19,6 +19,7 @@ from ...feasible_sets.trajectory_kernels import (
 from .engine import NO_INTERIOR, NOT_FINITE, Results
 from .face_newton_kernels import copy
 from .interior_point_kernels import Options, minimise, residuals
+from .multistart_kernels import Starts, count_hits, needs_start, write_start
 from .newton_system_kernels import Problem, clear, gather, read, total, write
 
 MU_INIT = 1e-2  # barrier parameter at the beginning, in units of the objective
@@ -29,12 +30,12 @@ MARGIN = 0.1  # fraction of every slack that a start keeps
 class Batch(NamedTuple):
     """B states of n members over H steps: `TrajectorySets`, coordinates of members as one axis.
 
-    starts (B, S, H, 2n), inside (B, H, 2n), free (B, n), initial_velocities (B, 1, 2n), centers
-    (B, H, 2n), radii (B, H, n), p (B, 1 or H, np); scale (B, 2) are the units of x, the bound of a
-    velocity's components, and of the objective.
+    x0, the initial guesses, (B, H, 2n), inside (B, H, 2n), free (B, n), initial_velocities
+    (B, 1, 2n), centers (B, H, 2n), radii (B, H, n), p (B, 1 or H, np); scale (B, 2) are the units
+    of x, the bound of a velocity's components, and of the objective.
     """
 
-    starts: FloatArray
+    x0: FloatArray
     inside: FloatArray
     free: BoolArray
     initial_velocities: FloatArray
@@ -122,39 +123,48 @@ def verify(z: FloatArray, problem: Problem) -> tuple[float, float, float]:
 
 @allocating_kernel
 def minimise_state(
-    starts: FloatArray, z: FloatArray, problem: Problem, options: Options, counts: IntArray
+    row: int,
+    batch: Batch,
+    starts: Starts,
+    z: FloatArray,
+    problem: Problem,
+    options: Options,
+    counts: IntArray,
 ) -> int:
-    """Solve a state from every start (S, H, 2n), with multipliers z; return the outcome.
+    """Solve a state from its starts, with multipliers z; return the outcome.
 
     `problem.u` begins strictly inside, and ends as the answer.
     """
-    trials, columns, unit = starts.shape[0], problem.columns, problem.scale[0]
-    tolerance, mu_final = options.tolerance, options.mu_final
+    columns, unit = problem.columns, problem.scale[0]
     inside, y, best = np.empty(z.size // 3), np.empty(z.size // 3), np.empty(z.size // 3)
-    slack, best_z = np.empty(z.size), np.zeros(z.size)
+    slack, best_z, start = np.empty(z.size), np.zeros(z.size), np.empty(problem.u.shape)
     read(problem.u, columns, unit, inside)
     copy(inside, best)
-    least, outcome = math.inf, NO_INTERIOR
     if not slacks(inside, problem.constraints, slack) > 0.0:
-        return outcome
-    for t in range(trials + 1 if trials > 1 else 1):
-        coarse = t < trials and trials > 1
-        if t < trials:
-            read(starts[t], columns, unit, y)
-            move_inside(inside, y, problem.constraints)
-            clear(z)
-        else:
-            copy(best, y)
-            copy(best_z, z)
-        floor = COARSE if coarse else 0.0
-        stage = Options(max(floor, mu_final), max(floor, tolerance), options.max_iter)
-        mu = max(MU_INIT if t < trials else COARSE, mu_final)
-        value, outcome = minimise(y, z, mu, problem, stage, counts)
-        if not coarse or (outcome != NOT_FINITE and value < least):
-            least = value
+        return NO_INTERIOR
+    mu_final, tolerance, max_iter = options.mu_final, options.tolerance, options.max_iter
+    coarse = Options(max(COARSE, mu_final), max(COARSE, tolerance), max_iter)
+    least, hits, solved = math.inf, 0, 0
+    while needs_start(solved, hits, starts):
+        for s in range(start.shape[0]):
+            write_start(solved, batch.x0[row, s], starts, row, start[s])
+        read(start, columns, unit, y)
+        move_inside(inside, y, problem.constraints)
+        if starts.initial == 1:
             copy(y, best)
-            copy(z, best_z)
+            break
+        clear(z)
+        value, outcome = minimise(y, z, MU_INIT, problem, coarse, counts)
+        if outcome != NOT_FINITE:
+            hits = count_hits(value, least, hits)
+            if value < least:
+                least = value
+                copy(y, best)
+                copy(z, best_z)
+        solved += 1
+    mu = max(MU_INIT if math.isinf(least) else COARSE, mu_final)
     copy(best_z, z)
+    _value, outcome = minimise(best, z, mu, problem, options, counts)
     write(best, problem)
     return outcome
 
@@ -164,6 +174,7 @@ def minimise_batch(
     rows: tuple[int, int],
     evaluate: Any,
     batch: Batch,
+    starts: Starts,
     options: Options,
     multipliers: FloatArray,
     results: Results,
@@ -186,7 +197,7 @@ def minimise_batch(
         for s in range(steps):
             copy(batch.inside[row, s], u[s])
         results.outcome[row] = minimise_state(
-            batch.starts[row], z, problem, options, results.counts[row]
+            row, batch, starts, z, problem, options, results.counts[row]
         )
         verified = results.verified[row]
         verified[0], verified[1], verified[2] = verify(z, problem)

@@ -67,7 +67,7 @@ def descend_batch(
         problem = Problem(
             evaluate, batch.p[row], batch.constants, batch.sets[row], batch.scale[row], scratch
         )
-        project(batch.starts[0, row], problem.sets, x)
+        project(batch.x0[row], problem.sets, x)
         results.outcome[row] = descend(
             x, problem, step, tolerance, max_iter, work, results.counts[row]
         )

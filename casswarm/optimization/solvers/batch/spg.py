@@ -14,7 +14,7 @@ from ...feasible_sets.planar import PlanarSets
 from ...problem import Instances, Nlp
 from ..base import Capabilities
 from ..options import PositiveFinite, PositiveInt
-from .engine import BatchRun, BatchSolver, Results, execute, perturbations
+from .engine import BatchRun, BatchSolver, Results, execute
 
 if TYPE_CHECKING:
     from .spg_kernels import Batch
@@ -39,8 +39,9 @@ class SpectralProjectedGradient(BatchSolver):
         Limit for every start. By default 300 and one for every variable.
     n_starts : int, optional
         Starts of every instance: the given one and others around it, in the same pattern for every
-        state. All are solved coarsely, and the least objective to tolerance. By default as many as
-        the problem says are worth it (`Nlp.n_starts`).
+        state. All are solved coarsely, and the least objective to tolerance. Where they do not
+        agree, more follow (``multistart_kernels.py``); with 1 there is no other start. By default
+        as many as the problem says are worth it (`Nlp.n_starts`).
     """
 
     tolerance: PositiveFinite = 1e-7
@@ -74,26 +75,28 @@ class SpectralProjectedGradient(BatchSolver):
                 f"spectral cannot take {nlp.name}: it needs constraints that are products of boxes "
                 "and discs in the plane, and an objective made of kernels; take auto or ipopt"
             )
-        from .spg_kernels import minimise_batch  # Numba takes a second to import
+        from .multistart_kernels import Starts  # Numba takes a second to import
+        from .spg_kernels import minimise_batch
 
         assert nlp.compiled is not None
         batch, size = instances.x0.shape
-        data = batch_data(nlp, instances, _starts(instances, self.n_starts or nlp.n_starts))
+        starts = Starts.around(self.n_starts or nlp.n_starts, _spread(instances))
         limit = self.max_iter or 300 + size
-        arguments = nlp.compiled.evaluate, data, self.tolerance, limit
+        data = batch_data(nlp, instances, instances.x0)
+        arguments = nlp.compiled.evaluate, data, starts, self.tolerance, limit
         results = Results.empty((batch, size))
         seconds = execute(minimise_batch, arguments, results, _PER_THREAD)
         return BatchRun(results, seconds)
 
 
-def batch_data(nlp: Nlp, instances: Instances, starts: FloatArray) -> Batch:
-    """Arrays of B instances and their S starts (S, B, nx) for kernels on products of sets."""
+def batch_data(nlp: Nlp, instances: Instances, x0: FloatArray) -> Batch:
+    """Arrays of B instances and their initial guesses (B, nx) for kernels on products of sets."""
     from .spg_kernels import Batch
 
     assert nlp.compiled is not None
     assert isinstance(instances.feasible_set, PlanarSets)
     return Batch(
-        starts=contiguous(starts),
+        x0=contiguous(x0),
         p=contiguous(instances.p),
         constants=nlp.compiled.constants,
         scale=contiguous(instances.scale),
@@ -101,13 +104,8 @@ def batch_data(nlp: Nlp, instances: Instances, starts: FloatArray) -> Batch:
     )
 
 
-def _starts(instances: Instances, number: int) -> FloatArray:
-    """Starts (S, B, nx): the given one, and others around it that depend on the state alone."""
-    starts = np.repeat(instances.x0[None], number, axis=0)
-    if number > 1:
-        assert isinstance(instances.feasible_set, PlanarSets)
-        radius = instances.feasible_set.radii.min(axis=-1, initial=np.inf)
-        spread = _SPREAD * np.where(np.isfinite(radius), radius, 0.0)
-        points = starts.reshape(number, *radius.shape, 2)  # a view
-        points[1:] += spread[..., None] * perturbations(number - 1, radius.shape[1])
-    return starts
+def _spread(instances: Instances) -> FloatArray:
+    """Standard deviations (B, n) of further starts: of the order of the members' sets."""
+    assert isinstance(instances.feasible_set, PlanarSets)
+    radius = instances.feasible_set.radii.min(axis=-1, initial=np.inf)
+    return _SPREAD * np.where(np.isfinite(radius), radius, 0.0)

@@ -29,6 +29,7 @@ from .face_newton_kernels import (
     longest_displacement,
     newton_step,
 )
+from .multistart_kernels import Starts, count_hits, needs_start, write_start
 
 MEMORY = 10  # objective values that the nonmonotone search looks back on
 SUFFICIENT = 1e-4  # sufficient decrease, as a fraction of what the gradient predicts
@@ -40,9 +41,9 @@ COARSE = 1e-3  # tolerance to which starts are compared
 
 
 class Batch(NamedTuple):
-    """B problems with S starts: starts (S, B, 2n), p (B, np), scale (B, 2), sets (B, n, 10)."""
+    """B problems: initial guesses x0 (B, 2n), p (B, np), scale (B, 2), sets (B, n, 10)."""
 
-    starts: FloatArray
+    x0: FloatArray
     p: FloatArray
     constants: FloatArray
     scale: FloatArray
@@ -239,6 +240,7 @@ def minimise_batch(
     rows: tuple[int, int],
     evaluate: Any,
     batch: Batch,
+    starts: Starts,
     tolerance: float,
     max_iter: int,
     results: Results,
@@ -250,24 +252,24 @@ def minimise_batch(
     members = batch.sets.shape[1]
     work, scratch = workspace(members), np.empty(members * (members + 8))
     x, best = np.empty(2 * members), np.empty(2 * members)
-    trials = batch.starts.shape[0] if batch.starts.shape[0] > 1 else 0  # coarse, before the last
     for row in range(rows[0], rows[1]):
         problem = Problem(
             evaluate, batch.p[row], batch.constants, batch.sets[row], batch.scale[row], scratch
         )
-        project(batch.starts[0, row], problem.sets, best)
-        least = math.inf
-        for s in range(trials + 1):
-            if s < trials:
-                project(batch.starts[s, row], problem.sets, x)
-            else:
-                copy(best, x)
-            goal = COARSE if s < trials else tolerance
-            f, outcome = minimise(x, problem, goal, max_iter, work, results.counts[row])
-            results.outcome[row] = outcome
-            if s == trials or (outcome != NOT_FINITE and f < least):
-                least = f
-                copy(x, best)
+        counts = results.counts[row]
+        project(batch.x0[row], problem.sets, best)
+        least, hits, solved = math.inf, 0, 0
+        while starts.initial > 1 and needs_start(solved, hits, starts):
+            write_start(solved, batch.x0[row], starts, row, x)
+            project(x, problem.sets, x)
+            f, outcome = minimise(x, problem, COARSE, max_iter, work, counts)
+            if outcome != NOT_FINITE:
+                hits = count_hits(f, least, hits)
+                if f < least:
+                    least = f
+                    copy(x, best)
+            solved += 1
+        _f, results.outcome[row] = minimise(best, problem, tolerance, max_iter, work, counts)
         copy(best, results.x[row])
         verified = results.verified[row]
         verified[0], verified[1], verified[2] = verify(best, problem, work)
