@@ -17,6 +17,8 @@ from typing import Any, Literal, get_type_hints
 
 import click
 
+from .._util.seeds import MAX_SEED
+
 Command = Callable[..., Any]
 
 
@@ -61,7 +63,7 @@ def out_option(text: str, **settings: Any) -> Any:
 
 def seed_option() -> Any:
     """Field of the random seed."""
-    return option("--seed", type=click.IntRange(0), default=0, help="Random seed.")
+    return option("--seed", type=click.IntRange(0, MAX_SEED), default=0, help="Random seed.")
 
 
 def quiet_option() -> Any:

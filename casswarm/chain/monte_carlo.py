@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..policies.base import Policy
 from ..typing import BoolArray, FloatArray, IntArray, Progress
-from .random_streams import uniforms
+from .random_streams import Purpose, uniforms
 from .states import States, distinct_states
 from .trajectories import RunTrajectory, TrajectoryRecorder
 from .transition import COUNTS, transition
@@ -103,11 +103,14 @@ class Chain:
     initial_velocities : (n, 2)
         V(-1).
     seed : int
+    purpose : Purpose
+        What its random numbers are for.
     """
 
     scenario: Scenario
     initial_velocities: FloatArray
     seed: int
+    purpose: Purpose = Purpose.RUNS
 
     def run(
         self,
@@ -172,8 +175,8 @@ class _RunBatch:
             active = np.flatnonzero(self.running & (self.steps <= step))
             if not active.size:
                 continue
-            draws = uniforms(chain.seed, step, first, runs, scenario.n)[active]
-            self.advance(scenario, policy, step, active, draws)
+            draws = uniforms(chain.seed, step, first, runs, scenario.n, chain.purpose)
+            self.advance(scenario, policy, step, active, draws[active])
             if progress is not None:
                 progress(policy.name, runs - int(self.running.sum()), runs)
         return Runs(

@@ -18,15 +18,13 @@ from .confidence import LEVEL, effective_runs, wilson
 from .distribution import OutcomeDistribution
 from .exact import StateSpaceExpansion
 from .monte_carlo import Chain
-from .random_streams import uniforms
+from .random_streams import Purpose, uniforms
 from .states import States
 
 MAX_PRUNED_FRACTION = 1e-5
 
 VISITS = 2.0
 """Expected visits by R plain runs to the least probable state that is enumerated."""
-
-_STRATUM_STEP = 1 << 30  # stream of the random numbers that select states: not a time step
 
 
 @dataclass(frozen=True)
@@ -115,7 +113,7 @@ def sample_residual(expansion: StateSpaceExpansion, chain: Chain, runs: int) -> 
     order = np.lexsort((steps, states.alive.sum(axis=1)))
     states, steps = states[order], steps[order]
     ends = np.cumsum(states.weights)
-    jitter = uniforms(chain.seed, _STRATUM_STEP, 0, runs, 1)[:, 0]
+    jitter = uniforms(chain.seed, 0, 0, runs, 1, Purpose.STRATA)[:, 0]
     masses = (np.arange(runs) + jitter) / runs * ends[-1]
     selected = np.minimum(np.searchsorted(ends, masses, side="right"), len(states) - 1)
     sample = chain.finish(expansion.policy, states[selected], steps[selected])

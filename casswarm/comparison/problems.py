@@ -14,6 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from .._util.seeds import require_seed
 from .._util.text import did_you_mean
 from ..errors import ComparisonError
 from ..optimization.feasible_sets.planar import PlanarSets
@@ -101,15 +102,19 @@ def make_problems(
         Guides of every horizon, or states of every kind of formation; by default those of
         `FAMILIES`.
     seed : int
+        From 0 to 2^64 - 1.
     progress : Progress, optional
 
     Raises
     ------
     ComparisonError
         An unknown family, or a count below one.
+    ValueError
+        A seed out of range.
     """
     if family not in FAMILIES:
         raise ComparisonError(f"family {family!r} is unknown{did_you_mean(family, FAMILIES)}")
+    seed = require_seed(seed)
     generate, default = FAMILIES[family][:2]
     count = default if count is None else count
     if count < 1:

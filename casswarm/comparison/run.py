@@ -16,6 +16,7 @@ from typing import Any
 import pandas as pd
 
 from .._util.display import Displayed
+from .._util.seeds import require_seed
 from ..errors import ComparisonError
 from ..optimization.solvers import SOLVERS, Isolated, Solver, make_solver
 from ..studies.checkpoint import Checkpoint, IfExists, file_name
@@ -104,7 +105,7 @@ def compare(
     problems : int, optional
         Number of problems of every kind in a family; each has its own default.
     seed : int
-        The same seed gives the same problems.
+        From 0 to 2^64 - 1. The same seed gives the same problems.
     time_limit : float
         Seconds for building and solving a problem once. Solvers that have a time limit of their
         own get nine tenths of it, so that they can report their status; the process of a solver
@@ -129,7 +130,10 @@ def compare(
         The folder holds a comparison with other inputs, or an unfinished one.
     SolverError
         An unknown solver, or one that cannot be sent to another process.
+    ValueError
+        A seed out of range.
     """
+    seed = require_seed(seed)
     if not time_limit > 0:
         raise ComparisonError(f"time_limit = {time_limit!r}; allowed: above zero")
     families = [families] if isinstance(families, str | Problem) else list(families)

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from .._util.seeds import require_seed
 from ..chain.trajectories import RunTrajectory
 from ..figures import (
     comparison_map,
@@ -109,7 +110,7 @@ def reproduce(
     runs : int
         Number of runs that sample what exact distributions leave open in Table II.
     seed : int
-        Of all random numbers.
+        Of all random numbers, from 0 to 2^64 - 1.
     progress : callable, optional
         Called with the name of the current task.
     only : collection of str, optional
@@ -124,8 +125,9 @@ def reproduce(
     Raises
     ------
     ValueError
-        Too few runs, or an unknown name in `only`.
+        Too few runs, a seed out of range, or an unknown name in `only`.
     """
+    seed = require_seed(seed)
     if not (isinstance(runs, int) and runs > 0):
         raise ValueError(f"runs = {runs!r}; allowed: whole numbers from 1")
     unknown = sorted({*(only or ())} - {*TABLES, DRAWN})

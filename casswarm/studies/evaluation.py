@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from .._util.seeds import require_seed
 from ..chain.distribution import OutcomeDistribution
 from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion
 from ..chain.monte_carlo import Chain
@@ -127,6 +128,7 @@ def estimate(
     runs : int
         Number of runs that sample the residual mass, at least 1.
     seed : int
+        From 0 to 2^64 - 1.
 
     Returns
     -------
@@ -136,11 +138,11 @@ def estimate(
     Raises
     ------
     PolicyError, PlanningError, ValueError
-        As in `evaluate`; fewer than one run, a negative seed.
+        As in `evaluate`; fewer than one run, or a seed out of range.
     """
-    for name, value, least in (("runs", runs, 1), ("seed", seed, 0)):
-        if value < least:
-            raise ValueError(f"{name} = {value}; allowed: whole numbers from {least}")
+    if runs < 1:
+        raise ValueError(f"runs = {runs}; allowed: whole numbers from 1")
+    seed = require_seed(seed)
     options = replace(
         _options(scenario, tolerance, max_states, aggregation_tol),
         max_pruned_fraction=MAX_PRUNED_FRACTION,

@@ -16,8 +16,10 @@ import pandas as pd
 
 from .._util.display import Displayed
 from .._util.parallel import Workers, require_sendable, require_workers
+from .._util.seeds import require_seed
 from ..chain.confidence import required_runs
 from ..chain.monte_carlo import Chain, Runs
+from ..chain.random_streams import Purpose
 from ..chain.trajectories import RunTrajectory
 from ..optimization.solvers import Solver
 from ..planning.guide import Guide
@@ -36,8 +38,6 @@ PAPER_POLICIES = ("naive", "constrained", "leader")
 
 PILOT = 1000
 """Runs of a pilot study."""
-
-_PILOT_SEED = 1 << 40  # added to the seed: far from the seeds that people choose
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -117,7 +117,7 @@ def simulate(
     runs : int
         Number of runs per policy, at least 1.
     seed : int
-        At least 0.
+        From 0 to 2^64 - 1.
     workers : int or executor
         Number of processes; 1 stays in this process. In a script, more than one needs the guard
         ``if __name__ == "__main__":``, since workers import the script again. Or an executor in
@@ -152,7 +152,7 @@ def simulate(
     CheckpointError
         The folder is in use, was made with other inputs, or holds an unfinished study.
     ValueError
-        Fewer than one run or worker, or a negative seed.
+        Fewer than one run or worker, or a seed out of range.
 
     Examples
     --------
@@ -164,9 +164,7 @@ def simulate(
     >>> bool(row["success_low"] < row["success"] < row["success_high"])
     True
     """
-    for name, value, least in (("runs", runs, 1), ("seed", seed, 0)):
-        if not isinstance(value, Integral) or value < least:
-            raise ValueError(f"{name} = {value}; allowed: whole numbers from {least}")
+    seed, runs = require_seed(seed), _require_runs("runs", runs)
     require_workers(workers)
     guide = plan(scenario, guide_solver(solver)) if guide is None else guide
     listed = policy_list(policies)
@@ -180,9 +178,9 @@ def simulate(
                 "scenario": tomllib.loads(scenario.to_toml()),
                 "guide": hashlib.sha256(guide.positions.tobytes()).hexdigest(),
                 "policies": [policy.name for policy in chosen],
-                "runs": int(runs),
+                "runs": runs,
                 "save_trajectories": int(save_trajectories),
-                "seed": int(seed),
+                "seed": seed,
                 "solver": f"{solver} {dict(solver_options)}" if solver_options else str(solver),
                 "casswarm": version("casswarm"),
             }
@@ -248,8 +246,15 @@ def runs_needed(
     """
     if not 0 < half_width < 0.5:
         raise ValueError(f"half_width = {half_width}; allowed: between 0 and 0.5")
-    seed += _PILOT_SEED
-    study = simulate(
-        scenario, policies, pilot, seed, guide=guide, solver=solver, save_trajectories=0
-    )
-    return max(required_runs(half_width, int(n), pilot) for n in study.summary["successes"])
+    seed, pilot = require_seed(seed), _require_runs("pilot", pilot)
+    guide = plan(scenario, guide_solver(solver)) if guide is None else guide
+    chosen = [resolve_policy(p, scenario, guide, solver, None) for p in policy_list(policies)]
+    chain = Chain(scenario, initial_velocities(scenario, guide), seed, Purpose.PILOT)
+    successes = [int((chain.run(policy, 0, pilot).arrival >= 0).sum()) for policy in chosen]
+    return max(required_runs(half_width, number, pilot) for number in successes)
+
+
+def _require_runs(name: str, value: object) -> int:
+    if not isinstance(value, Integral) or value < 1:
+        raise ValueError(f"{name} = {value}; allowed: whole numbers from 1")
+    return int(value)

@@ -19,6 +19,7 @@ import numpy as np
 import pandas as pd
 
 from .._util.parallel import Workers, done_jobs, require_sendable, require_workers
+from .._util.seeds import require_seed
 from ..errors import CasswarmError, ScenarioError
 from ..planning.guide import Guide
 from ..planning.plan import guide_solver, plan
@@ -118,7 +119,7 @@ def sweep(
     runs : int, optional
         Number of runs per sweep point; without it, distributions are exact, as by `evaluate`.
     seed : int
-        Of the runs; all sweep points see the same random numbers.
+        Of the runs, as in `simulate`; all sweep points see the same random numbers.
     tolerance, max_states, aggregation_tol
         As in `evaluate`.
     solver : str
@@ -138,6 +139,7 @@ def sweep(
         As in `simulate`.
     """
     require_workers(workers)
+    seed = require_seed(seed)
     settings = {key: _python_numbers(values) for key, values in settings.items()}
     _require_known(scenario, settings)
     options: dict[str, Any] = {"solver": solver}
@@ -145,7 +147,7 @@ def sweep(
         options |= {"tolerance": tolerance, "max_states": max_states}
         options["aggregation_tol"] = aggregation_tol
     else:
-        options |= {"runs": int(runs), "seed": int(seed)}
+        options |= {"runs": int(runs), "seed": seed}
     listed = policy_list(policies)
     points = [
         SweepPoint(scenario, dict(zip(settings, values, strict=True)), policy, options)

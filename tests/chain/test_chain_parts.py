@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import kstest
 
-from casswarm.chain.random_streams import uniforms
+from casswarm.chain.random_streams import Purpose, uniforms
 from casswarm.chain.states import distinct_states
 
 sizes = st.integers(1, 7)
 
 
-@given(st.integers(0, 2**70), st.integers(0, 10**9), sizes, sizes, st.lists(sizes, min_size=1))
+@given(st.integers(0, 2**64 - 1), st.integers(0, 10**9), sizes, sizes, st.lists(sizes, min_size=1))
 @settings(max_examples=60, deadline=None)
 def test_uniforms_are_independent_of_batches(
     seed: int, first: int, step: int, members: int, batches: list[int]
@@ -29,10 +29,17 @@ def test_uniforms_are_independent_of_batches(
     np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 
-def test_uniforms_differ_between_runs_steps_and_seeds() -> None:
-    seeds = (0, 1, 2, 2**64, 2**64 + 1)
-    several = np.stack([uniforms(seed, step, 0, 50, 5) for seed in seeds for step in range(3)])
-    assert len(np.unique(several)) == several.size
+def test_uniforms_differ_between_runs_steps_seeds_and_purposes() -> None:
+    words = (0, 1, 2, 3)
+    seeds = (*words, *(low + (high << 32) for low in words for high in (1, 2, 1 << 24)), 2**64 - 1)
+    steps = (*range(4), 1 << 30, 1 << 32, 2**56 - 1)
+    streams = [
+        uniforms(seed, step, 0, 50, 5, purpose)
+        for seed in seeds
+        for step in steps
+        for purpose in Purpose
+    ]
+    assert len(np.unique(streams)) == np.size(streams)
 
 
 def test_uniforms_are_uniform_and_uncorrelated() -> None:

@@ -83,6 +83,7 @@ def test_version_option_prints_installed_version(tmp_path):
         (("simulate", "paper-1", "--policy", "nowhere:policy"), "cannot be imported"),
         (("simulate", "paper-1", "--runs", "0"), "0"),
         (("simulate", "paper-1", "--runs", "9", "--half-width", "0.1"), "give one of them"),
+        (("simulate", "paper-1", "--seed", str(2**64)), "0<=x<=18446744073709551615"),
         (("simulate", "paper-1", "--solver", "newton"), "projected-gradient"),
         (("evaluate", "paper-1", "--tolerance", "1"), "--tolerance"),
         (("sweep", "paper-1"), "nothing to sweep"),
