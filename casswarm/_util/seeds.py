@@ -16,6 +16,6 @@ def require_seed(seed: object) -> int:
     ValueError
         It is not a whole number from 0 to `MAX_SEED`.
     """
-    if not isinstance(seed, Integral) or not 0 <= seed <= MAX_SEED:
+    if not isinstance(seed, Integral) or not 0 <= int(seed) <= MAX_SEED:
         raise ValueError(f"seed = {seed!r}; allowed: whole numbers from 0 to {MAX_SEED} (2^64 - 1)")
     return int(seed)
