@@ -7,4 +7,7 @@ SPEED_TOL = 1e-12
 the bounds on all policies allow for it."""
 
 CORE_RADIUS = 0.01
-"""Distance below which rates are regularised; members must start farther from radars."""
+"""Default distance below which rates are regularised, of hazards that are made in Python."""
+
+CORE_FRACTION = 1 / 50
+"""The same of a scenario, as a fraction of the target's radius."""

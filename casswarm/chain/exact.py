@@ -45,8 +45,9 @@ class ExpansionOptions:
     max_states : int
         Maximum number of states to solve.
     aggregation_tol : float
-        Width of the grid, in units of positions and of velocities; states in the same grid cell
-        are identified. 0 aggregates only states that are equal to the last bit.
+        Width of the grid, of positions and of displacements in a step, in units of length; states
+        in the same grid cell are identified. 0 aggregates only states that are equal to the last
+        bit.
     max_pruned_fraction : float
         Largest fraction of a state's probability that may be pruned when it is split; a state that
         would lose more is not split.
@@ -148,7 +149,7 @@ class StateSpaceExpansion:
             if not self.frontier.batches[step]:
                 continue
             pool = States.concatenate(self.frontier.pop(step))
-            pool = pool.aggregated(self.options.aggregation_tol)
+            pool = self._aggregated(pool)
             selected = self._selected(pool.weights, threshold)
             self.frontier.add(step, pool[~selected])
             rows = np.flatnonzero(selected)
@@ -168,6 +169,9 @@ class StateSpaceExpansion:
             if self.done:
                 return
 
+    def _aggregated(self, states: States) -> States:
+        return states.aggregated(self.options.aggregation_tol, self.scenario.time.dt)
+
     def _selected(self, weights: FloatArray, threshold: float) -> BoolArray:
         """States to solve: those at least as probable as the threshold, within the budget."""
         selected = np.asarray(weights >= threshold)
@@ -186,7 +190,7 @@ class StateSpaceExpansion:
         pruned, added = np.zeros(len(states)), 0
         for batch in self._outcomes(step, states, move, self._cutoff(threshold), pruned):
             if len(batch):
-                self.frontier.add(step + 1, batch.aggregated(self.options.aggregation_tol))
+                self.frontier.add(step + 1, self._aggregated(batch))
                 added += len(batch)
             if added > self._max_stored:
                 self.pruned += self.frontier.prune(self._max_stored)

@@ -63,16 +63,18 @@ class States:
         """Sum of the weights."""
         return float(self.weights.sum())
 
-    def aggregated(self, tolerance: float = 0.0) -> States:
+    def aggregated(self, tolerance: float = 0.0, dt: float = 1.0) -> States:
         """Identify equal states or, above zero, states in the same cell of a grid of that width.
 
-        The most probable state represents the others.
+        The grid is one of positions and of displacements in a step, velocities times `dt`. The most
+        probable state represents the others.
         """
         if len(self) < 2:
             return self
         keys: tuple[NDArray[np.generic], ...] = (self.positions, self.previous_velocities)
         if tolerance > 0:
-            keys = tuple(np.round(np.asarray(key, float) / tolerance) + 0.0 for key in keys)
+            lengths = self.positions, dt * self.previous_velocities
+            keys = tuple(np.round(length / tolerance) + 0.0 for length in lengths)
         first, inverse = distinct_states(*keys, self.alive)
         if len(first) == len(self):
             return self

@@ -55,7 +55,7 @@ def draw_base_map(axes: Axes, scenario: Scenario, low: FloatArray, high: FloatAr
     """Make axes a map with these corners: hazard rates on a logarithmic scale, and landmarks."""
     set_extent(axes, low, high)
     rates = scenario.hazard.single_agent_rates(pixels(low, high))
-    lowest = max(float(rates.min()), 1e-12)
+    lowest = max(float(rates.min()), 1e-12 * float(rates.max())) or 1.0  # all rates may be zero
     norm = LogNorm(lowest, max(float(np.quantile(rates, _CAP)), lowest * 1.01))
     add_landmarks(axes, scenario)
     return draw_field(axes, np.maximum(rates, lowest), norm)

@@ -63,8 +63,8 @@ def guide_map(
         else other
         for other in others
     ]
-    shape = guide.positions.shape
-    paths = [p for p in paths if p.shape != shape or np.abs(p - guide.positions).max() > 1e-12]
+    shape, tie = guide.positions.shape, 1e-12 * np.abs(guide.positions).max()
+    paths = [p for p in paths if p.shape != shape or np.abs(p - guide.positions).max() > tie]
     fig, axes = base_map(scenario, [guide.positions, scenario.positions, *paths])
     for number, path in enumerate(paths):
         label = "other candidate paths" if number == 0 else None
@@ -237,7 +237,10 @@ def _mark_losses(axes: Axes, trajectory: RunTrajectory) -> None:
         return
     few = trajectory.alive.shape[1] <= len(MEMBERS)
     last = trajectory.positions[trajectory.last_steps()[lost], lost]
-    points, groups = np.unique(np.round(last, 6), axis=0, return_inverse=True)
+    pixel = 1e-6 * float(np.ptp(axes.get_xlim()))
+    cells = np.round(last / pixel)
+    _, first, groups = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    points = last[first]
     axes.plot(*points.T, zorder=6, label="destroyed", **marker("X", 9 if few else 6))
     reach = _NEAR * float(np.ptp(axes.get_xlim())) if few else 0.0
     unlabelled = list(range(len(points)))

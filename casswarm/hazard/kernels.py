@@ -16,8 +16,9 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import lru_cache
+from numbers import Real
 
 import casadi as ca
 import numpy as np
@@ -33,13 +34,13 @@ _KERNELS = {"source": 1, "density": 1, "collision": 1, "combine": 3}
 """The kernels of a hazard, and their numbers of arguments."""
 
 
-def regular(squared_distance: Expr) -> Expr:
+def regular(squared_distance: Expr, core_radius: Expr = CORE_RADIUS) -> Expr:
     """Squared distance, kept above zero so that its inverse is finite.
 
-    With e = `CORE_RADIUS` it is exactly the argument s from e^2 on; below, it is
+    With e = `core_radius` it is exactly the argument s from e^2 on; below, it is
     (e^2 + s^2 / e^2) / 2, which has the same value and slope at e^2 and is at least e^2 / 2.
     """
-    core = CORE_RADIUS**2
+    core = core_radius**2
     missing = core - ca.fmin(squared_distance, core)
     return squared_distance + missing**2 / (2 * core)
 
@@ -48,8 +49,8 @@ def regular(squared_distance: Expr) -> Expr:
 class KernelHazard(Hazard):
     """Base of the hazards that are composed of kernels.
 
-    Kernels must be finite at zero distance, where `regular` helps: every member is paired with
-    itself, and the pair is masked where it does not count.
+    Kernels must be finite at zero distance, where `regular(squared_distance, self.core_radius)`
+    helps: every member is paired with itself, and the pair is masked where it does not count.
 
     Parameters
     ----------
@@ -57,10 +58,14 @@ class KernelHazard(Hazard):
         Positions of the sources of the hazard; at least one.
     strengths : k positive floats, optional
         Factor of every radar; 1 by default.
+    core_radius : float, keyword only
+        Distance below which kernels are regularised, in units of length; 0.01 by default. That of
+        a scenario is ``hazard.core_radius``.
     """
 
     radars: tuple[tuple[float, float], ...]
     strengths: tuple[float, ...] | None = None
+    core_radius: float = field(default=CORE_RADIUS, kw_only=True)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "radars", checked_radars(self.radars))
@@ -75,6 +80,7 @@ class KernelHazard(Hazard):
             object.__setattr__(self, "strengths", tuple(float(s) for s in self.strengths))
             if not all(0 < strength < np.inf for strength in self.strengths):
                 raise HazardError(f"strengths must be finite and above zero; got {self.strengths}")
+        require_finite(self, positive=("core_radius",))
 
     @abstractmethod
     def source(self, squared_distance: Expr) -> Expr:
@@ -164,6 +170,18 @@ class KernelHazard(Hazard):
                 np.sum(density(pairs) * living, axis=-1),
                 np.sum(collision(pairs) * others, axis=-1),
             )
+
+
+def require_finite(
+    hazard: KernelHazard, positive: tuple[str, ...], not_negative: tuple[str, ...] = ()
+) -> None:
+    """Raise HazardError if a field is not a finite number, or not of these signs."""
+    for name in positive + not_negative:
+        value = getattr(hazard, name)
+        finite = isinstance(value, Real) and np.isfinite(float(value))
+        if not finite or value < 0 or (value == 0 and name in positive):
+            allowed = "a finite number above zero" if name in positive else "zero or above, finite"
+            raise HazardError(f"{name} = {value!r}; allowed: {allowed}")
 
 
 def _everywhere(kernel: Expr, pairs: Expr) -> Expr:

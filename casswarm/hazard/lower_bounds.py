@@ -1,11 +1,12 @@
 """Lower bounds of rates, for certificates; derived in the two pages named here.
 
 **Of single-agent rates**, ``docs/global-guide.md``, Node rates: with the regularisation of
-`casswarm.hazard.kernels.regular` and R = max(8 h, `CORE_RADIUS`) on a grid of spacing h, the values
+`casswarm.hazard.kernels.regular` below the core radius e, and with R = max(8 h, e) on a grid of
+spacing h, the values
 
-    min(1 / r^2, 1 / R^2) - e
+    min(1 / r^2, 1 / R^2) - d
 
-at nodes, where e bounds the error of bilinear interpolation in the four cells around the node, are
+at nodes, where d bounds the error of bilinear interpolation in the four cells around the node, are
 nowhere above 1 / r^2 when they are interpolated.
 
 **Of a member of a swarm**, ``docs/joint.md``: in every configuration of n members, a member whose
@@ -20,7 +21,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._util.constants import CORE_RADIUS
 from ..typing import FloatArray
 
 _INTERVALS = 4096
@@ -28,13 +28,18 @@ _ROUNDED = 1 - 1e-12
 """Downward by more than all rounding here."""
 
 
-def cap_radius(spacing: float) -> float:
+def cap_radius(spacing: float, core_radius: float) -> float:
     """R, the distance to a radar below which the rate counts as if at R."""
-    return max(8.0 * spacing, CORE_RADIUS)
+    return max(8.0 * spacing, core_radius)
 
 
 def inverse_squares_below(
-    east: FloatArray, north: FloatArray, spacing: float, radars: FloatArray, strengths: FloatArray
+    east: FloatArray,
+    north: FloatArray,
+    spacing: float,
+    radars: FloatArray,
+    strengths: FloatArray,
+    core_radius: float,
 ) -> FloatArray:
     """Sum over radars of strength times the node values above, shape (n, m).
 
@@ -45,8 +50,9 @@ def inverse_squares_below(
     spacing : float
         h, the side of a cell.
     radars, strengths : (k, 2), (k,)
+    core_radius : float
     """
-    squared_cap = cap_radius(spacing) ** 2
+    squared_cap = cap_radius(spacing, core_radius) ** 2
     total = np.zeros((len(east), len(north)))
     for (x_radar, y_radar), strength in zip(radars, strengths, strict=True):
         x, y = np.abs(east - x_radar)[:, None], np.abs(north - y_radar)
@@ -64,14 +70,18 @@ def inverse_squares_below(
 
 
 def least_inverse_squares(
-    lower: FloatArray, upper: FloatArray, radars: FloatArray, strengths: FloatArray
+    lower: FloatArray,
+    upper: FloatArray,
+    radars: FloatArray,
+    strengths: FloatArray,
+    core_radius: float,
 ) -> FloatArray:
     """Sum over radars of strength times the least 1 / r^2 in a box, (..., 2), (..., 2) to (...)."""
     total = np.zeros(np.broadcast_shapes(lower.shape, upper.shape)[:-1])
     for radar, strength in zip(radars, strengths, strict=True):
         farthest = np.maximum(np.abs(lower - radar), np.abs(upper - radar))
         squared = (farthest**2).sum(axis=-1)
-        total += strength / np.maximum(squared, CORE_RADIUS**2)
+        total += strength / np.maximum(squared, core_radius**2)
     return total
 
 

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from numbers import Real
 
 import casadi as ca
-import numpy as np
 
-from ..errors import HazardError
 from ..typing import Expr, FloatArray
-from .kernels import KernelHazard, lowered_kernels, regular
+from .kernels import KernelHazard, lowered_kernels, regular, require_finite
 from .lower_bounds import (
     LeastRate,
     inverse_squares_below,
@@ -26,7 +23,7 @@ class Saturation(KernelHazard):
     lambda_i = sum_l strength_l alpha_1 / ||x_i - x_l||^2 / (1 + alpha_2 D_i), where
     D_i = sum over living j of 1 / (1 + alpha_3 ||x_i - x_j||^2), j = i included.
 
-    Distances below `CORE_RADIUS` are regularised (see `regular`): at a radar the rate is large and
+    Distances below `core_radius` are regularised (see `regular`): at a radar the rate is large and
     finite. A single member has lambda-bar(x) = sum_l alpha_1 / (1 + alpha_2) / ||x - x_l||^2.
     """
 
@@ -36,11 +33,11 @@ class Saturation(KernelHazard):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require_finite(self, positive=("alpha_1", "alpha_3"), not_negative=("alpha_2",))
+        require_finite(self, positive=("alpha_1", "alpha_3"), not_negative=("alpha_2",))
 
     def source(self, squared_distance: Expr) -> Expr:
         """alpha_1 / r^2."""
-        return self.alpha_1 / regular(squared_distance)
+        return self.alpha_1 / regular(squared_distance, self.core_radius)
 
     def density(self, squared_distance: Expr) -> Expr:
         """h = 1 / (1 + alpha_3 r^2), equation (9)."""
@@ -63,7 +60,9 @@ class Saturation(KernelHazard):
         """Sum over radars of the least rate in the box."""
         if not self._is_papers:
             return None
-        least = least_inverse_squares(lower, upper, self.radar_positions, self.radar_strengths)
+        least = least_inverse_squares(
+            lower, upper, self.radar_positions, self.radar_strengths, self.core_radius
+        )
         return self._unit_rate * least
 
     def single_agent_rates_below(
@@ -72,8 +71,10 @@ class Saturation(KernelHazard):
         """Rates minus the error of interpolation, see `casswarm.hazard.lower_bounds`."""
         if not self._is_papers:
             return super().single_agent_rates_below(east, north, spacing)
-        radars, strengths = self.radar_positions, self.radar_strengths
-        return self._unit_rate * inverse_squares_below(east, north, spacing, radars, strengths)
+        below = inverse_squares_below(
+            *(east, north, spacing), self.radar_positions, self.radar_strengths, self.core_radius
+        )
+        return self._unit_rate * below
 
     def least_rate(self, n: int) -> LeastRate | None:
         """With the neighbours at the best compromise of saturation and collisions."""
@@ -107,7 +108,7 @@ class SaturationCollision(Saturation):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require_finite(self, positive=("beta_1", "beta_2"))
+        require_finite(self, positive=("beta_1", "beta_2"))
 
     @property
     def gathers(self) -> bool:
@@ -116,15 +117,6 @@ class SaturationCollision(Saturation):
 
     def collision(self, squared_distance: Expr) -> Expr:
         """(beta_1 / r)^beta_2, of squared distances; as an exponential, whose slope is cheap."""
-        return ca.exp(0.5 * self.beta_2 * ca.log(self.beta_1**2 / regular(squared_distance)))
-
-
-def _require_finite(
-    hazard: KernelHazard, positive: tuple[str, ...], not_negative: tuple[str, ...] = ()
-) -> None:
-    for name in positive + not_negative:
-        value = getattr(hazard, name)
-        finite = isinstance(value, Real) and np.isfinite(float(value))
-        if not finite or value < 0 or (value == 0 and name in positive):
-            allowed = "a finite number above zero" if name in positive else "zero or above, finite"
-            raise HazardError(f"{name} = {value!r}; allowed: {allowed}")
+        return ca.exp(
+            0.5 * self.beta_2 * ca.log(self.beta_1**2 / regular(squared_distance, self.core_radius))
+        )

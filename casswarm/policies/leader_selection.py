@@ -11,12 +11,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..problems.step import Step
+from ..problems.formation import Step
 from ..typing import FloatArray
 
 Rule = Callable[[Step, FloatArray], NDArray[np.intp]]
 
-_TIE = 1e-9  # counts as a tie, in units of v_max dt and of rates; the lower index leads
+_TIE = 1e-9  # of rates, and of distances in v_max dt: a tie, in which the lower index leads
 
 
 def nearest(step: Step, reference: FloatArray) -> NDArray[np.intp]:

@@ -5,27 +5,39 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._util.constants import CORE_RADIUS
+from .._util.constants import CORE_FRACTION
 from .hazard_section import HazardTable
 from .sections import GuideOptions, Swarm, Target, Time
 from .validation import as_text
 
+if TYPE_CHECKING:
+    from .model import Scenario
+
 _MAX_STEPS = 100_000
+_MAX_DECADE = 150  # the square of a rate must not overflow
 _ROUNDING = 1e-9
+
+
+def core_radius(target: Target, hazard: HazardTable) -> float:
+    """Distance below which the rates of built-in kinds are regularised."""
+    return CORE_FRACTION * target.radius if hazard.core_radius is None else hazard.core_radius
 
 
 def start_problems(swarm: Swarm, target: Target, hazard: HazardTable) -> Iterator[str]:
     """Members that start inside a radar or in the target zone, or faster than they can move."""
+    apart = core_radius(target, hazard)
     for i, position in enumerate(swarm.positions):
         for radar, center in enumerate(hazard.radars):
-            if math.dist(position, center) < CORE_RADIUS:
+            if math.dist(position, center) < apart:
                 yield (
                     f"swarm.positions[{i}] is {as_text(list(position))}, on "
-                    f"hazard.radars[{radar}]; move one of them, {CORE_RADIUS:g} or more apart"
+                    f"hazard.radars[{radar}]; move one of them, {apart:g} or more apart "
+                    "(hazard.core_radius)"
                 )
     for i, inside in enumerate(target.contains(np.array(swarm.positions))):
         if inside:
@@ -84,13 +96,27 @@ def margin_problems(guide: GuideOptions, target: Target) -> Iterator[str]:
         )
 
 
-def custom_hazard_problems(swarm: Swarm, hazard: HazardTable, folder: Path | None) -> Iterator[str]:
+def collision_problems(target: Target, hazard: HazardTable) -> Iterator[str]:
+    """Rates of members at one point that are too large to compute with."""
+    if hazard.beta_1 is None or hazard.beta_2 is None:
+        return
+    core = core_radius(target, hazard)
+    if hazard.beta_2 * math.log10(math.sqrt(2) * hazard.beta_1 / core) > _MAX_DECADE:
+        yield (
+            f"hazard.beta_2 is {hazard.beta_2:g} with beta_1 = {hazard.beta_1:g}: the rate of "
+            f"members that touch exceeds 1e{_MAX_DECADE}; lower one of them, or raise "
+            f"hazard.core_radius = {core:g}"
+        )
+
+
+def custom_hazard_problems(scenario: Scenario, folder: Path | None) -> Iterator[str]:
     """A function of the user that cannot be imported, or fails at the initial state."""
+    hazard = scenario.hazard_table
     if not hazard.is_custom:
         return
-    positions = np.array(swarm.positions)
     try:
-        hazard.build(folder).rates(positions, np.ones(len(positions), dtype=bool))
+        built = hazard.build(core_radius(scenario.target, hazard), folder)
+        built.rates(scenario.positions)
     except Exception as error:  # the user's code may raise anything
         reason = " ".join(str(error).split()) or type(error).__name__
         where = f" (searched for in the folder {folder} first)" if folder else ""

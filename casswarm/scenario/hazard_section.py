@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 
-from .._util.constants import CORE_RADIUS
 from .._util.text import suggestion
 from ..errors import ScenarioError
 from .sections import Table
@@ -39,7 +38,6 @@ CONSTANTS = {"saturation": ALPHAS, "saturation+collision": ALPHAS + BETAS}
 KINDS = "'saturation', 'saturation+collision', or 'module:function'"
 PARAMETERS = "a table of numbers, texts, true or false, or lists of these"
 
-_MAX_DECADE = 150  # the square of a rate must not overflow
 _NAME = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
 _RESERVED = ("positions", "alive", "radars")  # arguments that every custom hazard gets
 
@@ -142,6 +140,12 @@ class HazardTable(Table):
     ) = Field(
         None, description="Factors of the radars' rates, one for each radar; all 1 by default."
     )
+    core_radius: Positive | None = Field(
+        None,
+        description="Distance to a radar, and between members that collide, below which the rates "
+        "are continued smoothly to finite values, in units of length; target.radius / 50 by "
+        "default.",
+    )
     alpha_1: Positive | None = Field(
         None, description="Rate of a radar at distance 1, in squared length per time."
     )
@@ -184,11 +188,13 @@ class HazardTable(Table):
         """Whether the rates are a function of the user."""
         return not isinstance(self.kind, str) or self.kind not in CONSTANTS
 
-    def build(self, folder: Path | None = None) -> Hazard:
+    def build(self, core_radius: float, folder: Path | None = None) -> Hazard:
         """Hazard that the table describes.
 
         Parameters
         ----------
+        core_radius : float
+            Of the built-in kinds.
         folder : Path, optional
             Folder in which the module of a ``module:function`` is searched for first.
 
@@ -204,6 +210,7 @@ class HazardTable(Table):
         if not isinstance(self.kind, str) or self.is_custom:
             return user_hazard(self.kind, folder, self.radars, dict(self.parameters))
         constants = {key: getattr(self, key) for key in CONSTANTS[self.kind]}
+        constants["core_radius"] = core_radius
         hazard = SaturationCollision if self.kind == "saturation+collision" else Saturation
         return hazard(radars=self.radars, strengths=self.strengths, **constants)
 
@@ -214,7 +221,7 @@ class HazardTable(Table):
         return self
 
     def _misplaced_keys(self) -> Iterator[str]:
-        for key in ("strengths", *ALPHAS, *BETAS):
+        for key in ("strengths", "core_radius", *ALPHAS, *BETAS):
             if getattr(self, key) is not None:
                 yield (
                     f"hazard.{key} is not a key of a 'module:function' kind; "
@@ -246,11 +253,4 @@ class HazardTable(Table):
             yield (
                 f"hazard.strengths has {len(self.strengths)} numbers for {k} radars; give one for "
                 "each radar, or omit it"
-            )
-        if self.beta_1 is None or self.beta_2 is None:
-            return
-        if self.beta_2 * math.log10(math.sqrt(2) * self.beta_1 / CORE_RADIUS) > _MAX_DECADE:
-            yield (
-                f"hazard.beta_2 is {self.beta_2:g} with beta_1 = {self.beta_1:g}: the rate of "
-                f"members that touch exceeds 1e{_MAX_DECADE}; lower one of them"
             )

@@ -59,8 +59,7 @@ class Scenario(Displayed, Table):
         default_factory=GuideOptions, description="Options of the guide problem."
     )
     formation: FormationOptions = Field(
-        default_factory=FormationOptions,
-        description="Options of the formation problem.",
+        default_factory=FormationOptions, description="Options of the formation problem."
     )
 
     _folder: Path | None = PrivateAttr(None)
@@ -72,7 +71,8 @@ class Scenario(Displayed, Table):
             *consistency.start_problems(self.swarm, self.target, self.hazard_table),
             *consistency.reach_problems(self.swarm, self.target, self.time),
             *consistency.margin_problems(self.guide, self.target),
-            *consistency.custom_hazard_problems(self.swarm, self.hazard_table, self._folder),
+            *consistency.collision_problems(self.target, self.hazard_table),
+            *consistency.custom_hazard_problems(self, self._folder),
         ]:
             raise invalid([Problem(message, message.split()[0]) for message in messages])
         return self
@@ -141,7 +141,8 @@ class Scenario(Displayed, Table):
     @cached_property
     def hazard(self) -> Hazard:
         """Destruction rates of the members."""
-        return self.hazard_table.build(self._folder)
+        core_radius = consistency.core_radius(self.target, self.hazard_table)
+        return self.hazard_table.build(core_radius, self._folder)
 
     def replace(self, **tables: Unpack[Changes]) -> Scenario:
         """Copy of the scenario with other values in its tables, validated again.

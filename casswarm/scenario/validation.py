@@ -15,8 +15,11 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 from .._util.text import closest
 from ..errors import ScenarioError
 
-SMALLEST, LARGEST = 1e-9, 1e9
-"""Limits of every number, so that no square or quotient of two of them over- or underflows."""
+SMALLEST, LARGEST = 1e-20, 1e20
+"""Limits of every number in any units, so that no product or quotient of their squares over- or
+underflows."""
+
+_LARGEST_COUNT = 1_000_000_000
 
 _CUSTOM = "casswarm"  # type of the errors that our own validators raise
 _MAX_CHARACTERS = 60
@@ -50,8 +53,8 @@ NotNegative = Annotated[
 ]
 Count = Annotated[
     int,
-    Field(strict=True, ge=1, le=int(LARGEST)),
-    Allowed(f"a whole number from 1 to {LARGEST:g}"),
+    Field(strict=True, ge=1, le=_LARGEST_COUNT),
+    Allowed(f"a whole number from 1 to {_LARGEST_COUNT:g}"),
 ]
 Boolean = Annotated[bool, Field(strict=True), Allowed("true or false")]
 Text = Annotated[str, Field(strict=True), Allowed("a text in quotes")]

@@ -31,7 +31,7 @@ def with_parameters(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
     changed = scenario.with_values(keys) if keys else scenario
     for key in DERIVED:
         if key in values:
-            positions = DERIVED[key](changed.positions, values[key])
+            positions = DERIVED[key](changed, values[key])
             changed = changed.with_values({"swarm.positions": positions.tolist()})
     return changed
 
@@ -53,20 +53,25 @@ def set_value(data: dict[str, Any], key: str, value: object) -> None:
         table[leaf] = value
 
 
-def _with_members(positions: FloatArray, n: Any) -> FloatArray:
-    """The first n members, or more members at the nearest free points of a triangular lattice."""
+def _with_members(scenario: Scenario, n: Any) -> FloatArray:
+    """The first n members, or more members at the nearest free points of a triangular lattice.
+
+    The lattice has the spacing of the members, or the target's radius if there is no other.
+    """
+    positions = scenario.positions
     if not (isinstance(n, int) and n >= 1):
         raise ScenarioError(f"n = {n!r}; allowed: whole numbers from 1", key="n", value=n)
     if n <= len(positions):
         return positions[:n]
-    spacing = (_min_distance(positions) if len(positions) > 1 else 0.0) or 0.5
+    spacing = _min_distance(positions) if len(positions) > 1 else 0.0
+    spacing = spacing or scenario.target.radius
     reach = math.ceil(math.sqrt(n)) + 2
     steps = np.arange(-2 * reach, 2 * reach + 1)
     i, j = (axis.ravel() for axis in np.meshgrid(steps, steps))
-    lattice = spacing * np.stack([i + 0.5 * j, 0.75**0.5 * j], axis=1)
+    lattice = np.stack([i + 0.5 * j, 0.75**0.5 * j], axis=1)
     lattice = lattice[np.lexsort((lattice[:, 1], lattice[:, 0], np.hypot(*lattice.T).round(9)))]
     members = list(positions)
-    for point in lattice + positions.mean(axis=0):
+    for point in spacing * lattice + positions.mean(axis=0):
         if len(members) == n:
             break
         if np.hypot(*(np.array(members) - point).T).min() > 0.5 * spacing:
@@ -74,8 +79,9 @@ def _with_members(positions: FloatArray, n: Any) -> FloatArray:
     return np.array(members)
 
 
-def _with_spacing(positions: FloatArray, spacing: Any) -> FloatArray:
+def _with_spacing(scenario: Scenario, spacing: Any) -> FloatArray:
     """Positions scaled about their centroid."""
+    positions = scenario.positions
     if not (isinstance(spacing, (int, float)) and 0 < spacing < math.inf):
         raise ScenarioError(
             f"spacing = {spacing!r}; allowed: finite numbers above 0", key="spacing", value=spacing
@@ -94,7 +100,7 @@ def _min_distance(positions: FloatArray) -> float:
     return float(distances[~np.eye(len(positions), dtype=bool)].min())
 
 
-DERIVED: dict[str, Callable[[FloatArray, Any], FloatArray]] = {
+DERIVED: dict[str, Callable[[Scenario, Any], FloatArray]] = {
     "n": _with_members,
     "spacing": _with_spacing,
 }

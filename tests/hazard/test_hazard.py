@@ -255,7 +255,7 @@ def test_invalid_rates_are_refused_with_position() -> None:
     hazard = Branching(((0.5, 0.0),))
     text = message(hazard.rates, [[3.0, 3.0], [0.5, 0.0]])  # -log(0) at the radar
     assert text == (
-        "Branching(radars=((0.5, 0.0),), strengths=None) gives the rate inf for member 1 at "
-        "(0.5, 0); rates must be finite and not negative"
+        "Branching(radars=((0.5, 0.0),), strengths=None, core_radius=0.01) gives the rate inf "
+        "for member 1 at (0.5, 0); rates must be finite and not negative"
     )
     assert hazard.rates([[3.0, 3.0], [0.5, 0.0]], [True, False]).tolist() == [10, 0]

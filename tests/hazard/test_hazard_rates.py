@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -12,8 +13,10 @@ from hazard_cases import Array, State, by_loops, states, symbolic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from casswarm import HazardError
 from casswarm._util.constants import CORE_RADIUS
 from casswarm.hazard import Hazard, Saturation, SaturationCollision, regular
+from casswarm.hazard.kernels import differentiated_kernels
 
 RADARS = ((4.4, 4.6), (4.5, 3.0))
 KINDS = [Saturation, SaturationCollision]
@@ -77,10 +80,37 @@ def test_rate_of_one_member_equals_single_agent_rate(kind: type[Saturation]) -> 
 # --- near zero distance
 
 
-def test_distances_above_core_radius_are_unchanged() -> None:
-    squared = CORE_RADIUS**2 * np.concatenate([[1.0], 1 + np.geomspace(1e-12, 1e9, 1000)])
-    kept = [float(regular(value)) for value in squared]
+@pytest.mark.parametrize("radius", [CORE_RADIUS, 1e-5, 30.0])
+def test_distances_above_core_radius_are_unchanged(radius: float) -> None:
+    squared = radius**2 * np.concatenate([[1.0], 1 + np.geomspace(1e-12, 1e9, 1000)])
+    kept = [float(regular(value, radius)) for value in squared]
     assert kept == squared.tolist()
+    assert float(regular(0.0, radius)) == pytest.approx(radius**2 / 2)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_core_radius_is_a_parameter_of_the_compiled_code(kind: type[Saturation]) -> None:
+    (source, narrow), (same, wide) = (
+        differentiated_kernels(kind(RADARS, core_radius=radius)) for radius in (0.01, 0.5)
+    )
+    assert source == same
+    assert set(wide) - set(narrow) == {0.5}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rates_within_core_radius_equal_expression(kind: type[Saturation]) -> None:
+    hazard = kind(RADARS, core_radius=0.7)
+    positions = np.array([[4.3, 4.5], [4.5, 4.8], [4.6, 3.1]])
+    x = ca.MX.sym("x", 2, 3)
+    rates = ca.Function("rates", [x], [hazard.expression(x, ca.DM.ones(1, 3))])(positions.T)
+    np.testing.assert_allclose(hazard.rates(positions), np.asarray(rates)[0], rtol=1e-13)
+    assert (hazard.rates(positions) < 0.5 * kind(RADARS).rates(positions)).all()
+
+
+@pytest.mark.parametrize("radius", [0.0, -1.0, np.inf, "wide"])
+def test_core_radius_out_of_range_raises(radius: Any) -> None:
+    with pytest.raises(HazardError, match=r"core_radius = .*; allowed: a finite number"):
+        Saturation(((1, 2),), core_radius=radius)
 
 
 def test_regularised_distances_are_smooth_and_positive() -> None:

@@ -62,7 +62,8 @@ def test_node_rates_interpolate_below_rate(seed: int, decade: float) -> None:
     h = 10.0**decade
     k = int(rng.integers(1, 5))
     radars = rng.uniform(-3, 3, (k, 2)) * h * 10 ** rng.uniform(0, 1.5)
-    hazard = Saturation(radars, tuple(rng.uniform(0.1, 3, k)))
+    core_radius = 0.01 if rng.random() < 0.3 else h * 10 ** rng.uniform(-3, 2)
+    hazard = Saturation(radars, tuple(rng.uniform(0.1, 3, k)), core_radius=core_radius)
     low = rng.uniform(-3, 3, 2) * h * 10 ** rng.uniform(0, 1.5)
     if rng.random() < 0.5:  # at a radar, where it matters
         low = radars[0] + rng.uniform(-10, 10, 2) * h
@@ -83,8 +84,9 @@ def test_node_rates_interpolate_below_rate(seed: int, decade: float) -> None:
 def test_lower_bound_over_box_is_below_rate(seed: int) -> None:
     rng = np.random.default_rng(seed)
     radars = rng.uniform(-1, 1, (3, 2)) * 10.0 ** rng.uniform(-3, 0)
-    hazard = Saturation(radars)
-    lower = radars[0] + rng.uniform(-0.02, 0.02, 2)
+    core_radius = 10.0 ** rng.uniform(-4, 0)
+    hazard = Saturation(radars, core_radius=core_radius)
+    lower = radars[0] + 2 * core_radius * rng.uniform(-1, 1, 2)
     upper = lower + 10.0 ** rng.uniform(-4, 0, 2)
     points = rng.uniform(lower, upper, (300, 2))
     assert hazard.single_agent_lower_bound(lower, upper) <= hazard.single_agent_rates(points).min()

@@ -163,8 +163,8 @@ def test_table_with_wrong_values_lists_every_problem() -> None:
         "invalid Swarm:",
         "  positions is []; it must be a list of [x, y] pairs of numbers, one for each member, "
         "at least one",
-        "  v_max is -1.0; it must be a number above 0 (from 1e-09 to 1e+09)",
-        "  a_max is missing; it must be a number above 0 (from 1e-09 to 1e+09)",
+        "  v_max is -1.0; it must be a number above 0 (from 1e-20 to 1e+20)",
+        "  a_max is missing; it must be a number above 0 (from 1e-20 to 1e+20)",
         "  unknown key 'a_mx'; did you mean 'a_max'?",
     ]
 

@@ -113,10 +113,10 @@ def test_several_problems_are_listed_one_per_line(file: Callable[..., Path]) -> 
     path = file(("v_max = 2.0", 'v_max = "2"'), ("dt = 0.33", "dt = -1"), ("alpha_1 = 4.0\n", ""))
     assert message(load_scenario, path).splitlines() == [
         f"scenario file {path} is invalid:",
-        "  swarm.v_max is '2'; it must be a number above 0 (from 1e-09 to 1e+09)",
-        "  time.dt is -1; it must be a number above 0 (from 1e-09 to 1e+09)",
+        "  swarm.v_max is '2'; it must be a number above 0 (from 1e-20 to 1e+20)",
+        "  time.dt is -1; it must be a number above 0 (from 1e-20 to 1e+20)",
         "  hazard.alpha_1 is missing; kind 'saturation' needs it: a number above 0 "
-        "(from 1e-09 to 1e+09)",
+        "(from 1e-20 to 1e+20)",
     ]
 
 

@@ -148,6 +148,19 @@ def test_keys_of_another_hazard_kind_are_refused(paper: Scenario) -> None:
     assert "hazard.parameters is not a key of kind 'saturation'" in text
 
 
+@pytest.mark.parametrize("kind", ["saturation", "saturation+collision"])
+def test_core_radius_is_a_fiftieth_of_target_radius_by_default(kind: str) -> None:
+    paper = load_scenario("paper-2" if "collision" in kind else "paper-1")
+    assert paper.hazard.core_radius == 0.01
+    assert paper.with_values({"target.radius": 0.2}).hazard.core_radius == pytest.approx(0.004)
+    given = paper.with_values({"hazard.core_radius": 0.3})
+    assert given.hazard.core_radius == 0.3
+    assert given.hazard != paper.hazard
+    one = [s.with_values({"hazard.radars": [[6.0, 2.0]]}) for s in (paper, given)]
+    peaks = [s.hazard.rates([[6.0, 2.0]])[0] for s in one]
+    assert peaks[0] == pytest.approx(900 * peaks[1])
+
+
 @pytest.mark.parametrize("key", ["alpha_1", "alpha_2", "alpha_3", "beta_1", "beta_2"])
 def test_missing_hazard_constant_is_named(key: str) -> None:
     text = message(load_scenario("paper-2").with_values, {f"hazard.{key}": None})

@@ -46,6 +46,7 @@ def hazard_tables(draw: st.DrawFn) -> dict[str, Any]:
     table |= {"alpha_1": draw(positive), "alpha_2": draw(floats(0, 10)), "alpha_3": draw(positive)}
     if kind != "saturation":
         table |= {"beta_1": draw(floats(0.01, 1)), "beta_2": draw(floats(0.5, 10))}
+    table["core_radius"] = draw(st.none() | floats(0.001, 0.1))
     return {key: value for key, value in table.items() if value is not None}
 
 
@@ -79,7 +80,7 @@ def scenarios(draw: st.DrawFn) -> Scenario:
     radars, center = data["hazard"]["radars"], data["target"]["center"]
     for position in data["swarm"]["positions"]:
         assume(math.dist(position, center) > data["target"]["radius"] + 1e-6)
-        assume(all(math.dist(position, radar) > 0.02 for radar in radars))
+        assume(all(math.dist(position, radar) > 0.2 for radar in radars))
     return Scenario.from_data(data)
 
 

@@ -33,7 +33,7 @@ WRONG_VALUES = [
     ("swarm.positions", [[0, 0], [1]], "swarm.positions[1] is [1]; swarm.positions must be a list"),
     ("swarm.positions", [[0, 0, 0]], "swarm.positions[0] is [0, 0, 0]; swarm.positions must be"),
     ("swarm.positions", [[0, "a"]], "swarm.positions[0][1] is 'a'; swarm.positions must be"),
-    ("swarm.positions", [[0, 1e10]], "swarm.positions[0][1] is 10000000000.0; swarm.positions"),
+    ("swarm.positions", [[0, 1e21]], "swarm.positions[0][1] is 1e+21; swarm.positions"),
     ("swarm.velocity", "slow", "swarm.velocity is 'slow'; it must be 'guide', or [vx, vy]"),
     ("swarm.velocity", [1, "a"], "swarm.velocity is [1, 'a']; it must be 'guide', or [vx, vy]"),
     ("target.center", [1], "target.center is [1]; it must be [x, y], two numbers"),
@@ -72,7 +72,11 @@ def test_wrong_value_reports_allowed_values(
 def test_member_on_radar_is_named(paper: Scenario) -> None:
     text = message(paper.with_values, {"hazard.radars": [[3, 3], [0.45, 0.455]]})
     assert "swarm.positions[1] is [0.45, 0.45], on hazard.radars[1]; move one of them" in text
-    assert "0.01 or more apart" in text
+    assert "0.01 or more apart (hazard.core_radius)" in text
+    moved = {"hazard.radars": [[3, 3], [0.45, 0.455]], "hazard.core_radius": 0.001}
+    assert paper.with_values(moved).hazard.core_radius == 0.001
+    wide = {"hazard.radars": [[3, 3], [0.45, 0.475]], "target.radius": 2.0}
+    assert "0.04 or more apart" in message(paper.with_values, wide)
 
 
 def test_member_in_target_zone_is_named(paper: Scenario) -> None:

@@ -99,7 +99,7 @@ class Solver(ABC):
         """Compile the problem for this backend, once; raise SolverError if that is impossible."""
 
     def warm(self) -> Solver:
-        """This solver for initial guesses that are close to a minimum; by default itself."""
+        """The solver for initial guesses that are close to a minimum; by default itself."""
         return self
 
     @abstractmethod

@@ -257,7 +257,8 @@ def rounding(stage_costs: StageCosts, risk: float) -> float:
     task = grid.task
     operations = 4 * len(grid.blocks) + 2 * len(task.hazard.radar_positions) + 64
     far = np.maximum(np.abs(task.start), np.abs(task.center)).max() + task.steps * task.step
-    coordinates = 16 * far / cap_radius(grid.spacing)
+    core_radius = getattr(task.hazard, "core_radius", 0.0)
+    coordinates = 16 * far / cap_radius(grid.spacing, core_radius)
     return float(UNIT * (operations + coordinates) * (risk + 2 * stage_costs.max_terminal))
 
 
