@@ -18,6 +18,7 @@ from ..typing import BoolArray, Expr, FloatArray
 from .base import Hazard, checked_radars
 
 _CHUNK = 256  # states a call of the mapped function takes
+_CHECKED_BOXES, _CHECKED_POINTS = 128, 1024  # at which a user's lower bounds are checked
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,8 @@ class CustomHazard(Hazard):
         Raises
         ------
         HazardError
-            It returns another shape than (...), or exceeds the rate at a box's centre.
+            It returns another shape than (...), or NaN, or exceeds the rate at the centre, at a
+            corner or at a random point of some of the boxes.
         """
         lower_bound = self.lower_bound or getattr(self.function, "lower_bound", None)
         if lower_bound is None:
@@ -113,15 +115,31 @@ class CustomHazard(Hazard):
                 f"lower_bound of {self!r} returned shape {bounds.shape} for boxes of shape "
                 f"{boxes}; expected one number per box"
             )
-        sample = np.linspace(0, bounds.size - 1, min(bounds.size, _CHUNK)).astype(int)
-        rates = self.single_agent_rates((0.5 * (lower + upper)).reshape(-1, 2)[sample])
-        above = bounds.ravel()[sample] > rates * (1 + 1e-9)
-        if above.any() or np.isnan(bounds).any():
-            raise HazardError(
-                f"lower_bound of {self!r} is not a lower bound: it exceeds the rate at the centre "
-                "of a box, or is NaN"
-            )
+        ends = np.stack(np.broadcast_arrays(lower, upper)).reshape(2, -1, 2)
+        self._require_below_rates(bounds.ravel(), *ends)
         return bounds
+
+    def _require_below_rates(
+        self, bounds: FloatArray, lower: FloatArray, upper: FloatArray
+    ) -> None:
+        """Raise HazardError if bounds (m,) of boxes exceed the rate at some points of the boxes."""
+        sample = np.linspace(0, bounds.size - 1, min(bounds.size, _CHECKED_BOXES)).astype(int)
+        undefined = np.flatnonzero(np.isnan(bounds))[:1]
+        sample = undefined if undefined.size else sample
+        number = _CHECKED_POINTS // max(len(sample), 1)
+        inner = np.random.default_rng(0).random((len(sample), number, 2))
+        inner[:, :5] = np.array([[0, 0], [0, 1], [1, 0], [1, 1], [0.5, 0.5]])
+        low, high = lower[sample, None], upper[sample, None]
+        points = np.where(inner == 1, high, low + inner * (high - low))
+        rates = self.single_agent_rates(points)
+        wrong = np.argwhere(~(bounds[sample, None] <= rates * (1 + 1e-9)))
+        if wrong.size:
+            box, point = wrong[0]
+            raise HazardError(
+                f"lower_bound of {self!r} is not a lower bound: it is {bounds[sample[box]]:g} for "
+                f"the box from {_as_text(low[box, 0])} to {_as_text(high[box, 0])}, where the rate "
+                f"at {_as_text(points[box, point])} is {rates[box, point]:g}"
+            )
 
     @property
     def _keywords(self) -> dict[str, Any]:
@@ -224,6 +242,10 @@ def _require_from(module: Any, name: str, folder: Path | None) -> None:
             f"the module {name!r} beside the scenario is hidden by another of the same name, "
             f"imported from {origin}; give it another name"
         )
+
+
+def _as_text(point: FloatArray) -> str:
+    return "({:g}, {:g})".format(*point)
 
 
 def _frozen(value: Any) -> Any:
