@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..problems.formation import Step
+from ..problems.step import Step
 from ..typing import FloatArray
 
 Rule = Callable[[Step, FloatArray], NDArray[np.intp]]

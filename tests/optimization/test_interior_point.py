@@ -39,9 +39,11 @@ def test_mpc_program_equals_written_out_formulas(corridor: bool, steps: int) -> 
     assert f[0] == pytest.approx(sum(rates), rel=1e-12)
     v = np.diff(u, axis=0, prepend=np.zeros((1, 3, 2)))
     w = np.diff(v, axis=0, prepend=data.previous_velocities[:1])
-    rows = [(w**2).sum(axis=-1).ravel(), v[1:].ravel()]
+    v_max = data.motion.v_max
+    rows = [((w / v_max) ** 2).sum(axis=-1).ravel(), v[1:].ravel() / v_max]
     if corridor:
-        rows.append(((places - data.goals[:, None]) ** 2).sum(axis=-1).ravel())
+        offsets = (places - data.goals[:, None]) / (v_max * DT)
+        rows.append((offsets**2).sum(axis=-1).ravel())
     np.testing.assert_allclose(g, np.concatenate(rows), rtol=1e-12)
 
 

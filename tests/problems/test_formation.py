@@ -98,14 +98,15 @@ def test_formation_nlp_matches_formulas_by_hand() -> None:
         weights=weights[:, None],
         goal=GOAL[None],
         dt=[[DT]],
+        v_max=[[2.0]],
     )
     objective, g = (np.asarray(part).ravel() for part in nlp.evaluate(v.ravel(), p[0]))
     following = X + DT * v
     rates = [rate_by_hand(i, following, step.alive[0], RADARS) for i in range(4)]
     # of the destroyed the formula is that of the living: the weights decide
     assert objective[0] == pytest.approx(sum(weights * rates), rel=1e-12)
-    turns = ((v - previous_velocities) ** 2).sum(axis=1)
-    corridor = ((following - GOAL) ** 2).sum(axis=1)
+    turns = ((v - previous_velocities) ** 2).sum(axis=1) / 2.0**2
+    corridor = ((following - GOAL) ** 2).sum(axis=1) / (2.0 * DT) ** 2
     np.testing.assert_allclose(g, [*turns, *corridor], rtol=1e-12)
 
 

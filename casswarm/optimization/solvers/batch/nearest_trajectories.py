@@ -66,11 +66,12 @@ def _solve(
     from ...feasible_sets.trajectory_kernels import disc_distance  # Numba takes a second to import
     from .interior_point_batch_kernels import Batch, minimise_batch
     from .interior_point_kernels import Options
+    from .multistart_kernels import Starts
 
     size, steps, _ = discs.shape
     inside = limits.slowing(initial_velocities, steps)
     batch = Batch(
-        starts=inside[:, None],
+        x0=inside,
         inside=inside,
         free=np.ones((size, 1), bool),
         initial_velocities=contiguous(initial_velocities)[:, None],
@@ -83,6 +84,7 @@ def _solve(
     )
     results, multipliers = Results.empty((size, steps, 2)), np.empty((size, steps, 1, 6))
     options = Options(*tolerances, _MAX_ITER)
-    minimise_batch((0, size), disc_distance, batch, options, multipliers, results)
+    starts = Starts.around(1, np.zeros((size, 1)))
+    minimise_batch((0, size), disc_distance, batch, starts, options, multipliers, results)
     _, violation, residual = results.verified.T
     return results.x, (violation <= _ROUNDING) & (residual <= _ACCEPTABLE * tolerances[1])
