@@ -17,7 +17,8 @@ from ...._util.jit import kernel
 from ....typing import FloatArray
 
 HITS = 8  # times that the least minimum is found where starts disagree
-MAX_STARTS = 64
+MAX_STARTS = 64  # where starts disagree
+MAX_PAIRS = 1600  # pairs of members in all starts of a state: from 20 members on, the first suffice
 AGREEMENT = 1e-3  # relative difference up to which two ends count as the same minimum
 
 
@@ -42,8 +43,9 @@ class Starts(NamedTuple):
     @classmethod
     def around(cls, initial: int, spread: FloatArray) -> Starts:
         """Starts with normal directions, for `spread` (B, n)."""
-        number = 1 if initial == 1 else max(initial, MAX_STARTS)
-        return cls(initial, _directions(number, spread.shape[1]), spread)
+        members = spread.shape[1]
+        limit = 1 if initial == 1 else min(MAX_STARTS, MAX_PAIRS // members**2)
+        return cls(initial, _directions(max(initial, limit), members), spread)
 
 
 @lru_cache(maxsize=16)
@@ -74,4 +76,4 @@ def needs_start(solved: int, hits: int, starts: Starts) -> bool:
     """Whether to solve another start, after `solved` of which `hits` found the least minimum."""
     if solved < starts.initial:
         return True
-    return starts.initial > 1 and solved < MAX_STARTS and hits < min(solved, HITS)
+    return solved < len(starts.directions) and hits < min(solved, HITS)
