@@ -23,7 +23,7 @@ from .validation import (
     to_plain,
 )
 
-_STEP_TOLERANCE = 1e-9  # relative: t_f = 1.0 holds ten steps of dt = 0.1 despite rounding
+_STEP_TOLERANCE = 2.0**-50  # relative: t_f = 1.0 holds ten steps of dt = 0.1 despite rounding
 _TIE_TOLERANCE = 1e-9  # relative: members equally far from the centroid up to rounding
 
 
@@ -108,7 +108,7 @@ class Time(Table):
 
     @property
     def steps(self) -> int:
-        """Number of whole steps until t_f, floor(t_f / dt)."""
+        """Number of whole steps until t_f, floor(t_f / dt) but for the rounding of both."""
         return math.floor(self.t_f / self.dt * (1 + _STEP_TOLERANCE))
 
 

@@ -297,3 +297,16 @@ def test_exponential_clocks_match_chain() -> None:
     for outcome, fraction in counted.items():
         exact = np.prod(np.where(outcome, np.exp(-rates), -np.expm1(-rates)))
         assert fraction == pytest.approx(exact, abs=5e-3)
+
+
+@pytest.mark.parametrize("far", [1e4, 1e9, 1e15])
+def test_success_bound_member_out_of_reach_does_not_count(far: float) -> None:
+    members = [(0.0, 0.0), (0.1, 0.0)]
+    two, three = (
+        small([*members, *others], (3.0, 0.5), [(1.5, 1.3)], 10) for others in ([], [(far, -far)])
+    )
+    three = three.with_values({"hazard.alpha_2": 0.0})
+    two = two.with_values({"hazard.alpha_2": 0.0})
+    bounds = success_bound(two, 20_000), success_bound(three, 20_000)
+    assert bounds[1].risks[2] == math.inf
+    assert bounds[1].failure == pytest.approx(bounds[0].failure, rel=0.02)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from small_scenarios import DT, V_MAX, patrolled, small
 
 from casswarm import PlanningError, Scenario, load_scenario, plan
 from casswarm.planning.bounds import ValueFunction
+from casswarm.planning.bounds.dynamic_programming import StageCosts, box_minimum, rounding
 from casswarm.planning.plan import plan_from
 
 SCENARIO = small(
@@ -132,3 +134,53 @@ def test_value_function_too_many_steps_reports_nodes() -> None:
     scenario = SCENARIO.with_values({"time.t_f": 2000.0})
     with pytest.raises(PlanningError, match=r"6060 steps needs [\d,]+ nodes"):
         ValueFunction.from_scenario(scenario)
+
+
+def exact_interpolation(value: ValueFunction, step: int, position: np.ndarray) -> float:
+    """Interpolated lower values of the next step, with the position in exact arithmetic."""
+    grid = value.grid
+    array, low = value.lower[step][0], grid.blocks[step][0].low
+    shape = (array.shape[0] + 2 * grid.reach, array.shape[1] + 2 * grid.reach)
+    least = box_minimum(array, (-grid.reach, -grid.reach), shape, grid.reach)
+    nodes = [
+        (Fraction(x) - Fraction(start)) / Fraction(grid.spacing) - first + grid.reach
+        for x, start, first in zip(position, grid.task.start, low, strict=True)
+    ]
+    cell = [math.floor(node) for node in nodes]
+    u, v = (node - corner for node, corner in zip(nodes, cell, strict=True))
+    weights = [(1 - u) * (1 - v), (1 - u) * v, u * (1 - v), u * v]
+    corners = least[cell[0] : cell[0] + 2, cell[1] : cell[1] + 2].ravel()
+    return float(sum(w * Fraction(c) for w, c in zip(weights, corners, strict=True) if w))
+
+
+def test_lower_bound_far_from_the_origin_covers_rounding_of_positions() -> None:
+    moved = SCENARIO.with_values(
+        {
+            "swarm.positions": (SCENARIO.positions + 1e8).tolist(),
+            "target.center": (np.array(SCENARIO.target.center) + 1e8).tolist(),
+            "hazard.radars": (SCENARIO.hazard.radar_positions + 1e8).tolist(),
+        }
+    )
+    value = ValueFunction.from_scenario(moved, 100_000)
+    positions = 1e8 + np.random.default_rng(4).uniform((0, 0), (3, 2), (60, 2))
+    low, _ = value.bounds(0, positions)
+    assert np.isfinite(low).all()
+    for bound, position in zip(low, positions, strict=True):
+        assert bound <= exact_interpolation(value, 0, position)
+    near, _ = ValueFunction.from_scenario(SCENARIO, 100_000).bounds(0, positions - 1e8)
+    np.testing.assert_allclose(low, near, rtol=1e-4)
+
+
+def test_value_function_of_huge_target_reports_nodes() -> None:
+    values = {"target.center": (1e18, 0.0), "target.radius": 1e18 - 1e3, "hazard.core_radius": 0.01}
+    scenario = SCENARIO.with_values(values | {"swarm.v_max": 1e3, "guide.margin": 0.0})
+    with pytest.raises(PlanningError, match=r"nodes, more than .*smaller target\.radius"):
+        ValueFunction.from_scenario(scenario)
+
+
+def test_rounding_grows_with_resolution() -> None:
+    allowances = [
+        rounding(StageCosts(ValueFunction.from_scenario(SCENARIO, nodes).grid), 1.0, interpolated)
+        for nodes, interpolated in ((100_000, False), (100_000, True), (1_500_000, True))
+    ]
+    assert 0 < allowances[0] < allowances[1] < allowances[2] < 1e-11

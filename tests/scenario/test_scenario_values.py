@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scenario_messages import message
 
-from casswarm.scenario import (
-    Scenario,
-)
+from casswarm.scenario import Scenario, Time
 
 
 def test_many_problems_are_truncated(paper: Scenario) -> None:
@@ -128,3 +129,11 @@ def test_initial_velocity_above_v_max_is_refused(paper: Scenario) -> None:
 def test_margin_of_target_radius_is_refused(paper: Scenario) -> None:
     text = message(paper.with_values, {"guide.margin": 0.5})
     assert "guide.margin is 0.5; it must be below target.radius = 0.5" in text
+
+
+@given(st.integers(1, 50_000), st.integers(1, 10**6), st.integers(0, 6))
+def test_steps_end_by_t_f(steps: int, digits: int, decimals: int) -> None:
+    dt = digits / 10**decimals
+    for t_f in (steps * dt, float(Fraction(steps * digits, 10**decimals))):
+        assert Time(dt=dt, t_f=t_f).steps == steps
+        assert Time(dt=dt, t_f=t_f * (1 - 1e-10)).steps == steps - 1

@@ -13,6 +13,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from ...hazard.lower_bounds import cap_radius
 from ...typing import FloatArray
 from .grid import UNIT, Block, Grid
 
@@ -108,6 +109,28 @@ class StageCosts:
         """Bound on the absolute terminal cost."""
         h, radius = self.grid.spacing, self.grid.task.radius
         return self.multiplier * (3 * h + 3 * h**2 / radius)
+
+
+def rounding(stage_costs: StageCosts, risk: float, interpolated: bool = False) -> float:
+    """Bound on the rounding error of a path's cost: docs/global-guide.md.
+
+    Parameters
+    ----------
+    stage_costs : StageCosts
+    risk : float
+        Bound on the path's risk; on that of paths from the four nodes around, if `interpolated`.
+    interpolated : bool
+        Whether costs are interpolated at the start of the path.
+    """
+    grid, task = stage_costs.grid, stage_costs.grid.task
+    operations = 4 * len(grid.blocks) + 2 * len(task.hazard.radar_positions) + 64
+    wide = task.radius + task.steps * task.step
+    far = np.maximum(np.abs(task.start), np.abs(task.center)).max() + wide
+    core_radius = getattr(task.hazard, "core_radius", 0.0)
+    coordinates = 16 * far / cap_radius(grid.spacing, core_radius)
+    if interpolated:
+        coordinates += 32 * (np.abs(task.start - task.center).max() + wide) / grid.spacing
+    return float(UNIT * (operations + coordinates) * (risk + 2 * stage_costs.max_terminal))
 
 
 def single_node(node: Node) -> Block:

@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 UNIT = 2.0**-53
 """Unit roundoff of a double."""
 
-ANYWHERE = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
-"""Starts of a grid of paths from all points of the plane."""
+ANYWHERE = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])  # starts: all points of the plane
 
 _MIN_ACTIVE = 0.5  # active fraction of a block's cells below which it is split
 _MIN_CELLS = 256  # blocks of at most so many cells are not split
 _MAX_REACH = 64
+_NO_WEIGHT = 1e-6  # at most so much weight may be due to the rounding of positions
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +183,7 @@ class Grid:
         cls, task: Relaxation, stride: int, reach: int, starts: FloatArray | None = None
     ) -> Grid:
         """All nodes on paths to the target in time, from `starts` (n, 2) or the task's start."""
-        ranges = zip(*_ranges(task, stride, reach, starts), strict=True)
+        ranges = zip(*np.array(_ranges(task, stride, reach, starts), int), strict=True)
         blocks = tuple(
             (Block.full(first, last),) if (first <= last).all() else () for first, last in ranges
         )
@@ -240,7 +240,7 @@ class Grid:
 def bilinear(values: FloatArray, cells: IntArray, fractions: FloatArray) -> FloatArray:
     """Bilinear interpolation (B,) of values (n, m) in cells (B, 2), at fractions (B, 2) of a cell.
 
-    Infinite outside the grid, and where a corner of positive weight is.
+    Infinite outside the grid, and where a corner is whose weight is not zero up to rounding.
     """
     inside = np.asarray(((cells >= 0) & (cells < np.array(values.shape) - 1)).all(axis=1))
     if not inside.any():
@@ -250,27 +250,26 @@ def bilinear(values: FloatArray, cells: IntArray, fractions: FloatArray) -> Floa
     for i, j in itertools.product((0, 1), (0, 1)):
         weight = np.abs(1 - i - fractions[:, 0]) * np.abs(1 - j - fractions[:, 1])
         corner = values[cells[:, 0] + i, cells[:, 1] + j]
-        interpolated += np.where(weight > 0, weight * np.where(weight > 0, corner, 0.0), 0.0)
+        interpolated += weight * np.where((weight > _NO_WEIGHT) | np.isfinite(corner), corner, 0.0)
     return np.where(inside, interpolated, np.inf)
 
 
 def node_count(task: Relaxation, stride: int, reach: int, starts: FloatArray | None = None) -> int:
     """Number of nodes of `Grid.full`, without building it."""
     first, last = _ranges(task, stride, reach, starts)
-    return int(np.maximum(last - first + 1, 0).prod(axis=1).sum())
+    return int(np.maximum(last - first + 1, 0).prod(axis=1).sum())  # of floats: it may be huge
 
 
 def _ranges(
     task: Relaxation, stride: int, reach: int, starts: FloatArray | None
-) -> tuple[IntArray, IntArray]:
+) -> tuple[FloatArray, FloatArray]:
     """First and last nodes (N, 2) of every sample, within reach of the starts and the target."""
     spacing = stride * task.step / reach
     samples = -(-task.steps // stride)
     out = reach * np.arange(1, samples + 1)[:, None]
     back = out[::-1] - reach
     far = task.radius + (stride - 1) * task.step
-    offsets = (task.start[None] if starts is None else starts) - task.start
-    offsets = offsets * (reach / (stride * task.step))
+    offsets = ((task.start[None] if starts is None else starts) - task.start) / spacing
     first = np.maximum(
         np.floor((task.center - far - task.start) / spacing) - back,
         np.floor(offsets.min(axis=0)) - out,
@@ -279,7 +278,7 @@ def _ranges(
         np.ceil((task.center + far - task.start) / spacing) + back,
         np.ceil(offsets.max(axis=0)) + out,
     )
-    return first.astype(int), last.astype(int)
+    return first, last
 
 
 def _split(low: tuple[int, int], cells: BoolArray) -> Iterator[Block]:

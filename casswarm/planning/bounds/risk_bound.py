@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...hazard.lower_bounds import cap_radius
 from ...optimization.solvers import make_solver
 from ...problems.guide import GuideTask
 from ...typing import FloatArray
@@ -25,9 +24,10 @@ from .dynamic_programming import (
     costs_to_go,
     least_cost,
     minimum_within_reach,
+    rounding,
     single_node,
 )
-from .grid import UNIT, Block, Grid, Relaxation, corners
+from .grid import Block, Grid, Relaxation, corners
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
@@ -249,17 +249,6 @@ def _strided_totals(stage_costs: StageCosts, to_go: Values) -> Iterator[list[Flo
             for before, cost, block in zip(come, stage_costs.nodes[sample], blocks, strict=True)
         ]
         last = blocks
-
-
-def rounding(stage_costs: StageCosts, risk: float) -> float:
-    """Bound on the rounding error of a path's cost, at most this risk: docs/global-guide.md."""
-    grid = stage_costs.grid
-    task = grid.task
-    operations = 4 * len(grid.blocks) + 2 * len(task.hazard.radar_positions) + 64
-    far = np.maximum(np.abs(task.start), np.abs(task.center)).max() + task.steps * task.step
-    core_radius = getattr(task.hazard, "core_radius", 0.0)
-    coordinates = 16 * far / cap_radius(grid.spacing, core_radius)
-    return float(UNIT * (operations + coordinates) * (risk + 2 * stage_costs.max_terminal))
 
 
 def arrival_multiplier(task: Relaxation, positions: FloatArray) -> float:

@@ -18,9 +18,16 @@ import numpy as np
 
 from ...typing import FloatArray
 from ..guide import rounded_up
-from .dynamic_programming import StageCosts, costs_to_go, least_cost, minimum_within_reach, trace
+from .dynamic_programming import (
+    StageCosts,
+    costs_to_go,
+    least_cost,
+    minimum_within_reach,
+    rounding,
+    trace,
+)
 from .grid import Block, Grid, Relaxation, bilinear
-from .risk_bound import arrival_multiplier, rounding
+from .risk_bound import arrival_multiplier
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
@@ -136,6 +143,15 @@ def lowest_risks(task: Relaxation, starts: FloatArray, max_nodes: int) -> FloatA
     rounded to the grid begins at a corner of its start's cell, so the costs to go of the corners
     are interpolated.
     """
+    reachable = replace(task, radius=task.radius * (1 + 1e-9)).reachable(starts, task.steps)
+    risks = np.full(len(starts), np.inf)
+    if reachable.any():
+        risks[reachable] = _lowest_risks(task, starts[reachable], max_nodes)
+    return risks
+
+
+def _lowest_risks(task: Relaxation, starts: FloatArray, max_nodes: int) -> FloatArray:
+    """The same for starts from which the target can be reached."""
     grid = Grid.finest(task, max_nodes, starts)
     stage_costs = StageCosts(grid, multiplier=_multiplier(task))
     to_go = costs_to_go(stage_costs)
@@ -147,9 +163,9 @@ def lowest_risks(task: Relaxation, starts: FloatArray, max_nodes: int) -> FloatA
     if grid.stride > 1:  # paths that arrive before their first sample
         initial = np.minimum(initial, stage_costs.terminal(block))
     risks = bilinear(initial, cells - low, nodes - cells)
-    slack = rounding(stage_costs, float(risks[np.isfinite(risks)].max(initial=0.0)))
-    reachable = replace(task, radius=task.radius * (1 + 1e-9)).reachable(starts, task.steps)
-    return np.where(reachable, np.maximum(0.0, np.minimum(risks, 1e300) - slack), np.inf)
+    largest = float(initial[np.isfinite(initial)].max(initial=0.0))
+    slack = rounding(stage_costs, largest, interpolated=True)
+    return np.maximum(0.0, np.minimum(risks, 1e300) - slack)
 
 
 def _multiplier(task: Relaxation) -> float:

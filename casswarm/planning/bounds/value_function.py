@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,15 +11,14 @@ from numpy.typing import ArrayLike
 
 from ...errors import PlanningError
 from ...typing import BoolArray, FloatArray
-from .dynamic_programming import StageCosts, Values, box_minimum, costs_to_go
-from .grid import ANYWHERE, UNIT, Grid, Relaxation, bilinear, node_count
+from .dynamic_programming import StageCosts, Values, box_minimum, costs_to_go, rounding
+from .grid import ANYWHERE, Grid, Relaxation, bilinear, node_count
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
 
 _MAX_NODES = 2_500_000  # of the grid, over all steps
 _TIE = 1e-9  # relative: nodes at the edge of reach, for positions that are nodes but for rounding
-_ROUNDING = 4096 * UNIT  # relative, of a bound; the sums are short
 _CHUNK = 2048  # positions at once: bounds memory
 
 _MAP_NODES = 150  # along an axis
@@ -66,7 +66,8 @@ class ValueFunction:
         if nodes > max(max_nodes, limit):
             raise PlanningError(
                 f"the value function of {task.steps} steps needs {nodes:,} nodes, more than "
-                f"{limit:,}; a larger time.dt or a smaller t_f makes it smaller",
+                f"{limit:,}; a larger time.dt or a smaller t_f, or a "
+                "smaller target.radius, makes it smaller",
                 steps=task.steps,
                 nodes=nodes,
                 max_nodes=limit,
@@ -93,7 +94,8 @@ class ValueFunction:
         low = np.zeros(len(flat))
         if self.lower is not None:
             low = self._interpolated(self.lower, step + 1, flat, self.grid.reach)
-            low = np.where(arrived, 0.0, np.maximum(0.0, low) * (1 - _ROUNDING))
+            slack = rounding(StageCosts(self.grid), self._largest_cost, interpolated=True)
+            low = np.where(arrived, 0.0, np.maximum(0.0, low - slack))
         remaining = max(0, self.grid.task.steps - step)
         low[~arrived & ~self.grid.task.reachable(flat, remaining)] = np.inf
         return low.reshape(points.shape[:-1]), high.reshape(points.shape[:-1])
@@ -131,6 +133,12 @@ class ValueFunction:
         if arrived.any():
             risk[arrived] = task.dt * task.rates(flat[arrived])
         return risk.reshape(positions.shape[:-1])
+
+    @cached_property
+    def _largest_cost(self) -> float:
+        """Largest finite value of `lower`."""
+        arrays = [array for arrays in self.lower or () for array in arrays]
+        return max((float(a[np.isfinite(a)].max(initial=0.0)) for a in arrays), default=0.0)
 
     def _in_target(self, flat: FloatArray) -> BoolArray:
         task = self.grid.task
