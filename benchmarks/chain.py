@@ -18,6 +18,7 @@ import multiprocessing
 import sys
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
+from itertools import product
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -28,6 +29,7 @@ from _timing import arguments, print_table, timed
 
 import casswarm as csw
 from casswarm.chain import monte_carlo as sampling
+from casswarm.chain.confidence import effective_runs, stratified_interval, wilson
 from casswarm.scenario.variations import with_parameters
 from casswarm.studies.simulation import PAPER_POLICIES
 
@@ -220,6 +222,33 @@ def estimates(quick: bool) -> Rows:
     return rows
 
 
+def coverage(quick: bool) -> Rows:
+    """Coverage of 95 % intervals from one run of each of R strata, before and after the fallback.
+
+    The strata's probabilities are equal, rise linearly, or are 0 and 1/2; q is their mean. `wilson`
+    is Wilson's interval with the effective runs; `coverage` is that of `stratified_interval`, and
+    `width` its mean width relative to the former's. 2000 repetitions (200).
+    """
+    repetitions, rng, rows = 200 if quick else 2000, np.random.default_rng(1), []
+    kinds = {
+        "equal": np.full_like,
+        "linear": lambda u, q: 2 * q * u,
+        "half": lambda u, q: np.where(u > 1 - 2 * q, 0.5, 0.0),
+    }
+    for number, kind, q in product((50, 100), kinds, (0.005, 0.01, 0.02, 0.05, 0.1, 0.3)):
+        chances = kinds[kind]((np.arange(number) + 0.5) / number, q)
+        ends = np.empty((repetitions, 4))
+        for row, outcomes in zip(ends, rng.random((repetitions, number)) < chances, strict=True):
+            effective, successes = effective_runs(outcomes), int(outcomes.sum())
+            row[:2] = wilson(successes / number * effective, effective)
+            row[2:] = stratified_interval(successes, number, effective)
+        covered = (ends[:, ::2] <= chances.mean()) & (chances.mean() <= ends[:, 1::2])
+        widths = (ends[:, 1::2] - ends[:, ::2]).mean(axis=0)
+        rows.append({"R": number, "strata": kind, "q": q, "wilson": covered[:, 0].mean()})
+        rows[-1] |= {"coverage": covered[:, 1].mean(), "width": widths[1] / widths[0]}
+    return rows
+
+
 def measured(n: int, number: int) -> dict[str, Any]:
     """Growth's point, in a process of its own: seconds, states, and the peak of memory."""
     import resource
@@ -322,7 +351,8 @@ def sweep(quick: bool) -> Rows:
 
 
 PARTS = {
-    part.__name__: part for part in (distributions, runs, equal, versus, estimates, growth, sweep)
+    part.__name__: part
+    for part in (distributions, runs, equal, versus, estimates, coverage, growth, sweep)
 }
 
 

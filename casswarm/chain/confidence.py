@@ -6,12 +6,15 @@ import math
 from bisect import bisect_left
 from dataclasses import dataclass
 
-from scipy.stats import binomtest, norm
+from scipy.stats import beta, binomtest, norm
 
 from ..typing import BoolArray, Interval
 
 LEVEL = 0.95
 """Confidence level of every interval that casswarm prints, unless it says otherwise."""
+
+FEW = 50
+"""Successes or failures below which the interval of a stratified sample is an exact one."""
 
 
 def wilson(successes: float, runs: float, level: float = LEVEL) -> Interval:
@@ -29,6 +32,43 @@ def wilson(successes: float, runs: float, level: float = LEVEL) -> Interval:
     half = z * math.sqrt(mean * (1 - mean) / runs + (z / (2 * runs)) ** 2) / scale
     low = max(0.0, middle - half) if successes else 0.0
     return Interval(low, min(1.0, middle + half) if successes < runs else 1.0)
+
+
+def clopper_pearson(successes: int, runs: int, level: float = LEVEL) -> Interval:
+    """Interval that holds the mean of the runs' probabilities with at least its level.
+
+    The exact interval of a binomial proportion (Clopper and Pearson, Biometrika 26, 1934). It holds
+    for independent runs of different probabilities too: more than one run from its mean, the tails
+    of the number of successes are at most the binomial's (Hoeffding, Ann. Math. Statist. 27, 1956);
+    for a single success or failure the union bound gives the end.
+
+    Parameters
+    ----------
+    successes, runs : int
+        0 <= successes <= runs, runs > 0.
+    level : float
+    """
+    tail = (1 - level) / 2
+
+    def lower_end(count: int) -> float:
+        if count < 2:
+            return count * tail / runs
+        return float(beta.ppf(tail, count, runs - count + 1))
+
+    return Interval(lower_end(successes), 1.0 - lower_end(runs - successes))
+
+
+def stratified_interval(
+    successes: int, runs: int, effective: float, level: float = LEVEL
+) -> Interval:
+    """Interval of the mean of the runs' probabilities, with one run from each of equal strata.
+
+    `wilson` with the `effective` runs; `clopper_pearson` where fewer than `FEW` runs succeed or
+    fail, since the levels of both Wilson's interval and of an estimated variance are then nominal.
+    """
+    if min(successes, runs - successes) < FEW:
+        return clopper_pearson(successes, runs, level)
+    return wilson(successes / runs * effective, effective, level)
 
 
 def effective_runs(outcomes: BoolArray) -> float:

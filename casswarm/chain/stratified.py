@@ -2,9 +2,9 @@
 
 States of total mass M are left in the frontier of the expansion. They are divided into R strata of
 equal mass, ordered by living members and step so that neighbouring strata are alike, and one run is
-sampled from every stratum. M times Wilson's interval with the `effective_runs` is the contribution
-of the residual mass; outcomes too improbable to be stored contribute [0, their mass]. Why that
-interval is valid and narrower: ``docs/chain.md``.
+sampled from every stratum. M times the `stratified_interval` is the contribution of the residual
+mass; outcomes too improbable to be stored contribute [0, their mass]. Why that interval is valid
+and narrower: ``docs/chain.md``.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..typing import Interval
-from .confidence import LEVEL, effective_runs, wilson
+from .confidence import LEVEL, effective_runs, stratified_interval
 from .distribution import OutcomeDistribution
 from .exact import StateSpaceExpansion
 from .monte_carlo import Chain
@@ -66,8 +66,9 @@ class Estimate:
         low, high = self.enumerated.success
         if not self.runs:
             return Interval(low, high)
-        mean = self.successes / self.runs
-        bottom, top = wilson(mean * self.effective_runs, self.effective_runs, self.level)
+        bottom, top = stratified_interval(
+            self.successes, self.runs, self.effective_runs, self.level
+        )
         top = low + self.sampled_mass * top + self.pruned_mass
         return Interval(low + self.sampled_mass * bottom, min(1.0, top))
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, binomtest
 
-from casswarm.chain.confidence import Paired, effective_runs, required_runs, wilson
+from casswarm.chain.confidence import (
+    Paired,
+    clopper_pearson,
+    effective_runs,
+    required_runs,
+    wilson,
+)
+from casswarm.chain.stratified import Estimate
 
 
 def test_paired_interval_matches_literature() -> None:
@@ -104,3 +113,41 @@ def test_stratified_interval_has_nominal_coverage(runs: int) -> None:
         narrower += runs / effective
     assert covered >= binom(2000, 0.95).ppf(0.001)
     assert narrower / 2000 < 0.98
+
+
+def test_clopper_pearson_matches_scipy() -> None:
+    for successes, runs in ((0, 10), (3, 10), (10, 10), (517, 1000), (8, 10)):
+        interval = binomtest(successes, runs).proportion_ci(0.95, method="exact")
+        found = clopper_pearson(successes, runs)
+        assert found == pytest.approx((interval.low, interval.high), abs=1e-12)
+    assert clopper_pearson(1, 10).low == pytest.approx(0.0025)
+    assert clopper_pearson(9, 10).high == pytest.approx(0.9975)
+
+
+@given(
+    st.lists(st.floats(0, 1) | st.sampled_from([0.0, 1e-3, 0.999, 1.0]), min_size=1, max_size=60)
+)
+def test_clopper_pearson_covers_mean_of_different_probabilities(chances: list[float]) -> None:
+    """The level is exact: the number of successes has a Poisson binomial distribution."""
+    masses = np.ones(1)
+    for chance in chances:
+        masses = np.convolve(masses, [1 - chance, chance])
+    mean, runs = float(np.mean(chances)), len(chances)
+    ends = [clopper_pearson(successes, runs) for successes in range(runs + 1)]
+    missed = sum(m for m, e in zip(masses, ends, strict=True) if not e.low <= mean <= e.high)
+    assert missed <= 0.05 + 1e-9
+
+
+@pytest.mark.parametrize("runs", [50, 100])
+@pytest.mark.parametrize("mean", [0.005, 0.01, 0.02])
+@pytest.mark.parametrize("rare", ["success", "failure"])
+def test_estimate_of_rare_event_covers_it(runs: int, mean: float, rare: str) -> None:
+    draws, chances = np.random.default_rng(3), np.linspace(0.0, 2 * mean, runs)
+    nothing: Any = SimpleNamespace(success=(0.0, 1.0))
+    covered = 0
+    for outcomes in draws.random((2000, runs)) < chances:
+        seen = outcomes if rare == "success" else ~outcomes
+        estimate = Estimate(nothing, 1.0, 0.0, runs, int(seen.sum()), effective_runs(seen), 0, 1)
+        low, high = estimate.success
+        covered += low <= (mean if rare == "success" else 1 - mean) <= high
+    assert covered >= binom(2000, 0.95).ppf(0.001)
