@@ -1,0 +1,84 @@
+"""Claims about images: changed units, symmetries, orders of members, and files."""
+
+from __future__ import annotations
+
+import pickle
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from _attack_records import Check, Skip
+from _attack_scenarios import POLICIES, Data, Rng, data_of, draw, moved, scale_length, scale_time
+
+import casswarm as csw
+
+_MIRROR = np.array([[1.0, 0.0], [0.0, -1.0]])
+_QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
+_NEAR = 1e-6
+
+
+def images(rng: Rng) -> Iterator[Check]:
+    """Claim 7: nothing changes in other units, in an image, or in another order of the members."""
+    scenario = draw(rng, members=(1, 3), steps=(2, 7), extremes=bool(rng.random() < 0.3))
+    data = data_of(scenario)
+    kind = str(rng.choice(["length", "time", "shifted", "mirrored", "turned", "permuted"]))
+    if kind == "permuted" and scenario.n == 1:
+        raise Skip("one member has one order")
+    image = csw.Scenario.from_data(_image(rng, kind, data))
+    policy = str(rng.choice(POLICIES))
+    before, after = _numbers(scenario, policy), _numbers(image, policy)
+    for name, value in before.items():
+        error = abs(value - after[name])
+        detail = f"{name} of {policy}: {value!r} and {after[name]!r}"
+        yield Check(f"{kind}, {name}", error, _NEAR, detail)
+
+
+def _image(rng: Rng, kind: str, data: Data) -> Data:
+    extent = float(np.abs(data["swarm"]["positions"] - data["target"]["center"]).max())
+    if kind == "length":
+        return scale_length(data, 10 ** rng.uniform(-3, 3))
+    if kind == "time":
+        return scale_time(data, 10 ** rng.uniform(-3, 3))
+    if kind == "shifted":
+        return moved(data, np.eye(2), rng.normal(size=2) * extent)
+    if kind == "mirrored":
+        return moved(data, _MIRROR, np.zeros(2))
+    if kind == "turned":
+        return moved(data, _QUARTER_TURN, np.zeros(2))
+    order = rng.permutation(len(data["swarm"]["positions"]))
+    return data | {"swarm": data["swarm"] | {"positions": data["swarm"]["positions"][order]}}
+
+
+def _numbers(scenario: csw.Scenario, policy: str) -> dict[str, float]:
+    """Numbers that must not depend on units, axes or order; nothing here may end by the clock."""
+    guide = csw.plan(scenario, gap=0.05, time_limit=300.0)
+    assert guide.survival_bound is not None
+    distribution = csw.evaluate(scenario, policy, 1e-7, max_states=100_000, guide=guide)
+    if not distribution.complete:
+        raise Skip("exact bounds too wide")
+    return {
+        "guide": guide.survival,
+        "certificate": guide.survival_bound,
+        "success bound": csw.success_bound(scenario).value,
+        policy: distribution.success.low,
+    }
+
+
+def files(rng: Rng) -> Iterator[Check]:
+    """Claim 9: a scenario read back from a file, or from a pickle, equals the one saved."""
+    scenario = draw(rng)
+    characters = list("abcß€\"'\\\n\t#=[]{}🙂 ") + ["\u2028", "\x7f"]
+    text = "".join(rng.choice(characters, size=int(rng.integers(0, 12))).tolist())
+    try:
+        scenario = scenario.with_values({"description": text})
+    except csw.ScenarioError:
+        pass  # not every text is allowed
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scenario.toml"
+        csw.save_scenario(scenario, path, comments=bool(rng.random() < 0.5))
+        read = csw.load_scenario(path)
+    yield Check("files, TOML", float(read != scenario), 0.0, repr(text))
+    yield Check("files, hash", float(hash(read) != hash(scenario)), 0.0)
+    again = pickle.loads(pickle.dumps(scenario))
+    yield Check("files, pickle", float(again != scenario), 0.0)

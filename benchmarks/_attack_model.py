@@ -1,0 +1,143 @@
+"""The model from its equations in plain NumPy, independent of casswarm's own: docs/model.md.
+
+Rates (8) and (9) with the regularisation at short distances, the enumeration of the chain (1), and
+projections onto the sets of one member by Dykstra's algorithm.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+import casswarm as csw
+
+_CORE = 0.01  # where the hazard does not state its core radius
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Rates of the paper's two scenarios."""
+
+    radars: np.ndarray
+    strengths: np.ndarray
+    alpha: tuple[float, float, float]
+    beta: tuple[float, float] | None
+    core: float
+
+    @classmethod
+    def from_scenario(cls, scenario: csw.Scenario) -> Rates:
+        """Rates from the numbers of a scenario's hazard table."""
+        table = scenario.hazard_table
+        radars = np.array(table.radars, float)
+        strengths = np.ones(len(radars)) if table.strengths is None else np.array(table.strengths)
+        beta = None if table.beta_1 is None else (table.beta_1, table.beta_2)
+        alpha = table.alpha_1, table.alpha_2, table.alpha_3
+        core = getattr(scenario.hazard, "core_radius", None) or _CORE
+        return cls(radars, strengths, alpha, beta, float(core))
+
+    def single(self, points: np.ndarray) -> np.ndarray:
+        """Rates (...) of a single agent at points (..., 2)."""
+        squared = ((points[..., None, :] - self.radars) ** 2).sum(axis=-1)
+        return self.alpha[0] / (1 + self.alpha[1]) * (self.strengths / self._core(squared)).sum(-1)
+
+    def members(self, positions: np.ndarray, alive: np.ndarray) -> np.ndarray:
+        """Rates (n,) of members at positions (n, 2), without meaning for the destroyed."""
+        rates = np.empty(len(positions))
+        for i, x in enumerate(positions):
+            others = [j for j in np.flatnonzero(alive) if j != i]
+            pairs = [float(((x - positions[j]) ** 2).sum()) for j in others]
+            density = 1.0 + sum(1 / (1 + self.alpha[2] * pair) for pair in pairs)
+            squared = ((x - self.radars) ** 2).sum(axis=-1)
+            source = self.alpha[0] * float((self.strengths / self._core(squared)).sum())
+            rates[i] = source / (1 + self.alpha[1] * density)
+            if self.beta is not None:
+                one, two = self.beta
+                rates[i] += sum((one / np.sqrt(self._core(np.array(p)))) ** two for p in pairs)
+        return rates
+
+    def _core(self, squared: np.ndarray) -> np.ndarray:
+        core = self.core**2
+        return np.where(squared >= core, squared, (core + squared**2 / core) / 2)
+
+
+class Outcomes(NamedTuple):
+    """Distribution of the outcomes: arrival (N+1,), survivors (n+1,), members (n,)."""
+
+    arrival: np.ndarray
+    survivors: np.ndarray
+    members: np.ndarray
+
+
+def enumerate_chain(
+    scenario: csw.Scenario, policy: csw.Policy, initial_velocities: np.ndarray
+) -> Outcomes:
+    """The chain's distribution by recursion over all losses, state by state, equation (1)."""
+    rates, n, steps = Rates.from_scenario(scenario), scenario.n, scenario.n_steps
+    dt = scenario.time.dt
+    center, radius = np.array(scenario.target.center), scenario.target.radius
+    outcomes = Outcomes(np.zeros(steps + 1), np.zeros(n + 1), np.zeros(n))
+
+    def end(alive: np.ndarray, mass: float) -> None:
+        outcomes.survivors[alive.sum()] += mass
+        outcomes.members[alive] += mass
+
+    def visit(step: int, x: np.ndarray, v: np.ndarray, alive: np.ndarray, mass: float) -> None:
+        if step == steps or not alive.any():
+            return end(alive, mass)
+        velocities = policy.velocities(step, x, v, alive)
+        following = x + dt * velocities
+        survival = np.exp(-dt * rates.members(following, alive))
+        inside = np.hypot(*(following - center).T) <= radius
+        living = np.flatnonzero(alive)
+        for lives in itertools.product([True, False], repeat=len(living)):
+            after = np.zeros(n, bool)
+            after[living] = lives
+            share = float(np.prod(np.where(lives, survival[living], 1 - survival[living])))
+            if (after & inside).any():
+                outcomes.arrival[step + 1] += mass * share
+                end(after, mass * share)
+            elif share > 0:
+                keep = after[:, None]
+                visit(
+                    step + 1,
+                    np.where(keep, following, 0.0),
+                    np.where(keep, velocities, 0.0),
+                    after,
+                    mass * share,
+                )
+        return None
+
+    visit(0, np.array(scenario.positions), initial_velocities, np.ones(n, bool), 1.0)
+    return outcomes
+
+
+def project(
+    points: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    centers: np.ndarray,
+    radii: np.ndarray,
+    sweeps: int = 3000,
+) -> np.ndarray:
+    """Project points (m, 2) onto boxes and discs (m, K, 2), (m, K), by Dykstra's algorithm."""
+    x = points.copy()
+    count = radii.shape[-1]
+    corrections = np.zeros((count + 1, *x.shape))
+    for sweep in range(sweeps):
+        before, memory = x.copy(), corrections.copy()
+        for k in range(count + 1):
+            y = x + corrections[k]
+            if k == count:
+                x = np.clip(y, lower, upper)
+            else:
+                offset = y - centers[:, k]
+                length = np.hypot(offset[:, 0], offset[:, 1])
+                factor = np.minimum(1.0, radii[:, k] / np.maximum(length, 1e-300))
+                x = centers[:, k] + offset * factor[:, None]
+            corrections[k] = y - x
+        if sweep and np.array_equal(x, before) and np.array_equal(corrections, memory):
+            break
+    return x

@@ -1,0 +1,229 @@
+"""Random scenarios for ``attack.py``, ordinary and extreme, and their symmetric images."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from _attack_records import Skip
+
+import casswarm as csw
+
+Data = dict[str, Any]
+Rng = np.random.Generator
+
+POLICIES = ("naive", "leader", "constrained", "leader-feedback", "constrained-feedback")
+
+
+def draw(
+    rng: Rng,
+    *,
+    members: tuple[int, int] = (1, 4),
+    steps: tuple[int, int] = (3, 14),
+    extremes: bool = True,
+) -> csw.Scenario:
+    """Draw a scenario; a refused one is skipped, with the key that is refused.
+
+    Numbers of members and of steps are drawn between the given ones. All lengths are relative to a
+    step at full speed, which itself varies over three decades.
+    """
+    data = _ordinary(rng, int(rng.integers(members[0], members[1] + 1)), steps)
+    if extremes and rng.random() < 0.4:
+        rng.choice(np.array(EXTREMES, object))(rng, data)
+    try:
+        return csw.Scenario.from_data(data)
+    except csw.ScenarioError as error:
+        key = str(getattr(error, "key", "")).partition("[")[0]
+        raise Skip(f"scenario refused: {key}") from None
+
+
+def _ordinary(rng: Rng, n: int, between: tuple[int, int]) -> Data:
+    steps = int(rng.integers(between[0], between[1] + 1))
+    dt, v_max = 10 ** rng.uniform(-1, 0.3), 10 ** rng.uniform(-0.5, 1)
+    step = dt * v_max
+    offset = np.zeros(2) if rng.random() < 0.7 else rng.normal(size=2) * 10 ** rng.uniform(0, 4)
+    angle = rng.uniform(0, 2 * math.pi)
+    direction = np.array([math.cos(angle), math.sin(angle)])
+    direction /= np.abs(direction).max()
+    way = step * steps * rng.uniform(0.3, 0.95) * direction
+    length = float(np.hypot(*way))
+    spread = step * 10 ** rng.uniform(-2, 0.3)
+    data: Data = {
+        "name": "attack",
+        "swarm": {
+            "positions": offset + spread * rng.normal(size=(n, 2)),
+            "v_max": v_max,
+            "a_max": (v_max * 10 ** rng.uniform(-0.7, 0.5)) ** 2,
+            "velocity": "guide",
+        },
+        "target": {"center": offset + way, "radius": step * 10 ** rng.uniform(-1.3, 0.3)},
+        "time": {"dt": dt, "t_f": dt * steps},
+        "hazard": _hazard(rng, offset, way, step, dt * steps),
+        "guide": _guide(rng),
+        "formation": {"rho": (step * 10 ** rng.uniform(-1.5, 0.5)) ** 2},
+    }
+    kind = rng.random()
+    if kind < 0.3:
+        data["swarm"]["velocity"] = v_max * rng.uniform(-1, 1, size=2)
+    elif kind < 0.5:
+        data["swarm"]["velocity"] = 0.9 * v_max * way / max(length, 1e-300)
+    return data
+
+
+def _hazard(rng: Rng, offset: np.ndarray, way: np.ndarray, step: float, t_f: float) -> Data:
+    k = int(rng.integers(1, 6))
+    length = float(np.hypot(*way))
+    across = np.array([-way[1], way[0]]) * rng.normal(scale=0.25, size=(k, 1))
+    across[rng.random(k) < 0.2] = 0.0  # on the straight line
+    alpha_2 = 0.0 if rng.random() < 0.1 else 10 ** rng.uniform(-1, 1.5)
+    risk = 10 ** rng.uniform(-1.5, 0.7)
+    hazard: Data = {
+        "kind": "saturation",
+        "radars": offset + rng.uniform(0.05, 1.1, size=(k, 1)) * way + across,
+        "alpha_1": (1 + alpha_2) * risk * (0.3 * length) ** 2 / (t_f * k),
+        "alpha_2": alpha_2,
+        "alpha_3": (10 ** rng.uniform(-1, 1) / step) ** 2,
+    }
+    if rng.random() < 0.5:
+        hazard["strengths"] = 10 ** rng.uniform(-1, 1, size=k)
+    if rng.random() < 0.5:
+        hazard["kind"] = "saturation+collision"
+        hazard["beta_1"] = step * 10 ** rng.uniform(-1.5, 0)
+        hazard["beta_2"] = rng.uniform(1, 8)
+    return hazard
+
+
+def _guide(rng: Rng) -> Data:
+    guide: Data = {
+        "search": "global" if rng.random() < 0.8 else "local",
+        "arrival": "any" if rng.random() < 0.7 else "horizon",
+        "acceleration_limited": bool(rng.random() < 0.6),
+    }
+    if rng.random() < 0.3:
+        guide["margin"] = 0.0
+    return guide
+
+
+def _far(rng: Rng, data: Data) -> None:
+    """The target is barely reachable."""
+    positions = np.array(data["swarm"]["positions"])
+    start = positions[_central(positions)]
+    way = data["target"]["center"] - start
+    reach = data["time"]["t_f"] * data["swarm"]["v_max"] * (1 - 10 ** rng.uniform(-12, -2))
+    data["target"]["radius"] *= 1e-2
+    data["target"]["center"] = start + way / np.abs(way).max() * (reach + data["target"]["radius"])
+    data["guide"]["acceleration_limited"] = False
+
+
+def _central(positions: np.ndarray) -> int:
+    return int(np.argmin(np.hypot(*(positions - positions.mean(axis=0)).T)))
+
+
+def _coincident(_: Rng, data: Data) -> None:
+    """All members begin at the same point."""
+    data["swarm"]["positions"] = np.repeat(data["swarm"]["positions"][:1], 4, 0)[
+        : len(data["swarm"]["positions"])
+    ]
+
+
+def _pair(_: Rng, data: Data) -> None:
+    """The last member begins where the first does, and another far away."""
+    positions = data["swarm"]["positions"]
+    positions[-1] = positions[0]
+    if len(positions) > 2:
+        positions[1] += 1e3 * (positions[1] - positions[0])
+
+
+def _inside(rng: Rng, data: Data) -> None:
+    """The swarm begins in the target or at its rim."""
+    angle, radius = rng.uniform(0, 2 * math.pi), data["target"]["radius"]
+    rim = radius * (1 + rng.choice([-1e-3, 0.0, 1e-15, 1e-9, 1e-3]))
+    data["target"]["center"] = data["swarm"]["positions"][0] + rim * np.array(
+        [math.cos(angle), math.sin(angle)]
+    )
+
+
+def _radar_on_the_line(rng: Rng, data: Data) -> None:
+    """A radar stands exactly between start and target, on the target, or near the start."""
+    start, center = data["swarm"]["positions"][0], data["target"]["center"]
+    data["hazard"]["radars"][0] = start + rng.choice([0.01, 0.5, 1.0]) * (center - start)
+
+
+def _slow(rng: Rng, data: Data) -> None:
+    """All lengths are tiny, or large."""
+    scaled = scale_length(data, 10 ** rng.uniform(-4, 4))
+    data.clear()
+    data.update(scaled)
+
+
+def _tight(rng: Rng, data: Data) -> None:
+    """The acceleration limit or the corridor is very tight, or neither limits."""
+    tight = rng.random() < 0.6
+    data["swarm"]["a_max"] *= 10 ** (rng.uniform(-6, -2) if tight else rng.uniform(2, 8))
+    data["formation"]["rho"] *= 10 ** (rng.uniform(-8, -2) if tight else rng.uniform(2, 6))
+
+
+def _deadly(rng: Rng, data: Data) -> None:
+    """Rates are huge, or vanish."""
+    data["hazard"]["alpha_1"] *= 10 ** rng.choice([-8.0, -4.0, 2.0, 4.0])
+
+
+EXTREMES: tuple[Callable[[Rng, Data], None], ...] = (
+    _far, _coincident, _pair, _inside, _radar_on_the_line, _slow, _tight, _deadly,
+)  # fmt: skip
+
+
+def data_of(scenario: csw.Scenario) -> Data:
+    """The tables of a scenario, with lists of points as arrays."""
+    data = scenario.model_dump(by_alias=True, exclude_none=True)
+    data["swarm"]["positions"] = np.array(data["swarm"]["positions"])
+    data["hazard"]["radars"] = np.array(data["hazard"]["radars"])
+    data["hazard"].pop("parameters", None)
+    data["target"]["center"] = np.array(data["target"]["center"])
+    if data["swarm"].get("velocity", "guide") != "guide":
+        data["swarm"]["velocity"] = np.array(data["swarm"]["velocity"])
+    return data
+
+
+def _multiplied(data: Data, powers: dict[str, float], factor: float) -> Data:
+    """The tables with numbers multiplied by powers of a factor, by dotted key."""
+    scaled = {key: dict(part) if isinstance(part, dict) else part for key, part in data.items()}
+    for key, power in powers.items():
+        table, name = key.split(".")
+        if isinstance(value := scaled[table].get(name), int | float | np.ndarray):
+            scaled[table][name] = value * factor**power
+    return scaled
+
+
+def scale_length(data: Data, factor: float) -> Data:
+    """The same scenario in another unit of length."""
+    powers = {
+        "swarm.positions": 1, "swarm.velocity": 1, "swarm.v_max": 1, "swarm.a_max": 2,
+        "target.center": 1, "target.radius": 1, "hazard.radars": 1, "hazard.alpha_1": 2,
+        "hazard.alpha_3": -2, "hazard.beta_1": 1, "hazard.core_radius": 1, "guide.a_max": 2,
+        "guide.margin": 1, "guide.gamma": -1, "formation.rho": 2,
+    }  # fmt: skip
+    return _multiplied(data, powers, factor)
+
+
+def scale_time(data: Data, factor: float) -> Data:
+    """The same scenario in another unit of time."""
+    powers = {
+        "swarm.velocity": -1, "swarm.v_max": -1, "swarm.a_max": -2, "time.dt": 1, "time.t_f": 1,
+        "hazard.alpha_1": -1, "guide.a_max": -2,
+    }  # fmt: skip
+    if data["hazard"]["kind"] == "saturation+collision":
+        powers["hazard.beta_1"] = -1 / data["hazard"]["beta_2"]
+    return _multiplied(data, powers, factor)
+
+
+def moved(data: Data, matrix: np.ndarray, shift: np.ndarray) -> Data:
+    """The scenario after a signed permutation of the axes (2, 2) and a translation (2,)."""
+    image = _multiplied(data, {}, 1.0)
+    for table, name in (("swarm", "positions"), ("target", "center"), ("hazard", "radars")):
+        image[table][name] = data[table][name] @ matrix.T + shift
+    if isinstance(velocity := data["swarm"].get("velocity"), np.ndarray):
+        image["swarm"]["velocity"] = velocity @ matrix.T
+    return image
