@@ -11,6 +11,7 @@ from _attack_records import Check, Skip
 from _attack_scenarios import POLICIES, Rng, draw
 
 import casswarm as csw
+from casswarm.policies.planned_paths import JointPolicy
 
 _EPS = 2.0**-52
 _SPEED = 1 + 1e-12  # the excess of speed that the chain allows
@@ -185,7 +186,8 @@ def success(rng: Rng) -> Iterator[Check]:
 def _below(scenario: csw.Scenario, policy: object, bound: csw.SuccessBound) -> Check:
     distribution = csw.evaluate(scenario, policy, 1e-4, max_states=20_000)
     low = distribution.success.low
-    part = "success, given policies" if isinstance(policy, str) else "success, pushing policies"
+    part = "success, policies" if isinstance(policy, str) else "success, pushing"
+    detail = f"{distribution.policy}: {low!r} > {bound.value!r}"
     return Check(
         part, low - bound.value, 1e-13, f"{distribution.policy}: {low!r} > {bound.value!r}"
     )
@@ -195,9 +197,9 @@ def joint(rng: Rng) -> Iterator[Check]:
     """Claim 8: a joint plan is what it states, within its limits and `success_bound`."""
     scenario = draw(rng, members=(1, 3), steps=(2, 8))
     plan = csw.plan_swarm(scenario, seed=int(rng.integers(1000)), time_limit=10.0)
-    assert plan.distribution is not None and plan.success is not None and plan.bound is not None
-    from casswarm.policies.planned_paths import JointPolicy
-
+    assert plan.distribution is not None
+    assert plan.success is not None
+    assert plan.bound is not None
     exact = csw.evaluate(scenario, JointPolicy.from_plan(plan), 0.0).success
     difference = max(exact.low - plan.success.high, plan.success.low - exact.high)
     yield Check("joint, stated success", difference, 1e-12, f"{exact} is not {plan.success}")

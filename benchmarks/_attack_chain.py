@@ -66,7 +66,7 @@ def _sampled(study: csw.Study, bounds: tuple[float, float], name: str) -> Check:
 
 
 def intervals(rng: Rng) -> Iterator[Trial]:
-    """Claim 4: 95 % intervals of `simulate` and `estimate` contain the exact success probability."""
+    """Claim 4: 95 % intervals of `simulate` and `estimate` contain the exact success."""
     scenario = draw(rng, members=(1, 3), steps=(3, 9))
     guide = csw.plan(scenario, certify=False)
     policy = csw.make_policy(str(rng.choice(POLICIES)), scenario, guide)

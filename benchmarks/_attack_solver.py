@@ -48,8 +48,9 @@ def solver(rng: Rng) -> Iterator[Check]:
         detail = f"{kind}: {value!r}, {answer.objective[row]!r}"
         error = abs(value - answer.objective[row]) / max(scale, abs(value))
         yield Check("solver, objective", error, 1e-9, detail)
-        if not answer.success[row]:
-            yield Check("solver, unsolved", 0.0, 0.0)
+        if not answer.success[row] or not formation.free[row].any():
+            part = "solver, not solved" if formation.free[row].any() else "solver, none free"
+            yield Check(part, 0.0)
             continue
         yield from _residuals(formation, row, answer.x[row], gradient, kind)
         v_max = float(instances.scale[row, 0])
@@ -58,7 +59,7 @@ def solver(rng: Rng) -> Iterator[Check]:
             gain = (answer.objective[row] - again.objective[row]) / max(scale, abs(value))
             yield Check("solver, Ipopt", float(gain), 1e-6, f"{kind}: {detail}")
         elif again.success[row]:
-            yield Check("solver, Ipopt ends elsewhere", 0.0, 0.0)
+            yield Check("solver, Ipopt ends elsewhere", 0.0)
 
 
 def _states(rng: Rng, scenario: csw.Scenario) -> Step:
@@ -111,7 +112,6 @@ def _objective(scenario: csw.Scenario):
     function = ca.Function("f", [x, v, alive, weights], [total, ca.gradient(total, ca.vec(v))])
 
     def evaluate(step: Step, formation: Formation, row: int, u: np.ndarray) -> tuple:
-        parameters = formation.nlp.pack_parameters  # noqa: F841  (the weights are a block of p)
         start = 5 * n  # of p: positions, previous velocities, alive, weights
         chosen = formation.instances.p[row, start : start + n]
         value, slope = function(
