@@ -188,9 +188,7 @@ def _below(scenario: csw.Scenario, policy: object, bound: csw.SuccessBound) -> C
     low = distribution.success.low
     part = "success, policies" if isinstance(policy, str) else "success, pushing"
     detail = f"{distribution.policy}: {low!r} > {bound.value!r}"
-    return Check(
-        part, low - bound.value, 1e-13, f"{distribution.policy}: {low!r} > {bound.value!r}"
-    )
+    return Check(part, low - bound.value, 1e-13, detail)
 
 
 def joint(rng: Rng) -> Iterator[Check]:

@@ -35,7 +35,8 @@ def enumeration(rng: Rng) -> Iterator[Check]:
         error = float(np.abs(ours - theirs).max())
         yield Check(f"enumeration, {part}", error, 1e-9, f"{name}: {ours} is not {theirs}")
     yield Check("enumeration, mass", exact.residual_mass, 0.0, f"{name}: not complete")
-    coarse = csw.evaluate(scenario, policy, 10 ** rng.uniform(-3, -0.5), guide=guide)
+    tolerance, budget = 10 ** rng.uniform(-3, -0.5), int(10 ** rng.uniform(0, 4))
+    coarse = csw.evaluate(scenario, policy, tolerance, max_states=budget, guide=guide)
     low, high = coarse.success
     success = float(truth.arrival.sum())
     yield Check(

@@ -49,7 +49,7 @@ def _on_one_line(array: re.Match[str]) -> str:
 def annotated(text: str, model: type[BaseModel]) -> str:
     """Text of a scenario file with the descriptions in `model` as comments."""
     known, lines = fields(model), []
-    for line in text.splitlines():
+    for line in text.removesuffix("\n").split("\n"):  # texts may hold other line separators
         table, key = re.fullmatch(r"\[(\w+)\]", line), re.match(r"(\w+) = ", line)
         description: str | None = None
         if table and table[1] in fields(model):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -94,3 +95,12 @@ def test_saved_scenario_loads_as_equal(
     assert load_scenario(path) == scenario
     assert pickle.loads(pickle.dumps(scenario)) == scenario
     assert scenario.with_values({}) == scenario
+
+
+@pytest.mark.parametrize("comments", [False, True])
+def test_saved_description_with_line_separators_loads_as_equal(
+    comments: bool, tmp_path: Path
+) -> None:
+    scenario = load_scenario("paper-1").with_values({"description": "a\u2028b\u0085c\nd"})
+    save_scenario(scenario, tmp_path / "scenario.toml", comments=comments)
+    assert load_scenario(tmp_path / "scenario.toml") == scenario
