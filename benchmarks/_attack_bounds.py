@@ -11,7 +11,8 @@ from _attack_records import Check, Skip
 from _attack_scenarios import POLICIES, Rng, draw
 
 import casswarm as csw
-from casswarm.policies.planned_paths import JointPolicy
+from casswarm.planning.joint import PlanTree
+from casswarm.policies.planned_paths import JointPolicy, ReplanningPolicy
 
 _EPS = 2.0**-52
 _SPEED = 1 + 1e-12  # the excess of speed that the chain allows
@@ -46,6 +47,34 @@ def risk(rng: Rng) -> Iterator[Check]:
             yield Check(f"risk, {part}", bound - least, limit, f"bound {bound!r}, risk {least!r}")
     for velocities in known[:5] + known[-5:]:
         yield from _along(paths, value, velocities)
+    yield _ordered(rng, scenario, value)
+    yield from _guide_limits(scenario, guide)
+
+
+def _guide_limits(scenario: csw.Scenario, guide: csw.Guide) -> Iterator[Check]:
+    """A guide arrives, within the limits of speed and, if they apply to it, of acceleration."""
+    v_max, velocity = scenario.swarm.v_max, scenario.swarm.velocity
+    yield Check("guide, speed", float(np.abs(guide.velocities).max()) / v_max - 1, 1e-12)
+    inside = scenario.target.contains(guide.positions)
+    yield Check("guide, first arrival", float(inside.argmax() != guide.arrival or not inside.any()))
+    if not scenario.guide.acceleration_limited:
+        return
+    changes = np.hypot(*np.diff(guide.velocities, axis=0).T)
+    limit = np.sqrt(scenario.guide_a_max)
+    yield Check("guide, acceleration", float(changes.max(initial=0.0) - limit) / v_max, 1e-12)
+    if velocity != "guide":
+        change = float(np.hypot(*(guide.velocities[0] - velocity)))
+        excess = (change - np.sqrt(scenario.swarm.a_max)) / v_max
+        yield Check("guide, first acceleration", excess, 1e-12)
+
+
+def _ordered(rng: Rng, scenario: csw.Scenario, value: csw.ValueFunction) -> Check:
+    """The value function's lower bounds are below its upper ones, anywhere."""
+    start, center = np.array(scenario.guide_start), np.array(scenario.target.center)
+    points = start + rng.uniform(-0.2, 1.2, size=(300, 1)) * (center - start)
+    points += 0.3 * rng.normal(size=points.shape) * np.abs(center - start).max()
+    low, high = value.bounds(int(rng.integers(scenario.n_steps)), points)
+    return Check("value function, order", float((low > high * (1 + 1e-12)).sum()))
 
 
 def _along(paths: _Paths, value: csw.ValueFunction, velocities: np.ndarray) -> Iterator[Check]:
@@ -201,6 +230,10 @@ def joint(rng: Rng) -> Iterator[Check]:
     exact = csw.evaluate(scenario, JointPolicy.from_plan(plan), 0.0).success
     difference = max(exact.low - plan.success.high, plan.success.low - exact.high)
     yield Check("joint, stated success", difference, 1e-12, f"{exact} is not {plan.success}")
+    if rng.random() < 0.3:
+        policy = ReplanningPolicy(PlanTree(scenario, plan), JointPolicy.from_plan(plan))
+        again = csw.evaluate(scenario, policy, 0.0).success
+        yield Check("joint, replanning", plan.success.low - again.high, 1e-12, f"{again}")
     failure, least = plan.distribution.failure, plan.bound.failure
     detail = f"failure {failure!r} below the bound {least!r}"
     yield Check("joint, bound", least - failure, 1e-12 * failure, detail)

@@ -39,6 +39,10 @@ def enumeration(rng: Rng) -> Iterator[Check]:
     coarse = csw.evaluate(scenario, policy, tolerance, max_states=budget, guide=guide)
     low, high = coarse.success
     success = float(truth.arrival.sum())
+    outside = max(low - success, success - high)
+    for part in ("arrival", "survivors", "members"):
+        missing = getattr(truth, part) - getattr(coarse, part)
+        outside = max(outside, -missing.min(), missing.max() - coarse.residual_mass)
     yield Check(
         "enumeration, bounds", max(low - success, success - high), 1e-9, f"{name}: {coarse}"
     )

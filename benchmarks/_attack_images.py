@@ -31,6 +31,8 @@ def images(rng: Rng) -> Iterator[Check]:
     try:
         after = _numbers(csw.Scenario.from_data(changed), policy)
     except csw.CasswarmError as error:
+        if "from 1e-09" in str(error):
+            raise Skip("image out of the range of numbers") from None
         yield Check(f"{kind}, refused", np.inf, 0.0, str(error))
         return
     if scenario.hazard_table.kind == "saturation+collision":

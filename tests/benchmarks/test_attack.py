@@ -1,0 +1,53 @@
+"""The random search for violated claims: claims hold on a few draws, and false ones are found."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+FOLDER = Path(__file__).parents[2] / "benchmarks"
+
+
+@pytest.fixture
+def attack(monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.syspath_prepend(str(FOLDER))
+    import attack
+
+    yield attack
+    for name in [name for name in sys.modules if name == "attack" or name.startswith("_attack")]:
+        del sys.modules[name]
+
+
+@pytest.mark.parametrize("claim", ["risk", "success", "enumeration", "limits", "joint", "files"])
+def test_claim_on_fixed_draws_holds(attack: Any, claim: str) -> None:
+    record = attack.search([claim], seed=10, draws=1)[claim]
+    assert record.draws == 1
+    assert sum(tally.checks for tally in record.parts.values()) > 0
+    assert record.violations == 0
+
+
+def test_false_claims_are_found(
+    attack: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def false(_: object) -> Iterator[object]:
+        yield attack.Check("right", 0.0)
+        yield attack.Check("wrong", 1.0)
+        yield attack.Check("undefined", float("nan"))
+        yield from [attack.Trial("coverage", number % 2 == 0) for number in range(100)]
+        raise ZeroDivisionError
+
+    monkeypatch.setitem(attack.CLAIMS, "false", false)
+    records = attack.search(["false"], seed=3, draws=1)
+    assert attack.report(records) == 4
+    assert "--replay false 3" in capsys.readouterr().out
+
+
+def test_draws_with_the_same_seed_are_equal(attack: Any) -> None:
+    from _attack_scenarios import draw
+
+    first, second = (draw(attack.np.random.default_rng([1, 2])) for _ in range(2))
+    assert first == second
