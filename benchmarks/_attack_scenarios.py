@@ -170,8 +170,32 @@ def _deadly(rng: Rng, data: Data) -> None:
     data["hazard"]["alpha_1"] *= 10 ** rng.choice([-8.0, -4.0, 2.0, 4.0])
 
 
+def _wild(rng: Rng, data: Data) -> None:
+    """Protection and collisions reach very far or not at all, or are very strong or weak."""
+    for key in sorted({"alpha_2", "alpha_3", "beta_1", "beta_2"} & set(data["hazard"])):
+        if rng.random() < 0.6:
+            data["hazard"][key] *= 10 ** rng.uniform(-5, 3)
+
+
+def _remote(rng: Rng, data: Data) -> None:
+    """The origin is so far away that positions have few digits."""
+    shift = rng.normal(size=2) * 10 ** rng.uniform(4, 8)
+    image = moved(data, np.eye(2), shift)
+    data.clear()
+    data.update(image)
+
+
+def _clock(rng: Rng, data: Data) -> None:
+    """The horizon is not a whole number of steps, or the unit of time is unusual."""
+    data["time"]["t_f"] += rng.random() * data["time"]["dt"]
+    scaled = scale_time(data, 10 ** rng.uniform(-4, 4))
+    data.clear()
+    data.update(scaled)
+
+
 EXTREMES: tuple[Callable[[Rng, Data], None], ...] = (
     _far, _coincident, _pair, _inside, _radar_on_the_line, _slow, _tight, _deadly,
+    _wild, _remote, _clock,
 )  # fmt: skip
 
 
