@@ -61,7 +61,10 @@ def solver(rng: Rng) -> Iterator[Check]:
             gain = (value - objective(step, formation, row, other)[0]) / max(scale, abs(value))
             yield Check("solver, Ipopt", gain, 1e-6, f"{kind}: {detail}")
         elif again.success[row]:
-            yield Check("solver, Ipopt ends elsewhere", 0.0)
+            better = again.objective[row] < answer.objective[row] - 1e-6 * max(scale, abs(value))
+            yield Check(
+                f"solver, Ipopt ends elsewhere, {'better' if better else 'not better'}", 0.0
+            )
 
 
 def _states(rng: Rng, scenario: csw.Scenario) -> Step:
