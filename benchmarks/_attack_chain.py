@@ -47,7 +47,7 @@ def enumeration(rng: Rng) -> Iterator[Check]:
         "enumeration, bounds", max(low - success, success - high), 1e-9, f"{name}: {coarse}"
     )
     study = csw.simulate(scenario, policy, _RUNS, int(rng.integers(1 << 30)), guide=guide)
-    yield _sampled(study, (success, success), name)
+    yield _sampled(study, (success, success), name)._replace(part="enumeration, sampling")
 
 
 def sampling(rng: Rng) -> Iterator[Check]:
