@@ -15,8 +15,10 @@ from ...problems.joint_instances import JointTask
 from ...typing import Progress
 from ..bounds.success_bound import success_bound
 from ..guide import Guide
+from ..kinematics import integrate
 from ..plan import initial_velocities, plan
 from .distribution import PlanDistribution
+from .frame import Frame
 from .initial_guesses import INITIAL_GUESSES
 from .plan import SwarmPlan, least_distance
 from .search import MAX_EXACT_FIRST, JointSearch
@@ -99,29 +101,38 @@ def plan_swarm(
         raise ValueError(f"time_limit = {time_limit!r}; allowed: seconds above 0")
     guide = plan(scenario, certify=False) if guide is None else guide
     velocities = initial_velocities(scenario, guide)
-    task = JointTask.from_scenario(scenario, velocities, min_distance or 0.0)
+    frame = Frame.of_scenario(scenario, velocities[0])
+    framed = frame.scenario_in(scenario)
+    task = JointTask.from_scenario(framed, frame.members_to(velocities), min_distance or 0.0)
     solvers = _solvers(solver, scenario.n, solver_options)
     deadline = math.inf if time_limit is None else started + time_limit
-    search = JointSearch(scenario, task, objective, solvers, deadline, progress)
-    best = search.run(initial_guesses, seed)
-    positions = search.problem.positions(best.velocities)
+    search = JointSearch(framed, task, objective, solvers, deadline, _renamed(progress, frame))
+    best = frame.outcome_from(search.run(initial_guesses, seed))
+    positions = integrate(scenario.positions, best.velocities, scenario.time.dt)
     exact = search.problem.form.exact
     return SwarmPlan(
         scenario=scenario.name,
         objective=objective,
         positions=positions,
         velocities=best.velocities,
-        initial_velocities=task.initial_velocities,
+        initial_velocities=velocities,
         motion=task.motion,
         arrivals=first_arrivals(scenario, positions),
         value=best.value,
         distribution=PlanDistribution.from_positions(scenario, positions) if exact else None,
         solution=best.solution,
-        outcomes=tuple(search.outcomes),
+        outcomes=tuple(map(frame.outcome_from, search.outcomes)),
         bound=success_bound(scenario),
         min_distance=min_distance,
         seconds=time.perf_counter() - started,
     )
+
+
+def _renamed(progress: Progress | None, frame: Frame) -> Progress | None:
+    """The same progress for a search in a frame."""
+    if progress is None:
+        return None
+    return lambda text, done, total: progress(frame.name_from(text), done, total)
 
 
 def _require_known(objective: str, kinds: Sequence[str]) -> None:

@@ -1,0 +1,141 @@
+"""The frame in which a swarm is planned, so that all images of a scenario have the same plan.
+
+Limits of speed are squares along the axes. So quarter turns, mirrors and permutations of members
+map scenarios to equivalent ones. Solves are local, and their results may depend on a direction or
+on an order; every scenario is therefore planned in a frame that its own geometry defines, and the
+plan is mapped back. Both maps only swap and negate coordinates, and are exact.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...scenario.hazard_section import CONSTANTS
+from ...typing import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from ...scenario import Scenario
+    from .plan import SwarmOutcome
+
+_TURN, _MIRROR = np.array([[0.0, -1.0], [1.0, 0.0]]), np.diag([1.0, -1.0])
+
+SYMMETRIES = tuple(
+    np.linalg.matrix_power(_TURN, quarters) @ mirror + 0.0
+    for mirror in (np.eye(2), _MIRROR)
+    for quarters in range(4)
+)
+"""The eight orthogonal matrices (2, 2) that map the axes to each other; the identity first."""
+
+_DIGITS = 9  # of lengths relative to the scenario's, and
+_DIGITS_SPEED = 6  # of speeds relative to v_max, which a solver computes: equal up to rounding
+_SIDES = re.compile(r"\b[LR]+\b")
+_MIRRORED = str.maketrans("LR", "RL")
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Axes and an order of members.
+
+    Parameters
+    ----------
+    matrix : (2, 2)
+        One of `SYMMETRIES`, from the scenario's axes to those of the frame.
+    order : (n,) int
+        Member of the scenario for every member in the frame.
+    """
+
+    matrix: FloatArray
+    order: IntArray
+
+    @classmethod
+    def of_scenario(cls, scenario: Scenario, velocity: FloatArray) -> Frame:
+        """The frame that a scenario and the V(-1) of its members, (2,), define.
+
+        Of the eight, it is the one with the greatest key in lexicographic order. Scenarios with the
+        same key in two frames are equal in them. The rates of users may depend on directions and
+        members; their scenarios keep theirs.
+        """
+        if scenario.hazard_table.kind not in CONSTANTS:
+            return cls(np.eye(2), np.arange(scenario.n))
+        matrix = max(SYMMETRIES, key=lambda each: _key(scenario, velocity, each))
+        return cls(matrix, _sorting(_offsets(scenario, scenario.positions) @ matrix.T))
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether the frame is the scenario's own."""
+        in_order = bool((np.diff(self.order) > 0).all())
+        return in_order and np.array_equal(self.matrix, SYMMETRIES[0])
+
+    def members_to(self, vectors: FloatArray) -> FloatArray:
+        """Vectors (..., n, 2) of the scenario's members in the frame."""
+        return np.asarray(vectors[..., self.order, :] @ self.matrix.T + 0.0)
+
+    def members_from(self, vectors: FloatArray) -> FloatArray:
+        """Vectors (..., n, 2) of the frame's members in the scenario."""
+        return np.asarray(vectors[..., np.argsort(self.order), :] @ self.matrix + 0.0)
+
+    def scenario_in(self, scenario: Scenario) -> Scenario:
+        """The scenario in the frame; its radars keep their order."""
+        if self.is_identity:
+            return scenario
+        values: dict[str, object] = {
+            "swarm.positions": self.members_to(scenario.positions),
+            "target.center": self._points(scenario.target.center),
+            "hazard.radars": self._points(scenario.hazard_table.radars),
+        }
+        if scenario.swarm.velocity != "guide":
+            values["swarm.velocity"] = self._points(scenario.swarm.velocity)
+        return scenario.with_values(values)
+
+    def outcome_from(self, outcome: SwarmOutcome) -> SwarmOutcome:
+        """An outcome of the frame, with its solution, in the scenario."""
+        x = outcome.solution.x.reshape(-1, len(self.order), 2)
+        return replace(
+            outcome,
+            start=self.name_from(outcome.start),
+            arrivals=outcome.arrivals[np.argsort(self.order)],
+            velocities=self.members_from(outcome.velocities),
+            solution=replace(outcome.solution, x=self.members_from(x).ravel()),
+        )
+
+    def name_from(self, text: str) -> str:
+        """A text with homotopy signatures of the frame, with those of the scenario."""
+        if np.linalg.det(self.matrix) > 0:
+            return text
+        return _SIDES.sub(lambda sides: sides.group().translate(_MIRRORED), text)
+
+    def _points(self, points: object) -> FloatArray:
+        return np.asarray(np.asarray(points, float).reshape(-1, 2) @ self.matrix.T + 0.0).squeeze()
+
+
+def _key(scenario: Scenario, velocity: FloatArray, matrix: FloatArray) -> list[float]:
+    """Numbers that tell the images of a scenario apart, whatever the order of members and radars.
+
+    The direction to the target comes first, and V(-1) last: a solver may have computed it.
+    """
+    offsets = _offsets(scenario, scenario.positions) @ matrix.T
+    table = scenario.hazard_table
+    radars = _offsets(scenario, np.array(table.radars, float).reshape(-1, 2)) @ matrix.T
+    weighted = np.column_stack([radars, table.strengths or np.ones(len(radars))])
+    # exact sums do not depend on the order
+    direction = [-round(math.fsum(column) / len(offsets), _DIGITS) for column in offsets.T]
+    parts = [rows[_sorting(rows)].ravel().tolist() for rows in (offsets, weighted)]
+    speeds = np.round(velocity @ matrix.T / scenario.swarm.v_max, _DIGITS_SPEED)
+    return [*direction, *parts[0], *parts[1], *speeds.tolist()]
+
+
+def _offsets(scenario: Scenario, points: FloatArray) -> FloatArray:
+    """Offsets of points (m, 2) from the target's centre, scaled and rounded."""
+    center = np.array(scenario.target.center)
+    length = np.abs(scenario.positions - center).max() + scenario.target.radius
+    return np.asarray(np.round((points - center) / length, _DIGITS))
+
+
+def _sorting(rows: FloatArray) -> IntArray:
+    """Order of rows that depends on their values only."""
+    return np.asarray(np.lexsort(rows.T[::-1]))
