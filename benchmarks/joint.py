@@ -19,6 +19,7 @@ from functools import partial
 
 import casadi as ca
 import numpy as np
+from _random_swarms import has_guide, random_restarts, random_scenario
 from _timing import arguments, print_table, timed
 
 import casswarm as csw
@@ -61,6 +62,33 @@ def seeds(quick: bool) -> Iterable[Row]:
             str(best.bound).removeprefix("no policy can exceed "),
             f"{clock:.1f} s ({cpu:.1f})",
         )
+
+
+def restarts(quick: bool) -> Iterable[Row]:
+    """Plans of random scenarios against the best of 40 random restarts of the same solver."""
+    count, ratios, seconds = 40, [], []
+    for seed in range(10 if quick else 100):
+        scenario = random_scenario(seed)
+        if not has_guide(scenario):
+            continue
+        plan, *of_plan = timed(partial(csw.plan_swarm, scenario))
+        search = partial(random_restarts, scenario, plan.initial_velocities, count, seed)
+        best, *of_restarts = timed(search)
+        ratios.append((1 - plan.value) / (1 - best))
+        seconds.append((of_plan[1], of_restarts[1]))
+    ratio, cpu = np.array(ratios), np.array(seconds)
+    yield (
+        len(ratio),
+        *(int((ratio > 1 + share).sum()) for share in (0.01, 0.001)),
+        f"{ratio.max():.3f}",
+        int((ratio < 0.99).sum()),
+        *(f"{median:.2f} s ({total:.0f})" for median, total in zip(*summary(cpu), strict=True)),
+    )
+
+
+def summary(cpu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Medians and totals of columns."""
+    return np.median(cpu, axis=0), cpu.sum(axis=0)
 
 
 def sizes(quick: bool) -> Iterable[Row]:
@@ -206,6 +234,18 @@ TABLES: dict[str, tuple[Sequence[str], Callable[[bool], Iterable[Row]]]] = {
             "time (CPU)",
         ),
         seeds,
+    ),
+    "Restarts": (
+        (
+            "scenarios",
+            "beaten by 1 %",
+            "by 0.1 %",
+            "worst ratio of failures",
+            "better by 1 %",
+            "CPU of a plan, median (total)",
+            "of 40 restarts",
+        ),
+        restarts,
     ),
     "Members": (
         ("scenario", "n", "failure", "lower bound", "status", "gradient", "time (CPU)"),

@@ -117,6 +117,8 @@ def joint_nlp(hazard: Hazard, form: JointForm) -> Nlp:
     points = ca.repmat(p["origin"], n, steps) + p["length"] * X
     if form.exact:
         step = _step(hazard, n)
+        if n <= MAX_MEMBERS:
+            step = _scalar(step)
         backwards = step.mapaccum("recursion", steps)
         clocks = ca.repmat(p["clock"], 1, steps)
         reverse = (each[:, ::-1] for each in (points, p["continues"], p["costs"]))
@@ -156,6 +158,14 @@ def _step(hazard: Hazard, n: int) -> Expr:
         q = ca.reshape(lost[:, i][masks.ravel(order="F").tolist()], *masks.shape)
         contracted = ca.vertcat(outside, alive + q * (dead - alive))
     return ca.Function("step", [value, x, continues, cost, clock], [contracted])
+
+
+def _scalar(function: Expr) -> Expr:
+    """The function of scalar operations, which is faster; itself for rates that have none."""
+    try:
+        return function.expand()
+    except RuntimeError:
+        return function
 
 
 def _mean_field(hazard: Hazard, form: JointForm, p: Mapping[str, Expr], points: Expr) -> Expr:

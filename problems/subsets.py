@@ -53,16 +53,17 @@ class Subsets:
         return tuple(stages)
 
     def expectations(self, values: FloatArray, lost: FloatArray) -> FloatArray:
-        """E(d), (2^n,), of values f (2^n,) with probabilities of loss q (2^n, n).
+        """E(d), (..., 2^n), of values f (..., 2^n) with probabilities of loss q (..., 2^n, n).
 
         Only products and sums of non-negative numbers occur, so relative precision is kept.
         """
-        pairs = values[self.survivors][None, :]
+        pairs = values[..., None, self.survivors]
         for i, masks in enumerate(self.stages):
-            outside, dead, alive = np.hsplit(pairs, 3)
-            q = lost[masks, i]
-            pairs = np.vstack([outside, (1.0 - q) * alive + q * dead])
-        return np.asarray(pairs[:, 0])
+            third = pairs.shape[-1] // 3
+            outside, dead, alive = (pairs[..., k * third : (k + 1) * third] for k in range(3))
+            q = lost[..., masks, i]
+            pairs = np.concatenate([outside, (1.0 - q) * alive + q * dead], axis=-2)
+        return np.asarray(pairs[..., 0])
 
     def advanced(self, masses: FloatArray, lost: FloatArray) -> FloatArray:
         """Probabilities (2^n,) of the sets d' after a step, from those of the sets d before it."""

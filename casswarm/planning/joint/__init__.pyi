@@ -1,8 +1,9 @@
 from .distribution import MAX_EXACT, PlanDistribution
-from .initial_guesses import INITIAL_GUESSES, InitialGuess
+from .initial_guesses import INITIAL_GUESSES
 from .optimize import plan_swarm
 from .plan import SwarmOutcome, SwarmPlan
 from .replan import PlanTree
+from .screening import InitialGuess
 from .solve import JointProblem
 
 __all__ = [

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...problems.joint_instances import terminal_costs
 from ...problems.subsets import subsets
-from ...typing import BoolArray, FloatArray, Interval
+from ...typing import BoolArray, FloatArray, IntArray, Interval
 from ..bounds.grid import UNIT
 
 if TYPE_CHECKING:
@@ -46,12 +46,7 @@ class PlanDistribution:
     def from_positions(cls, scenario: Scenario, positions: FloatArray) -> PlanDistribution:
         """Distribution of trajectories (N+1, n, 2) from some step to the scenario's last."""
         n = positions.shape[1]
-        members = subsets(n).members
-        states = np.empty((len(members), n, 2))
-        lost = np.empty((len(positions) - 1, len(members), n))
-        for step, state in enumerate(positions[1:]):
-            states[:] = state
-            lost[step] = -np.expm1(-scenario.time.dt * scenario.hazard.rates(states, members))
+        lost = loss_probabilities(scenario, positions)
         operations = n + len(scenario.hazard.radar_positions) + 64
         return cls(
             n,
@@ -120,3 +115,44 @@ class PlanDistribution:
             masses[step + 1] = following - ending
             survival[step + 1] = absorbed + masses[step + 1] @ sets.members
         return masses, arrival, survival
+
+
+def loss_probabilities(scenario: Scenario, positions: FloatArray) -> FloatArray:
+    """Probabilities (..., N, 2^n, n) of losing a member of a set in a step, 0 outside the set.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    positions : (..., N+1, n, 2)
+    """
+    after = positions[..., 1:, :, :]
+    n = after.shape[-2]
+    members = subsets(n).members
+    states = np.repeat(after.reshape(-1, n, 2), len(members), axis=0)
+    rates = scenario.hazard.rates(states, np.tile(members, (len(states) // len(members), 1)))
+    lost = -np.expm1(-scenario.time.dt * rates)
+    return np.asarray(lost.reshape(*after.shape[:-2], len(members), n))
+
+
+def prescribed_costs(
+    scenario: Scenario, objective: str, positions: FloatArray, arrivals: IntArray
+) -> FloatArray:
+    """Costs (B,) of plans, as `casswarm.problems.joint` computes them for prescribed arrivals.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    objective : str
+    positions : (B, N+1, n, 2)
+    arrivals : (B, n) int
+        Arrival steps, 0 for members that do not arrive.
+    """
+    lost, n = loss_probabilities(scenario, positions), positions.shape[2]
+    steps = lost.shape[1]
+    arriving = np.arange(1, steps + 1)[:, None] == arrivals[:, None]  # (B, N, n)
+    costs, ended, last = terminal_costs(objective, n, arriving)
+    value = np.broadcast_to(last, (len(lost), 2**n))
+    for step in reversed(range(steps)):
+        value = np.where(ended[:, step], costs[:, step], value)
+        value = subsets(n).expectations(value, lost[:, step])
+    return np.asarray(value[:, -1])

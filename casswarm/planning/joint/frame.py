@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...scenario.hazard_section import CONSTANTS
 from ...typing import FloatArray, IntArray
@@ -63,7 +64,9 @@ class Frame:
         if scenario.hazard_table.kind not in CONSTANTS:
             return cls(np.eye(2), np.arange(scenario.n))
         matrix = max(SYMMETRIES, key=lambda each: _key(scenario, velocity, each))
-        return cls(matrix, _sorting(_offsets(scenario, scenario.positions) @ matrix.T))
+        offsets = _offsets(scenario, scenario.positions) @ matrix.T
+        reach = np.round(_reach(scenario) / scenario.target.radius, _DIGITS)
+        return cls(matrix, _sorting(np.column_stack([reach, offsets])))
 
     @property
     def is_identity(self) -> bool:
@@ -109,8 +112,9 @@ class Frame:
             return text
         return _SIDES.sub(lambda sides: sides.group().translate(_MIRRORED), text)
 
-    def _points(self, points: object) -> FloatArray:
-        return np.asarray(np.asarray(points, float).reshape(-1, 2) @ self.matrix.T + 0.0).squeeze()
+    def _points(self, points: ArrayLike) -> FloatArray:
+        vectors = np.asarray(points, float)
+        return np.asarray(vectors @ self.matrix.T + 0.0) if vectors.size else vectors
 
 
 def _key(scenario: Scenario, velocity: FloatArray, matrix: FloatArray) -> list[float]:
@@ -134,6 +138,18 @@ def _offsets(scenario: Scenario, points: FloatArray) -> FloatArray:
     center = np.array(scenario.target.center)
     length = np.abs(scenario.positions - center).max() + scenario.target.radius
     return np.asarray(np.round((points - center) / length, _DIGITS))
+
+
+def _reach(scenario: Scenario) -> FloatArray:
+    """Distance (n,) along the axes that each member has to cover to arrive.
+
+    The first of several central members is where the guide starts: it must be able to arrive.
+    """
+    radius = scenario.target.radius
+    offsets = np.sort(np.abs(scenario.positions - np.array(scenario.target.center)), axis=1)
+    difference, total = offsets[:, 1] - offsets[:, 0], offsets.sum(axis=1)
+    corner = 0.5 * (total - np.sqrt(np.maximum(2 * radius**2 - difference**2, 0.0)))
+    return np.where(difference >= radius, offsets[:, 1] - radius, corner)
 
 
 def _sorting(rows: FloatArray) -> IntArray:

@@ -27,8 +27,9 @@ from .solve import default_solver, first_arrivals
 if TYPE_CHECKING:
     from ...scenario import Scenario
 
-FIRST_ITERATIONS, FINAL_ITERATIONS = 30, 200
-"""Iterations of the first solves, and of those that continue the best of them."""
+ITERATIONS = 15, 20, 200
+"""Iterations of the first solves, of those that continue the best of them, and of those to the end.
+"""
 
 FIRST_ITERATIONS_MEAN_FIELD = 300
 """Iterations of the first solves of the mean field, which are cheap."""
@@ -60,10 +61,11 @@ def plan_swarm(
         By default Ipopt: with exact second derivatives for up to 6 members, and with a
         limited-memory Hessian beyond.
     initial_guesses : sequence of str
-        Of ``"formations"`` along a single agent's homotopy classes, ``"own"`` guides of the members
-        (for swarms of at most 10), and ``"perturbed"``: random perturbations of the best plan.
+        Of ``"formations"`` along a single agent's homotopy classes, ``"own"`` paths of the members
+        (for swarms of at most 10), and ``"perturbed"``: changes and perturbations of the best plan.
+        Those with the least exact cost are optimised, and the best of them to the end.
     seed : int
-        Of the perturbations.
+        Of the random perturbations; everything else is deterministic.
     min_distance : float, optional
         Minimum distance of any two members at every step after the first.
     time_limit : float, optional
@@ -82,6 +84,9 @@ def plan_swarm(
     SwarmPlan
         The best outcome of all starts by its exact value, whatever its solver's status, or by the
         mean field's with more than 10 members; among those that keep `min_distance`, if any do.
+
+        It is planned in a `Frame` that the scenario's geometry defines: scenarios that differ by
+        quarter turns and mirrors about the origin, and by the order of members, have the same plan.
 
     Raises
     ------
@@ -169,10 +174,12 @@ def _require_distance(scenario: Scenario, min_distance: float | None) -> None:
 
 def _solvers(
     solver: str | Solver, n: int, options: Mapping[str, Any] | None
-) -> tuple[Solver, Solver]:
-    """Solvers of the first solves, and of those that continue the best of them."""
+) -> tuple[Solver, Solver, Solver]:
+    """Solvers of the stages of a search."""
     if solver != "ipopt" or options:
         backend = make_solver(solver, **dict(options or {}))
-        return backend, backend
-    first = FIRST_ITERATIONS if n <= MAX_EXACT_FIRST else FIRST_ITERATIONS_MEAN_FIELD
-    return default_solver(n, first), default_solver(n, FINAL_ITERATIONS)
+        return backend, backend, backend
+    first, second, last = ITERATIONS
+    if n > MAX_EXACT_FIRST:
+        first = FIRST_ITERATIONS_MEAN_FIELD
+    return default_solver(n, first), default_solver(n, second), default_solver(n, last)

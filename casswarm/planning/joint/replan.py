@@ -19,8 +19,8 @@ from ...problems.joint import JointForm
 from ...problems.joint_instances import JointTask
 from ...typing import FloatArray
 from .distribution import MAX_EXACT, PlanDistribution
-from .initial_guesses import InitialGuess
 from .plan import SwarmPlan
+from .screening import InitialGuess
 from .solve import JointProblem, default_solver, first_arrivals
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from ...problems.joint_instances import JointTask, joint_instance
 from ...typing import FloatArray, IntArray
 from ..kinematics import integrate
 from .distribution import MAX_EXACT, PlanDistribution
-from .initial_guesses import InitialGuess, track
 from .plan import DISTANCE_TOL, SwarmOutcome, least_distance
+from .screening import InitialGuess, track
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
@@ -102,14 +102,8 @@ class JointProblem:
 
         Velocities that exceed a limit by a solver's tolerance are projected as in the chain.
         """
-        task, motion = self.task, self.task.motion
-        applied = np.empty_like(velocities)
-        previous_velocities = task.initial_velocities
-        for step, velocity in enumerate(velocities):
-            sets = motion.sets(previous_velocities)
-            violated = sets.violation(velocity) > 0
-            applied[step] = np.where(violated[:, None], sets.project(velocity), velocity)
-            previous_velocities = applied[step]
+        task = self.task
+        applied = self._applied(velocities)
         positions = self.positions(applied)
         reached = first_arrivals(self.scenario, positions)
         if reached.all():
@@ -117,9 +111,24 @@ class JointProblem:
         remaining = task.steps - len(applied)
         if remaining <= 0:
             return applied
-        here = replace(task, start=positions[-1], initial_velocities=previous_velocities)
+        last = applied[-1] if len(applied) else task.initial_velocities
+        here = replace(task, start=positions[-1], initial_velocities=last)
         goals = np.broadcast_to(task.center, (remaining, self.form.n, 2))
         return np.concatenate([applied, track(here, np.array(goals))])
+
+    def _applied(self, velocities: FloatArray) -> FloatArray:
+        """Velocities (T, n, 2), projected where they violate a limit."""
+        motion, previous_velocities = self.task.motion, self.task.initial_velocities
+        before = np.concatenate([previous_velocities[None], velocities[:-1]])
+        if not (motion.sets(before).violation(velocities) > 0).any():
+            return velocities
+        applied = np.empty_like(velocities)
+        for step, velocity in enumerate(velocities):
+            sets = motion.sets(previous_velocities)
+            violated = sets.violation(velocity) > 0
+            applied[step] = np.where(violated[:, None], sets.project(velocity), velocity)
+            previous_velocities = applied[step]
+        return applied
 
     def positions(self, velocities: FloatArray) -> FloatArray:
         """X(0..T), (T+1, n, 2), as the chain computes them."""

@@ -1,0 +1,176 @@
+"""Families of initial guesses: formations along a single agent's paths, whole or divided."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from ...problems.joint_instances import JointTask
+from ...problems.subsets import subsets
+from ...typing import FloatArray, IntArray
+from ..guide import Guide
+from ..kinematics import integrate, resample
+from ..multistart import GRID_PATH, STRAIGHT
+from .screening import Family, padded, track, tracked_positions
+
+if TYPE_CHECKING:
+    from ...scenario import Scenario
+
+MAX_CLASSES = 3
+"""Homotopy classes, in order of risk, along which formations start."""
+
+MAX_ARRIVALS = 2
+"""Arrival steps of each of these classes, in order of risk."""
+
+MAX_DIVIDED = 6
+"""Maximum number of members of swarms that are divided in all ways."""
+
+_SPACINGS = np.concatenate([[0.0], np.geomspace(0.02, 2.0, 41)])
+"""Candidate distances of neighbours, in units of the target's radius."""
+
+_DIRECTIONS = 6  # of lattices, over half a turn
+
+
+def class_paths(scenario: Scenario, guide: Guide) -> dict[str, list[FloatArray]]:
+    """Paths (T+1, 2) of the best homotopy classes with their best arrival steps, best first."""
+    start, dt = guide.positions[0], scenario.time.dt
+    ranked = sorted((c for c in guide.candidates if np.isfinite(c.risk)), key=lambda c: c.risk)
+    paths: dict[str, dict[int, FloatArray]] = {}
+    for candidate in ranked:
+        alternatives = paths.setdefault(candidate.homotopy or GRID_PATH, {})
+        if len(alternatives) < MAX_ARRIVALS:
+            path = integrate(start, candidate.velocities, dt)
+            alternatives.setdefault(len(candidate.velocities), path)
+    if not paths:  # no single agent arrives: straight to the target in all the time available
+        line = np.stack([start, np.array(scenario.target.center)])
+        return {STRAIGHT: [integrate(start, resample(line, scenario.n_steps, dt), dt)]}
+    best = list(paths.items())[:MAX_CLASSES]
+    return {name: list(alternatives.values()) for name, alternatives in best}
+
+
+def families(
+    scenario: Scenario,
+    task: JointTask,
+    paths: dict[str, list[FloatArray]],
+    formations: bool,
+    own: bool,
+) -> Iterator[Family]:
+    """Families along paths (T+1, 2) by homotopy class, best first: formations, own paths."""
+    if formations:
+        for name, alternatives in paths.items():
+            title = name if name == STRAIGHT else f"formation {name}"
+            for path in alternatives:
+                yield _formations(scenario, task, title, path)
+        if scenario.n > 1:
+            for one, other in itertools.combinations(paths, 2):
+                pair = paths[one][0], paths[other][0]
+                yield _divided(scenario, task, f"divided {one}, {other}", *pair)
+    if own:
+        yield _own_paths(scenario, task, paths)
+
+
+def _formations(scenario: Scenario, task: JointTask, name: str, path: FloatArray) -> Family:
+    """All members around a path, in lattices of several directions, or as they start."""
+    offsets = np.stack(_lattices(scenario, path, scenario.positions, task.min_distance))
+    if scenario.n > 1:
+        offsets = np.concatenate([offsets, [scenario.positions - scenario.guide_start]])
+    goals = padded(path, task.steps)[1:, None, None] + offsets
+    return Family(name, np.full((len(offsets), scenario.n), len(path) - 1), goals)
+
+
+def _divided(
+    scenario: Scenario, task: JointTask, name: str, one: FloatArray, other: FloatArray
+) -> Family:
+    """Members divided between two paths, each part in a formation of its own."""
+    goals, arrivals = [], []
+    both = [padded(path, task.steps)[1:] for path in (one, other)]
+    for assigned in _divisions(scenario, both):
+        goal = np.stack([both[k] for k in assigned], axis=1)
+        for k, path in enumerate((one, other)):
+            part = assigned == k
+            lattices = _lattices(scenario, path, scenario.positions[part], task.min_distance)
+            goal[:, part] += lattices[0]
+        goals.append(goal)
+        arrivals.append(np.array([len(one) - 1, len(other) - 1])[assigned])
+    return Family(name, np.array(arrivals), np.stack(goals, axis=1))
+
+
+def _divisions(scenario: Scenario, paths: list[FloatArray]) -> list[IntArray]:
+    """Path, 0 or 1, of every member (n,): all divisions of few members, cuts of many.
+
+    The members on the side of a path take it.
+    """
+    n = scenario.n
+    if n <= MAX_DIVIDED:
+        return [subset.astype(int) for subset in subsets(n).members[1:-1]]
+    middle = len(paths[0]) // 2
+    order = np.argsort(scenario.positions @ (paths[1] - paths[0])[middle], kind="stable")
+    rank = np.argsort(order)
+    return [(rank >= cut).astype(int) for cut in sorted(range(1, n), key=lambda c: abs(2 * c - n))]
+
+
+def _own_paths(scenario: Scenario, task: JointTask, paths: dict[str, list[FloatArray]]) -> Family:
+    """Every member along the path that is safest for it alone."""
+    available = [path for alternatives in paths.values() for path in alternatives]
+    goals = np.stack([padded(path, task.steps)[1:] for path in available], axis=1)  # (N, m, 2)
+    tiled = np.broadcast_to(goals[:, :, None], (*goals.shape[:2], scenario.n, 2))
+    positions = tracked_positions(task, track(task, tiled))  # (N+1, m, n, 2)
+    last = np.array([len(path) - 1 for path in available])
+    under_way = np.arange(1, task.steps + 1)[:, None] <= last
+    rates = scenario.hazard.single_agent_rates(positions[1:]) * under_way[..., None]
+    choice = rates.sum(axis=0).argmin(axis=0)
+    return Family("own paths", last[choice][None], goals[:, None, choice])
+
+
+def _lattices(
+    scenario: Scenario, path: FloatArray, positions: FloatArray, min_distance: float
+) -> list[FloatArray]:
+    """Offsets (m, 2) of members at `positions` (m, 2) from a path's point, in several directions.
+
+    They form a triangular lattice or, from four members on, a regular polygon, with the spacing of
+    least total rate where the path is most dangerous. Members are assigned to its points by least
+    total squared distance.
+    """
+    count, hazard = len(positions), scenario.hazard
+    if count == 1:
+        return [np.zeros((1, 2))]
+    shapes = [_lattice(count), _polygon(count)] if count > 3 else [_lattice(count)]
+    worst = path[1 + int(hazard.single_agent_rates(path[1:]).argmax())]
+    spacings = np.maximum(_SPACINGS * scenario.target.radius, 1.05 * min_distance)
+    centered = positions - positions.mean(axis=0)
+    assigned = []
+    for shape in shapes:
+        totals = hazard.rates(worst + spacings[:, None, None] * shape).sum(axis=1)
+        offsets = spacings[int(totals.argmin())] * shape
+        for angle in np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS:
+            turned = offsets @ _turn(angle).T
+            costs = ((centered[:, None] - turned[None]) ** 2).sum(axis=-1)
+            assigned.append(turned[linear_sum_assignment(costs)[1]])
+    rounded = np.round(assigned, 9)  # lattices of some sizes come back to themselves
+    return [assigned[k] for k in sorted(np.unique(rounded, axis=0, return_index=True)[1])]
+
+
+def _turn(angle: float) -> FloatArray:
+    """Matrix (2, 2) of a turn."""
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def _polygon(n: int) -> FloatArray:
+    """The corners (n, 2) of a regular polygon with sides of length 1."""
+    angles = 2 * np.pi * np.arange(n) / n
+    corners = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return np.asarray(corners / (2 * np.sin(np.pi / n)))
+
+
+def _lattice(n: int) -> FloatArray:
+    """The n points of a triangular lattice of spacing 1 that are nearest to their centroid."""
+    size = int(np.ceil(np.sqrt(n))) + 2
+    i, j = np.meshgrid(*[np.arange(-size, size + 1)] * 2, indexing="ij")
+    points = np.stack([i + 0.5 * j, np.sqrt(0.75) * j], axis=-1).reshape(-1, 2)
+    centered = points - (np.array([0.5, np.sqrt(0.75) / 3]) if n in (2, 3, 6) else 0.0)
+    chosen = centered[np.argsort(np.round((centered**2).sum(axis=1), 9), kind="stable")[:n]]
+    return np.asarray(chosen - chosen.mean(axis=0))
