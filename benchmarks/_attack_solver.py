@@ -13,13 +13,8 @@ from scipy.optimize import nnls
 
 import casswarm as csw
 from casswarm.optimization.solvers import make_solver
-from casswarm.problems.formation import (
-    Formation,
-    Motion,
-    Step,
-    corridor_formation,
-    leader_formation,
-)
+from casswarm.problems.formation import Formation, corridor_formation, leader_formation
+from casswarm.problems.step import Motion, Step
 
 _STATES = 6
 _STATIONARITY = 1e-6  # `auto` accepts answers up to here

@@ -18,7 +18,7 @@ from ...typing import FloatArray
 from .grid import UNIT, Block, Grid
 
 Node: TypeAlias = tuple[int, int]
-_ROUNDING = 512 * UNIT  # relative
+_ROUNDING = 64 * UNIT  # of a coordinate in a step of a path, relative
 
 Values: TypeAlias = list[list[FloatArray]]
 """Node values, an array for every block of every sample."""
@@ -94,7 +94,7 @@ class StageCosts:
         margin = 0.0 if self.inside else h + slack  # of the cells around a node
         near = [np.maximum(offset - margin, 0.0) ** 2 for offset in offsets]
         largest = radius + float(np.abs([task.start, task.center]).max())
-        rounding = _ROUNDING * largest  # of a path's coordinates
+        rounding = _ROUNDING * task.steps * largest  # of a path's coordinates
         rim = max(radius - rounding, 0.0) if self.inside else radius + rounding
         touched = near[0][:, None] + near[1] <= rim**2
         if self.multiplier == 0.0 or grid.stride > 1:

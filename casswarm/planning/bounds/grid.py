@@ -19,8 +19,7 @@ from ..kinematics import remaining_distance
 if TYPE_CHECKING:
     from ...scenario import Scenario
 
-UNIT = 2.0**-53
-"""Unit roundoff of a double."""
+UNIT = 2.0**-53  # unit roundoff of a double
 
 ANYWHERE = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])  # starts: all points of the plane
 
@@ -44,11 +43,10 @@ class Relaxation:
     start, center : (2,)
     radius : float
         Of the target zone; a guide arrives at its first step in the zone.
-    step : float
-        s, the largest change of a coordinate in a time step.
-    steps : int
-        N, the last time step.
-    dt : float
+    step, speed : float
+        s, the largest change of a coordinate in a time step, and a velocity that is never reduced.
+    steps, dt : int, float
+        N, the last time step, and the length of one.
     least : LeastRate, optional
         phi of the single-agent rate, the least rate of a member of a swarm, instead of that rate.
     """
@@ -58,6 +56,7 @@ class Relaxation:
     center: FloatArray
     radius: float
     step: float
+    speed: float
     steps: int
     dt: float
     least: LeastRate | None = None
@@ -68,7 +67,7 @@ class Relaxation:
         begin = scenario.guide_start if start is None else np.asarray(start, float)
         center = np.asarray(scenario.target.center, float)
         step = scenario.swarm.v_max * scenario.time.dt
-        extent = float(max(np.abs(begin).max(), np.abs(center).max()) + scenario.n_steps * step)
+        extent = float(np.abs([begin, center]).max() + scenario.n_steps * step)
         rounding = 8 * UNIT  # of sums, products and hypot in paths computed in doubles
         return cls(
             hazard=scenario.hazard,
@@ -76,6 +75,7 @@ class Relaxation:
             center=center,
             radius=scenario.target.radius * (1 + rounding) + rounding * extent,
             step=step * (1 + SPEED_TOL + rounding) + rounding * extent,
+            speed=scenario.swarm.v_max * (1 + SPEED_TOL - rounding),
             steps=scenario.n_steps,
             dt=scenario.time.dt,
         )

@@ -112,8 +112,7 @@ class ValueFunction:
         risk, goals = self._best_nodes(self.upper, step, flat)
         goals[~np.isfinite(risk)] = task.center
         goals = np.where(self._in_target(flat)[:, None], flat, goals)
-        limit = task.step / task.dt
-        velocities = np.clip((goals - flat) / task.dt, -limit, limit)
+        velocities = np.clip((goals - flat) / task.dt, -task.speed, task.speed)
         return np.asarray(velocities.reshape(points.shape))
 
     def to_go(self, step: int, positions: FloatArray) -> FloatArray:

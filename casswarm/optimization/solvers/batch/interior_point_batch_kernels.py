@@ -137,7 +137,8 @@ def minimise_state(
     """
     columns, unit = problem.columns, problem.scale[0]
     inside, y, best = np.empty(z.size // 3), np.empty(z.size // 3), np.empty(z.size // 3)
-    slack, best_z, start = np.empty(z.size), np.zeros(z.size), np.empty(problem.u.shape)
+    steps, size = batch.x0.shape[1:]
+    slack, best_z, start = np.empty(z.size), np.zeros(z.size), np.empty((steps, size))
     read(problem.u, columns, unit, inside)
     copy(inside, best)
     if not slacks(inside, problem.constraints, slack) > 0.0:
@@ -146,7 +147,7 @@ def minimise_state(
     coarse = Options(max(COARSE, mu_final), max(COARSE, tolerance), max_iter)
     least, hits, solved = math.inf, 0, 0
     while needs_start(solved, hits, starts):
-        for s in range(start.shape[0]):
+        for s in range(steps):
             write_start(solved, batch.x0[row, s], starts, row, start[s])
         read(start, columns, unit, y)
         move_inside(inside, y, problem.constraints)
