@@ -88,8 +88,9 @@ class InteriorPoint(BatchSolver):
             constants=nlp.compiled.constants,
             scale=contiguous(instances.scale),
         )
-        spread = np.full((batch, n), _SPREAD * sets.limits.change)
-        starts = Starts.around(self.n_starts or nlp.n_starts, spread)
+        spread = np.where(sets.free, _SPREAD * sets.limits.change, 0.0)
+        points = data.x0.sum(axis=1).reshape(batch, n, 2) + sets.centers.sum(axis=2)
+        starts = Starts.around(self.n_starts or nlp.n_starts, spread, points)
         options = Options(self.mu_final, self.tolerance, self.max_iter)
         multipliers = np.zeros((batch, steps, n, 6))
         results = Results.empty((batch, steps, 2 * n))

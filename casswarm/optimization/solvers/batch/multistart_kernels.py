@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...._util.jit import kernel
-from ....typing import FloatArray
+from ....typing import BoolArray, FloatArray, IntArray
 
 HITS = 8  # times that the least minimum is found where starts disagree
 MAX_STARTS = 64  # where starts disagree
@@ -25,27 +25,57 @@ AGREEMENT = 1e-3  # relative difference up to which two ends count as the same m
 class Starts(NamedTuple):
     """Starts of B states of n members.
 
+    A start is the initial guess and a displacement of every member, in axes and an order of the
+    members that the guesses define. So it turns, mirrors and permutes with its state, and does not
+    depend on the other states of a batch.
+
     Parameters
     ----------
     initial : int
         Starts that are always solved; with 1 there are no others.
     directions : (S, 2n)
-        Displacements of the starts from the initial guess; the first is 0. They are the same for
-        all states, so that a state's answer does not depend on its batch.
+        Displacements, a pair of coordinates for every rank; the first start has none.
     spread : (B, n)
-        Lengths that the directions of every member are multiplied by.
+        Lengths that the displacements of every member are multiplied by.
+    axes : (B, 2, 2)
+        First and second axis of every state, as rows.
+    ranks : (B, n) int
+        Ranks of the members.
     """
 
     initial: int
     directions: FloatArray
     spread: FloatArray
+    axes: FloatArray
+    ranks: IntArray
 
     @classmethod
-    def around(cls, initial: int, spread: FloatArray) -> Starts:
-        """Starts with normal directions, for `spread` (B, n)."""
-        members = spread.shape[1]
+    def around(cls, initial: int, spread: FloatArray, points: FloatArray) -> Starts:
+        """Starts for `spread` (B, n), 0 for members that stay; `points` (B, n, 2) define axes."""
+        batch, members = spread.shape
         limit = 1 if initial == 1 else min(MAX_STARTS, MAX_PAIRS // members**2)
-        return cls(initial, _directions(max(initial, limit), members), spread)
+        directions = _directions(max(initial, limit), members)
+        if initial == 1:
+            unused = np.zeros((batch, 2, 2)), np.zeros((batch, members), np.int64)
+            return cls(initial, directions, spread, *unused)
+        return cls(initial, directions, spread, *_axes_and_ranks(points, spread > 0.0))
+
+
+def _axes_and_ranks(points: FloatArray, free: BoolArray) -> tuple[FloatArray, IntArray]:
+    """Axes (B, 2, 2), the first along the mean of the free points, and ranks (B, n) along it.
+
+    The second axis is perpendicular, on the side for which the points' covariance is positive.
+    """
+    mean = (points * free[..., None]).sum(axis=1) / np.maximum(1, free.sum(axis=1))[:, None]
+    length = np.hypot(mean[:, 0], mean[:, 1])[:, None]
+    first = np.where(length > 0.0, mean / np.where(length > 0.0, length, 1.0), [1.0, 0.0])
+    second = np.stack([-first[:, 1], first[:, 0]], axis=1)
+    offsets = points - mean[:, None]
+    along = np.einsum("bnc,bc->bn", offsets, first)
+    across = np.einsum("bnc,bc->bn", offsets, second)
+    second[(along * across * free).sum(axis=1) < 0.0] *= -1.0
+    order = np.where(free, along, np.inf).argsort(axis=1, kind="stable")
+    return np.stack([first, second], axis=1), order.argsort(axis=1, kind="stable")
 
 
 @lru_cache(maxsize=16)
@@ -58,8 +88,13 @@ def _directions(number: int, members: int) -> FloatArray:
 @kernel
 def write_start(index: int, guess: FloatArray, starts: Starts, row: int, start: FloatArray) -> None:
     """Write a start of a state from its guess, both (2n,)."""
-    for c in range(start.size):
-        start[c] = guess[c] + starts.spread[row, c // 2] * starts.directions[index, c]
+    axes = starts.axes[row]
+    for i in range(start.size // 2):
+        spread, rank = starts.spread[row, i], starts.ranks[row, i]
+        along = spread * starts.directions[index, 2 * rank]
+        across = spread * starts.directions[index, 2 * rank + 1]
+        for c in range(2):
+            start[2 * i + c] = guess[2 * i + c] + along * axes[0, c] + across * axes[1, c]
 
 
 @kernel

@@ -80,7 +80,7 @@ class SpectralProjectedGradient(BatchSolver):
 
         assert nlp.compiled is not None
         batch, size = instances.x0.shape
-        starts = Starts.around(self.n_starts or nlp.n_starts, _spread(instances))
+        starts = Starts.around(self.n_starts or nlp.n_starts, *_spread_and_points(instances))
         limit = self.max_iter or 300 + size
         data = batch_data(nlp, instances, instances.x0)
         arguments = nlp.compiled.evaluate, data, starts, self.tolerance, limit
@@ -104,8 +104,13 @@ def batch_data(nlp: Nlp, instances: Instances, x0: FloatArray) -> Batch:
     )
 
 
-def _spread(instances: Instances) -> FloatArray:
-    """Standard deviations (B, n) of further starts: of the order of the members' sets."""
-    assert isinstance(instances.feasible_set, PlanarSets)
-    radius = instances.feasible_set.radii.min(axis=-1, initial=np.inf)
-    return _SPREAD * np.where(np.isfinite(radius), radius, 0.0)
+def _spread_and_points(instances: Instances) -> tuple[FloatArray, FloatArray]:
+    """Deviations (B, n) of further starts, of the size of the sets, and points (B, n, 2) for axes.
+
+    The points tell members apart by their guesses and by where their sets lie.
+    """
+    sets = instances.feasible_set
+    assert isinstance(sets, PlanarSets)
+    radius = sets.radii.min(axis=-1, initial=np.inf)
+    points = instances.x0.reshape(*sets.shape, 2) + sets.centers.sum(axis=-2)
+    return _SPREAD * np.where(np.isfinite(radius), radius, 0.0), points
