@@ -7,6 +7,7 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from ..._util.seeds import require_seed
 from ..._util.text import did_you_mean
 from ...errors import ScenarioError, SolverError
 from ...optimization.solvers import Solver, make_solver
@@ -99,7 +100,7 @@ def plan_swarm(
     ValueError
         A distance or time limit out of range.
     """
-    started = time.perf_counter()
+    started, seed = time.perf_counter(), require_seed(seed)
     _require_known(objective, initial_guesses)
     _require_distance(scenario, min_distance)
     if time_limit is not None and not time_limit > 0:
