@@ -53,10 +53,15 @@ InitialPath = Callable[[int, float], FloatArray]
 """Velocities (steps, 2) of an initial path, for a number of steps and dt."""
 
 
-def preference(candidate: Candidate) -> tuple[bool, bool, float]:
-    """Sort key: candidates that arrive come first, then those that are solved, then by risk."""
-    arrives = bool(np.isfinite(candidate.risk))
-    return not arrives, not candidate.solution.status.success, candidate.risk
+def preference(candidate: Candidate) -> tuple[bool, bool, float, str, float]:
+    """Sort key: candidates that arrive come first, then those that are solved, then by risk.
+
+    Of risks that agree in nine digits, as of images in symmetric scenarios, the homotopy decides:
+    otherwise it would be the rounding of the last one.
+    """
+    arrives, risk = bool(np.isfinite(candidate.risk)), candidate.risk
+    solved = candidate.solution.status.success
+    return not arrives, not solved, float(f"{risk:.8e}"), candidate.homotopy, risk
 
 
 @dataclass(frozen=True)

@@ -50,6 +50,14 @@ def exact(
     return bounds.reshape(-1, 2)
 
 
+def sampled(scenario: Scenario, guide: csw.Guide, policies: tuple[str, ...]) -> list[float]:
+    """Frequencies of success, with common random numbers."""
+    if not policies:
+        return []
+    study = csw.simulate(scenario, list(policies), runs=300, guide=guide)
+    return study.summary["success"].tolist()
+
+
 @cache
 def reference(scenario: Scenario) -> tuple[list[float], Array]:
     guide, numbers = planned(scenario)
@@ -81,6 +89,7 @@ def test_builtin_scenarios_are_independent_of_units(name: str) -> None:
     guide, numbers = planned(scenario)
     policies = POLICIES[:3] if scenario.n <= 12 else ()
     success = exact(scenario, 1e-6, guide, policies, 1e-3)
+    frequencies = sampled(scenario, guide, policies)
     for length, time in LENGTHS + TIMES:
         other = scaled(scenario, length, time)
         guide, others = planned(other)
@@ -90,3 +99,4 @@ def test_builtin_scenarios_are_independent_of_units(name: str) -> None:
         np.testing.assert_allclose(again[:1], success[:1], atol=1e-6)
         overlap = np.minimum(again, success)[:, 1] - np.maximum(again, success)[:, 0]
         assert (overlap >= -1e-9).all()
+        assert sampled(other, guide, policies) == frequencies
