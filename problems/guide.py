@@ -163,5 +163,5 @@ def guide_instance(
 
 
 def tightened(limit: float | FloatArray) -> FloatArray:
-    """Squared limits less `TIGHTENING`, or less a hundredth if small; infinite ones stay."""
-    return np.asarray(limit * (1 - np.minimum(0.01, TIGHTENING * np.maximum(1.0, 1.0 / limit))))
+    """Squared limits less `TIGHTENING`, or less half if small; infinite ones stay."""
+    return np.asarray(limit * (1 - np.minimum(0.5, TIGHTENING * np.maximum(1.0, 1.0 / limit))))

@@ -275,3 +275,12 @@ def test_penalised_instance_has_only_box_constraints() -> None:
     assert nlp.sizes[2] == 0
     assert (instance.ubx == 2.0).all()
     assert (instance.lbx == -2.0).all()
+
+
+def test_tiny_limit_of_acceleration_holds() -> None:
+    """The solver's tolerance of the squared limit is larger than a hundredth of the limit here."""
+    values = {"swarm.v_max": 4.3, "swarm.a_max": 1e-6, "guide.search": "local"}
+    scenario = load_scenario("single-agent").with_values(values)
+    guide = plan(scenario, certify=False)
+    changes = np.hypot(*np.diff(guide.velocities, axis=0).T)
+    assert changes.max() <= np.sqrt(scenario.guide_a_max)
