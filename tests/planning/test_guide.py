@@ -12,7 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_scenarios import Array, single_agent_rate_by_hand
 
-from casswarm import Candidate, Guide, Residuals, Saturation, Solution, Status
+from casswarm import (
+    Candidate,
+    Guide,
+    Residuals,
+    Saturation,
+    Solution,
+    Status,
+    load_scenario,
+    plan,
+)
 from casswarm.optimization.problem import Instances, Nlp
 from casswarm.planning.homotopy import homotopy_signature
 from casswarm.planning.kinematics import integrate

@@ -89,7 +89,8 @@ class InteriorPoint(BatchSolver):
             scale=contiguous(instances.scale),
         )
         spread = np.where(sets.free, _SPREAD * sets.limits.change, 0.0)
-        points = data.x0.sum(axis=1).reshape(batch, n, 2) + sets.centers.sum(axis=2)
+        guesses = data.x0.sum(axis=1).reshape(batch, n, 2)
+        points = np.where(guesses != 0.0, guesses + sets.centers.sum(axis=2), 0.0)
         starts = Starts.around(self.n_starts or nlp.n_starts, spread, points)
         options = Options(self.mu_final, self.tolerance, self.max_iter)
         multipliers = np.zeros((batch, steps, n, 6))

@@ -51,7 +51,10 @@ class Starts(NamedTuple):
 
     @classmethod
     def around(cls, initial: int, spread: FloatArray, points: FloatArray) -> Starts:
-        """Starts for `spread` (B, n), 0 for members that stay; `points` (B, n, 2) define axes."""
+        """Starts for `spread` (B, n), 0 for members that are not free.
+
+        `points` (B, n, 2) define the axes; members at 0, as the destroyed are, have no part in it.
+        """
         batch, members = spread.shape
         limit = 1 if initial == 1 else min(MAX_STARTS, MAX_PAIRS // members**2)
         directions = _directions(max(initial, limit), members)
@@ -62,18 +65,19 @@ class Starts(NamedTuple):
 
 
 def _axes_and_ranks(points: FloatArray, free: BoolArray) -> tuple[FloatArray, IntArray]:
-    """Axes (B, 2, 2), the first along the mean of the free points, and ranks (B, n) along it.
+    """Axes (B, 2, 2), the first along the mean of the points, and ranks (B, n) along it.
 
     The second axis is perpendicular, on the side for which the points' covariance is positive.
     """
-    mean = (points * free[..., None]).sum(axis=1) / np.maximum(1, free.sum(axis=1))[:, None]
+    counted = (points != 0.0).any(axis=-1)
+    mean = points.sum(axis=1) / np.maximum(1, counted.sum(axis=1))[:, None]
     length = np.hypot(mean[:, 0], mean[:, 1])[:, None]
     first = np.where(length > 0.0, mean / np.where(length > 0.0, length, 1.0), [1.0, 0.0])
     second = np.stack([-first[:, 1], first[:, 0]], axis=1)
     offsets = points - mean[:, None]
     along = np.einsum("bnc,bc->bn", offsets, first)
     across = np.einsum("bnc,bc->bn", offsets, second)
-    second[(along * across * free).sum(axis=1) < 0.0] *= -1.0
+    second[(along * across * counted).sum(axis=1) < 0.0] *= -1.0
     order = np.where(free, along, np.inf).argsort(axis=1, kind="stable")
     return np.stack([first, second], axis=1), order.argsort(axis=1, kind="stable")
 

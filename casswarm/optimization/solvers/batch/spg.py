@@ -112,5 +112,7 @@ def _spread_and_points(instances: Instances) -> tuple[FloatArray, FloatArray]:
     sets = instances.feasible_set
     assert isinstance(sets, PlanarSets)
     radius = sets.radii.min(axis=-1, initial=np.inf)
-    points = instances.x0.reshape(*sets.shape, 2) + sets.centers.sum(axis=-2)
+    guesses = instances.x0.reshape(*sets.shape, 2)
+    moving = (guesses != 0.0).any(axis=-1)[..., None]  # unlike the destroyed
+    points = np.where(moving, guesses + sets.centers.sum(axis=-2), 0.0)
     return _SPREAD * np.where(np.isfinite(radius), radius, 0.0), points
