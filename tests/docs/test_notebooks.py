@@ -71,7 +71,8 @@ first, second = guide.best_per_homotopy_class()[:2]
 assert first.homotopy != second.homotopy and second.risk < 1.05 * first.risk, "nearly as good"
 lost = study.trajectories["leader"][0].positions[-1][~study.trajectories["leader"][0].alive[-1]]
 towers_at = np.array(scenario.hazard.radars)
-assert len(lost) and np.hypot(*(lost[:, None] - towers_at).T).min(axis=0).max() < 2.0
+nearest = np.sort(np.hypot(*(lost[:, None] - towers_at).T).min(axis=0))
+assert len(lost) >= 3 and nearest[2] < 2.0, "the others draw the fire; the leader may be lost later"
 """,
     "05_policies": """
 assert (best["policy"] == "joint").all()
