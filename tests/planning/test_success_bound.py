@@ -117,7 +117,8 @@ def test_success_bound_exceeds_policies(seed: int) -> None:
 def test_success_bound_exceeds_leader_on_paper_scenarios(name: str) -> None:
     scenario = load_scenario(name)
     bound = float(success_bound(scenario))
-    assert evaluate(scenario, "leader", 1e-2).success[0] < bound < 1.0
+    leader = evaluate(scenario, "leader", 1e-2, max_states=20_000)  # a lower end suffices
+    assert leader.success.low < bound < 1.0
 
 
 # --- known answers
