@@ -173,7 +173,7 @@ def jax(scenario: csw.Scenario, nlp: Nlp, instances: Instances) -> Callable[[], 
     from jax_program import batch_program
 
     from casswarm.optimization.solvers.batch.multistart_kernels import Starts
-    from casswarm.optimization.solvers.batch.spg import _spread_and_points
+    from casswarm.optimization.solvers.batch.spg import surroundings
 
     hazard, batch, n = scenario.hazard, len(instances), nlp.sizes[0] // 2
     keys = ("alpha_1", "alpha_2", "alpha_3", "beta_1", "beta_2")
@@ -199,7 +199,7 @@ def jax(scenario: csw.Scenario, nlp: Nlp, instances: Instances) -> Callable[[], 
         "metric": units[:, 0] ** 2 / units[:, 1],
     }
     lanes = {key: np.moveaxis(array, 0, -1).copy() for key, array in data.items()}
-    starts = Starts.around(nlp.n_starts, *_spread_and_points(instances))
+    starts = Starts.around(nlp.n_starts, *surroundings(instances))
     moves = starts.directions[: nlp.n_starts].reshape(-1, 1, n, 2) * starts.spread[..., None]
     starts = instances.x0.reshape(batch, n, 2) + moves
     first = np.stack([np.moveaxis(ordered(start), 0, -1) for start in starts])

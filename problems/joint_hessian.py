@@ -48,12 +48,11 @@ def lagrangian_hessian(
     Returns
     -------
     Function or None
-        None for rates that do not expand to scalar operations, such as a user's callback.
+        None for a step that is not one of scalar operations, as with a user's callback.
     """
-    try:
-        derivatives = _step_derivatives(step.expand(), values.shape[0], points.shape[0])
-    except RuntimeError:
+    if not step.is_a("SXFunction"):
         return None
+    derivatives = _step_derivatives(step, values.shape[0], points.shape[0])
     p = nlp.parameters
     after = p["costs"] + p["continues"] * ca.horzcat(values[:, 1:], p["last_cost"])
     gradient, hessian = _by_points(derivatives, after, p["continues"], points, p["clock"])

@@ -59,10 +59,9 @@ def evaluate(
     aggregation_tol : float
         States in one cell of a grid of this width, of positions and of displacements in a step in
         units of length, are identified. The default identifies only states that are equal to the
-        last bit, so the bounds are proven. A policy's solver leaves
-        differences of about 1e-8 between states that are equal in exact arithmetic, so 1e-6 often
-        needs far fewer states; the bounds are then those of a chain whose states are moved by at
-        most this much at every step.
+        last bit, so the bounds are proven. A policy's solver leaves differences of about 1e-8
+        between states that are equal in exact arithmetic, so 1e-6 often needs far fewer states; the
+        bounds are then those of a chain whose states are moved by at most this much at every step.
     guide : Guide, optional
         Planned from the scenario by default.
     solver : str or Solver

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,11 +16,8 @@ from numpy.typing import NDArray
 from small_scenarios import DT, Array, small
 
 import casswarm.studies.batches
-from casswarm import Guide, PolicyError, Scenario, Study, estimate, plan, simulate, sweep
-from casswarm.chain.confidence import required_runs, wilson
-from casswarm.comparison import compare
-from casswarm.reproduction import reproduce
-from casswarm.studies.simulation import runs_needed
+from casswarm import Guide, PolicyError, Scenario, Study, plan, simulate
+from casswarm.chain.confidence import wilson
 from casswarm.studies.tables import summarise
 
 Flags = NDArray[np.bool_]
@@ -260,25 +257,6 @@ def test_simulate_progress_reaches_total_for_every_policy(workers: int) -> None:
 def test_simulate_with_wrong_numbers_raises(options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         study(**options)
-
-
-@pytest.mark.parametrize("seed", [-1, 2**64, 1.5])
-@pytest.mark.parametrize("study", [simulate, runs_needed, estimate, sweep, compare, reproduce])
-def test_study_with_seed_out_of_range_raises(study: Any, seed: object) -> None:
-    inputs = () if study is reproduce else ("quick",) if study is compare else (scenario(),)
-    options = {"settings": {"n": [1]}} if study is sweep else {}
-    with pytest.raises(ValueError, match=f"seed = {seed}; allowed: whole numbers from 0 to"):
-        study(*inputs, seed=seed, **options)
-
-
-def test_runs_needed_draws_other_numbers_than_study() -> None:
-    needed = partial(runs_needed, scenario(), ["leader"], 0.01, pilot=200, guide=guide())
-    successes = [
-        int(study(["leader"], 200, seed=seed).summary["successes"][0]) for seed in range(5)
-    ]
-    of_studies = [required_runs(0.01, number, 200) for number in successes]
-    assert [needed(seed=seed) for seed in range(5)] != of_studies
-    assert needed(seed=3) == needed(seed=3)
 
 
 @pytest.mark.parametrize(

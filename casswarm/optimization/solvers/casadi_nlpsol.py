@@ -102,7 +102,7 @@ class NlpsolSolver(Solver):
         if message == INTERRUPTED:
             raise KeyboardInterrupt
         return Answer(
-            x=np.clip(length * np.asarray(out["x"]).ravel(), instances.lbx[i], instances.ubx[i]),
+            x=length * np.asarray(out["x"]).ravel(),
             status=self.statuses.get(message) or self._limit(stats),
             message=message,
             iterations=int(stats.get("iter_count", 0)),

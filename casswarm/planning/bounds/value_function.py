@@ -94,8 +94,7 @@ class ValueFunction:
         low = np.zeros(len(flat))
         if self.lower is not None:
             low = self._interpolated(self.lower, step + 1, flat, self.grid.reach)
-            slack = rounding(StageCosts(self.grid), self._largest_cost, interpolated=True)
-            low = np.where(arrived, 0.0, np.maximum(0.0, low - slack))
+            low = np.where(arrived, 0.0, np.maximum(0.0, low - self._rounding))
         remaining = max(0, self.grid.task.steps - step)
         low[~arrived & ~self.grid.task.reachable(flat, remaining)] = np.inf
         return low.reshape(points.shape[:-1]), high.reshape(points.shape[:-1])
@@ -134,10 +133,11 @@ class ValueFunction:
         return risk.reshape(positions.shape[:-1])
 
     @cached_property
-    def _largest_cost(self) -> float:
-        """Largest finite value of `lower`."""
+    def _rounding(self) -> float:
+        """Bound on the rounding of lower bounds."""
         arrays = [array for arrays in self.lower or () for array in arrays]
-        return max((float(a[np.isfinite(a)].max(initial=0.0)) for a in arrays), default=0.0)
+        largest = max((float(a[np.isfinite(a)].max(initial=0.0)) for a in arrays), default=0.0)
+        return rounding(StageCosts(self.grid), largest, interpolated=True)
 
     def _in_target(self, flat: FloatArray) -> BoolArray:
         task = self.grid.task

@@ -10,7 +10,7 @@ import numpy as np
 from ...problems.joint_instances import JointTask
 from ...typing import FloatArray
 from ..kinematics import integrate
-from .screening import Family, InitialGuess, padded
+from .screening import Family, InitialGuess, padded, turns
 
 MAX_PERMUTED = 5
 """Maximum number of members of swarms whose roles are exchanged in all ways."""
@@ -61,10 +61,8 @@ def _cycles(n: int) -> Iterator[tuple[int, ...]]:
 
 def _turned(name: str, task: JointTask, plan: InitialGuess, path: FloatArray) -> Family:
     """The formation turned and reflected about its centroid, at all steps by the same."""
-    angles = 2 * np.pi * np.arange(_TURNS) / _TURNS
-    turns = np.array([[np.cos(angles), -np.sin(angles)], [np.sin(angles), np.cos(angles)]])
-    turns = turns.transpose(2, 0, 1)
-    matrices = np.concatenate([turns[1:], turns @ np.diag([1.0, -1.0])])
+    turned = turns(2 * np.pi * np.arange(_TURNS) / _TURNS)
+    matrices = np.concatenate([turned[1:], turned @ np.diag([1.0, -1.0])])
     whole = padded(path, task.steps)[1:, None]  # (N, 1, n, 2)
     center = whole.mean(axis=2, keepdims=True)
     goals = center + (whole - center) @ matrices

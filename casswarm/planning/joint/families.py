@@ -15,7 +15,7 @@ from ...typing import FloatArray, IntArray
 from ..guide import Guide
 from ..kinematics import integrate, resample
 from ..multistart import GRID_PATH, STRAIGHT
-from .screening import Family, padded, track, tracked_positions
+from .screening import Family, padded, track, tracked_positions, turns
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
@@ -146,17 +146,12 @@ def _lattices(
     for shape in shapes:
         totals = hazard.rates(worst + spacings[:, None, None] * shape).sum(axis=1)
         offsets = spacings[int(totals.argmin())] * shape
-        for angle in np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS:
-            turned = offsets @ _turn(angle).T
+        for turn in turns(np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS):
+            turned = offsets @ turn.T
             costs = ((centered[:, None] - turned[None]) ** 2).sum(axis=-1)
             assigned.append(turned[linear_sum_assignment(costs)[1]])
     rounded = np.round(assigned, 9)  # lattices of some sizes come back to themselves
     return [assigned[k] for k in sorted(np.unique(rounded, axis=0, return_index=True)[1])]
-
-
-def _turn(angle: float) -> FloatArray:
-    """Matrix (2, 2) of a turn."""
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 def _polygon(n: int) -> FloatArray:

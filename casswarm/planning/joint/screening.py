@@ -122,3 +122,9 @@ def tracked_positions(task: JointTask, velocities: FloatArray) -> FloatArray:
 def padded(path: FloatArray, steps: int) -> FloatArray:
     """A path (T+1, ..., 2) that stays at its end until a step: (steps+1, ..., 2)."""
     return path[np.minimum(np.arange(steps + 1), len(path) - 1)]
+
+
+def turns(angles: FloatArray) -> FloatArray:
+    """Matrices (m, 2, 2) of turns by angles (m,)."""
+    rows = [[np.cos(angles), -np.sin(angles)], [np.sin(angles), np.cos(angles)]]
+    return np.array(rows).transpose(2, 0, 1)

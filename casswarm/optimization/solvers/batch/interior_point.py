@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from ...problem import Instances, Nlp
 from ..base import Capabilities
 from ..options import Allowed, PositiveFinite, PositiveInt
 from .engine import BatchRun, BatchSolver, Results, execute
+
+if TYPE_CHECKING:
+    from .multistart_kernels import Starts
 
 _SPREAD = 1.0  # standard deviation of starts, in largest changes of velocity
 _PER_THREAD = 32  # instances that are worth a thread
@@ -88,10 +91,8 @@ class InteriorPoint(BatchSolver):
             constants=nlp.compiled.constants,
             scale=contiguous(instances.scale),
         )
-        spread = np.where(sets.free, _SPREAD * sets.limits.change, 0.0)
-        guesses = data.x0.sum(axis=1).reshape(batch, n, 2)
-        points = np.where(guesses != 0.0, guesses + sets.centers.sum(axis=2), 0.0)
-        starts = Starts.around(self.n_starts or nlp.n_starts, spread, points)
+        number = self.n_starts or nlp.n_starts
+        starts = Starts.single() if number == 1 else _starts(number, sets, data.x0)
         options = Options(self.mu_final, self.tolerance, self.max_iter)
         multipliers = np.zeros((batch, steps, n, 6))
         results = Results.empty((batch, steps, 2 * n))
@@ -100,6 +101,15 @@ class InteriorPoint(BatchSolver):
         results.verified[:, 1] *= data.scale[:, 0]
         results = results._replace(x=results.x.reshape(batch, -1))
         return InteriorPointRun(results, seconds, nlp, instances, multipliers)
+
+
+def _starts(number: int, sets: TrajectorySets, x0: FloatArray) -> Starts:
+    """Starts around guesses (B, H, 2n)."""
+    from .multistart_kernels import Starts
+
+    spread = np.where(sets.free, _SPREAD * sets.limits.change, 0.0)
+    guesses = x0.sum(axis=1).reshape(*spread.shape, 2)
+    return Starts.around(number, spread, guesses, sets.centers.sum(axis=2))
 
 
 @dataclass(frozen=True, eq=False)

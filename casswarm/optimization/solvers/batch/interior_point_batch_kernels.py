@@ -145,15 +145,15 @@ def minimise_state(
         return NO_INTERIOR
     mu_final, tolerance, max_iter = options.mu_final, options.tolerance, options.max_iter
     coarse = Options(max(COARSE, mu_final), max(COARSE, tolerance), max_iter)
+    if starts.initial == 1:
+        read(batch.x0[row], columns, unit, best)
+        move_inside(inside, best, problem.constraints)
     least, hits, solved = math.inf, 0, 0
     while needs_start(solved, hits, starts):
         for s in range(steps):
             write_start(solved, batch.x0[row, s], starts, row, start[s])
         read(start, columns, unit, y)
         move_inside(inside, y, problem.constraints)
-        if starts.initial == 1:
-            copy(y, best)
-            break
         clear(z)
         value, outcome = minimise(y, z, MU_INIT, problem, coarse, counts)
         if outcome != NOT_FINITE:

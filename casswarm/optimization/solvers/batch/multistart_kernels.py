@@ -50,26 +50,35 @@ class Starts(NamedTuple):
     ranks: IntArray
 
     @classmethod
-    def around(cls, initial: int, spread: FloatArray, points: FloatArray) -> Starts:
-        """Starts for `spread` (B, n), 0 for members that are not free.
+    def single(cls) -> Starts:
+        """The initial guesses alone."""
+        none = np.zeros((1, 1))
+        return cls(1, none, none, none[None], np.zeros((1, 1), np.int64))
 
-        `points` (B, n, 2) define the axes; members at 0, as the destroyed are, have no part in it.
+    @classmethod
+    def around(
+        cls, initial: int, spread: FloatArray, guesses: FloatArray, places: FloatArray
+    ) -> Starts:
+        """Starts around guesses (B, n, 2), for `spread` (B, n), 0 for members that are not free.
+
+        The sums of guesses and `places` (B, n, 2), of where the members' sets lie, define the axes.
+        Members whose guess is 0, as that of the destroyed is, have no part in them.
         """
-        batch, members = spread.shape
-        limit = 1 if initial == 1 else min(MAX_STARTS, MAX_PAIRS // members**2)
-        directions = _directions(max(initial, limit), members)
-        if initial == 1:
-            unused = np.zeros((batch, 2, 2)), np.zeros((batch, members), np.int64)
-            return cls(initial, directions, spread, *unused)
-        return cls(initial, directions, spread, *_axes_and_ranks(points, spread > 0.0))
+        members = spread.shape[1]
+        limit = min(MAX_STARTS, MAX_PAIRS // members**2)
+        moving = (guesses != 0.0).any(axis=-1)
+        points = np.where(moving[..., None], guesses + places, 0.0)
+        axes_and_ranks = _axes_and_ranks(points, moving, spread > 0.0)
+        return cls(initial, _directions(max(initial, limit), members), spread, *axes_and_ranks)
 
 
-def _axes_and_ranks(points: FloatArray, free: BoolArray) -> tuple[FloatArray, IntArray]:
+def _axes_and_ranks(
+    points: FloatArray, counted: BoolArray, free: BoolArray
+) -> tuple[FloatArray, IntArray]:
     """Axes (B, 2, 2), the first along the mean of the points, and ranks (B, n) along it.
 
     The second axis is perpendicular, on the side for which the points' covariance is positive.
     """
-    counted = (points != 0.0).any(axis=-1)
     mean = points.sum(axis=1) / np.maximum(1, counted.sum(axis=1))[:, None]
     length = np.hypot(mean[:, 0], mean[:, 1])[:, None]
     first = np.where(length > 0.0, mean / np.where(length > 0.0, length, 1.0), [1.0, 0.0])
@@ -112,7 +121,7 @@ def count_hits(value: float, least: float, hits: int) -> int:
 
 @kernel
 def needs_start(solved: int, hits: int, starts: Starts) -> bool:
-    """Whether to solve another start, after `solved` of which `hits` found the least minimum."""
-    if solved < starts.initial:
-        return True
+    """Whether to solve another start coarsely, after `solved`, `hits` of which ended lowest."""
+    if starts.initial == 1 or solved < starts.initial:
+        return starts.initial > 1
     return solved < len(starts.directions) and hits < min(solved, HITS)

@@ -84,7 +84,6 @@ def _solve(
     )
     results, multipliers = Results.empty((size, steps, 2)), np.empty((size, steps, 1, 6))
     options = Options(*tolerances, _MAX_ITER)
-    starts = Starts.around(1, np.zeros((size, 1)), inside)
-    minimise_batch((0, size), disc_distance, batch, starts, options, multipliers, results)
+    minimise_batch((0, size), disc_distance, batch, Starts.single(), options, multipliers, results)
     _, violation, residual = results.verified.T
     return results.x, (violation <= _ROUNDING) & (residual <= _ACCEPTABLE * tolerances[1])

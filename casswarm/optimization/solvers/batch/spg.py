@@ -80,7 +80,8 @@ class SpectralProjectedGradient(BatchSolver):
 
         assert nlp.compiled is not None
         batch, size = instances.x0.shape
-        starts = Starts.around(self.n_starts or nlp.n_starts, *_spread_and_points(instances))
+        number = self.n_starts or nlp.n_starts
+        starts = Starts.single() if number == 1 else Starts.around(number, *surroundings(instances))
         limit = self.max_iter or 300 + size
         data = batch_data(nlp, instances, instances.x0)
         arguments = nlp.compiled.evaluate, data, starts, self.tolerance, limit
@@ -104,15 +105,10 @@ def batch_data(nlp: Nlp, instances: Instances, x0: FloatArray) -> Batch:
     )
 
 
-def _spread_and_points(instances: Instances) -> tuple[FloatArray, FloatArray]:
-    """Deviations (B, n) of further starts, of the size of the sets, and points (B, n, 2) for axes.
-
-    The points tell members apart by their guesses and by where their sets lie.
-    """
+def surroundings(instances: Instances) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What `Starts.around` takes: deviations of the size of the sets, guesses, and their places."""
     sets = instances.feasible_set
     assert isinstance(sets, PlanarSets)
     radius = sets.radii.min(axis=-1, initial=np.inf)
-    guesses = instances.x0.reshape(*sets.shape, 2)
-    moving = (guesses != 0.0).any(axis=-1)[..., None]  # unlike the destroyed
-    points = np.where(moving, guesses + sets.centers.sum(axis=-2), 0.0)
-    return _SPREAD * np.where(np.isfinite(radius), radius, 0.0), points
+    spread = _SPREAD * np.where(np.isfinite(radius), radius, 0.0)
+    return spread, instances.x0.reshape(*sets.shape, 2), sets.centers.sum(axis=-2)

@@ -259,7 +259,7 @@ def minimise_batch(
         counts = results.counts[row]
         project(batch.x0[row], problem.sets, best)
         least, hits, solved = math.inf, 0, 0
-        while starts.initial > 1 and needs_start(solved, hits, starts):
+        while needs_start(solved, hits, starts):
             write_start(solved, batch.x0[row], starts, row, x)
             project(x, problem.sets, x)
             f, outcome = minimise(x, problem, COARSE, max_iter, work, counts)
