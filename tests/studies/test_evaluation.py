@@ -13,7 +13,7 @@ from casswarm.chain.exact import ExpansionOptions, StateSpaceExpansion
 from casswarm.chain.monte_carlo import Chain
 from casswarm.chain.stratified import sample_residual
 from casswarm.errors import PolicyError
-from casswarm.policies import POLICIES, as_policy
+from casswarm.policies import as_policy
 from casswarm.problems.step import Motion
 from casswarm.studies.evaluation import evaluate
 
@@ -121,30 +121,6 @@ def test_evaluate_naive_equals_recursion_over_alive_sets(guide):
                 if not (fate & ~alive).any()
             )
     assert law.success == pytest.approx((value[(True,) * n],) * 2, rel=1e-9)
-
-
-PAIRS = [("paper-1", policy) for policy in POLICIES]
-PAIRS += [("paper-2", policy) for policy in POLICIES if "mpc" not in policy]  # beyond any budget
-WIDE = {("paper-2", "constrained"), ("paper-1", "constrained-mpc-3")}
-"""Distributions that need more states than a test has time for; their bounds hold anyway."""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "policy"), PAIRS)
-def test_evaluate_agrees_with_twenty_thousand_runs(name, policy):
-    scenario = csw.load_scenario(name)
-    guide = csw.plan(scenario)
-    paper = policy in ("naive", "constrained", "leader")
-    tolerance, most = (1e-3, 700_000) if paper else (0.03, 150_000)
-    made = csw.make_policy(policy, scenario, guide)  # one, so that joint plans are made once
-    law = evaluate(scenario, made, tolerance, max_states=most, guide=guide)
-    assert law.complete or (name, policy) in WIDE
-    (low, high), runs = law.success, 20_000
-    assert high - low < 0.1
-    row = csw.simulate(scenario, [made], runs, seed=3, guide=guide).summary.iloc[0]
-    interval = binomtest(int(row["successes"]), runs).proportion_ci(0.999, method="wilson")
-    assert interval.low <= high
-    assert low <= interval.high
 
 
 def test_evaluate_bounds_are_nested_for_smaller_tolerance(guide):
