@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,8 @@ import click
 
 import casswarm as csw
 
+from .._util.user_code import load as load_code
+from .._util.user_code import module_file
 from ..errors import CasswarmError, FolderError, PlanningError, PolicyError, WorkerError
 from .options import CommonOptions, StudyOptions
 
@@ -62,7 +62,7 @@ def load(common: CommonOptions, values: Mapping[str, Any] | None = None) -> csw.
     """
     changes = dict(map(_setting, common.settings))
     changes |= {key: value for key, value in (values or {}).items() if value is not None}
-    scenario = csw.load_scenario(common.scenario)
+    scenario = csw.load_scenario(common.scenario, allow_code=common.allow_code)
     return scenario.with_values(changes) if changes else scenario
 
 
@@ -79,7 +79,7 @@ def _setting(text: str) -> tuple[str, object]:
 def named_policies(names: tuple[str, ...]) -> list[Any]:
     """Policies of these names, by default the paper's.
 
-    ``module:function`` is imported, also from the current folder.
+    The module of ``module:function`` lies in the current folder, or is installed.
     """
     from ..studies.simulation import PAPER_POLICIES
 
@@ -87,14 +87,12 @@ def named_policies(names: tuple[str, ...]) -> list[Any]:
 
 
 def _imported(name: str) -> Any:
-    module, _, attribute = name.partition(":")
-    if "" not in sys.path and str(Path.cwd()) not in sys.path:
-        sys.path.insert(0, str(Path.cwd()))
+    here = Path.cwd()
     try:
-        policy = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise PolicyError(f"policy {name!r} cannot be imported: {error}", policy=name) from error
-    return csw.as_policy(policy, attribute)
+        policy = load_code(name, here if module_file(name, here) else None)
+    except ImportError as error:
+        raise PolicyError(f"policy {name!r}: {error}", policy=name) from error
+    return csw.as_policy(policy, name.partition(":")[2])
 
 
 @contextmanager

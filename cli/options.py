@@ -71,6 +71,16 @@ def quiet_option() -> Any:
     return option("--quiet", is_flag=True, help="Print no progress.")
 
 
+def allow_code_option() -> Any:
+    """Field of the consent to run what a scenario names."""
+    return option(
+        "--allow-code",
+        is_flag=True,
+        help="Import and run the function that the scenario names as its hazard. Only for files "
+        "that you trust.",
+    )
+
+
 @dataclass(frozen=True)
 class OutputOptions:
     """What a command writes and prints."""
@@ -92,6 +102,7 @@ class ScenarioOptions(OutputOptions):
         help="Set a value of the scenario, such as --set formation.rho=0.1, written as in a "
         "scenario file. Repeatable.",
     )
+    allow_code: bool = allow_code_option()
 
 
 @dataclass(frozen=True)
@@ -132,6 +143,7 @@ class SavedRunOptions:
     run: int = option(
         "--run", type=click.IntRange(0), default=0, help="Index of the saved run to show."
     )
+    allow_code: bool = allow_code_option()
 
 
 @dataclass(frozen=True)

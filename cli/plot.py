@@ -49,7 +49,7 @@ def plot(selection: PlotOptions, figures: FigureOptions) -> None:
         from ..results.folder import ResultsFolder
 
         folder = selection.folder
-        saved = ResultsFolder.open(folder)
+        saved = ResultsFolder.open(folder, selection.allow_code)
         with theme(figures.width):  # those of a comparison are drawn at once
             catalogue = saved.figures(selection.run)
         for name in selection.names:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -9,7 +10,10 @@ import click
 import casswarm as csw
 
 from .common import WrongInput, reported_errors
+from .options import Command, allow_code_option
 from .output import aligned
+
+ALLOW_CODE: Callable[[Command], Command] = allow_code_option().metadata["declare"]("allow_code")
 
 
 @click.group()
@@ -26,17 +30,19 @@ def list_() -> None:
 
 @scenarios.command()
 @click.argument("scenario")
-def show(scenario: str) -> None:
+@ALLOW_CODE
+def show(scenario: str, allow_code: bool) -> None:
     """Print SCENARIO as a TOML file."""
     with reported_errors():
-        click.echo(csw.load_scenario(scenario).to_toml(), nl=False)
+        click.echo(csw.load_scenario(scenario, allow_code=allow_code).to_toml(), nl=False)
 
 
 @scenarios.command()
 @click.argument("path", type=click.Path(dir_okay=False, path_type=Path))
 @click.option("--from", "source", default="paper-1", show_default=True, help="Scenario to copy.")
 @click.option("--force", is_flag=True, help="Overwrite an existing file.")
-def new(path: Path, source: str, force: bool) -> None:
+@ALLOW_CODE
+def new(path: Path, source: str, force: bool, allow_code: bool) -> None:
     """Write a scenario file to edit.
 
     Comments in the file explain every key.
@@ -51,18 +57,23 @@ def new(path: Path, source: str, force: bool) -> None:
         raise WrongInput(f"{path} exists; choose another name, or overwrite it with --force")
     with reported_errors():
         values = {"name": path.stem, "description": f"copied from {source}"}
-        csw.save_scenario(csw.load_scenario(source).with_values(values), path, comments=True)
+        copied = csw.load_scenario(source, allow_code=allow_code).with_values(values)
+        csw.save_scenario(copied, path, comments=True)
     click.echo(f"wrote {path}; edit it, then: casswarm scenarios check {path}")
 
 
 @scenarios.command()
 @click.argument("sources", nargs=-1, required=True, metavar="SCENARIO...")
-def check(sources: tuple[str, ...]) -> None:
-    """Check every SCENARIO, and print its size."""
+@ALLOW_CODE
+def check(sources: tuple[str, ...], allow_code: bool) -> None:
+    """Check every SCENARIO, and print its size.
+
+    Code that a file names is only run with --allow-code; without it, such a file does not pass.
+    """
     valid, wrong = [], []
     for source in sources:
         try:
-            scenario = csw.load_scenario(source)
+            scenario = csw.load_scenario(source, allow_code=allow_code)
         except csw.ScenarioError as error:
             wrong.append(str(error))
             continue

@@ -84,7 +84,7 @@ def sweep(
         raise WrongInput("--exact and --runs: give one of them")
     grid = _grid(common.settings)
     with reported_errors(resumes=True), progress_report(common.quiet) as progress:
-        chosen = csw.load_scenario(common.scenario)
+        chosen = csw.load_scenario(common.scenario, allow_code=common.allow_code)
         folder = open_folder("sweep", chosen, common.out, common)
         settings: dict[str, Any] = {"runs": method.runs, "seed": method.seed, **asdict(accuracy)}
         settings["solver"] = policies.solver

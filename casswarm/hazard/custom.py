@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -150,31 +147,6 @@ class CustomHazard(Hazard):
         return f"hazard {getattr(self.function, '__qualname__', self.function)!r}"
 
 
-def user_hazard(
-    kind: str | Callable[..., Any],
-    folder: Path | None,
-    radars: tuple[tuple[float, float], ...],
-    parameters: Mapping[str, Any],
-) -> Hazard:
-    """Hazard of a user's function, or of a class derived from `Hazard`.
-
-    `kind` is the function or class, or its name ``module:name``, imported from `folder` first. A
-    class is called with the radars and parameters.
-
-    Raises
-    ------
-    HazardError
-        The function or class cannot be imported or called, or fails.
-    """
-    rates = _import_function(kind, folder) if isinstance(kind, str) else kind
-    if not (isinstance(rates, type) and issubclass(rates, Hazard)):
-        return CustomHazard(rates, radars, parameters)
-    try:
-        return rates(**{"radars": radars} | dict(parameters))
-    except TypeError as error:
-        raise HazardError(f"{rates.__name__} cannot be made: {error}") from error
-
-
 @lru_cache(maxsize=64)
 def rate_function(hazard: CustomHazard, n: int) -> Expr:
     """CasADi Function (2, n), (1, n) -> (1, n) of a user's rates.
@@ -187,7 +159,7 @@ def rate_function(hazard: CustomHazard, n: int) -> Expr:
     positions, alive = ca.MX.sym("positions", 2, n), ca.MX.sym("alive", 1, n)
     try:
         returned = hazard.function(positions.T, alive.T, **hazard._keywords)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise HazardError(
             f"{hazard!r} failed on {n} members with CasADi arguments: "
             f"{type(error).__name__}: {error}"
@@ -209,39 +181,6 @@ def rate_function(hazard: CustomHazard, n: int) -> Expr:
 @lru_cache(maxsize=64)
 def _mapped_rates(hazard: CustomHazard, n: int, size: int) -> Expr:
     return rate_function(hazard, n).map(size)
-
-
-def _import_function(name: str, folder: Path | None) -> Callable[..., Expr]:
-    module_name, _, attribute = name.partition(":")
-    if not module_name or not attribute:
-        raise HazardError(f"{name!r} is not of the form 'module:function'")
-    if folder is not None and str(folder) not in sys.path:
-        sys.path.insert(0, str(folder))
-    try:
-        found: Any = importlib.import_module(module_name)
-    except Exception as error:
-        raise HazardError(
-            f"cannot import the module {module_name!r} of {name!r}: {type(error).__name__}: {error}"
-        ) from error
-    _require_from(found, module_name, folder)
-    for part in attribute.split("."):
-        if not hasattr(found, part):
-            raise HazardError(f"the module {module_name!r} has no function {attribute!r}")
-        found = getattr(found, part)
-    if not callable(found):
-        raise HazardError(f"{name!r} is not a function")
-    return found  # type: ignore[no-any-return]
-
-
-def _require_from(module: Any, name: str, folder: Path | None) -> None:
-    """Raise HazardError if another module of this name hides the one in `folder`."""
-    path = None if folder is None else folder / f"{name.replace('.', '/')}.py"
-    origin = getattr(module, "__file__", None)
-    if path is not None and path.exists() and Path(origin or "").resolve() != path.resolve():
-        raise HazardError(
-            f"the module {name!r} beside the scenario is hidden by another of the same name, "
-            f"imported from {origin}; give it another name"
-        )
 
 
 def _as_text(point: FloatArray) -> str:

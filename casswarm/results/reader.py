@@ -49,15 +49,18 @@ class ResultsReader:
         Content of run.json.
     files : list of str
         Names of the files in the record; while a command runs, of those that it has written.
+    allow_code : bool
+        Whether a function that the scenario names may be imported from the current folder.
     """
 
     path: Path
     command: str
     record: Mapping[str, Any]
     files: list[str] = field(default_factory=list, kw_only=True)
+    allow_code: bool = field(default=False, kw_only=True)
 
     @classmethod
-    def open(cls, path: Path) -> Self:
+    def open(cls, path: Path, allow_code: bool = False) -> Self:
         """Folder with the results of one of `COMMANDS`."""
         if not path.is_dir():
             raise CheckpointError(f"{path} is not a folder: {_EXPECTED}, {_EXAMPLE}", folder=path)
@@ -85,7 +88,7 @@ class ResultsReader:
         files = record.get("files", [])
         if not isinstance(files, list):
             raise CheckpointError(f"{file} is damaged: run casswarm {command} again")
-        return cls(path, command, record, files=files.copy())
+        return cls(path, command, record, files=files.copy(), allow_code=allow_code)
 
     def part(self, name: str) -> Any:
         """Part of the record."""
@@ -113,13 +116,15 @@ class ResultsReader:
         Raises
         ------
         ScenarioError
-            The hazard cannot be imported.
+            The hazard needs consent, or cannot be imported.
         """
         from ..scenario import Scenario
 
         data = tomllib.loads(self.part("scenario"))
         source = f"the scenario in {self.path / RECORD}"
-        return Scenario.from_data(data, source=source, folder=Path.cwd())
+        return Scenario.from_data(
+            data, source=source, folder=Path.cwd(), allow_code=self.allow_code
+        )
 
     def has_table(self, name: str) -> bool:
         """Whether the command wrote the table NAME.csv."""

@@ -109,15 +109,32 @@ def collision_problems(target: Target, hazard: HazardTable) -> Iterator[str]:
         )
 
 
-def custom_hazard_problems(scenario: Scenario, folder: Path | None) -> Iterator[str]:
-    """A function of the user that cannot be imported, or fails at the initial state."""
+def custom_hazard_problems(
+    scenario: Scenario, folder: Path | None, allow_code: bool
+) -> Iterator[str]:
+    """A function of the user that may not be run, cannot be imported, or fails at the start."""
     hazard = scenario.hazard_table
     if not hazard.is_custom:
+        return
+    subject = f"hazard.kind is {as_text(hazard.kind)}"
+    if hazard.is_named_by_file and not allow_code:
+        yield f"{subject}{_consent(str(hazard.kind), folder)}"
         return
     try:
         built = hazard.build(core_radius(scenario.target, hazard), folder)
         built.rates(scenario.positions)
-    except Exception as error:  # the user's code may raise anything
-        reason = " ".join(str(error).split()) or type(error).__name__
-        where = f" (searched for in the folder {folder} first)" if folder else ""
-        yield f"hazard.kind is {as_text(hazard.kind)}: {reason}{where}"
+    except (Exception, SystemExit) as error:  # the user's code may raise anything
+        yield f"{subject}: {' '.join(str(error).split()) or type(error).__name__}"
+
+
+def _consent(kind: str, folder: Path | None) -> str:
+    """What is asked of the user before code that a file names is imported."""
+    from ..hazard.user import missing, origin
+
+    code = f"the module {kind.partition(':')[0]!r}" if folder is None else origin(kind, folder)
+    if code is None:
+        return f": {missing(kind, folder)}"  # type: ignore[arg-type]
+    return (
+        f", which is code in {code}. It is not run without consent: read it, and if you trust it, "
+        "allow it by --allow-code, in Python by load_scenario(..., allow_code=True)"
+    )

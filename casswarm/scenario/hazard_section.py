@@ -42,6 +42,12 @@ _NAME = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
 _RESERVED = ("positions", "alive", "radars")  # arguments that every custom hazard gets
 
 
+class FunctionName(str):
+    """Name ``module:function`` of a function that a caller passed: its code is trusted."""
+
+    __slots__ = ()
+
+
 def importable_name(function: Callable[..., Any]) -> str:
     """Name ``module:function`` under which `function` can be imported again.
 
@@ -76,7 +82,7 @@ def _checked_kind(value: object) -> str | Callable[..., Any]:
         raise invalid([Problem(message, "hazard.kind", value, KINDS)])
     if callable(value):
         try:
-            return importable_name(value)  # equal, then, to the name in a file
+            return FunctionName(importable_name(value))  # equal, then, to the name in a file
         except ScenarioError:
             return value
     raise ValueError
@@ -125,8 +131,8 @@ class HazardTable(Table):
         Allowed(KINDS),
     ] = Field(
         description="'saturation' (Scenario I of the paper), 'saturation+collision' (Scenario II), "
-        "or 'module:function', your own function (or class derived from Hazard); the module is "
-        "searched for in the folder of the scenario file first."
+        "or 'module:function', your own function (or class derived from Hazard) in a module beside "
+        "the scenario file, which is run only with --allow-code or allow_code=True."
     )
     radars: Annotated[
         tuple[Point, ...], Allowed("a list of [x, y] pairs of numbers, one for each radar")
@@ -188,6 +194,12 @@ class HazardTable(Table):
         """Whether the rates are a function of the user."""
         return not isinstance(self.kind, str) or self.kind not in CONSTANTS
 
+    @property
+    def is_named_by_file(self) -> bool:
+        """Whether the rates are a function that a file names, not one that a caller passed."""
+        named = isinstance(self.kind, str) and not isinstance(self.kind, FunctionName)
+        return named and self.is_custom
+
     def build(self, core_radius: float, folder: Path | None = None) -> Hazard:
         """Hazard that the table describes.
 
@@ -196,7 +208,7 @@ class HazardTable(Table):
         core_radius : float
             Of the built-in kinds.
         folder : Path, optional
-            Folder in which the module of a ``module:function`` is searched for first.
+            Folder of the scenario file, in which the module of a ``module:function`` lies.
 
         Raises
         ------
@@ -205,10 +217,11 @@ class HazardTable(Table):
         """
         # imported here, since importing CasADi is slow and listing scenarios needs no hazards
         from ..hazard import Saturation, SaturationCollision
-        from ..hazard.custom import user_hazard
+        from ..hazard.user import user_hazard
 
         if not isinstance(self.kind, str) or self.is_custom:
-            return user_hazard(self.kind, folder, self.radars, dict(self.parameters))
+            beside = None if isinstance(self.kind, FunctionName) else folder
+            return user_hazard(self.kind, beside, self.radars, dict(self.parameters))
         constants = {key: getattr(self, key) for key in CONSTANTS[self.kind]}
         constants["core_radius"] = core_radius
         hazard = SaturationCollision if self.kind == "saturation+collision" else Saturation

@@ -16,13 +16,16 @@ from .validation import Problem, scenario_error
 _TEMPLATE = "start from a built-in one: casswarm scenarios new my.toml --from paper-1"
 
 
-def load_scenario(source: str | os.PathLike[str]) -> Scenario:
+def load_scenario(source: str | os.PathLike[str], *, allow_code: bool = False) -> Scenario:
     """Scenario of a built-in name, or of a TOML file.
 
     Parameters
     ----------
     source : str or path
         Name of a built-in scenario (see `builtin_scenarios`), or path of a file.
+    allow_code : bool
+        Whether the file may name a function of its own as its hazard, which is then imported from
+        the file's folder and called: only for files that you trust.
 
     Raises
     ------
@@ -41,12 +44,14 @@ def load_scenario(source: str | os.PathLike[str]) -> Scenario:
     texts = _builtin_texts()
     if isinstance(source, str) and source in texts:
         label = f"built-in scenario '{source}'"
-        return Scenario.from_data(_parsed(texts[source], label), source=label)
+        data = _parsed(texts[source], label)
+        return Scenario.from_data(data, source=label, allow_code=allow_code)
     path = Path(source)
     label = f"scenario file {path}"
     try:
         data = _parsed(_text(path, str(source), label), label)
-        return Scenario.from_data(data, source=label, folder=path.resolve().parent)
+        folder = path.resolve().parent
+        return Scenario.from_data(data, source=label, folder=folder, allow_code=allow_code)
     except ScenarioError as error:
         vars(error)["file"] = path
         raise

@@ -63,23 +63,30 @@ class Scenario(Displayed, Table):
     )
 
     _folder: Path | None = PrivateAttr(None)
+    _allow_code: bool = PrivateAttr(False)
 
     @model_validator(mode="after")
     def _fits_together(self, info: ValidationInfo) -> Scenario:
-        self._folder = (info.context or {}).get("folder")
+        context = info.context or {}
+        self._folder, self._allow_code = context.get("folder"), context.get("allow_code", False)
         if messages := [
             *consistency.start_problems(self.swarm, self.target, self.hazard_table),
             *consistency.reach_problems(self.swarm, self.target, self.time),
             *consistency.margin_problems(self.guide, self.target),
             *consistency.collision_problems(self.target, self.hazard_table),
-            *consistency.custom_hazard_problems(self, self._folder),
+            *consistency.custom_hazard_problems(self, self._folder, self._allow_code),
         ]:
             raise invalid([Problem(message, message.split()[0]) for message in messages])
         return self
 
     @classmethod
     def from_data(
-        cls, data: Mapping[str, object], *, source: str = "scenario", folder: Path | None = None
+        cls,
+        data: Mapping[str, object],
+        *,
+        source: str = "scenario",
+        folder: Path | None = None,
+        allow_code: bool = False,
     ) -> Scenario:
         """Scenario from nested tables with the keys of a scenario file.
 
@@ -90,7 +97,11 @@ class Scenario(Displayed, Table):
         source : str
             Name of the scenario in error messages, for example its file.
         folder : Path, optional
-            Folder in which the module of a ``module:function`` is searched for first.
+            Folder of the scenario file, in which the module of a ``module:function`` lies. By
+            default the module is imported as usual.
+        allow_code : bool
+            Whether a ``module:function`` may be imported and called. Functions themselves need no
+            consent.
 
         Raises
         ------
@@ -98,7 +109,8 @@ class Scenario(Displayed, Table):
             Invalid values, a line for each.
         """
         try:
-            return cls.model_validate(to_plain(data), context={"folder": folder})
+            context = {"folder": folder, "allow_code": allow_code}
+            return cls.model_validate(to_plain(data), context=context)
         except ValidationError as error:
             raise scenario_error(f"{source} is invalid", problems_of(error, cls)) from None
 
@@ -190,6 +202,9 @@ class Scenario(Displayed, Table):
         >>> wide.formation.rho
         0.1
         """
+        return self._changed(values, self._allow_code)
+
+    def _changed(self, values: Mapping[str, object], allow_code: bool) -> Scenario:
         known = known_keys(type(self))
         problems = [
             unknown_key(key, type(self))
@@ -202,7 +217,7 @@ class Scenario(Displayed, Table):
         for key, value in values.items():
             set_value(data, key, to_plain(value))
         source = f"scenario '{self.name}' with new values"
-        return self.from_data(data, source=source, folder=self._folder)
+        return self.from_data(data, source=source, folder=self._folder, allow_code=allow_code)
 
     def with_hazard(
         self,
@@ -218,7 +233,8 @@ class Scenario(Displayed, Table):
         ----------
         function : callable, or str ``module:function``
             Rates as in `casswarm.hazard.CustomHazard`, or a class derived from
-            `casswarm.hazard.Hazard`, which is called with the radars and parameters.
+            `casswarm.hazard.Hazard`, which is called with the radars and parameters. A name is
+            searched for beside the scenario's file; without a file it is imported as usual.
         radars : k pairs (x, y), optional
             Drawn on maps, and passed to the function as ``radars=`` if given.
         **parameters
@@ -235,7 +251,7 @@ class Scenario(Displayed, Table):
         work too, but their scenarios cannot be saved, and can be pickled only if the function can.
         """
         hazard = {"kind": function, "radars": radars, "parameters": parameters}
-        return self.with_values({"hazard": hazard})
+        return self._changed({"hazard": hazard}, allow_code=True)
 
     def to_toml(self, comments: bool = False) -> str:
         """Text of a scenario file; loading it gives an equal scenario.
@@ -261,7 +277,7 @@ class Scenario(Displayed, Table):
             return super().model_copy(deep=deep)
         fields = {name: getattr(self, name) for name in type(self).model_fields} | dict(update)
         fields["hazard"] = fields.pop("hazard_table")
-        return self.from_data(fields, folder=self._folder)
+        return self.from_data(fields, folder=self._folder, allow_code=self._allow_code)
 
     def _data(self) -> dict[str, Any]:
         data = self.model_dump(by_alias=True, exclude_none=True)

@@ -58,11 +58,11 @@ def own_rates(tmp_path):
 
 
 def test_plan_with_own_rates_names_the_missing_bound(own_rates):
-    text = casswarm(own_rates, "plan", "own.toml").stdout
+    text = casswarm(own_rates, "plan", "own.toml", "--allow-code").stdout
     assert "not certified: the bound needs a lower bound of your rates" in text
 
 
 @pytest.mark.slow
 def test_simulate_with_own_rates_on_two_workers_succeeds(own_rates):
-    done = casswarm(own_rates, "simulate", "own.toml", "--runs", 20, "--workers", 2)
+    done = casswarm(own_rates, "simulate", "own.toml", "--allow-code", "--runs", 20, "--workers", 2)
     assert "leader" in done.stdout

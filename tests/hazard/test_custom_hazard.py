@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import pickle
-import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -15,7 +13,6 @@ from hazard_cases import symbolic
 
 from casswarm.errors import HazardError
 from casswarm.hazard import CustomHazard, Saturation, SaturationCollision
-from casswarm.hazard.custom import user_hazard
 
 RADARS = ((4.4, 4.6), (4.5, 3.0))
 CONSTANTS: Any = {"alpha_1": 3.0, "alpha_2": 2.0, "alpha_3": 5.0, "beta_1": 0.3, "beta_2": 4}
@@ -245,65 +242,3 @@ def test_unhashable_parameter_is_named(value: object) -> None:
     text = message(CustomHazard, height, (), {"scale": value})
     assert text.startswith("parameter 'scale' is ")
     assert text.endswith("; allowed: numbers, texts, lists of these")
-
-
-# --- by name
-
-
-def test_function_is_imported_by_name() -> None:
-    hazard = user_hazard(f"{__name__}:height", None, (), {"scale": 2})
-    assert hazard == CustomHazard(height, (), {"scale": 2})
-
-
-def test_function_is_imported_from_folder_or_class(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    (tmp_path / "found_in_folder.py").write_text(
-        "class Rates:\n    @staticmethod\n    def unit(positions, alive):\n        return alive\n"
-    )
-    hazard = user_hazard("found_in_folder:Rates.unit", tmp_path, (), {})
-    assert hazard.rates([[0, 0], [1, 1]]).tolist() == [1, 1]
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("height", "'height' is not of the form 'module:function'"),
-        (":height", "':height' is not of the form 'module:function'"),
-        ("module:", "'module:' is not of the form 'module:function'"),
-        (
-            "no_such_module:rate",
-            "cannot import the module 'no_such_module' of 'no_such_module:rate': "
-            "ModuleNotFoundError: No module named 'no_such_module'",
-        ),
-        (f"{__name__}:none", f"the module '{__name__}' has no function 'none'"),
-        (f"{__name__}:height.none", f"the module '{__name__}' has no function 'height.none'"),
-        (f"{__name__}:not_a_function", f"'{__name__}:not_a_function' is not a function"),
-    ],
-)
-def test_wrong_name_names_the_missing_part(name: str, words: str) -> None:
-    assert message(user_hazard, name, None, (), {}) == words
-
-
-def test_module_that_fails_to_import_is_explained(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    (tmp_path / "broken_module.py").write_text("1 / 0\n")
-    text = message(user_hazard, "broken_module:rate", tmp_path, (), {})
-    assert "cannot import the module 'broken_module' of 'broken_module:rate'" in text
-    assert text.endswith("ZeroDivisionError: division by zero")
-
-
-def test_hidden_module_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = "def rate(positions, alive):\n    return {} + 0 * alive\n"
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    for folder, value in (("one", 1.0), ("two", 2.0)):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "twin_rates.py").write_text(text.format(value))
-    first = user_hazard("twin_rates:rate", tmp_path / "one", (), {})
-    assert first.rates([[0.0, 0.0]]).tolist() == [1.0]
-    with pytest.raises(HazardError, match="another of the same name"):
-        user_hazard("twin_rates:rate", tmp_path / "two", (), {})
-    sys.modules.pop("twin_rates")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 import pickle
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,7 +40,9 @@ def test_hazard_function_of_module_is_stored_by_name(paper: Scenario, tmp_path: 
     assert scenario.hazard_table.kind == f"{__name__}:constant_rate"
     assert pickle.loads(pickle.dumps(scenario)) == scenario
     save_scenario(scenario, tmp_path / "custom.toml")
-    assert load_scenario(tmp_path / "custom.toml") == scenario
+    text = "def constant_rate(positions, alive, rate):\n    return 0 * positions[:, 0] + rate\n"
+    (tmp_path / f"{__name__}.py").write_text(text)
+    assert load_scenario(tmp_path / "custom.toml", allow_code=True) == scenario
     assert scenario.with_values({"hazard.parameters.rate": 1}).hazard.rates([[0, 0]]) == [1]
 
 
@@ -77,11 +78,12 @@ def test_hazard_function_without_name_reports_reason(
         assert reason in message(paper.with_hazard(other).to_toml)
 
 
-def test_hazard_module_beside_file_is_imported(
-    file: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_hazard_module_beside_file_is_imported_with_consent(
+    file: Callable[..., Path], tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(sys, "path", [*sys.path])
     (tmp_path / "beside_the_file.py").write_text(
+        "import pathlib\n"
+        "pathlib.Path(__file__).with_name('was_run').touch()\n"
         "def rate(positions, alive, scale, radars):\n"
         "    x, y = radars[0]\n"
         "    return scale[1] * ((positions[:, 0] - x) ** 2 + (positions[:, 1] - y) ** 2)\n"
@@ -93,15 +95,19 @@ def test_hazard_module_beside_file_is_imported(
         '[hazard]\nkind = "beside_the_file:rate"\nradars = [[3, 4]]\nparameters.scale = [0, 2]\n\n'
     )
     path.write_text(text[:start] + table + text[end:])
-    scenario = load_scenario(path)
+    words = message(load_scenario, path)
+    assert f"hazard.kind is 'beside_the_file:rate', which is code in {tmp_path}" in words
+    assert "--allow-code" in words
+    assert "load_scenario(..., allow_code=True)" in words
+    assert not (tmp_path / "was_run").exists()
+    scenario = load_scenario(path, allow_code=True)
+    assert (tmp_path / "was_run").exists()
     assert scenario.hazard.rates([[0, 0]]).tolist() == [50]
     for other in (
         pickle.loads(pickle.dumps(scenario)),
         scenario.with_values({"swarm.a_max": 2.0}),
         copy.deepcopy(scenario),
     ):
-        monkeypatch.delitem(sys.modules, "beside_the_file")
-        sys.path.remove(str(tmp_path.resolve()))
         assert other.hazard.rates([[0, 0]]).tolist() == [50]
 
 
@@ -213,7 +219,9 @@ def test_hazard_class_gets_radars_and_parameters(paper: Scenario, tmp_path: Path
     assert scenario.hazard.rates([[3.0, 4.0]]).tolist() == [1.0]
     assert pickle.loads(pickle.dumps(scenario)) == scenario
     save_scenario(scenario, tmp_path / "kernels.toml")
-    assert load_scenario(tmp_path / "kernels.toml").hazard == scenario.hazard
+    (tmp_path / f"{__name__}.py").write_text(f"from {__name__} import Gaussian\n")
+    loaded = load_scenario(tmp_path / "kernels.toml", allow_code=True)
+    assert loaded.hazard == scenario.hazard  # a class derived from Hazard may be imported there
 
 
 def test_failing_hazard_class_reports_reason(paper: Scenario) -> None:

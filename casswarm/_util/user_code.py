@@ -1,0 +1,118 @@
+"""Modules of the user, loaded by the location of their file.
+
+`sys.path` is not changed, so a file of the user never takes the place of another module. A folder
+is a package with a name of its own, from which its modules are imported; within them, ``from .
+import helpers`` imports from the same folder. The name holds the folder, so that functions and
+classes of these modules can be pickled and loaded by another process.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec, SourceFileLoader
+from importlib.util import spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+_PREFIX = "casswarm_user_"
+
+
+class _Source(SourceFileLoader):
+    """Loader of the text of a file, and never of compiled code that lies beside it."""
+
+    def get_code(self, fullname: str) -> Any:
+        """Code of the file's text."""
+        path = self.get_filename(fullname)
+        return self.source_to_code(self.get_data(path), path)
+
+
+class _Folders(MetaPathFinder):
+    """Finder of the packages of folders, and of the modules in them."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Specification of a module, or None if it is not of a folder of the user."""
+        del target
+        if not fullname.startswith(_PREFIX):
+            return None
+        if path is None:
+            return _package(fullname, bytes.fromhex(fullname.removeprefix(_PREFIX)).decode())
+        found = Path(next(iter(path))) / fullname.rpartition(".")[2]
+        if file := _file(found):
+            folders = [str(found)] if file.parent == found else None
+            return spec_from_file_location(
+                fullname,
+                file,
+                loader=_Source(fullname, str(file)),
+                submodule_search_locations=folders,
+            )
+        if found.is_dir():
+            return _package(fullname, str(found))
+        raise ModuleNotFoundError(f"no file {found}.py", name=fullname)
+
+
+sys.meta_path.insert(0, _Folders())
+
+
+def _package(name: str, folder: str) -> ModuleSpec:
+    spec = ModuleSpec(name, None, is_package=True)
+    spec.submodule_search_locations = [folder]
+    return spec
+
+
+def _file(path: Path) -> Path | None:
+    candidates = path.with_name(f"{path.name}.py"), path / "__init__.py"
+    return next((file for file in candidates if file.is_file()), None)
+
+
+def module_file(name: str, folder: Path) -> Path | None:
+    """File of the module of ``module:name`` in a folder; None if there is none."""
+    return _file(folder.joinpath(*name.partition(":")[0].split(".")))
+
+
+def load(name: str, folder: Path | None) -> Any:
+    """Object that ``module:name`` names, of a module in `folder`, or of an installed one if None.
+
+    Raises
+    ------
+    ImportError
+        The module cannot be imported, by whatever it raises, or has no such name.
+    """
+    module_name, _, attribute = name.partition(":")
+    if not module_name or not attribute:
+        raise ImportError(f"{name!r} is not of the form 'module:function'")
+    package = "" if folder is None else f"{_PREFIX}{str(folder.resolve()).encode().hex()}"
+    try:
+        found: Any = import_module(f"{package}.{module_name}".lstrip("."))
+    except (Exception, SystemExit) as error:
+        reason = _reason(error, folder)
+        if folder is not None:
+            reason = reason.replace(f"{package}.", "").replace(package, str(folder))
+        raise ImportError(
+            f"cannot import the module {module_name!r} of {name!r}: {reason}"
+        ) from error
+    for part in attribute.split("."):
+        if not hasattr(found, part):
+            raise ImportError(f"the module {module_name!r} has no function {attribute!r}")
+        found = getattr(found, part)
+    return found
+
+
+def _reason(error: BaseException, folder: Path | None) -> str:
+    """The error, and what to write where a module of the same folder was meant."""
+    reason, module = f"{type(error).__name__}: {error}", getattr(error, "name", None) or ""
+    if isinstance(error, ModuleNotFoundError) and folder and module_file(module, folder):
+        return f"{reason}; write `from . import {module}` for the module beside it"
+    return reason
+
+
+def is_defined_in(found: Any, folder: Path) -> bool:
+    """Whether a function or class is defined in a module that was loaded from a folder."""
+    module = getattr(found, "__module__", None)
+    origin = getattr(sys.modules.get(module or ""), "__file__", None)
+    return origin is not None and Path(origin).is_relative_to(folder.resolve())
