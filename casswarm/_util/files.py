@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import count
 from pathlib import Path
 
 _PREFIX = ".part-"
 
 
-def atomic_write(path: Path, content: str | bytes | Callable[[Path], object]) -> None:
+def atomic_write(
+    path: Path,
+    content: str | bytes | Callable[[Path], object],
+    before: Callable[[Path], object] | None = None,
+) -> None:
     """Write a file so that it is there completely or not at all, even after a power failure.
 
     The content is written to a temporary file in the same folder, which is synced to disk and then
@@ -23,6 +29,8 @@ def atomic_write(path: Path, content: str | bytes | Callable[[Path], object]) ->
     content : str, bytes or callable
         Text (encoded as UTF-8), bytes, or a function that writes a file at the path it is called
         with; that path has the suffix of `path`, which may determine the format.
+    before : callable, optional
+        Called with the complete temporary file, before it replaces `path`.
 
     Raises
     ------
@@ -37,11 +45,29 @@ def atomic_write(path: Path, content: str | bytes | Callable[[Path], object]) ->
             part.write_bytes(content.encode() if isinstance(content, str) else content)
         with part.open("r+b") as file:
             os.fsync(file.fileno())
+        if before is not None:
+            before(part)
         part.replace(path)
     except BaseException:
         with suppress(OSError):
             part.unlink(missing_ok=True)
         raise
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a regular file, in hexadecimal digits; empty for links and all else."""
+    if path.is_symlink() or not path.is_file():
+        return ""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def set_aside(path: Path) -> Path:
+    """Rename a file to NAME.bak, or NAME.2.bak and so on if that exists; return its new path."""
+    names = (f"{path.name}{f'.{k}' if k > 1 else ''}.bak" for k in count(1))
+    aside = next(p for p in map(path.with_name, names) if not os.path.lexists(p))
+    path.rename(aside)
+    return aside
 
 
 def is_partial(path: Path) -> bool:

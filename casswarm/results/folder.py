@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import platform
 import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -18,14 +19,16 @@ import numpy as np
 import pandas as pd
 
 from .._util.documents import json_text
-from .._util.files import atomic_write
+from .._util.files import atomic_write, digest, set_aside
 from ..errors import FolderError
-from .reader import OBJECTS, RECORD, ResultsReader
+from .reader import OBJECTS, RECORD, ResultsReader, recorded_files
 from .serialization import pack
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
     from .catalogue import FigureCatalogue
+
+LOG = logging.getLogger(__name__)
 
 _LIBRARIES = ("casadi", "numpy", "scipy", "pandas", "matplotlib")
 
@@ -111,21 +114,39 @@ class ResultsFolder(ResultsReader):
         """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            atomic_write(self.path / name, content)
+            atomic_write(self.path / name, content, partial(self._before, name))
         except OSError as error:
             reason = error.strerror or error
             raise FolderError(f"cannot write {self.path / name}: {reason}") from error
-        self.files.append(name)
+
+    def _before(self, name: str, part: Path) -> None:
+        """Note the hash of a complete file, and set aside a file that it would replace.
+
+        A file that casswarm wrote and nobody changed is replaced; any other is kept as NAME.bak.
+        """
+        path, self.files[name] = self.path / name, digest(part)
+        if not os.path.lexists(path) or path.is_dir():
+            return
+        if name == RECORD:
+            is_ours = bool(self._read_record())
+        else:
+            is_ours = self._recorded.get(name) in ("", digest(path))
+        if not is_ours and digest(path) != self.files[name]:
+            LOG.warning("%s is not of casswarm: kept as %s", path, set_aside(path).name)
 
     def write_record(self, result: Mapping[str, Any], inputs: Mapping[str, Any]) -> dict[str, Any]:
         """Write run.json, the result and all that it depends on, and return this record.
 
-        Files that an earlier run of a command wrote here and this one did not are removed.
+        Files that an earlier run of the same command wrote here and this one did not are removed,
+        unless they were changed since.
         """
         from .. import __version__
 
-        for name in self._earlier_files() - set(self.files):
-            (self.path / name).unlink(missing_ok=True)
+        if self._earlier.get("command") == self.command:
+            for name in self._recorded.keys() - self.files.keys() - {RECORD}:
+                path, recorded = self.path / name, self._recorded[name]
+                if recorded and digest(path) == recorded:
+                    path.unlink()
         self.record = {
             "command": self.command,
             "inputs": inputs,
@@ -138,7 +159,9 @@ class ResultsFolder(ResultsReader):
             },
             "platform": platform.platform(),
             "arguments": sys.argv[1:],
-            "files": sorted({*self.files, RECORD}),
+            "files": dict(
+                sorted({**self.files, RECORD: ""}.items())
+            ),  # its own hash it cannot hold
             "finished": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
             "seconds": time.perf_counter() - self._started,
         }
@@ -147,18 +170,31 @@ class ResultsFolder(ResultsReader):
 
     def extend_record(self) -> None:
         """Add the files written here to the run.json of another command, which may remove them."""
-        content = json.loads((self.path / RECORD).read_text(encoding="utf-8"))
-        content["files"] = sorted({*content.get("files", ()), *self.files})
+        content = dict(self._read_record())
+        files = recorded_files(content) | self.files | {RECORD: ""}
+        content["files"] = dict(sorted(files.items()))
         self.write_file(RECORD, json_text(content) + "\n")
-        self.files.pop()  # the record is not this command's
+        del self.files[RECORD]  # the record is not this command's
 
-    def _earlier_files(self) -> set[str]:
-        """Names of the files of an earlier run, by its record."""
+    @cached_property
+    def _earlier(self) -> Mapping[str, Any]:
+        """Record of the command that wrote here before; empty if there is none."""
+        return self._read_record()
+
+    @cached_property
+    def _recorded(self) -> dict[str, str]:
+        """Hashes of the files of that command, by name."""
+        return recorded_files(self._earlier)
+
+    def _read_record(self) -> Mapping[str, Any]:
+        file = self.path / RECORD
         try:
-            names = json.loads((self.path / RECORD).read_text(encoding="utf-8"))["files"]
-        except (OSError, ValueError, KeyError):
-            return set()
-        return {name for name in names if Path(name).name == name}
+            record = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
+        except (OSError, ValueError):
+            return {}
+        if not isinstance(record, dict) or "casswarm" not in record.get("versions", ()):
+            return {}
+        return record
 
     def summary(self) -> str:
         """One line: which files were written where."""

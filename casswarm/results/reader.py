@@ -47,8 +47,9 @@ class ResultsReader:
         One of `COMMANDS`.
     record : mapping
         Content of run.json.
-    files : list of str
-        Names of the files in the record; while a command runs, of those that it has written.
+    files : dict
+        Hashes of the files in the record, by name; while a command runs, of those that it has
+        written.
     allow_code : bool
         Whether a function that the scenario names may be imported from the current folder.
     """
@@ -56,7 +57,7 @@ class ResultsReader:
     path: Path
     command: str
     record: Mapping[str, Any]
-    files: list[str] = field(default_factory=list, kw_only=True)
+    files: dict[str, str] = field(default_factory=dict, kw_only=True)
     allow_code: bool = field(default=False, kw_only=True)
 
     @classmethod
@@ -85,10 +86,7 @@ class ResultsReader:
         if command not in COMMANDS:
             origin = "an unknown origin" if command is None else f"casswarm {command}"
             raise CheckpointError(f"{file} is of {origin}, without figures to draw: {_EXPECTED}")
-        files = record.get("files", [])
-        if not isinstance(files, list):
-            raise CheckpointError(f"{file} is damaged: run casswarm {command} again")
-        return cls(path, command, record, files=files.copy(), allow_code=allow_code)
+        return cls(path, command, record, files=recorded_files(record), allow_code=allow_code)
 
     def part(self, name: str) -> Any:
         """Part of the record."""
@@ -234,6 +232,16 @@ class ResultsReader:
         return catalogue.simulation_figures(
             scenario, self.guide, self.table("summary"), self.paired, trajectories, run
         )
+
+
+def recorded_files(record: Mapping[str, Any]) -> dict[str, str]:
+    """SHA-256 of the files that a record lists, by name; empty where an older one has names only.
+
+    Names with a folder, which no command writes, are left out.
+    """
+    files = record.get("files", {})
+    listed = files if isinstance(files, dict) else dict.fromkeys(map(str, files or ()), "")
+    return {name: str(value) for name, value in listed.items() if Path(name).name == name}
 
 
 def _exact_numbers() -> dict[str, Any]:

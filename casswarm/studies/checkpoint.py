@@ -27,9 +27,10 @@ IfExists = Literal["error", "resume", "overwrite"]
 """What to do with a folder that holds a study: see `Checkpoint`."""
 
 _FOLDER = "checkpoint"  # of the records, in that of the results
-_FILES = ("inputs.json", "finished")  # in that folder, beside the records
 _LOCK_FILES = ("lock", "lock-holder")
 _ADVICE = "use the same inputs, or choose another folder"
+_MAGIC = b"casswarm record\n"  # then follow the hash of the inputs, that of the rest, the arrays
+_MAX_HOLDER = 200  # characters of the name of another process
 _MAX_REPORTED = 5  # differences that a message lists
 
 
@@ -66,10 +67,12 @@ class Checkpoint:
         self._records = self.folder / _FOLDER
         self._inputs_file = self._records / "inputs.json"
         self._inputs = json.loads(json.dumps(inputs))
+        self._header = _MAGIC + _sha256(json.dumps(self._inputs, sort_keys=True).encode())
         self._if_exists = if_exists
         self._lock = FileLock(self._records / "lock", timeout=0)
 
     def __enter__(self) -> Checkpoint:
+        self._refuse_links()
         self._records.mkdir(parents=True, exist_ok=True)
         self._acquire()
         try:
@@ -85,12 +88,20 @@ class Checkpoint:
     def _error(self, message: str, **values: Any) -> CheckpointError:
         return CheckpointError(message, folder=self.folder, **values)
 
+    def _refuse_links(self) -> None:
+        """Raise CheckpointError where a link or a device would be written through."""
+        for path, expected in (
+            (self._records, Path.is_dir),
+            (self._records / "lock", Path.is_file),
+        ):
+            if os.path.lexists(path) and (path.is_symlink() or not expected(path)):
+                raise self._error(f"{path} is not of casswarm: remove it, or choose another folder")
+
     def _acquire(self) -> None:
-        holder = self._records / "lock-holder"
         try:
             self._lock.acquire()
         except Timeout:
-            name = holder.read_text(encoding="utf-8") if holder.exists() else "another process"
+            name = _holder(self._records / "lock-holder")
             raise self._error(
                 f"{self.folder} is in use by {name}: wait for it, or choose another folder"
             ) from None
@@ -101,7 +112,8 @@ class Checkpoint:
                 f"{self.folder} cannot be locked against other processes ({error}): choose a "
                 "folder on another file system"
             ) from None
-        atomic_write(holder, f"process {os.getpid()} on {socket.gethostname()}")
+        holder = f"process {os.getpid()} on {socket.gethostname()}"
+        atomic_write(self._records / "lock-holder", holder)
 
     def _begin(self) -> None:
         try:
@@ -127,11 +139,7 @@ class Checkpoint:
         """Remove the records of an earlier study, but no file that cannot be of a study."""
         paths = [path for path in self._records.iterdir() if path.name not in _LOCK_FILES]
         records = [path for path in paths if path.suffix == ".npz"]
-        foreign = [
-            path
-            for path in paths
-            if path.is_dir() or not (path in records or path.name in _FILES or is_partial(path))
-        ]
+        foreign = [path for path in paths if not self._is_of_study(path)]
         if foreign:
             raise self._error(
                 f"{self._records} holds files of other origin, such as {foreign[0].name}: choose "
@@ -144,6 +152,17 @@ class Checkpoint:
             )
         for path in paths:
             path.unlink()
+
+    @staticmethod
+    def _is_of_study(path: Path) -> bool:
+        """Whether a file is one that a study wrote: a whole record, or known by its name."""
+        if path.is_symlink() or not path.is_file():
+            return False
+        if path.name == "finished":
+            return not path.stat().st_size
+        return (
+            path.name == "inputs.json" or is_partial(path) or _arrays_of(path, _MAGIC) is not None
+        )
 
     def _require_equal(self, earlier: Any) -> None:
         then, now = _flat(earlier), _flat(self._inputs)
@@ -165,16 +184,12 @@ class Checkpoint:
         content = io.BytesIO()
         np.savez_compressed(content, allow_pickle=False, **record)
         data = content.getvalue()
-        atomic_write(self._records / f"{name}.npz", hashlib.sha256(data).digest() + data)
+        atomic_write(self._records / f"{name}.npz", self._header + _digest(name, data) + data)
 
     def load(self, name: str) -> dict[str, NDArray[Any]] | None:
-        """Read a record; None if there is none, or if it is damaged."""
-        try:
-            content = (self._records / f"{name}.npz").read_bytes()
-        except OSError:
-            return None
-        digest, data = content[:32], content[32:]
-        if hashlib.sha256(data).digest() != digest:
+        """Read a record; None if there is none, or if it is damaged or of another study."""
+        data = _arrays_of(self._records / f"{name}.npz", self._header)
+        if data is None:
             return None
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             return dict(arrays)
@@ -184,7 +199,7 @@ class Checkpoint:
         self.save(name, {"json": np.array(json.dumps(value))})
 
     def load_json(self, name: str) -> Any:
-        """Read a record of JSON values; None if there is none, or if it is damaged."""
+        """Read a record of JSON values; None where `load` is."""
         record = self.load(name)
         return None if record is None or "json" not in record else json.loads(str(record["json"]))
 
@@ -195,6 +210,33 @@ class Checkpoint:
     def finish(self) -> None:
         """Mark the study as finished: it may then be replaced without being asked for it."""
         atomic_write(self._records / "finished", b"")
+
+
+def _holder(path: Path) -> str:
+    """Name of the process that holds the lock, as it wrote it."""
+    if path.is_symlink() or not path.is_file():
+        return "another process"
+    text = path.read_text(encoding="utf-8", errors="replace")[:_MAX_HOLDER]
+    return text if text.isprintable() and text else "another process"
+
+
+def _sha256(data: bytes) -> bytes:
+    return hashlib.sha256(data).digest()
+
+
+def _digest(name: str, data: bytes) -> bytes:
+    """Hash of a record's arrays under its name: a copy under another name does not count."""
+    return _sha256(name.encode() + b"\n" + data)
+
+
+def _arrays_of(path: Path, header: bytes) -> bytes | None:
+    """Arrays of a record that begins with `header`; None for any other file, and for links."""
+    if path.is_symlink() or not path.is_file():
+        return None
+    content = path.read_bytes()
+    start = len(_MAGIC) + 32
+    digest, data = content[start : start + 32], content[start + 32 :]
+    return data if content.startswith(header) and _digest(path.stem, data) == digest else None
 
 
 def _flat(value: Any, key: str = "") -> dict[str, Any]:

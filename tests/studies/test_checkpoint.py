@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -108,3 +109,64 @@ def test_file_names_are_unique_and_valid() -> None:
     assert names[0] == "leader"
     assert len(set(names)) == len(names)
     assert all(name.isascii() and "/" not in name and len(name) < 100 for name in names)
+
+
+# --- what is not of the study
+
+
+def test_checkpoint_ignores_record_of_other_inputs_or_of_another_name(tmp_path: Path) -> None:
+    for seed in (1, 2):
+        with Checkpoint(tmp_path / str(seed), {"seed": seed}) as store:
+            store.save("one", {"x": np.array(seed)})
+    records = [tmp_path / str(seed) / "checkpoint" for seed in (1, 2)]
+    (records[1] / "one.npz").write_bytes((records[0] / "one.npz").read_bytes())
+    (records[0] / "two.npz").write_bytes((records[0] / "one.npz").read_bytes())
+    with Checkpoint(tmp_path / "2", {"seed": 2}, if_exists="resume") as store:
+        assert store.load("one") is None
+    with Checkpoint(tmp_path / "1", {"seed": 1}, if_exists="resume") as store:
+        assert store.load("one") is not None
+        assert store.load("two") is None
+
+
+@pytest.mark.parametrize("name", ["thesis.npz", "notes.txt", "finished", "folder"])
+@pytest.mark.parametrize("link", [False, True])
+def test_checkpoint_deletes_no_foreign_file(tmp_path: Path, name: str, link: bool) -> None:
+    with Checkpoint(tmp_path, INPUTS) as store:
+        store.save("one", CELL)
+    path, elsewhere = tmp_path / "checkpoint" / name, tmp_path / "elsewhere"
+    target = elsewhere if link else path
+    if name == "folder":
+        target.mkdir()
+    else:
+        target.write_text("years of work")
+    if link:
+        path.symlink_to(elsewhere)
+    with (
+        pytest.raises(CheckpointError, match=f"files of other origin, such as {name}"),
+        Checkpoint(tmp_path, INPUTS, if_exists="overwrite"),
+    ):
+        pass
+    assert path.exists()
+    assert (tmp_path / "checkpoint" / "one.npz").exists()
+    assert name == "folder" or target.read_text() == "years of work"
+
+
+@pytest.mark.parametrize("name", ["lock", "lock-holder", "inputs.json", "finished", "one.npz"])
+def test_checkpoint_writes_through_no_link(tmp_path: Path, name: str) -> None:
+    (tmp_path / "checkpoint").mkdir()
+    victim = tmp_path / "victim"
+    victim.write_text("years of work")
+    (tmp_path / "checkpoint" / name).symlink_to(victim)
+    replaced = nullcontext(), pytest.raises(CheckpointError, match=name)
+    with replaced[name != "lock-holder"], Checkpoint(tmp_path, INPUTS, "resume") as store:
+        store.save("one", CELL)
+        store.finish()
+    assert victim.read_text() == "years of work"
+
+
+def test_checkpoint_folder_that_is_a_link_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "checkpoint").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(CheckpointError, match="not of casswarm"), Checkpoint(tmp_path, INPUTS):
+        pass
+    assert not list((tmp_path / "elsewhere").iterdir())
