@@ -8,6 +8,8 @@ classes of these modules can be pickled and loaded by another process.
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -116,3 +118,19 @@ def is_defined_in(found: Any, folder: Path) -> bool:
     module = getattr(found, "__module__", None)
     origin = getattr(sys.modules.get(module or ""), "__file__", None)
     return origin is not None and Path(origin).is_relative_to(folder.resolve())
+
+
+def code_hash(found: Any) -> str:
+    """SHA-256 of the file that defines a function or class; empty for casswarm's own.
+
+    Of a function or class without a file, as in a notebook, that of its text if it is known.
+    """
+    module = getattr(found, "__module__", None) or ""
+    if module.partition(".")[0] == __name__.partition(".")[0]:
+        return ""
+    origin = getattr(sys.modules.get(module), "__file__", None)
+    try:
+        text = Path(origin).read_text(encoding="utf-8") if origin else inspect.getsource(found)
+    except (OSError, TypeError, ValueError):
+        return ""
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import tomllib
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
-from importlib.metadata import version
 from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +25,7 @@ from ..planning.plan import guide_solver, initial_velocities, plan
 from ..typing import Progress
 from .batches import missing_batches, saved_results, simulate_batches
 from .checkpoint import Checkpoint, IfExists
+from .inputs import study_inputs
 from .policy_list import policy_list, resolve_policy
 from .tables import paired_table, run_table, summarise
 
@@ -173,17 +172,16 @@ def simulate(
     with ExitStack() as stack:
         store = None
         if checkpoint is not None:
-            inputs = {
-                "study": "simulate",
-                "scenario": tomllib.loads(scenario.to_toml()),
-                "guide": hashlib.sha256(guide.positions.tobytes()).hexdigest(),
-                "policies": [policy.name for policy in chosen],
-                "runs": runs,
-                "save_trajectories": int(save_trajectories),
-                "seed": seed,
-                "solver": f"{solver} {dict(solver_options)}" if solver_options else str(solver),
-                "casswarm": version("casswarm"),
-            }
+            inputs = study_inputs(
+                "simulate",
+                scenario,
+                chosen,
+                guide=hashlib.sha256(guide.positions.tobytes()).hexdigest(),
+                runs=runs,
+                save_trajectories=int(save_trajectories),
+                seed=seed,
+                solver=f"{solver} {dict(solver_options)}" if solver_options else str(solver),
+            )
             store = stack.enter_context(Checkpoint(checkpoint, inputs, if_exists))
         results = saved_results(store, chosen, runs)
         batches = missing_batches(chain, chosen, results, runs, save_trajectories, workers)

@@ -5,12 +5,10 @@ from __future__ import annotations
 import json
 import math
 import time
-import tomllib
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.metadata import version
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +26,7 @@ from ..scenario.variations import DERIVED, with_parameters
 from ..typing import Progress
 from .checkpoint import Checkpoint, IfExists
 from .evaluation import evaluate
+from .inputs import study_inputs
 from .policy_list import policy_list, policy_name
 from .simulation import PAPER_POLICIES, simulate
 from .tables import distribution_table
@@ -159,15 +158,14 @@ def sweep(
     with ExitStack() as stack:
         store = None
         if checkpoint is not None:
-            inputs = {
-                "study": "sweep",
-                "scenario": tomllib.loads(scenario.to_toml()),
-                "settings": settings,
-                "keys": list(settings),  # their order is that of the sweep points
-                "policies": list(map(policy_name, listed)),
-                "options": options,
-                "casswarm": version("casswarm"),
-            }
+            inputs = study_inputs(
+                "sweep",
+                scenario,
+                listed,
+                settings=settings,
+                keys=list(settings),  # their order is that of the sweep points
+                options=options,
+            )
             store = stack.enter_context(Checkpoint(checkpoint, inputs, if_exists))
             saved = {k: store.load_json(name) for k, name in enumerate(names)}
             # sweep points that failed are computed again
