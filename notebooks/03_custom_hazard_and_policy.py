@@ -170,5 +170,5 @@ assert distributions[0].success.low > distributions[1].success.high
 # members it sees; four members divide it among themselves. Members protect each other by being seen
 # together, as naive members do too, since their guides nearly coincide.
 #
-# In a scenario file this hazard is `kind = "module:towers"`, and on the command line the policy is
-# `--policy module:together`.
+# In a scenario file this hazard is `kind = "module:towers"`, which commands run with
+# `--allow-code`, and on the command line the policy is `--policy module:together`.

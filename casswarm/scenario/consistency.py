@@ -28,7 +28,18 @@ def core_radius(target: Target, hazard: HazardTable) -> float:
     return CORE_FRACTION * target.radius if hazard.core_radius is None else hazard.core_radius
 
 
-def start_problems(swarm: Swarm, target: Target, hazard: HazardTable) -> Iterator[str]:
+def problems(
+    scenario: Scenario, folder: Path | None = None, allow_code: bool = False
+) -> Iterator[str]:
+    """What contradicts itself in a scenario of a file in `folder`; `allow_code` as there."""
+    yield from _start_problems(scenario.swarm, scenario.target, scenario.hazard_table)
+    yield from _reach_problems(scenario.swarm, scenario.target, scenario.time)
+    yield from _margin_problems(scenario.guide, scenario.target)
+    yield from _collision_problems(scenario.target, scenario.hazard_table)
+    yield from _custom_hazard_problems(scenario, folder, allow_code)
+
+
+def _start_problems(swarm: Swarm, target: Target, hazard: HazardTable) -> Iterator[str]:
     """Members that start inside a radar or in the target zone, or faster than they can move."""
     apart = core_radius(target, hazard)
     for i, position in enumerate(swarm.positions):
@@ -52,7 +63,7 @@ def start_problems(swarm: Swarm, target: Target, hazard: HazardTable) -> Iterato
         )
 
 
-def reach_problems(swarm: Swarm, target: Target, time: Time) -> Iterator[str]:
+def _reach_problems(swarm: Swarm, target: Target, time: Time) -> Iterator[str]:
     """Too few or too many steps, or a target that is out of reach in all of them."""
     horizon = f"time.t_f is {time.t_f:g} with dt = {time.dt:g}"
     if time.steps < 1:
@@ -87,7 +98,7 @@ def axis_distance(start: NDArray[np.float64], target: Target) -> float:
     return max(0.0, float(far + near - math.sqrt(2 * target.radius**2 - (far - near) ** 2)) / 2)
 
 
-def margin_problems(guide: GuideOptions, target: Target) -> Iterator[str]:
+def _margin_problems(guide: GuideOptions, target: Target) -> Iterator[str]:
     """A margin that is not smaller than the target zone."""
     if guide.margin is not None and guide.margin >= target.radius:
         yield (
@@ -96,7 +107,7 @@ def margin_problems(guide: GuideOptions, target: Target) -> Iterator[str]:
         )
 
 
-def collision_problems(target: Target, hazard: HazardTable) -> Iterator[str]:
+def _collision_problems(target: Target, hazard: HazardTable) -> Iterator[str]:
     """Rates of members at one point that are too large to compute with."""
     if hazard.beta_1 is None or hazard.beta_2 is None:
         return
@@ -109,7 +120,7 @@ def collision_problems(target: Target, hazard: HazardTable) -> Iterator[str]:
         )
 
 
-def custom_hazard_problems(
+def _custom_hazard_problems(
     scenario: Scenario, folder: Path | None, allow_code: bool
 ) -> Iterator[str]:
     """A function of the user that may not be run, cannot be imported, or fails at the start."""

@@ -61,21 +61,12 @@ class Scenario(Displayed, Table):
     formation: FormationOptions = Field(
         default_factory=FormationOptions, description="Options of the formation problem."
     )
-
-    _folder: Path | None = PrivateAttr(None)
-    _allow_code: bool = PrivateAttr(False)
+    _context: dict[str, Any] = PrivateAttr({})  # folder and allow_code of `from_data`
 
     @model_validator(mode="after")
     def _fits_together(self, info: ValidationInfo) -> Scenario:
-        context = info.context or {}
-        self._folder, self._allow_code = context.get("folder"), context.get("allow_code", False)
-        if messages := [
-            *consistency.start_problems(self.swarm, self.target, self.hazard_table),
-            *consistency.reach_problems(self.swarm, self.target, self.time),
-            *consistency.margin_problems(self.guide, self.target),
-            *consistency.collision_problems(self.target, self.hazard_table),
-            *consistency.custom_hazard_problems(self, self._folder, self._allow_code),
-        ]:
+        self._context = info.context or {}
+        if messages := list(consistency.problems(self, **self._context)):
             raise invalid([Problem(message, message.split()[0]) for message in messages])
         return self
 
@@ -97,11 +88,9 @@ class Scenario(Displayed, Table):
         source : str
             Name of the scenario in error messages, for example its file.
         folder : Path, optional
-            Folder of the scenario file, in which the module of a ``module:function`` lies. By
-            default the module is imported as usual.
+            Folder of the scenario file, in which the module of a ``module:function`` lies.
         allow_code : bool
-            Whether a ``module:function`` may be imported and called. Functions themselves need no
-            consent.
+            Whether a ``module:function`` may be imported and called.
 
         Raises
         ------
@@ -154,7 +143,7 @@ class Scenario(Displayed, Table):
     def hazard(self) -> Hazard:
         """Destruction rates of the members."""
         core_radius = consistency.core_radius(self.target, self.hazard_table)
-        return self.hazard_table.build(core_radius, self._folder)
+        return self.hazard_table.build(core_radius, self._context.get("folder"))
 
     def replace(self, **tables: Unpack[Changes]) -> Scenario:
         """Copy of the scenario with other values in its tables, validated again.
@@ -172,8 +161,7 @@ class Scenario(Displayed, Table):
         Examples
         --------
         >>> import casswarm as csw
-        >>> scenario = csw.load_scenario("paper-1").replace(guide={"arrival": "any"})
-        >>> scenario.guide.arrival
+        >>> csw.load_scenario("paper-1").replace(guide={"arrival": "any"}).guide.arrival
         'any'
         """
         changes = cast(dict[str, dict[str, object]], tables)
@@ -198,13 +186,9 @@ class Scenario(Displayed, Table):
         Examples
         --------
         >>> import casswarm as csw
-        >>> wide = csw.load_scenario("paper-1").with_values({"formation.rho": 0.1})
-        >>> wide.formation.rho
+        >>> csw.load_scenario("paper-1").with_values({"formation.rho": 0.1}).formation.rho
         0.1
         """
-        return self._changed(values, self._allow_code)
-
-    def _changed(self, values: Mapping[str, object], allow_code: bool) -> Scenario:
         known = known_keys(type(self))
         problems = [
             unknown_key(key, type(self))
@@ -213,11 +197,10 @@ class Scenario(Displayed, Table):
         ]
         if problems:
             raise scenario_error(f"scenario '{self.name}' has no such key", problems)
-        data = self._data()
+        data, source = self._data(), f"scenario '{self.name}' with new values"
         for key, value in values.items():
             set_value(data, key, to_plain(value))
-        source = f"scenario '{self.name}' with new values"
-        return self.from_data(data, source=source, folder=self._folder, allow_code=allow_code)
+        return self.from_data(data, source=source, **self._context)
 
     def with_hazard(
         self,
@@ -251,7 +234,8 @@ class Scenario(Displayed, Table):
         work too, but their scenarios cannot be saved, and can be pickled only if the function can.
         """
         hazard = {"kind": function, "radars": radars, "parameters": parameters}
-        return self._changed({"hazard": hazard}, allow_code=True)
+        data, context = self._data() | {"hazard": hazard}, self._context | {"allow_code": True}
+        return self.from_data(data, source=f"scenario '{self.name}' with new rates", **context)
 
     def to_toml(self, comments: bool = False) -> str:
         """Text of a scenario file; loading it gives an equal scenario.
@@ -277,7 +261,7 @@ class Scenario(Displayed, Table):
             return super().model_copy(deep=deep)
         fields = {name: getattr(self, name) for name in type(self).model_fields} | dict(update)
         fields["hazard"] = fields.pop("hazard_table")
-        return self.from_data(fields, folder=self._folder, allow_code=self._allow_code)
+        return self.from_data(fields, **self._context)
 
     def _data(self) -> dict[str, Any]:
         data = self.model_dump(by_alias=True, exclude_none=True)
@@ -301,11 +285,10 @@ class Scenario(Displayed, Table):
         return {**state, "__dict__": values}
 
     def __repr__(self) -> str:
-        kind = self.hazard_table.kind
-        return (
-            f"<Scenario '{self.name}': {self.n} members, {len(self.hazard_table.radars)} radars, "
-            f"{kind if isinstance(kind, str) else 'custom'} hazard, {self.n_steps} steps>"
-        )
+        table = self.hazard_table
+        kind = table.kind if isinstance(table.kind, str) else "custom"
+        size = f"{self.n} members, {len(table.radars)} radars, {kind} hazard, {self.n_steps} steps"
+        return f"<Scenario '{self.name}': {size}>"
 
     __str__ = __repr__
 
