@@ -11,6 +11,7 @@ import logging
 import click
 
 from .. import __version__
+from .._util.text import printable
 from .animate import animate
 from .compare import compare
 from .evaluate import evaluate
@@ -65,4 +66,14 @@ def main() -> None:
     log = logging.getLogger("casswarm")
     log.setLevel(logging.INFO)
     if not log.handlers:
-        log.addHandler(logging.StreamHandler())  # standard error
+        handler = logging.StreamHandler()  # standard error
+        handler.setFormatter(_Printable())
+        log.addHandler(handler)
+
+
+class _Printable(logging.Formatter):
+    """Messages without characters that a terminal would obey."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Text of a record."""
+        return printable(super().format(record))

@@ -12,10 +12,12 @@ import click
 
 import casswarm as csw
 
+from .._util.text import printable
 from .._util.user_code import load as load_code
 from .._util.user_code import module_file
 from ..errors import CasswarmError, FolderError, PlanningError, PolicyError, WorkerError
 from .options import CommonOptions, StudyOptions
+from .output import say
 
 
 class Failure(click.ClickException):
@@ -23,8 +25,11 @@ class Failure(click.ClickException):
 
     exit_code = 1
 
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
 
-class WrongInput(click.ClickException):
+
+class WrongInput(Failure):
     """The input is wrong: exit code 2."""
 
     exit_code = 2
@@ -63,7 +68,15 @@ def load(common: CommonOptions, values: Mapping[str, Any] | None = None) -> csw.
     changes = dict(map(_setting, common.settings))
     changes |= {key: value for key, value in (values or {}).items() if value is not None}
     scenario = csw.load_scenario(common.scenario, allow_code=common.allow_code)
-    return scenario.with_values(changes) if changes else scenario
+    if not changes:
+        return scenario
+    changed = scenario.with_values(changes)
+    from ..scenario.consistency import doubts
+
+    for text in doubts(changed):
+        if text not in doubts(scenario):
+            say(text, common.quiet)
+    return changed
 
 
 def _setting(text: str) -> tuple[str, object]:

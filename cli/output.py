@@ -12,6 +12,7 @@ import click
 import casswarm as csw
 
 from .._util.documents import json_text
+from .._util.text import printable
 from .options import FigureOptions, OutputOptions
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ def progress_report(quiet: bool) -> Iterator[csw.Progress | None]:
 def say(text: str, quiet: bool = False) -> None:
     """Print a line on standard error."""
     if not quiet:
-        click.echo(text, err=True)
+        click.echo(printable(text), err=True)
 
 
 def open_folder(

@@ -1,4 +1,4 @@
-"""Suggestions in error messages."""
+"""Texts of messages: suggestions, and characters that a terminal would obey."""
 
 from __future__ import annotations
 
@@ -21,3 +21,12 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     """End of a message about an unknown word: the closest known word, and all known words."""
     words = list(known)
     return f"{suggestion(word, words)} (known: {', '.join(words)})"
+
+
+def printable(text: str) -> str:
+    """Text in which control and bidirectional characters are written as escapes, but line breaks.
+
+    Messages name files and values of somebody else, which could otherwise move the cursor, hide
+    what was printed, or turn around the order of what is read.
+    """
+    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)

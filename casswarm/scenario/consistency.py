@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,6 +37,31 @@ def problems(
     yield from _margin_problems(scenario.guide, scenario.target)
     yield from _collision_problems(scenario.target, scenario.hazard_table)
     yield from _custom_hazard_problems(scenario, folder, allow_code)
+
+
+def doubts(scenario: Scenario) -> Iterator[str]:
+    """What is allowed in a scenario, but hardly meant."""
+    hazard, target = scenario.hazard_table, scenario.target
+    for first, second in _equal_points(hazard.radars):
+        yield f"hazard.radars[{first}] and [{second}] are the same point: their rates are added"
+    for k, inside in enumerate(target.contains(scenario.hazard.radar_positions)):
+        if inside:
+            yield f"hazard.radars[{k}] lies in the target zone, where members must arrive"
+    if hazard.beta_1 is not None:
+        for first, second in _equal_points(scenario.swarm.positions):
+            yield (
+                f"swarm.positions[{first}] and [{second}] are the same point: these members collide "
+                "from the start"
+            )
+
+
+def _equal_points(points: Sequence[tuple[float, float]]) -> Iterator[tuple[int, int]]:
+    """Indices of every point that an earlier one equals, and of the first such."""
+    seen: dict[tuple[float, float], int] = {}
+    for index, point in enumerate(points):
+        first = seen.setdefault(point, index)
+        if first != index:
+            yield first, index
 
 
 def _start_problems(swarm: Swarm, target: Target, hazard: HazardTable) -> Iterator[str]:

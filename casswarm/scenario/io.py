@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import tomllib
 from importlib.resources import files
@@ -10,8 +11,11 @@ from typing import Any
 
 from .._util.text import suggestion
 from ..errors import ScenarioError
+from .consistency import doubts
 from .model import Scenario
 from .validation import Problem, scenario_error
+
+LOG = logging.getLogger(__name__)
 
 _TEMPLATE = "start from a built-in one: casswarm scenarios new my.toml --from paper-1"
 
@@ -51,10 +55,13 @@ def load_scenario(source: str | os.PathLike[str], *, allow_code: bool = False) -
     try:
         data = _parsed(_text(path, str(source), label), label)
         folder = path.resolve().parent
-        return Scenario.from_data(data, source=label, folder=folder, allow_code=allow_code)
+        scenario = Scenario.from_data(data, source=label, folder=folder, allow_code=allow_code)
     except ScenarioError as error:
         vars(error)["file"] = path
         raise
+    for text in doubts(scenario):
+        LOG.warning("%s: %s", label, text)
+    return scenario
 
 
 def save_scenario(scenario: Scenario, path: str | os.PathLike[str], comments: bool = False) -> None:

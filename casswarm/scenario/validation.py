@@ -60,8 +60,11 @@ Boolean = Annotated[bool, Field(strict=True), Allowed("true or false")]
 Text = Annotated[str, Field(strict=True), Allowed("a text in quotes")]
 Name = Annotated[
     str,
-    Field(strict=True, max_length=100, pattern=r"^\w[^\x00-\x1f\x7f-\x9f/\\]*$"),
-    Allowed("a text of 1 to 100 characters, without slashes, that starts with a letter or digit"),
+    Field(strict=True, max_length=100, pattern=r"^\w[^\p{C}\p{Zl}\p{Zp}/\\$]*$"),
+    Allowed(
+        "a text of 1 to 100 printable characters, without slashes and '$', that starts with a "
+        "letter or digit"
+    ),
 ]
 Point = Annotated[tuple[Number, Number], Allowed(f"[x, y], two numbers up to {LARGEST:g}")]
 

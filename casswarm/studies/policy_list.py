@@ -40,6 +40,13 @@ def policy_list(policies: Any) -> list[Any]:
     listed = [policies] if single or not isinstance(policies, Iterable) else list(policies)
     listed = [policy if isinstance(policy, str) else as_policy(policy) for policy in listed]
     names = list(map(policy_name, listed))
+    for name in names:
+        if not name.isprintable() or set(name) & set("/\\$") or not name.strip():
+            raise PolicyError(
+                f"policy name {name!r}: figures and files need printable characters, without "
+                "slashes and '$'; as_policy(function, name) names a function",
+                policy=name,
+            )
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
         raise PolicyError(

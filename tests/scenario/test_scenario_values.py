@@ -50,9 +50,9 @@ WRONG_VALUES = [
     ("guide.iterations", 10.0, "guide.iterations is 10.0; it must be a whole number from 1"),
     ("guide.arrival", "soon", "guide.arrival is 'soon'; it must be 'any' or 'horizon'"),
     ("guide.margin", -0.1, "guide.margin is -0.1; it must be a number, 0 or above"),
-    ("name", "", "name is ''; it must be a text of 1 to 100 characters, without slashes"),
-    ("name", "../up", "name is '../up'; it must be a text of 1 to 100 characters"),
-    ("name", 1, "name is 1; it must be a text of 1 to 100 characters"),
+    ("name", "", "name is ''; it must be a text of 1 to 100 printable characters, without slashes"),
+    ("name", "../up", "name is '../up'; it must be a text of 1 to 100 printable characters"),
+    ("name", 1, "name is 1; it must be a text of 1 to 100 printable characters"),
     ("description", 1, "description is 1; it must be a text in quotes"),
     ("time", 3, "time is 3; it must be a table with the keys dt, t_f"),
 ]
