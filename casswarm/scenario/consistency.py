@@ -50,8 +50,8 @@ def doubts(scenario: Scenario) -> Iterator[str]:
     if hazard.beta_1 is not None:
         for first, second in _equal_points(scenario.swarm.positions):
             yield (
-                f"swarm.positions[{first}] and [{second}] are the same point: these members collide "
-                "from the start"
+                f"swarm.positions[{first}] and [{second}] are the same point: these members "
+                "collide from the start"
             )
 
 
