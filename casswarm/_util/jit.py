@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 from .files import atomic_write
+from .threads import locked_cache
 
 LOG = logging.getLogger(__name__)
 
@@ -107,7 +108,7 @@ def cache_folder() -> Path:
     return Path(folder) if folder else user_cache_path("casswarm", appauthor=False)
 
 
-@lru_cache(maxsize=64)
+@locked_cache(maxsize=64)
 def generated_module(source: str) -> ModuleType:
     """Module of a Python text that uses the names `math`, `np`, `kernel` and `objective`."""
     text = _HEADER + source

@@ -6,13 +6,13 @@ import importlib
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from .._util.threads import locked_cache
 from ..errors import HazardError
 from ..typing import BoolArray, Expr, FloatArray
 from .base import Hazard, checked_radars
@@ -175,7 +175,7 @@ def user_hazard(
         raise HazardError(f"{rates.__name__} cannot be made: {error}") from error
 
 
-@lru_cache(maxsize=64)
+@locked_cache(maxsize=64)
 def rate_function(hazard: CustomHazard, n: int) -> Expr:
     """CasADi Function (2, n), (1, n) -> (1, n) of a user's rates.
 
@@ -206,7 +206,7 @@ def rate_function(hazard: CustomHazard, n: int) -> Expr:
     return ca.Function("rates", [positions, alive], [ca.reshape(rates, 1, n)])
 
 
-@lru_cache(maxsize=64)
+@locked_cache(maxsize=64)
 def _mapped_rates(hazard: CustomHazard, n: int, size: int) -> Expr:
     return rate_function(hazard, n).map(size)
 

@@ -11,7 +11,6 @@ import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -19,6 +18,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 from ..._util.interrupts import begin_child, deferred
+from ..._util.threads import locked_cache
 from ...errors import CasswarmError, SolverError
 from ..problem import Instances, Nlp
 from ..solution import Solution, Status
@@ -216,7 +216,7 @@ class _Worker:
         raise WorkerEndedError(Status.TIME_LIMIT, message)
 
 
-@lru_cache(maxsize=64)
+@locked_cache(maxsize=64)
 def _worker(solver: Isolated) -> _Worker:
     """The process of a solver; equal solvers share one."""
     return _Worker(solver.solver)
