@@ -25,13 +25,13 @@ v_max and a_max allow, and counts as infeasible. The destroyed do not move.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from .._util.threads import locked_cache
 from ..hazard import Hazard, KernelHazard
 from ..optimization.feasible_sets.planar import PlanarSets
 from ..optimization.problem import Instances, Nlp
@@ -47,7 +47,7 @@ each, and determines the formation. With collisions it is least at some distance
 among the minimisers, the one of least total rate is wanted. This weight selects it."""
 
 
-@lru_cache(maxsize=32)
+@locked_cache(maxsize=32)
 def formation_nlp(hazard: Hazard, n: int, corridor: bool, horizon: int = 1) -> Nlp:
     """The program above for n members and H = `horizon`, with or without the corridor.
 

@@ -20,13 +20,13 @@ T has weight zero, and their velocities are fixed at zero.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._util.threads import locked_cache
 from ..hazard import Hazard
 from ..optimization.problem import Instances, Nlp
 from ..typing import FloatArray
@@ -42,7 +42,7 @@ UNROLL = 3000
 """Steps times radars up to which scalar expressions are faster."""
 
 
-@lru_cache(maxsize=16)
+@locked_cache(maxsize=16)
 def guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
     """The program above for arrival at any step up to `horizon`.
 

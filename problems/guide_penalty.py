@@ -11,17 +11,16 @@ at the centre. The paper's guide problem has no acceleration limit.
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import casadi as ca
 
+from .._util.threads import locked_cache
 from ..hazard import Hazard
 from ..optimization.problem import Instances, Nlp
 from ..typing import FloatArray
 from .guide import UNROLL, GuideTask
 
 
-@lru_cache(maxsize=16)
+@locked_cache(maxsize=16)
 def penalised_guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
     """The program above with `horizon` = N steps."""
     V = ca.MX.sym("velocities", 2, horizon)

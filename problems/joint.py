@@ -36,11 +36,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
+from .._util.threads import locked_cache
 from ..hazard import Hazard
 from ..optimization.problem import Nlp
 from ..typing import Expr
@@ -80,7 +80,7 @@ class JointForm:
         return self.objective == "arrivals"
 
 
-@lru_cache(maxsize=64)
+@locked_cache(maxsize=64)
 def joint_nlp(hazard: Hazard, form: JointForm) -> Nlp:
     """The program above, in steps and in lengths of a step at v_max.
 

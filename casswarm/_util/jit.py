@@ -1,20 +1,16 @@
 """Numba: the decorators of compiled functions, and generated modules of them.
 
-Numba keeps compiled code beside the file of a function, or in its own cache folder where that
-cannot be written. A generated module must therefore be a file that stays: it is written to the
-user's cache folder under the hash of its text.
+Compiled code is kept beside the file of a function, or in the user's cache folder where that cannot
+be used: see `casswarm._util.compiled_files`. A generated module must therefore be a file that
+stays: it is written to the user's cache folder under the hash of its text.
 """
 
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import logging
-import os
 import sys
-import tempfile
 from collections.abc import Callable
-from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
@@ -22,9 +18,11 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from platformdirs import user_cache_path
 
 from .files import atomic_write
+from .private_folders import cache_folder, private_folder
+from .temporary import remove_abandoned, temporary_folder
+from .threads import locked_cache
 
 LOG = logging.getLogger(__name__)
 
@@ -32,7 +30,7 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 _Array = TypeVar("_Array", bound=NDArray[Any])
 _PACKAGE = Path(__file__).parent.parent
 
-_OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy"}
+_OPTIONS: dict[str, Any] = {"error_model": "numpy"}
 _UNCOUNTED: dict[str, Any] = {"_nrt": False}  # as Numba itself compiles its functions of strings
 _OBJECTIVE = "float64(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])"
 _HEADER = """\
@@ -64,10 +62,10 @@ def allocating_kernel(function: _Function) -> _Function:
 def _compiled(function: _Function, options: dict[str, Any]) -> _Function:
     import numba
 
+    from .compiled_files import compiled_files
+
     compiled: Any = numba.njit(nogil=True, **_OPTIONS, **options)(function)
-    with suppress(AttributeError):  # otherwise only a function's own file counts
-        file = compiled._cache._cache_file
-        file._source_stamp = (file._source_stamp, _stamp())
+    compiled._cache = compiled_files(function, _stamp())
     return cast("_Function", compiled)
 
 
@@ -77,9 +75,15 @@ def objective(function: _Function) -> _Function:
     The arguments are contiguous vectors. All objectives have one type, so that a solver is compiled
     once for all of them.
     """
-    import numba
+    from numba.core.ccallback import CFunc
+    from numba.core.sigutils import normalize_signature
 
-    return cast("_Function", numba.cfunc(_OBJECTIVE, **_OPTIONS, **_UNCOUNTED)(function))
+    from .compiled_files import compiled_files
+
+    compiled: Any = CFunc(function, normalize_signature(_OBJECTIVE), {}, _OPTIONS | _UNCOUNTED)
+    compiled._cache = compiled_files(function, _stamp())
+    compiled.compile()  # as `numba.cfunc` does, with its own cache
+    return cast("_Function", compiled)
 
 
 @lru_cache(maxsize=1)
@@ -96,40 +100,40 @@ def contiguous(array: _Array) -> _Array:
 
 def announce(compiled: Any) -> None:
     """Log a warning if a kernel is going to be compiled, which takes seconds."""
-    folder, name = Path(compiled.stats.cache_path), compiled.__module__.rpartition(".")[2]
-    if not compiled.signatures and not any(folder.glob(f"{name}.{compiled.__name__}-*.nbi")):
+    folder, name = compiled.stats.cache_path, compiled.__module__.rpartition(".")[2]
+    if compiled.signatures or folder is None:  # without a folder there is another warning
+        return
+    if not any(Path(folder).glob(f"{name}.{compiled.__name__}-*.nbi")):
         LOG.warning("compiling once, for some seconds; the result is kept in %s", folder)
 
 
-def cache_folder() -> Path:
-    """Folder of generated modules: $CASSWARM_CACHE, or the user's cache folder."""
-    folder = os.environ.get("CASSWARM_CACHE")
-    return Path(folder) if folder else user_cache_path("casswarm", appauthor=False)
-
-
-@lru_cache(maxsize=64)
+@locked_cache(maxsize=64)
 def generated_module(source: str) -> ModuleType:
     """Module of a Python text that uses the names `math`, `np`, `kernel` and `objective`."""
     text = _HEADER + source
     name = f"casswarm_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
-    spec = importlib.util.spec_from_file_location(name, _file(name, text))
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
+    path = _file(name, text)
+    module = ModuleType(name)
+    module.__file__ = str(path)
     sys.modules[name] = module  # where Numba looks for what it loads from disk
-    spec.loader.exec_module(module)
+    exec(compile(text, path, "exec"), vars(module))  # not imported: a .pyc may be damaged
     return module
 
 
 def _file(name: str, text: str) -> Path:
     """Write the text to the cache folder, or to a temporary one where that is impossible."""
-    path = cache_folder() / f"{name}.py"
+    remove_abandoned()
     try:
-        if not path.exists() or path.read_text(encoding="utf-8") != text:
-            path.parent.mkdir(parents=True, exist_ok=True)
+        path = private_folder(cache_folder()) / f"{name}.py"
+        if not path.exists() or path.read_bytes() != text.encode():
             atomic_write(path, text)
     except OSError as error:
         LOG.warning("%s: compiled code is for this process only", error)
-        path = Path(tempfile.mkdtemp(prefix="casswarm-")) / path.name
+        path = _process_folder() / f"{name}.py"
         atomic_write(path, text)
     return path
+
+
+@locked_cache(maxsize=1)
+def _process_folder() -> Path:
+    return temporary_folder()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import (
     BrokenExecutor,
@@ -19,6 +18,7 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from ..errors import PolicyError, WorkerError
 from .interrupts import begin_child, blocked, interruptible
+from .threads import ONE_JOB
 
 T = TypeVar("T")
 
@@ -33,8 +33,6 @@ class SubmitsJobs(Protocol):
 
 Workers = int | SubmitsJobs
 """A number of processes, or an executor."""
-
-_ONE_AT_A_TIME = threading.Lock()  # in a process: threads must not share CasADi's functions
 
 _GUARD = (
     "in a script, use more than one only under `if __name__ == '__main__':`, and never from "
@@ -60,7 +58,7 @@ def done_jobs(jobs: Sequence[Callable[[], T]], workers: Workers) -> Iterator[tup
         They pickle, unless `workers` is 1.
     workers : int or executor
         1 runs them in this process, one after the other. An executor is neither started nor shut
-        down. Jobs in one process wait for each other, so threads save no time.
+        down. Jobs in threads of one process take turns: see `casswarm._util.threads.ONE_JOB`.
 
     Raises
     ------
@@ -111,7 +109,7 @@ def _gathered(pool: SubmitsJobs, jobs: dict[int, Callable[[], T]]) -> Iterator[t
 
 
 def _call(job: Callable[[], T]) -> T:
-    with _ONE_AT_A_TIME:
+    with ONE_JOB:
         return job()
 
 

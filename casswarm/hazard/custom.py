@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from .._util.threads import locked_cache
 from ..errors import HazardError
 from ..typing import BoolArray, Expr, FloatArray
 from .base import Hazard, checked_radars
@@ -147,7 +147,7 @@ class CustomHazard(Hazard):
         return f"hazard {getattr(self.function, '__qualname__', self.function)!r}"
 
 
-@lru_cache(maxsize=64)
+@locked_cache(maxsize=64)
 def rate_function(hazard: CustomHazard, n: int) -> Expr:
     """CasADi Function (2, n), (1, n) -> (1, n) of a user's rates.
 
@@ -178,7 +178,7 @@ def rate_function(hazard: CustomHazard, n: int) -> Expr:
     return ca.Function("rates", [positions, alive], [ca.reshape(rates, 1, n)])
 
 
-@lru_cache(maxsize=64)
+@locked_cache(maxsize=64)
 def _mapped_rates(hazard: CustomHazard, n: int, size: int) -> Expr:
     return rate_function(hazard, n).map(size)
 

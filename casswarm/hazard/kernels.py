@@ -17,13 +17,13 @@ from abc import abstractmethod
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field, fields
-from functools import lru_cache
 from numbers import Real
 
 import casadi as ca
 import numpy as np
 
 from .._util.constants import CORE_RADIUS
+from .._util.threads import locked_cache
 from ..errors import HazardError
 from ..typing import BoolArray, Expr, FloatArray
 from .base import Hazard, checked_radars
@@ -197,13 +197,13 @@ def _squared_distances(a: FloatArray, b: FloatArray) -> FloatArray:
     return east * east + north * north
 
 
-@lru_cache(maxsize=64)
+@locked_cache(maxsize=64)
 def lowered_kernels(hazard: KernelHazard) -> tuple[Callable[..., FloatArray], ...]:
     """NumPy functions of the four expressions: source, density, collision, combine."""
     return tuple(lower(getattr(hazard, name), inputs, name) for name, inputs in _KERNELS.items())
 
 
-@lru_cache(maxsize=64)
+@locked_cache(maxsize=64)
 def differentiated_kernels(hazard: KernelHazard) -> tuple[str, tuple[float, ...]]:
     """Python source of the kernels with their derivatives, and the parameters that it reads.
 

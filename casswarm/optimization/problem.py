@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._util.jit import generated_module
+from .._util.threads import locked_property, one_at_a_time
 from ..errors import SolverError
 from ..typing import Expr, FloatArray
 from .feasible_sets.planar import PlanarSets
@@ -82,17 +82,17 @@ class Nlp:
     n_starts: int = 1
     hessian: Expr | None = None
 
-    @cached_property
+    @locked_property
     def x(self) -> Expr:
         """All variables, a column."""
         return ca.veccat(*self.variables.values())
 
-    @cached_property
+    @locked_property
     def p(self) -> Expr:
         """All parameters, a column."""
         return ca.veccat(*self.parameters.values())
 
-    @cached_property
+    @locked_property
     def g(self) -> Expr:
         """All constraints, a column."""
         return ca.veccat(*self.constraints.values()) if self.constraints else ca.MX(0, 1)
@@ -102,22 +102,23 @@ class Nlp:
         """Numbers of variables, parameters and constraints."""
         return self.x.shape[0], self.p.shape[0], self.g.shape[0]
 
-    @cached_property
+    @locked_property
     def evaluate(self) -> Expr:
         """CasADi Function (x, p) to (f, g)."""
         return self._function("evaluate", [self.objective, self.g])
 
-    @cached_property
+    @locked_property
     def gradient(self) -> Expr:
         """CasADi Function (x, p) to (f, gradient of f)."""
         gradient = ca.densify(ca.gradient(self.objective, self.x))
         return self._function("gradient", [self.objective, gradient])
 
-    @cached_property
+    @locked_property
     def jacobian(self) -> Expr:
         """CasADi Function (x, p) to the Jacobian of g, sparse."""
         return self._function("jacobian", [ca.jacobian(self.g, self.x)])
 
+    @one_at_a_time
     def __reduce__(self) -> tuple[Any, ...]:
         # symbols do not pickle, but functions of them do; inlining restores the graph
         function = ca.Function(
@@ -133,7 +134,7 @@ class Nlp:
         function = ca.Function(name, [self.x, self.p], outputs)
         return function.expand() if self.unroll else function
 
-    @cached_property
+    @locked_property
     def row_names(self) -> tuple[str, ...]:
         """Name of every row of g, such as ``acceleration[3]``."""
         return tuple(
@@ -166,6 +167,7 @@ class Nlp:
         raise KeyError(name)
 
 
+@one_at_a_time
 def _restore(
     name: str, function: Expr, names: tuple[tuple[str, ...], ...], hints: tuple[Any, ...]
 ) -> Nlp:

@@ -7,7 +7,6 @@ import time
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from functools import cache, lru_cache
 from importlib.metadata import version
 from typing import Any, ClassVar
 
@@ -16,6 +15,7 @@ import numpy as np
 
 from ..._util.interrupts import interruptible
 from ..._util.silence import silence
+from ..._util.threads import locked_cache, one_at_a_time
 from ...errors import SolverError
 from ..problem import Instances, Nlp
 from ..solution import Status
@@ -78,6 +78,7 @@ class NlpsolSolver(Solver):
         function = _compiled(self, nlp)
         return [self._solve(function, instances, i) for i in range(len(instances))]
 
+    @one_at_a_time
     def _solve(self, function: Any, instances: Instances, i: int) -> Answer:
         started = time.perf_counter()
         rows = instances.lbg.shape[1]
@@ -125,7 +126,7 @@ class NlpsolSolver(Solver):
         return Status.TIME_LIMIT if late else Status.ITERATION_LIMIT
 
 
-@cache
+@locked_cache(maxsize=64)
 def has_plugin(plugin: str) -> bool:
     """Whether this installation of CasADi can load an nlpsol plugin."""
     return bool(ca.has_nlpsol(plugin))
@@ -145,7 +146,7 @@ def _reason(error: RuntimeError) -> str:
     return lines[-1] if lines else "error without a message"
 
 
-@lru_cache(maxsize=64)
+@locked_cache(maxsize=64)
 def _compiled(solver: NlpsolSolver, nlp: Nlp) -> Any:
     """Solver of the problem in units of `Instances.scale`, which are its last two parameters."""
     options = {"expand": nlp.unroll, **COMMON, **solver.plugin_options()}

@@ -6,12 +6,10 @@ import atexit
 import os
 import pickle
 import signal
-import tempfile
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -19,6 +17,8 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 from ..._util.interrupts import begin_child, deferred
+from ..._util.temporary import temporary_file
+from ..._util.threads import locked_cache
 from ...errors import CasswarmError, SolverError
 from ..problem import Instances, Nlp
 from ..solution import Solution, Status
@@ -137,10 +137,8 @@ class _Worker:
         self._connection: Connection[Any, Any] | None = None
         self._programs: dict[Nlp, int] = {}  # those that the child has
         self._lock = threading.Lock()  # one request at a time
-        handle, name = tempfile.mkstemp(prefix="casswarm-", suffix=".log")
-        os.close(handle)
-        self._output = Path(name)  # what the child prints
-        atexit.register(self._exit)
+        self._output = temporary_file(".log")  # what the child prints
+        atexit.register(self.end)
 
     def solve(
         self, nlp: Nlp, instances: Instances, time_limit: float
@@ -195,10 +193,6 @@ class _Worker:
         self._child = self._connection = None
         self._programs.clear()
 
-    def _exit(self) -> None:
-        self.end()
-        self._output.unlink(missing_ok=True)
-
     def _request(self, request: Any, seconds: float) -> Any:
         """Send a request, if there is one, and wait for the reply."""
         assert self._child is not None
@@ -216,7 +210,7 @@ class _Worker:
         raise WorkerEndedError(Status.TIME_LIMIT, message)
 
 
-@lru_cache(maxsize=64)
+@locked_cache(maxsize=64)
 def _worker(solver: Isolated) -> _Worker:
     """The process of a solver; equal solvers share one."""
     return _Worker(solver.solver)

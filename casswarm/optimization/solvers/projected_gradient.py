@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 
+from ..._util.threads import locked_cache
 from ...errors import SolverError
 from ...typing import BoolArray, FloatArray
 from ..feasible_sets.planar import PlanarSets
@@ -195,6 +195,6 @@ class _Gradients:
         return self.objective[: self.count], self.gradient[: self.count]
 
 
-@lru_cache(maxsize=64)
+@locked_cache(maxsize=64)
 def _mapped(nlp: Nlp, size: int) -> Any:
     return nlp.gradient.map(size)

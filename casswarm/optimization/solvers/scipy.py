@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..._util.threads import one_at_a_time
 from ...typing import FloatArray
 from ..problem import Instances, Nlp
 from ..solution import Status
@@ -51,6 +52,7 @@ class Slsqp(Solver):
         """See `Solver.run`."""
         return [self._solve(nlp, instances[i : i + 1]) for i in range(len(instances))]
 
+    @one_at_a_time  # filters of warnings are the process's
     def _solve(self, nlp: Nlp, instance: Instances) -> Answer:
         # slow to import, and seldom needed
         from scipy.optimize import Bounds, NonlinearConstraint, minimize

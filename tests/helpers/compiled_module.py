@@ -1,0 +1,36 @@
+"""A generated module, and its use in a process of its own."""
+
+import os
+import subprocess
+import sys
+
+TEXT = """
+@objective
+def square(x, p, constants, gradient, scratch):
+    return x[0] * x[0]
+
+
+@kernel
+def call(function, x):
+    return function(x, x, x, x, x)
+"""
+
+
+def run_compiled(cache, **environment):
+    """Call a kernel in a process of its own: hits of its cache and of its argument's, stderr."""
+    code = (
+        "import numpy as np\n"
+        "from casswarm._util.jit import announce, generated_module\n"
+        f"module = generated_module({TEXT!r})\n"
+        "announce(module.call)\n"
+        "assert module.call(module.square, np.array([2.0])) == 4.0\n"
+        "print(sum(module.call.stats.cache_hits.values()), module.square.cache_hits)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        env=os.environ | {"CASSWARM_CACHE": str(cache)} | environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.strip(), done.stderr
