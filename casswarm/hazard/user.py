@@ -7,7 +7,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
-from .._util.user_code import is_defined_in, load, module_file
+from .._util.user_modules import is_defined_in, load, module_file
 from ..errors import HazardError
 from .base import Hazard
 from .custom import CustomHazard

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from .._util.user_code import code_hash
+from .._util.user_modules import code_hash
 from ..hazard import CustomHazard
 from ..policies.base import Policy, UserPolicy
 from .policy_list import policy_name
