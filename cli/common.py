@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -14,8 +15,16 @@ import click
 
 import casswarm as csw
 
-from ..errors import CasswarmError, FolderError, PlanningError, PolicyError, WorkerError
-from .options import CommonOptions, StudyOptions
+from .._util.user_code import USER_ERRORS, failure_text
+from ..errors import (
+    CasswarmError,
+    FolderError,
+    PlanningError,
+    PolicyCallError,
+    PolicyError,
+    WorkerError,
+)
+from .options import CommonOptions, PolicyOptions, StudyOptions
 
 
 class Failure(click.ClickException):
@@ -45,7 +54,7 @@ def reported_errors(resumes: bool = False) -> Iterator[None]:
     except FolderError as error:
         full = resumes and error.__cause__ is not None  # else it is not writable at all
         raise Failure(f"{error}{RESUME if full else ''}") from error
-    except (PlanningError, WorkerError) as error:
+    except (PlanningError, PolicyCallError, WorkerError) as error:
         raise Failure(str(error)) from error
     except CasswarmError as error:
         raise WrongInput(str(error)) from error
@@ -76,25 +85,38 @@ def _setting(text: str) -> tuple[str, object]:
         return key.strip(), value.strip()  # a bare word, such as global
 
 
-def named_policies(names: tuple[str, ...]) -> list[Any]:
-    """Policies of these names, by default the paper's.
+def named_policies(options: PolicyOptions) -> list[Any]:
+    """Policies of the options, by default the paper's; their names and the solver's are known.
 
     ``module:function`` is imported, also from the current folder.
     """
+    from ..studies.policy_list import policy_list
     from ..studies.simulation import PAPER_POLICIES
 
-    return [_imported(name) if ":" in name else name for name in names or PAPER_POLICIES]
+    csw.make_solver(options.solver)
+    limit = options.policy_time_limit
+    names = options.policies or PAPER_POLICIES
+    return policy_list([_imported(name, limit) if ":" in name else name for name in names])
 
 
-def _imported(name: str) -> Any:
+def _imported(name: str, time_limit: float | None) -> Any:
     module, _, attribute = name.partition(":")
     if "" not in sys.path and str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))
     try:
         policy = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise PolicyError(f"policy {name!r} cannot be imported: {error}", policy=name) from error
-    return csw.as_policy(policy, attribute)
+    except USER_ERRORS as error:
+        reason = failure_text(error)
+        raise PolicyError(f"policy {name!r} cannot be imported: {reason}", policy=name) from error
+    return csw.as_policy(policy, attribute, time_limit)
+
+
+async def _answer(address: str) -> None:
+    """Connect to a Dask scheduler, or raise an error of the network."""
+    from distributed.comm.core import connect
+
+    connection = await connect(address, timeout=10)
+    await connection.close()
 
 
 @contextmanager
@@ -108,6 +130,7 @@ def executor(execution: StudyOptions) -> Iterator[Any]:
     except ImportError as error:
         raise WrongInput("--dask needs Dask: pip install 'casswarm[dask]'") from error
     try:
+        asyncio.run(_answer(execution.dask))  # a client that cannot connect says so at length
         client = Client(execution.dask, timeout=10, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise Failure(f"no Dask scheduler answers at {execution.dask}: {error}") from error

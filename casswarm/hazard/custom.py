@@ -13,6 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from .._util.user_code import USER_ERRORS, failure_text
 from ..errors import HazardError
 from ..typing import BoolArray, Expr, FloatArray
 from .base import Hazard, checked_radars
@@ -108,7 +109,10 @@ class CustomHazard(Hazard):
         lower_bound = self.lower_bound or getattr(self.function, "lower_bound", None)
         if lower_bound is None:
             return None
-        bounds = np.asarray(lower_bound(lower, upper, **self._keywords), dtype=float)
+        try:
+            bounds = np.asarray(lower_bound(lower, upper, **self._keywords), dtype=float)
+        except USER_ERRORS as error:
+            raise HazardError(f"lower_bound of {self!r} failed: {failure_text(error)}") from error
         boxes = np.broadcast_shapes(lower.shape, upper.shape)[:-1]
         if bounds.shape != boxes:
             raise HazardError(
@@ -171,8 +175,10 @@ def user_hazard(
         return CustomHazard(rates, radars, parameters)
     try:
         return rates(**{"radars": radars} | dict(parameters))
-    except TypeError as error:
-        raise HazardError(f"{rates.__name__} cannot be made: {error}") from error
+    except HazardError:
+        raise
+    except USER_ERRORS as error:
+        raise HazardError(f"{rates.__name__} cannot be made: {failure_text(error)}") from error
 
 
 @lru_cache(maxsize=64)
@@ -187,10 +193,9 @@ def rate_function(hazard: CustomHazard, n: int) -> Expr:
     positions, alive = ca.MX.sym("positions", 2, n), ca.MX.sym("alive", 1, n)
     try:
         returned = hazard.function(positions.T, alive.T, **hazard._keywords)
-    except Exception as error:
+    except USER_ERRORS as error:
         raise HazardError(
-            f"{hazard!r} failed on {n} members with CasADi arguments: "
-            f"{type(error).__name__}: {error}"
+            f"{hazard!r} failed on {n} members with CasADi arguments: {failure_text(error)}"
         ) from error
     try:
         rates = ca.MX(returned)
@@ -219,9 +224,9 @@ def _import_function(name: str, folder: Path | None) -> Callable[..., Expr]:
         sys.path.insert(0, str(folder))
     try:
         found: Any = importlib.import_module(module_name)
-    except Exception as error:
+    except USER_ERRORS as error:
         raise HazardError(
-            f"cannot import the module {module_name!r} of {name!r}: {type(error).__name__}: {error}"
+            f"cannot import the module {module_name!r} of {name!r}: {failure_text(error)}"
         ) from error
     _require_from(found, module_name, folder)
     for part in attribute.split("."):

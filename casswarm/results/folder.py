@@ -150,15 +150,17 @@ class ResultsFolder(ResultsReader):
         content = json.loads((self.path / RECORD).read_text(encoding="utf-8"))
         content["files"] = sorted({*content.get("files", ()), *self.files})
         self.write_file(RECORD, json_text(content) + "\n")
-        self.files.pop()  # the record is not this command's
+        self.files.pop()  # the record is not this command's, or listed already
+        if self.record.get("files"):
+            self.record = {**self.record, "files": content["files"]}
 
     def _earlier_files(self) -> set[str]:
         """Names of the files of an earlier run, by its record."""
         try:
             names = json.loads((self.path / RECORD).read_text(encoding="utf-8"))["files"]
-        except (OSError, ValueError, KeyError):
+        except (OSError, ValueError, KeyError, TypeError):
             return set()
-        return {name for name in names if Path(name).name == name}
+        return {name for name in names if isinstance(name, str) and Path(name).name == name}
 
     def summary(self) -> str:
         """One line: which files were written where."""
