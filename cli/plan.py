@@ -58,11 +58,12 @@ class SolveOptions:
         default=0.01,
         help="Stop tightening the bound at this relative gap to the best known risk.",
     )
-    time_limit: float = option(
+    time_limit: float | None = option(
         "--time-limit",
         type=Number(0.0, min_open=True, infinite=True),
-        default=10.0,
-        help="Time limit for the bound, in seconds.",
+        help="Time limit for planning as a whole, in seconds: a search that takes longer ends with "
+        "the best guide so far, and the bound takes what is left. [default: none for the search, "
+        "10 for the bound]",
     )
     with_map: bool = option("--map", is_flag=True, help="Also plot the cost-to-go map.")
 
@@ -108,14 +109,16 @@ def plan(common: CommonOptions, planning: PlanOptions, solving: SolveOptions) ->
         _write_guide(folder, guide, solving.solver)
         ending, baseline = Ending(folder, common), None
         if reference:
-            search = partial(_globally_planned, chosen, guide)
+            search = partial(_globally_planned, chosen, guide, solving.time_limit)
             baseline = ending.attempt("the global search for comparison", search)
         ending.attempt("the map", partial(_write_objects, folder, guide, baseline, value))
         ending.draw()
         ending.finish(_text(chosen, guide, baseline))
 
 
-def _globally_planned(scenario: csw.Scenario, guide: csw.Guide) -> csw.Guide:
+def _globally_planned(
+    scenario: csw.Scenario, guide: csw.Guide, time_limit: float | None
+) -> csw.Guide:
     """Global search for the guide of the paper's form: no a_max, no margin, any arrival step."""
     relaxed = scenario.with_values(
         {
@@ -124,7 +127,7 @@ def _globally_planned(scenario: csw.Scenario, guide: csw.Guide) -> csw.Guide:
             "guide.arrival": "any",
         }
     )
-    baseline = csw.plan(relaxed, search="global", certify=False)
+    baseline = csw.plan(relaxed, search="global", certify=False, time_limit=time_limit)
     return replace(baseline, risk_bound=guide.risk_bound, certificate=guide.certificate)
 
 
@@ -183,6 +186,7 @@ def _write_guide(folder: ResultsFolder, guide: csw.Guide, solver: str) -> None:
         "certificate": None if certificate is None else certificate.as_dict(),
         "arrival_step": guide.arrival,
         "arrives": guide.arrives,
+        "note": guide.note,
         "solution": guide.solution.as_row(),
         "candidates": [candidate.as_row() for candidate in guide.candidates],
         "positions": guide.positions,
