@@ -16,7 +16,7 @@ from ..errors import PlanningError, SolverError
 from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 from ..problems.guide import GuideTask
 from ..typing import FloatArray, Progress
-from .bounds.risk_bound import GAP, TIME_LIMIT, certify_guide
+from .bounds.risk_bound import GAP, certify_guide
 from .guide import Guide
 from .multistart import Multistart, preference
 
@@ -115,9 +115,8 @@ def plan(
         return guide
     if progress is not None:
         progress("proving a lower bound", 0, None)
-    spent = time.monotonic() - started
-    seconds = TIME_LIMIT if time_limit is None else max(0.0, time_limit - spent)
-    certificate = certify_guide(scenario, guide, gap, seconds)
+    deadline = None if time_limit is None else started + time_limit
+    certificate = certify_guide(scenario, guide, gap, deadline)
     if certificate is None:
         return guide
     return replace(guide, risk_bound=certificate.bound, certificate=certificate)

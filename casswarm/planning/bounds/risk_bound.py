@@ -106,14 +106,14 @@ class Certificate:
 
 
 def certify_guide(
-    scenario: Scenario, guide: Guide, gap: float = GAP, time_limit: float = TIME_LIMIT
+    scenario: Scenario, guide: Guide, gap: float = GAP, deadline: float | None = None
 ) -> Certificate | None:
     """Certificate for the guides of a scenario; None if its hazard provides no lower bounds.
 
     The bound is compared with the best known path without acceleration limits and margin: the
-    guide itself, or what Ipopt reaches from the best homotopy classes.
+    guide itself, or what Ipopt reaches from the best homotopy classes. The `deadline` is a time of
+    `time.monotonic`; by default the refinement of grids takes at most `TIME_LIMIT`.
     """
-    started = time.monotonic()
     task = Relaxation.from_scenario(scenario)
     if not task.bounded:
         return None
@@ -121,11 +121,11 @@ def certify_guide(
     limited = np.isfinite(scenario.guide_a_max) or scenario.swarm.velocity != "guide"
     smaller_target = scenario.arrival_margin > 1e-5 * task.radius
     if limited or smaller_target or guide.search != "global":
-        paths += _relaxed_paths(scenario, task, started + time_limit)
+        paths += _relaxed_paths(scenario, task, math.inf if deadline is None else deadline)
     risks = [task.dt * float(task.rates(path[1:]).sum()) for path in paths]
     best = int(np.argmin(risks))
     multiplier = arrival_multiplier(task, paths[best])
-    left = max(0.0, time_limit - (time.monotonic() - started))
+    left = TIME_LIMIT if deadline is None else max(0.0, deadline - time.monotonic())
     return certify(task, risks[best], multiplier, gap=gap, time_limit=left)
 
 
@@ -195,7 +195,10 @@ def certify(
         if refined is None:
             reason = f"the next grid has more than {max_nodes:,} nodes"
         elif now + (now - level_started) * refined.size / max(grid.size, 1) > time_limit:
-            reason, refined = f"the next grid would exceed the time limit of {time_limit:g} s", None
+            reason, refined = (
+                f"the next grid would exceed the time limit of {time_limit:.3g} s",
+                None,
+            )
         grid = refined
     return Certificate(bound, best, reason, tuple(levels), time.perf_counter() - started)
 
