@@ -24,7 +24,7 @@ import casswarm as csw
 from casswarm.optimization.feasible_sets.planar import PlanarSets
 from casswarm.optimization.problem import Instances, Nlp
 from casswarm.optimization.solvers import Auto, Ipopt
-from casswarm.policies.base import Decision, Policy
+from casswarm.policies import Decision, Policy
 from casswarm.policies.leader_selection import LEADER_SELECTION
 from casswarm.problems.formation import corridor_formation, leader_formation
 from casswarm.problems.step import Motion, Step

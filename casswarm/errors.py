@@ -44,6 +44,13 @@ class PolicyError(CasswarmError, ValueError):
     """A policy that is unknown, or whose velocities are of the wrong shape or not finite."""
 
 
+class PolicyCallError(PolicyError):
+    """A policy that failed in a run: it raised an exception, took too long, or decided nonsense.
+
+    The attributes `policy` and `step` say where; an exception that it raised is the cause.
+    """
+
+
 class SolverError(CasswarmError, ValueError):
     """A solver that is unknown, misconfigured, or cannot take the problem it was given."""
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from .common import WrongInput, reported_errors
+from .number import Number
 from .options import SavedRunOptions, option, options, quiet_option
 from .output import progress_report, say
 
@@ -26,7 +27,7 @@ class AnimationOptions(SavedRunOptions):
     )
     fps: float = option(
         "--fps",
-        type=click.FloatRange(0.1, 50.0),
+        type=Number(0.1, 50.0),
         default=4.0,
         help="Number of steps per second.",
     )

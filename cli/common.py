@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -15,8 +16,15 @@ import casswarm as csw
 from .._util.text import printable
 from .._util.user_modules import load as load_code
 from .._util.user_modules import module_file
-from ..errors import CasswarmError, FolderError, PlanningError, PolicyError, WorkerError
-from .options import CommonOptions, StudyOptions
+from ..errors import (
+    CasswarmError,
+    FolderError,
+    PlanningError,
+    PolicyCallError,
+    PolicyError,
+    WorkerError,
+)
+from .options import CommonOptions, PolicyOptions, StudyOptions
 from .output import say
 
 
@@ -50,7 +58,7 @@ def reported_errors(resumes: bool = False) -> Iterator[None]:
     except FolderError as error:
         full = resumes and error.__cause__ is not None  # else it is not writable at all
         raise Failure(f"{error}{RESUME if full else ''}") from error
-    except (PlanningError, WorkerError) as error:
+    except (PlanningError, PolicyCallError, WorkerError) as error:
         raise Failure(str(error)) from error
     except CasswarmError as error:
         raise WrongInput(str(error)) from error
@@ -89,23 +97,35 @@ def _setting(text: str) -> tuple[str, object]:
         return key.strip(), value.strip()  # a bare word, such as global
 
 
-def named_policies(names: tuple[str, ...]) -> list[Any]:
-    """Policies of these names, by default the paper's.
+def named_policies(options: PolicyOptions) -> list[Any]:
+    """Policies of the options, by default the paper's; their names and the solver's are known.
 
     The module of ``module:function`` lies in the current folder, or is installed.
     """
+    from ..studies.policy_list import policy_list
     from ..studies.simulation import PAPER_POLICIES
 
-    return [_imported(name) if ":" in name else name for name in names or PAPER_POLICIES]
+    csw.make_solver(options.solver)
+    limit = options.policy_time_limit
+    names = options.policies or PAPER_POLICIES
+    return policy_list([_imported(name, limit) if ":" in name else name for name in names])
 
 
-def _imported(name: str) -> Any:
+def _imported(name: str, time_limit: float | None) -> Any:
     here = Path.cwd()
     try:
         policy = load_code(name, here if module_file(name, here) else None)
     except ImportError as error:
         raise PolicyError(f"policy {name!r}: {error}", policy=name) from error
-    return csw.as_policy(policy, name.partition(":")[2])
+    return csw.as_policy(policy, name.partition(":")[2], time_limit)
+
+
+async def _answer(address: str) -> None:
+    """Connect to a Dask scheduler, or raise an error of the network."""
+    from distributed.comm.core import connect
+
+    connection = await connect(address, timeout=10)
+    await connection.close()
 
 
 @contextmanager
@@ -119,6 +139,7 @@ def executor(execution: StudyOptions) -> Iterator[Any]:
     except ImportError as error:
         raise WrongInput("--dask needs Dask: pip install 'casswarm[dask]'") from error
     try:
+        asyncio.run(_answer(execution.dask))  # a client that cannot connect says so at length
         client = Client(execution.dask, timeout=10, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise Failure(f"no Dask scheduler answers at {execution.dask}: {error}") from error

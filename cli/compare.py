@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 import casswarm as csw
 
 from .common import Failure, reported_errors
+from .ending import Ending
+from .number import Number
 from .options import FigureOptions, OutputOptions, option, options, out_option, seed_option
-from .output import aligned_table, open_folder, print_result, progress_report
+from .output import aligned_table, open_folder, progress_report
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from ..comparison.report import Report
     from ..results.folder import ResultsFolder
 
 
@@ -53,7 +57,7 @@ class CompareOptions:
     seed: int = seed_option()
     time_limit: float = option(
         "--time-limit",
-        type=click.FloatRange(0, min_open=True),
+        type=Number(0, min_open=True),
         default=2.0,
         help="Time limit for building and solving a problem once, in seconds; a slower solver is "
         "stopped.",
@@ -82,6 +86,7 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: FigureOpt
     """
     with reported_errors(), progress_report(output.quiet) as progress:
         from ..comparison import DEFAULT
+        from ..results.catalogue import drawn_figures
 
         folder = open_folder("compare", None, output.out, figures)
         try:
@@ -100,30 +105,43 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: FigureOpt
                 f"interrupted; finished work is saved in {folder.path}: "
                 "repeat the same command to continue"
             ) from None
-    content = _write(folder, comparison)
-    print_result(folder, content, _text(comparison.summary), output)
+        _write_tables(folder, comparison)
+        ending = Ending(folder, output)
+        report = ending.attempt("the report", partial(_report, folder, comparison))
+        if report is not None:
+            ending.draw(partial(drawn_figures, report.figures))
+            ending.attempt("the report", partial(_write_pages, folder, report))
+        ending.finish(_text(comparison.summary))
 
 
-def _write(folder: ResultsFolder, comparison: csw.Comparison) -> dict[str, Any]:
+def _write_tables(folder: ResultsFolder, comparison: csw.Comparison) -> None:
+    from ..comparison.report import report_tables
+
+    tables = report_tables(comparison)
+    for name, table in tables.items():
+        folder.write_table(name, table)
+    result = {
+        "summary": tables["summary"].to_dict("records"),
+        "failures": tables["failures"].to_dict("records"),
+    }
+    folder.write_record(result, comparison.inputs)
+
+
+def _report(folder: ResultsFolder, comparison: csw.Comparison) -> Report:
     from ..comparison.report import make_report
     from ..figures import theme
-    from ..results.catalogue import drawn_figures
 
     with theme(folder.figure_format.width):
-        report = make_report(comparison)
-    for name, table in report.tables.items():
-        folder.write_table(name, table)
+        return make_report(comparison)
+
+
+def _write_pages(folder: ResultsFolder, report: Report) -> None:
     suffix = folder.figure_format.suffix
-    folder.write_figures(drawn_figures(report.figures))
     folder.write_file("report.md", report.markdown(suffix))
     drawn = report.figures if suffix == "png" else ()  # not to draw them twice
     images = {name: (folder.path / f"{name}.png").read_bytes() for name in drawn}
     folder.write_file("report.html", report.html(images))
-    result = {
-        "summary": comparison.summary.to_dict("records"),
-        "failures": report.tables["failures"].to_dict("records"),
-    }
-    return folder.write_record(result, comparison.inputs)
+    folder.extend_record()
 
 
 def _text(summary: pd.DataFrame) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -10,8 +11,9 @@ import click
 import casswarm as csw
 
 from .common import load, named_policies, reported_errors
+from .ending import Ending
 from .options import CommonOptions, ExactOptions, PolicyOptions, option, options, seed_option
-from .output import aligned_table, open_folder, print_result, progress_report, say
+from .output import aligned_table, open_folder, progress_report, say
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
@@ -57,13 +59,14 @@ def evaluate(
         chosen = load(common)
         from ..planning.plan import guide_solver
 
+        chosen_policies = named_policies(policies)
         folder = open_folder("evaluate", chosen, common.out, common)
         solver = guide_solver(policies.solver)
         guide = csw.plan(chosen, solver, certify=False, progress=progress)
         shared: dict[str, Any] = {**asdict(exact), "guide": guide, "solver": policies.solver}
         shared["progress"] = progress
         distributions, estimates = [], []
-        for policy in named_policies(policies.policies):
+        for policy in chosen_policies:
             say(f"evaluating {getattr(policy, 'name', policy)}", common.quiet)
             if sampling.runs is None:
                 distributions.append(csw.evaluate(chosen, policy, **shared))
@@ -72,27 +75,27 @@ def evaluate(
                     csw.estimate(chosen, policy, sampling.runs, sampling.seed, **shared)
                 )
                 distributions.append(estimates[-1].enumerated)
-        bound = csw.success_bound(chosen)
+        result = _write_tables(folder, distributions, estimates)
+        ending = Ending(folder, common)
+        bound = ending.attempt("the success bound", partial(csw.success_bound, chosen))
+        result["success_bound"] = None if bound is None else bound.as_dict()
         inputs = {**asdict(exact), **asdict(sampling), "solver": policies.solver}
-        content = _write(folder, distributions, estimates, bound, inputs)
-    text = "\n".join(map(str, estimates)) if estimates else _text(chosen, distributions)
-    print_result(folder, content, f"{text}\n\n{bound}", common)
+        folder.write_record(result, inputs)
+        ending.draw()
+        text = "\n".join(map(str, estimates)) if estimates else _text(chosen, distributions)
+        ending.finish(text if bound is None else f"{text}\n\n{bound}")
 
 
-def _write(
+def _write_tables(
     folder: ResultsFolder,
     distributions: list[csw.OutcomeDistribution],
     estimates: list[csw.Estimate],
-    bound: csw.SuccessBound,
-    inputs: dict[str, Any],
 ) -> dict[str, Any]:
+    """Write the tables and objects; returns the result for the record."""
     from ..studies import tables
 
     table = tables.distribution_table(distributions)
-    result: dict[str, Any] = {
-        "distributions": table.to_dict("records"),
-        "success_bound": bound.as_dict(),
-    }
+    result: dict[str, Any] = {"distributions": table.to_dict("records")}
     if estimates:
         estimated = tables.estimate_table(estimates)
         folder.write_table("estimates", estimated)
@@ -103,8 +106,7 @@ def _write(
     folder.write_table("survivors", tables.survivor_table(distributions))
     folder.write_table("members", tables.member_table(distributions))
     folder.write_table("population", tables.population_table(distributions))
-    folder.write_figures()
-    return folder.write_record(result, inputs)
+    return result
 
 
 def _text(scenario: csw.Scenario, distributions: list[csw.OutcomeDistribution]) -> str:

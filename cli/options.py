@@ -18,6 +18,7 @@ from typing import Any, Literal, get_type_hints
 import click
 
 from .._util.seeds import MAX_SEED
+from .number import Number
 
 Command = Callable[..., Any]
 
@@ -158,6 +159,13 @@ class PolicyOptions:
         "joint, joint-replanning, leader-mpc-H or constrained-mpc-H with a horizon of H steps, or "
         "your own as module:function. Repeatable. [default: naive, constrained, leader]",
     )
+    policy_time_limit: float | None = option(
+        "--policy-time-limit",
+        type=Number(0, min_open=True),
+        metavar="SECONDS",
+        help="Time limit for a call of your own policies, in seconds. On a Dask cluster and on "
+        "Windows a call is not interrupted, but fails when it ends. [default: none]",
+    )
     solver: str = option(
         "--solver",
         default="auto",
@@ -195,7 +203,7 @@ class ExactOptions:
 
     tolerance: float = option(
         "--tolerance",
-        type=click.FloatRange(0, 1, max_open=True),
+        type=Number(0, 1, max_open=True),
         default=1e-3,
         help="Width of the probability bounds.",
     )
@@ -207,7 +215,7 @@ class ExactOptions:
     )
     aggregation_tol: float = option(
         "--aggregation-tol",
-        type=click.FloatRange(0),
+        type=Number(0),
         default=0.0,
         help="Aggregate states that are closer than this, such as 1e-6. This needs far fewer "
         "states, but the bounds are proven only at 0.",
@@ -238,6 +246,10 @@ class StudyOptions:
     overwrite: bool = option(
         "--overwrite", is_flag=True, help="Discard an unfinished study and start over."
     )
+
+    def __post_init__(self) -> None:
+        if self.resume and self.overwrite:
+            raise click.UsageError("--resume and --overwrite: give one of them")
 
     @property
     def if_exists(self) -> Literal["error", "resume", "overwrite"]:

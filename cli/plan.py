@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import click
@@ -13,11 +14,14 @@ import click
 import casswarm as csw
 
 from .common import WrongInput, load, reported_errors
+from .ending import Ending
+from .number import Number
 from .options import CommonOptions, GuideOptions, option, options
-from .output import open_folder, print_result, progress_report
+from .output import open_folder, progress_report
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
+    from ..typing import FloatArray
 
 _MAX_CLASSES = 6  # that are printed; candidates.csv has them all
 
@@ -50,15 +54,16 @@ class SolveOptions:
     )
     gap: float = option(
         "--gap",
-        type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True),
+        type=Number(0.0, 1.0, min_open=True, max_open=True),
         default=0.01,
         help="Stop tightening the bound at this relative gap to the best known risk.",
     )
-    time_limit: float = option(
+    time_limit: float | None = option(
         "--time-limit",
-        type=click.FloatRange(0.0, min_open=True),
-        default=10.0,
-        help="Time limit for the bound, in seconds.",
+        type=Number(0.0, min_open=True, infinite=True),
+        help="Time limit for planning as a whole, in seconds: a search that takes longer ends with "
+        "the best guide so far, and the bound takes what is left. [default: none for the search, "
+        "10 for the bound]",
     )
     with_map: bool = option("--map", is_flag=True, help="Also plot the cost-to-go map.")
 
@@ -101,12 +106,19 @@ def plan(common: CommonOptions, planning: PlanOptions, solving: SolveOptions) ->
             time_limit=solving.time_limit,
             progress=progress,
         )
-        baseline = _globally_planned(chosen, guide) if reference else None
-        content = _write(folder, guide, baseline, value, solving.solver)
-    print_result(folder, content, _text(chosen, guide, baseline), common)
+        _write_guide(folder, guide, solving.solver)
+        ending, baseline = Ending(folder, common), None
+        if reference:
+            search = partial(_globally_planned, chosen, guide, solving.time_limit)
+            baseline = ending.attempt("the global search for comparison", search)
+        ending.attempt("the map", partial(_write_objects, folder, guide, baseline, value))
+        ending.draw()
+        ending.finish(_text(chosen, guide, baseline))
 
 
-def _globally_planned(scenario: csw.Scenario, guide: csw.Guide) -> csw.Guide:
+def _globally_planned(
+    scenario: csw.Scenario, guide: csw.Guide, time_limit: float | None
+) -> csw.Guide:
     """Global search for the guide of the paper's form: no a_max, no margin, any arrival step."""
     relaxed = scenario.with_values(
         {
@@ -115,34 +127,38 @@ def _globally_planned(scenario: csw.Scenario, guide: csw.Guide) -> csw.Guide:
             "guide.arrival": "any",
         }
     )
-    baseline = csw.plan(relaxed, search="global", certify=False)
+    baseline = csw.plan(relaxed, search="global", certify=False, time_limit=time_limit)
     return replace(baseline, risk_bound=guide.risk_bound, certificate=guide.certificate)
 
 
-def _write(
-    folder: ResultsFolder,
-    guide: csw.Guide,
-    baseline: csw.Guide | None,
-    value: csw.ValueFunction | None,
-    solver: str,
-) -> dict[str, object]:
-    from ..figures.base_map import extent
-    from ..planning import tables
-    from ..planning.bounds import CostToGoMap
+def _best_paths(guide: csw.Guide) -> dict[str, FloatArray]:
+    """The best path of every homotopy class, by name."""
     from ..planning.kinematics import integrate
 
-    folder.write_table("guide", tables.guide_table(guide))
-    folder.write_table("candidates", tables.candidate_table(guide))
-    paths = {
+    return {
         f"{best.homotopy or 'path'} {number}": integrate(
             guide.positions[0], best.velocities, guide.dt
         )
         for number, best in enumerate(guide.best_per_homotopy_class())
     }
+
+
+def _write_objects(
+    folder: ResultsFolder,
+    guide: csw.Guide,
+    baseline: csw.Guide | None,
+    value: csw.ValueFunction | None,
+) -> None:
+    """Write what the figures need beyond the guide: baselines and the cost-to-go map."""
+    from ..figures.base_map import extent
+    from ..planning import tables
+    from ..planning.bounds import CostToGoMap
+
+    paths = _best_paths(guide)
     guides = {} if baseline is None else {"projected gradient": guide, "global search": baseline}
-    compared = {name: compared.positions for name, compared in guides.items()}
-    folder.write_table("paths", tables.path_table({"path": paths, "baseline": compared}))
     if guides:
+        compared = {name: compared.positions for name, compared in guides.items()}
+        folder.write_table("paths", tables.path_table({"path": paths, "baseline": compared}))
         folder.write_table("comparison", tables.guide_comparison_table(guides))
     costs = None
     if value is not None:
@@ -150,7 +166,17 @@ def _write(
         costs = CostToGoMap.from_value_function(value, *area)
     others = list(paths.values())
     folder.write_objects(guide=guide, others=others, baselines=guides, costs=costs)
-    folder.write_figures()
+
+
+def _write_guide(folder: ResultsFolder, guide: csw.Guide, solver: str) -> None:
+    """Write the guide: tables, objects and record."""
+    from ..planning import tables
+
+    folder.write_table("guide", tables.guide_table(guide))
+    folder.write_table("candidates", tables.candidate_table(guide))
+    paths = _best_paths(guide)
+    folder.write_table("paths", tables.path_table({"path": paths}))
+    folder.write_objects(guide=guide, others=list(paths.values()))
     certificate = guide.certificate
     result = {
         "risk": guide.risk,
@@ -160,12 +186,13 @@ def _write(
         "certificate": None if certificate is None else certificate.as_dict(),
         "arrival_step": guide.arrival,
         "arrives": guide.arrives,
+        "note": guide.note,
         "solution": guide.solution.as_row(),
         "candidates": [candidate.as_row() for candidate in guide.candidates],
         "positions": guide.positions,
         "velocities": guide.velocities,
     }
-    return folder.write_record(result, {"solver": solver})
+    folder.write_record(result, {"solver": solver})
 
 
 def _text(scenario: csw.Scenario, guide: csw.Guide, baseline: csw.Guide | None) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -10,8 +11,10 @@ import click
 import casswarm as csw
 
 from .common import load, reported_errors
+from .ending import Ending
+from .number import Number
 from .options import CommonOptions, option, options, seed_option
-from .output import aligned_table, open_folder, print_result, progress_report, say
+from .output import aligned_table, open_folder, progress_report, say
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
@@ -34,12 +37,12 @@ class SwarmPlanOptions:
     seed: int = seed_option()
     min_distance: float | None = option(
         "--min-distance",
-        type=click.FloatRange(0.0, min_open=True),
+        type=Number(0.0, min_open=True),
         help="Minimum distance between any two members.",
     )
     time_limit: float | None = option(
         "--time-limit",
-        type=click.FloatRange(0.0, min_open=True),
+        type=Number(0.0, min_open=True, infinite=True),
         help="Start no further initial guess after this time, in seconds. [default: none]",
     )
 
@@ -66,38 +69,45 @@ def plan_swarm(common: CommonOptions, planning: SwarmPlanOptions) -> None:
         folder = open_folder("plan-swarm", chosen, common.out, common)
         guide = csw.plan(chosen, certify=False, progress=progress)  # for the initial velocities
         swarm_plan = csw.plan_swarm(chosen, **asdict(planning), guide=guide, progress=progress)
-        sampled = None
+        _write_tables(folder, swarm_plan)
+        ending, sampled = Ending(folder, common), None
         if swarm_plan.distribution is None:
             say(f"simulating: {_RUNS} runs", common.quiet)
             policy = JointPolicy.from_plan(swarm_plan)
-            sampled = csw.estimate(
-                chosen, policy, _RUNS, planning.seed, tolerance=1e-4, guide=guide
+            estimated = partial(csw.estimate, chosen, policy, _RUNS, planning.seed)
+            sampled = ending.attempt(
+                "the estimate", partial(estimated, tolerance=1e-4, guide=guide)
             )
-        content = _write(folder, swarm_plan, sampled, asdict(planning))
-    print_result(folder, content, _text(chosen, swarm_plan, sampled), common)
+        _write_record(folder, swarm_plan, sampled, asdict(planning))
+        ending.draw()
+        ending.finish(_text(chosen, swarm_plan, sampled))
 
 
-def _write(
+def _write_tables(folder: ResultsFolder, plan: csw.SwarmPlan) -> None:
+    from ..planning.tables import joint_table, outcome_table
+
+    folder.write_table("joint", joint_table(plan))
+    folder.write_table("outcomes", outcome_table(plan))
+
+
+def _write_record(
     folder: ResultsFolder,
     plan: csw.SwarmPlan,
     sampled: csw.Estimate | None,
     inputs: dict[str, Any],
-) -> dict[str, Any]:
-    from ..planning.tables import joint_table, outcome_table
+) -> None:
     from ..studies.tables import estimate_table
 
-    folder.write_table("joint", joint_table(plan))
-    folder.write_table("outcomes", outcome_table(plan))
     distribution = plan.distribution
-    if sampled is None:
-        assert distribution is not None
+    if distribution is not None:
         success = f"{1 - distribution.failure:.6g}"
+    elif sampled is None:
+        success = "not estimated"
     else:
         success = "{:.4f} to {:.4f} ({:.0%})".format(*sampled.success, sampled.level)
     bound = str(plan.bound) if plan.bound is not None and plan.bound.certified else ""
     survival = None if distribution is None else distribution.survival
     folder.write_objects(positions=plan.positions, survival=survival, success=success, bound=bound)
-    folder.write_figures()
     result: dict[str, Any] = {
         "objective": plan.objective,
         "value": plan.value,
@@ -116,7 +126,7 @@ def _write(
         "initial_velocities": plan.initial_velocities,
         "seconds": plan.seconds,
     }
-    return folder.write_record(result, inputs)
+    folder.write_record(result, inputs)
 
 
 def _text(scenario: csw.Scenario, plan: csw.SwarmPlan, sampled: csw.Estimate | None) -> str:

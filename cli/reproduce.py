@@ -79,13 +79,14 @@ def reproduce(output: ReproduceOutput, selection: ReproduceOptions, figures: Fig
         )
         for name, table in reproduction.tables.items():
             folder.write_table(name, table)
+        result = {name: table.to_dict("records") for name, table in reproduction.tables.items()}
+        inputs = {"runs": selection.runs, "only": list(selection.only), "seed": selection.seed}
+        folder.write_record(result, inputs)
         folder.write_figures(reproduction.figures)
         if reproduction.complete:
             folder.write_file("README.md", page(reproduction, figures.format))
-        result = {name: table.to_dict("records") for name, table in reproduction.tables.items()}
-        inputs = {"runs": selection.runs, "only": list(selection.only), "seed": selection.seed}
-        content = folder.write_record(result, inputs)
-    print_result(folder, content, _text(reproduction), output)
+        folder.extend_record()
+    print_result(folder, folder.record, _text(reproduction), output)
 
 
 def _text(reproduction: Reproduction) -> str:

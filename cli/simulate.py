@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -10,6 +11,8 @@ import click
 import casswarm as csw
 
 from .common import WrongInput, executor, load, named_policies, reported_errors
+from .ending import Ending
+from .number import Number
 from .options import (
     CommonOptions,
     GuideOptions,
@@ -19,7 +22,7 @@ from .options import (
     options,
     seed_option,
 )
-from .output import aligned_table, open_folder, print_result, progress_report, say
+from .output import aligned_table, open_folder, progress_report, say
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
@@ -34,7 +37,7 @@ class SimulateOptions:
     )
     half_width: float | None = option(
         "--half-width",
-        type=click.FloatRange(0, 0.5, min_open=True, max_open=True),
+        type=Number(0, 0.5, min_open=True, max_open=True),
         help="Choose the number of runs for intervals of about this half-width, from a pilot "
         "study of 1000 runs.",
     )
@@ -81,9 +84,9 @@ def simulate(
         chosen = load(common, planning.values)
         from ..planning.plan import guide_solver
 
+        chosen_policies = named_policies(policies)
         folder = open_folder("simulate", chosen, common.out, common)
         guide = csw.plan(chosen, guide_solver(policies.solver), progress=progress)
-        chosen_policies = named_policies(policies.policies)
         shared: dict[str, Any] = {"guide": guide, "solver": policies.solver}
         runs = sampling.runs or 1000
         if sampling.half_width is not None:
@@ -113,32 +116,34 @@ def simulate(
             "workers": execution.workers,
             "solver": policies.solver,
         }
-        bound = csw.success_bound(chosen)
-        content = _write(folder, study, bound, inputs)
+        _write_tables(folder, study)
+        ending = Ending(folder, common)
+        bound = ending.attempt("the success bound", partial(csw.success_bound, chosen))
+        _write_record(folder, study, bound, inputs)
+        ending.draw()
         if sampling.report:
-            from ..results.simulation_report import simulation_page
-
             say("writing the report", common.quiet)
-            folder.write_file("report.html", simulation_page(folder))
-            folder.extend_record()
-        print_result(folder, content, f"{_text(study)}\n\n{bound}", common)
+            ending.attempt("the report", partial(_write_report, folder))
+        ending.finish(_text(study) if bound is None else f"{_text(study)}\n\n{bound}")
 
 
-def _write(
-    folder: ResultsFolder, study: csw.Study, bound: csw.SuccessBound, inputs: dict[str, Any]
-) -> dict[str, Any]:
+def _write_tables(folder: ResultsFolder, study: csw.Study) -> None:
     from ..planning.tables import guide_table
     from ..studies.tables import trajectory_table
 
-    guide = study.guide
     folder.write_table("summary", study.summary)
     if len(study.paired):
         folder.write_table("paired", study.paired)
     folder.write_table("runs", study.runs)
-    folder.write_table("guide", guide_table(guide))
+    folder.write_table("guide", guide_table(study.guide))
     folder.write_table("trajectories", trajectory_table(study.trajectories))
+
+
+def _write_record(
+    folder: ResultsFolder, study: csw.Study, bound: csw.SuccessBound | None, inputs: dict[str, Any]
+) -> None:
+    guide = study.guide
     folder.write_objects(guide=guide, trajectories=study.trajectories, success_bound=bound)
-    folder.write_figures()
     result = {
         "summary": study.summary.to_dict("records"),
         "paired": study.paired.to_dict("records"),
@@ -149,9 +154,16 @@ def _write(
             "risk_bound": guide.risk_bound,
             "solution": guide.solution.as_row(),
         },
-        "success_bound": bound.as_dict(),
+        "success_bound": None if bound is None else bound.as_dict(),
     }
-    return folder.write_record(result, inputs)
+    folder.write_record(result, inputs)
+
+
+def _write_report(folder: ResultsFolder) -> None:
+    from ..results.simulation_report import simulation_page
+
+    folder.write_file("report.html", simulation_page(folder))
+    folder.extend_record()
 
 
 def _text(study: csw.Study) -> str:

@@ -12,6 +12,7 @@ import click
 import casswarm as csw
 
 from .common import Failure, WrongInput, executor, named_policies, reported_errors
+from .ending import Ending
 from .options import (
     CommonOptions,
     ExactOptions,
@@ -21,7 +22,7 @@ from .options import (
     options,
     seed_option,
 )
-from .output import aligned, open_folder, print_result, progress_report
+from .output import aligned, open_folder, progress_report
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
@@ -85,10 +86,10 @@ def sweep(
     grid = _grid(common.settings)
     with reported_errors(resumes=True), progress_report(common.quiet) as progress:
         chosen = csw.load_scenario(common.scenario, allow_code=common.allow_code)
+        chosen_policies = named_policies(policies)
         folder = open_folder("sweep", chosen, common.out, common)
         settings: dict[str, Any] = {"runs": method.runs, "seed": method.seed, **asdict(accuracy)}
         settings["solver"] = policies.solver
-        chosen_policies = named_policies(policies.policies)
         with executor(execution) as workers:
             result = csw.sweep(
                 chosen,
@@ -106,8 +107,10 @@ def sweep(
             **settings,
             "workers": execution.workers,
         }
-        content = _write(folder, result, inputs)
-        print_result(folder, content, _text(result), common)
+        _write(folder, result, inputs)
+        ending = Ending(folder, common)
+        ending.draw()
+        ending.finish(_text(result))
     if result.failures == len(result.table):
         raise Failure("every sweep point failed; the reasons are above and in sweep.csv")
 
@@ -157,13 +160,12 @@ def _range(text: str, parts: list[str]) -> list[Any]:
     return [int(value) for value in values] if whole else values
 
 
-def _write(folder: ResultsFolder, result: csw.Sweep, inputs: dict[str, Any]) -> dict[str, Any]:
+def _write(folder: ResultsFolder, result: csw.Sweep, inputs: dict[str, Any]) -> None:
     folder.write_table("sweep", result.table)
     folder.write_table("effort", result.effort)
     folder.write_objects(keys=list(result.keys))
-    folder.write_figures()
     points = result.table.to_dict("records")
-    return folder.write_record({"failures": result.failures, "sweep": points}, inputs)
+    folder.write_record({"failures": result.failures, "sweep": points}, inputs)
 
 
 def _text(result: csw.Sweep) -> str:

@@ -1,9 +1,11 @@
-"""Files that are written completely or not at all."""
+"""Files that are written completely or not at all, and files that are safe to read."""
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
+import stat
 from collections.abc import Callable
 from contextlib import suppress
 from itertools import count
@@ -68,6 +70,32 @@ def set_aside(path: Path) -> Path:
     aside = next(p for p in map(path.with_name, names) if not os.path.lexists(p))
     path.rename(aside)
     return aside
+
+
+def require_file(path: Path, max_bytes: int) -> None:
+    """Raise OSError unless a path is a regular file of limited size: others may never end.
+
+    Parameters
+    ----------
+    path : Path
+    max_bytes : int
+
+    Raises
+    ------
+    OSError
+        No such file, a fifo, socket or device, or a file that is larger.
+    IsADirectoryError
+        A folder.
+    """
+    status = path.stat()
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(status.st_mode):
+        reason = "it is a fifo, a socket or a device, not a regular file"
+        raise OSError(errno.EINVAL, reason, str(path))
+    if status.st_size > max_bytes:
+        reason = f"it has {status.st_size:,} bytes, more than the limit of {max_bytes:,}"
+        raise OSError(errno.EFBIG, reason, str(path))
 
 
 def is_partial(path: Path) -> bool:

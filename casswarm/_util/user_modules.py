@@ -20,6 +20,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from .user_code import USER_ERRORS, failure_text
+
 _PREFIX = "casswarm_user_"
 
 
@@ -91,7 +93,7 @@ def load(name: str, folder: Path | None) -> Any:
     package = "" if folder is None else f"{_PREFIX}{str(folder.resolve()).encode().hex()}"
     try:
         found: Any = import_module(f"{package}.{module_name}".lstrip("."))
-    except (Exception, SystemExit) as error:
+    except USER_ERRORS as error:
         reason = _reason(error, folder)
         if folder is not None:
             reason = reason.replace(f"{package}.", "").replace(package, str(folder))
@@ -107,7 +109,7 @@ def load(name: str, folder: Path | None) -> Any:
 
 def _reason(error: BaseException, folder: Path | None) -> str:
     """The error, and what to write where a module of the same folder was meant."""
-    reason, module = f"{type(error).__name__}: {error}", getattr(error, "name", None) or ""
+    reason, module = failure_text(error), getattr(error, "name", None) or ""
     if isinstance(error, ModuleNotFoundError) and folder and module_file(module, folder):
         return f"{reason}; write `from . import {module}` for the module beside it"
     return reason

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..policies.base import Policy
+from ..policies.decision import policy_call
 from ..typing import BoolArray, FloatArray, IntArray
 from .states import States
 
@@ -59,9 +60,10 @@ class TrajectoryRecorder:
         rows, states = active[recorded], states[recorded]
         positions, leaders = self.positions[-1].copy(), np.full(self.runs, -1)
         if rows.size:
-            leaders[rows] = policy.leaders(
-                step, states.positions, states.previous_velocities, states.alive
-            )
+            with policy_call(policy.name, step):
+                leaders[rows] = policy.leaders(
+                    step, states.positions, states.previous_velocities, states.alive
+                )
         living = states.alive[..., None]
         positions[rows] = np.where(living, following[recorded], positions[rows])
         self.positions.append(positions)

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._util.constants import SPEED_TOL
-from ..policies.base import Policy, checked_velocities
+from ..policies.base import Policy
+from ..policies.decision import checked_velocities
 from ..problems.step import Motion
 from ..typing import BoolArray, FloatArray, IntArray
 from .states import States

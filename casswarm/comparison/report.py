@@ -71,12 +71,7 @@ class Report:
 def make_report(comparison: Comparison) -> Report:
     """Report of a comparison: problems, solvers, machine; tables, profiles, failures."""
     runs, inputs = comparison.runs, comparison.inputs
-    tables = {
-        "runs": runs,
-        "summary": comparison.summary,
-        "problems": by_problem(runs),
-        "failures": failures(runs),
-    }
+    tables = report_tables(comparison)
     ratios = runs["time_ratio"].dropna()
     content = {
         "inputs": inputs,
@@ -105,6 +100,17 @@ def make_report(comparison: Comparison) -> Report:
         "by_problem": _by_problem(tables["problems"]),
     }
     return Report(content, tables, figures(comparison))
+
+
+def report_tables(comparison: Comparison) -> dict[str, pd.DataFrame]:
+    """The report's tables by name."""
+    runs = comparison.runs
+    return {
+        "runs": runs,
+        "summary": comparison.summary,
+        "problems": by_problem(runs),
+        "failures": failures(runs),
+    }
 
 
 def figures(comparison: Comparison) -> dict[str, Figure]:

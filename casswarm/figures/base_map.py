@@ -17,6 +17,7 @@ from ..typing import FloatArray
 from .style import INK, SKY, VERMILION, marker, single_panel, wrap
 
 _PIXELS = 300
+_CORRIDOR_POINTS = 1000  # at most, of a path whose corridor is drawn: bounds time
 _CAP = 0.995  # quantile of the rates at which the scale ends: near radars they are far higher
 GREYS = LinearSegmentedColormap.from_list("greys", colormaps["Greys"](np.linspace(0.0, 0.72, 256)))
 
@@ -95,7 +96,8 @@ def add_corridor(axes: Axes, path: FloatArray, rho: float) -> None:
     pad = 1.1 * np.sqrt(rho)
     nodes = pixels(path.min(axis=0) - pad, path.max(axis=0) + pad, 2 * _PIXELS)
     nearest = np.full(nodes.shape[:2], np.inf)
-    for point in path:
+    shown = np.linspace(0, len(path) - 1, min(len(path), _CORRIDOR_POINTS)).round().astype(int)
+    for point in path[shown]:
         np.minimum(nearest, ((nodes - point) ** 2).sum(axis=-1), out=nearest)
     east, north = nodes[0, :, 0], nodes[:, 0, 1]
     axes.contourf(east, north, nearest, [-1.0, rho], colors=SKY, alpha=0.45, zorder=2.5)

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from .._util.threads import locked_cache
+from .._util.user_code import USER_ERRORS, failure_text
 from ..errors import HazardError
 from ..typing import BoolArray, Expr, FloatArray
 from .base import Hazard, checked_radars
@@ -105,7 +106,10 @@ class CustomHazard(Hazard):
         lower_bound = self.lower_bound or getattr(self.function, "lower_bound", None)
         if lower_bound is None:
             return None
-        bounds = np.asarray(lower_bound(lower, upper, **self._keywords), dtype=float)
+        try:
+            bounds = np.asarray(lower_bound(lower, upper, **self._keywords), dtype=float)
+        except USER_ERRORS as error:
+            raise HazardError(f"lower_bound of {self!r} failed: {failure_text(error)}") from error
         boxes = np.broadcast_shapes(lower.shape, upper.shape)[:-1]
         if bounds.shape != boxes:
             raise HazardError(
@@ -159,10 +163,9 @@ def rate_function(hazard: CustomHazard, n: int) -> Expr:
     positions, alive = ca.MX.sym("positions", 2, n), ca.MX.sym("alive", 1, n)
     try:
         returned = hazard.function(positions.T, alive.T, **hazard._keywords)
-    except (Exception, SystemExit) as error:
+    except USER_ERRORS as error:
         raise HazardError(
-            f"{hazard!r} failed on {n} members with CasADi arguments: "
-            f"{type(error).__name__}: {error}"
+            f"{hazard!r} failed on {n} members with CasADi arguments: {failure_text(error)}"
         ) from error
     try:
         rates = ca.MX(returned)

@@ -7,6 +7,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
+from .._util.user_code import USER_ERRORS, failure_text
 from .._util.user_modules import is_defined_in, load, module_file
 from ..errors import HazardError
 from .base import Hazard
@@ -52,23 +53,23 @@ def user_hazard(
         return CustomHazard(rates, radars, parameters)
     try:
         return rates(**{"radars": radars} | dict(parameters))
-    except TypeError as error:
-        raise HazardError(f"{rates.__name__} cannot be made: {error}") from error
+    except HazardError:
+        raise
+    except USER_ERRORS as error:
+        raise HazardError(f"{rates.__name__} cannot be made: {failure_text(error)}") from error
 
 
 def _named(name: str, folder: Path | None) -> Callable[..., Any]:
     inside = folder is not None and module_file(name, folder) is not None
+    entry = None if folder is None or inside else _entry_point(name)
+    if folder is not None and not inside and entry is None:
+        raise HazardError(missing(name, folder))
     try:
-        if folder is None or inside:
-            found = load(name, folder)
-        elif entry := _entry_point(name):
-            found = entry.load()
-        else:
-            raise HazardError(missing(name, folder))
-    except HazardError:
-        raise
-    except (Exception, SystemExit) as error:
+        found = entry.load() if entry else load(name, folder)
+    except ImportError as error:
         raise HazardError(str(error)) from error
+    except USER_ERRORS as error:  # of a package that offers it
+        raise HazardError(f"{name!r} cannot be imported: {failure_text(error)}") from error
     if not callable(found):
         raise HazardError(f"{name!r} is not a function")
     is_hazard = isinstance(found, type) and issubclass(found, Hazard)

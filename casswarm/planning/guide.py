@@ -86,6 +86,8 @@ class Guide(Displayed):
         Details of the proof.
     search : {"local", "global"}
         Search that produced the guide; the naive policy plans its members' guides with the same.
+    note : str
+        Why the search ended early; empty if it did not.
     """
 
     positions: FloatArray
@@ -99,6 +101,7 @@ class Guide(Displayed):
     risk_bound: float | None = None
     certificate: Certificate | None = None
     search: str = "local"
+    note: str = ""
 
     @classmethod
     def from_candidate(
@@ -179,7 +182,9 @@ class Guide(Displayed):
             "not certified" if bound is None else f"no guide can exceed {rounded_up(bound):.4f}"
         )
         end = "arrives" if self.arrives else "DOES NOT ARRIVE"
-        return f"guide {end} at step {self.arrival}: survival {self.survival:.4f} ({certified})"
+        note = f"; {self.note}" if self.note else ""
+        text = f"guide {end} at step {self.arrival}: survival {self.survival:.4f}"
+        return f"{text} ({certified}{note})"
 
 
 def rounded_up(value: float, digits: int = 4) -> float:

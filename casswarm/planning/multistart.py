@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -34,6 +36,9 @@ MAX_CLASSES = 4
 
 LONG_HORIZON = 100
 """Number of steps above which a global search uses fewer starts, because solves take longer."""
+
+LONG_SOLVE = 1000
+"""Number of steps from which every solve is reported."""
 
 REFINE_WITHIN = 1.1
 """Refine the arrival time of homotopy classes whose risk is within this factor of the best."""
@@ -74,18 +79,27 @@ class Multistart:
     task : GuideTask
     solver : Solver
     progress : Progress, optional
+    deadline : float
+        Time of `time.monotonic` after which no solve starts; solvers that can limit their time end
+        by then.
     """
 
     scenario: Scenario
     task: GuideTask
     solver: Solver
     progress: Progress | None = None
+    deadline: float = math.inf
+
+    @property
+    def expired(self) -> bool:
+        """Whether the deadline has passed."""
+        return time.monotonic() >= self.deadline
 
     def candidates(self, search: str) -> list[Candidate]:
         """Outcomes of every start of a local or global search."""
         starts: dict[str, InitialPath] = {STRAIGHT: self._straight}
         steps = {STRAIGHT: self._coarse_steps()}
-        if search == "global":
+        if search == "global" and not self.expired:
             is_long = self.scenario.n_steps > LONG_HORIZON
             relaxation = Relaxation.from_scenario(self.scenario, self.task.start)
             relaxation = replace(relaxation, radius=self.task.radius)
@@ -138,13 +152,33 @@ class Multistart:
             start = others.get(name, f"homotopy class {name}")
             self.progress(f"optimizing {start}{detail}", 0, None)
 
+    def _report_solve(self, name: str, arrival: int) -> None:
+        """Report a solve that may take more than a second."""
+        if self.scenario.n_steps >= LONG_SOLVE:
+            self._report(name, f", {arrival} of at most {self.scenario.n_steps} steps")
+
+    def _limited_solver(self) -> Solver:
+        """The solver, which ends by the deadline if it can limit its time.
+
+        Its limit is a power of two, so that few of them are compiled.
+        """
+        left = self.deadline - time.monotonic()
+        limit: float = getattr(self.solver, "time_limit", 0.0)
+        if not self.solver.capabilities.time_limit or limit <= left:
+            return self.solver
+        power = math.floor(math.log2(max(left, 1e-2)))
+        return replace(self.solver, time_limit=2.0**power)  # type: ignore[type-var]
+
     def _solve(self, name: str, start: InitialPath, steps: Iterable[int]) -> Iterator[Candidate]:
         nlp = guide_nlp(self.scenario.hazard, self.scenario.n_steps)
         for arrival in steps:
+            if self.expired:
+                return
+            self._report_solve(name, arrival)
             guess = start(arrival, self.task.dt)
             scale = 1.0 if name == STRAIGHT else self._scale(guess)
             instance = guide_instance(nlp, self.task, arrival, guess, scale)
-            solution = self.solver.solve(nlp, instance)[0]
+            solution = self._limited_solver().solve(nlp, instance)[0]
             residuals = replace(
                 solution.residuals,
                 stationarity=solution.residuals.stationarity / scale,
@@ -165,7 +199,7 @@ class Multistart:
 
         For long guides, down to a hundredth of their length.
         """
-        while True:
+        while outcomes and not self.expired:
             best = min(outcomes, key=preference).arrival
             steps = np.array(sorted({candidate.arrival for candidate in outcomes}))
             at = int(np.searchsorted(steps, best))
@@ -181,7 +215,7 @@ class Multistart:
 
         Classes of much higher risk are skipped: another arrival step does not make up for it.
         """
-        best = {name: min(candidates, key=preference) for name, candidates in outcomes.items()}
+        best = {name: min(tried, key=preference) for name, tried in outcomes.items() if tried}
         chosen: dict[str, str] = {}
         for name in sorted(best, key=lambda start: preference(best[start])):
             chosen.setdefault(best[name].homotopy, name)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
@@ -14,7 +16,7 @@ from ..errors import PlanningError, SolverError
 from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 from ..problems.guide import GuideTask
 from ..typing import FloatArray, Progress
-from .bounds.risk_bound import GAP, TIME_LIMIT, certify_guide
+from .bounds.risk_bound import GAP, certify_guide
 from .guide import Guide
 from .multistart import Multistart, preference
 
@@ -30,7 +32,7 @@ def plan(
     check: bool = True,
     certify: bool = True,
     gap: float = GAP,
-    time_limit: float = TIME_LIMIT,
+    time_limit: float | None = None,
     solver_options: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> Guide:
@@ -53,8 +55,12 @@ def plan(
     gap : float
         Relative distance of the bound from the best known risk at which the proof may end; above
         0, below 1.
-    time_limit : float
-        Seconds for the proof, which ends with the bound that it has reached by then.
+    time_limit : float, optional
+        Seconds for planning as a whole. A search that takes longer ends with the best guide so
+        far, not certified, and `Guide.note` says so; the proof takes what is left of the time, and
+        ends with the bound reached by then. Ipopt ends in time, the projected gradient and the
+        building of a problem do not. By default the search takes as long as it needs, and the
+        proof at most 10 seconds.
     solver_options : mapping, optional
         Options of the solver, if it is given by name.
     progress : Progress, optional
@@ -71,7 +77,8 @@ def plan(
     Raises
     ------
     PlanningError
-        No start reaches the target; the message and `outcomes` count the outcomes.
+        No start reaches the target, or none within the time limit; the message and `outcomes`
+        count the outcomes.
     SolverError
         A solver that is unknown, or that cannot take the guide problem.
     ValueError
@@ -88,8 +95,9 @@ def plan(
     """
     if not 0 < gap < 1:
         raise ValueError(f"gap = {gap!r}; allowed: above 0, below 1 (0.01 is one percent)")
-    if not time_limit > 0:
+    if time_limit is not None and not time_limit > 0:
         raise ValueError(f"time_limit = {time_limit!r}; allowed: seconds above 0")
+    started = time.monotonic()
     velocity = scenario.swarm.velocity
     guide = plan_from(
         scenario,
@@ -98,15 +106,17 @@ def plan(
         search=search,
         initial_velocity=None if velocity == "guide" else velocity,
         solver_options=solver_options,
+        time_limit=math.inf if time_limit is None else time_limit,
         progress=progress,
     )
     if check and not guide.arrives:
         raise _no_arrival(guide)
-    if not (certify and guide.arrives):
+    if not (certify and guide.arrives) or guide.note:
         return guide
     if progress is not None:
         progress("proving a lower bound", 0, None)
-    certificate = certify_guide(scenario, guide, gap, time_limit)
+    deadline = None if time_limit is None else started + time_limit
+    certificate = certify_guide(scenario, guide, gap, deadline)
     if certificate is None:
         return guide
     return replace(guide, risk_bound=certificate.bound, certificate=certificate)
@@ -121,6 +131,7 @@ def plan_from(
     initial_velocity: ArrayLike | None = None,
     near: Guide | None = None,
     solver_options: Mapping[str, Any] | None = None,
+    time_limit: float = math.inf,
     progress: Progress | None = None,
 ) -> Guide:
     """Guide of an agent at `start` (2,), neither certified nor required to arrive; see `plan`.
@@ -128,19 +139,35 @@ def plan_from(
     The members' a_max bounds the change from `initial_velocity` (2,), V(-1), which may be any
     velocity by default. If `near`, the guide of a nearby agent, is given, the search starts from
     its best homotopy classes, at their arrival steps and the adjacent ones, in a tenth of the time.
+
+    Raises
+    ------
+    PlanningError
+        The time limit has passed before the first solve.
     """
+    deadline = time.monotonic() + time_limit
     task = GuideTask.from_scenario(scenario, start, initial_velocity)
     backend = _solver(scenario, solver, solver_options)
     search = _checked_search(search, scenario, backend)
-    multistart = Multistart(scenario, task, backend, progress)
+    multistart = Multistart(scenario, task, backend, progress, deadline)
     if isinstance(backend, ProjectedGradient):
         candidates = [multistart.penalised()]
     elif near is not None and near.best_per_homotopy_class():
         candidates = multistart.candidates_near(near)
     else:
         candidates = multistart.candidates(search)
+    if not candidates:
+        raise PlanningError(
+            f"no guide found: the time limit of {time_limit:g} s ended the search before its first "
+            "solve; raise it, or choose a larger time.dt",
+            time_limit=time_limit,
+        )
     best = min(candidates, key=preference)
-    return Guide.from_candidate(scenario.hazard, task, best, tuple(candidates), search)
+    guide = Guide.from_candidate(scenario.hazard, task, best, tuple(candidates), search)
+    if not multistart.expired:
+        return guide
+    note = f"the time limit of {time_limit:g} s ended the search after {len(candidates)} solves"
+    return replace(guide, note=note)
 
 
 def guide_solver(solver: str | Solver) -> str:
@@ -186,9 +213,14 @@ def _checked_search(search: str | None, scenario: Scenario, solver: Solver) -> s
 def _no_arrival(guide: Guide) -> PlanningError:
     outcomes = Counter(str(c.solution.status) for c in guide.candidates)
     counts = ", ".join(f"{count} {status}" for status, count in outcomes.items())
+    if guide.note:
+        advice = f"{guide.note}: raise it, or choose a larger time.dt"
+    else:
+        advice = (
+            "try a larger a_max or t_f, a smaller guide.margin, or acceleration_limited = false"
+        )
     return PlanningError(
-        f"no guide found: of {len(guide.candidates)} solves ({counts}) none arrives in the target. "
-        "Try a larger a_max or t_f, a smaller guide.margin, or acceleration_limited = false; "
-        "check=False returns the best failure",
+        f"no guide found: of {len(guide.candidates)} solves ({counts}) none arrives in the target; "
+        f"{advice}; check=False returns the best failure",
         outcomes=dict(outcomes),
     )

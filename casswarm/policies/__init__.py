@@ -1,11 +1,13 @@
 """Policies: the velocities of all members, from the state of the swarm."""
 
-from .base import Decision, Policy, UserPolicy, as_policy
+from .base import Policy
+from .decision import Decision
 from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy
 from .leader_selection import LEADER_SELECTION
 from .planned_paths import JointPolicy, NaivePolicy, ReplanningPolicy
 from .registry import POLICIES, make_policy, member_guides
+from .user import UserPolicy, as_policy
 
 __all__ = [
     "LEADER_SELECTION",

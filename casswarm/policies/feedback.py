@@ -27,7 +27,8 @@ from ..planning.bounds import ValueFunction
 from ..problems.formation import corridor_formation, leader_formation
 from ..problems.step import Motion, Step
 from ..typing import BoolArray, FloatArray
-from .base import Decision, Policy
+from .base import Policy
+from .decision import Decision
 from .formation import applied_decision
 
 _VELOCITIES = 9  # target velocities of manoeuvres per axis, from -v_max to v_max

@@ -21,7 +21,8 @@ from ..planning.guide import Guide
 from ..problems.formation import Formation, corridor_formation, leader_formation
 from ..problems.step import Motion, Step
 from ..typing import BoolArray, FloatArray
-from .base import Decision, Policy
+from .base import Policy
+from .decision import Decision
 from .leader_selection import LEADER_SELECTION
 from .mpc_instances import corridor_mpc_formation, leader_mpc_formation
 

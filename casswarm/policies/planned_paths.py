@@ -12,7 +12,8 @@ from ..planning.guide import Guide
 from ..planning.joint import PlanTree, SwarmPlan
 from ..problems.step import Motion
 from ..typing import BoolArray, FloatArray
-from .base import Decision, Policy
+from .base import Policy
+from .decision import Decision
 
 _ON_PLAN = 1e-9
 """Distance from the planned position and velocity, in units of v_max dt and v_max, up to which a

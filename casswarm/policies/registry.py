@@ -159,6 +159,11 @@ def _parsed(name: str, horizon: int) -> tuple[str, int]:
     return name, horizon
 
 
+def require_policy_name(name: str) -> None:
+    """Raise PolicyError for a name that `make_policy` does not take."""
+    _parsed(name, 1)
+
+
 def _require_known(kind: str, name: str, known: Mapping[str, object]) -> None:
     if name not in known:
         message = f"{kind} {name!r} is unknown{did_you_mean(name, known)}"

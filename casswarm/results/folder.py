@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import platform
@@ -21,7 +20,8 @@ import pandas as pd
 from .._util.documents import json_text
 from .._util.files import atomic_write, digest, set_aside
 from ..errors import FolderError
-from .reader import OBJECTS, RECORD, ResultsReader, recorded_files
+from .reader import OBJECTS, ResultsReader
+from .record import RECORD, own_record, recorded_files
 from .serialization import pack
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ class ResultsFolder(ResultsReader):
         if not os.path.lexists(path) or path.is_dir():
             return
         if name == RECORD:
-            is_ours = bool(self._read_record())
+            is_ours = bool(own_record(self.path))
         else:
             is_ours = self._recorded.get(name) in ("", digest(path))
         if not is_ours and digest(path) != self.files[name]:
@@ -159,9 +159,7 @@ class ResultsFolder(ResultsReader):
             },
             "platform": platform.platform(),
             "arguments": sys.argv[1:],
-            "files": dict(
-                sorted({**self.files, RECORD: ""}.items())
-            ),  # its own hash it cannot hold
+            "files": dict(sorted({**self.files, RECORD: ""}.items())),  # its own is not known
             "finished": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
             "seconds": time.perf_counter() - self._started,
         }
@@ -170,31 +168,23 @@ class ResultsFolder(ResultsReader):
 
     def extend_record(self) -> None:
         """Add the files written here to the run.json of another command, which may remove them."""
-        content = dict(self._read_record())
-        files = recorded_files(content) | self.files | {RECORD: ""}
+        content, written = dict(own_record(self.path)), self.files.copy()
+        files = recorded_files(content) | written | {RECORD: ""}
         content["files"] = dict(sorted(files.items()))
         self.write_file(RECORD, json_text(content) + "\n")
-        del self.files[RECORD]  # the record is not this command's
+        self.files = written  # without the record, if it is not this command's
+        if self.record.get("files"):
+            self.record = {**self.record, "files": content["files"]}
 
     @cached_property
     def _earlier(self) -> Mapping[str, Any]:
         """Record of the command that wrote here before; empty if there is none."""
-        return self._read_record()
+        return own_record(self.path)
 
     @cached_property
     def _recorded(self) -> dict[str, str]:
         """Hashes of the files of that command, by name."""
         return recorded_files(self._earlier)
-
-    def _read_record(self) -> Mapping[str, Any]:
-        file = self.path / RECORD
-        try:
-            record = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
-        except (OSError, ValueError):
-            return {}
-        if not isinstance(record, dict) or "casswarm" not in record.get("versions", ()):
-            return {}
-        return record
 
     def summary(self) -> str:
         """One line: which files were written where."""

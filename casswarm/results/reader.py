@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 import pandas as pd
 
+from .._util.files import require_file
 from .._util.text import did_you_mean
 from ..chain.trajectories import RunTrajectory
-from ..errors import CheckpointError
+from ..errors import CasswarmError, CheckpointError
 from ..planning.guide import Guide
+from .record import RECORD, read_record, recorded_files
 from .serialization import unpack
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ..scenario import Scenario
     from .catalogue import FigureCatalogue
 
@@ -30,7 +34,23 @@ COMMANDS = ("plan", "plan-swarm", "simulate", "evaluate", "sweep", "compare")
 _EXPECTED = f"expected one written by {', '.join(COMMANDS[:-1])} or {COMMANDS[-1]}"
 _EXAMPLE = "such as results/simulate-paper-1"
 OBJECTS = "results.npz"
-RECORD = "run.json"
+
+MAX_TABLE, MAX_OBJECTS = 2_000_000_000, 2_000_000_000
+"""Largest sizes in bytes of a table, and of the decompressed objects, that are read."""
+
+DAMAGED = (
+    ArithmeticError,
+    AttributeError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RecursionError,
+    TypeError,
+    ValueError,
+    BadZipFile,
+)
+"""What damaged files raise when they are read or drawn."""
 
 
 @dataclass(eq=False)
@@ -67,14 +87,14 @@ class ResultsReader:
             raise CheckpointError(f"{path} is not a folder: {_EXPECTED}, {_EXAMPLE}", folder=path)
         file = path / RECORD
         try:
-            record = json.loads(file.read_text(encoding="utf-8"))
+            record = read_record(path)
         except FileNotFoundError:
             raise CheckpointError(
                 f"{path} has no {RECORD}, so it is not a results folder of a finished command: "
                 f"{_EXPECTED}, {_EXAMPLE}",
                 folder=path,
             ) from None
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise CheckpointError(f"{file} cannot be read ({error}): {_EXPECTED}") from None
         command = record.get("command") if isinstance(record, dict) else None
         if command == "reproduce":
@@ -118,7 +138,12 @@ class ResultsReader:
         """
         from ..scenario import Scenario
 
-        data = tomllib.loads(self.part("scenario"))
+        try:
+            data = tomllib.loads(self.part("scenario"))
+        except (AttributeError, TypeError, ValueError, RecursionError):
+            raise CheckpointError(
+                f"the scenario in {self.path / RECORD} is damaged; {self._advice}"
+            ) from None
         source = f"the scenario in {self.path / RECORD}"
         return Scenario.from_data(
             data, source=source, folder=Path.cwd(), allow_code=self.allow_code
@@ -132,6 +157,7 @@ class ResultsReader:
         """The table NAME.csv, its numbers equal to the last bit."""
         file = self.path / f"{name}.csv"
         try:
+            require_file(file, MAX_TABLE)
             table: pd.DataFrame = pd.read_csv(  # only empty cells are missing, not a policy "null"
                 file, keep_default_na=False, na_values=[""], **_exact_numbers()
             )
@@ -151,11 +177,12 @@ class ResultsReader:
         """The objects of `write_objects`, by name."""
         file = self.path / OBJECTS
         try:
+            _require_small(file)
             with np.load(file, allow_pickle=False) as arrays:
                 objects: dict[str, Any] = unpack(arrays)
         except FileNotFoundError:
             raise self._missing(OBJECTS) from None
-        except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as error:
+        except DAMAGED as error:
             raise CheckpointError(f"{file} cannot be read ({error}); {self._advice}") from None
         return objects
 
@@ -201,13 +228,32 @@ class ResultsReader:
 
     def figures(self, run: int = 0) -> FigureCatalogue:
         """The figures of the command, drawn from what it saved; of simulated runs, number `run`."""
+        with self._reading():
+            catalogue = self._figures(run)
+        return {name: partial(self._drawn, draw) for name, draw in catalogue.items()}
+
+    def _drawn(self, draw: Callable[[], Figure]) -> Figure:
+        with self._reading():
+            return draw()
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        """Raise a CheckpointError for what damaged tables and objects raise."""
         try:
-            return self._figures(run)
+            yield
+        except CasswarmError:
+            raise
         except KeyError as error:
             raise CheckpointError(
                 f"the tables in {self.path} lack {error}: one of them is damaged, or written by an "
                 f"older casswarm; {self._advice}"
-            ) from None
+            ) from error
+        except DAMAGED as error:
+            reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            raise CheckpointError(
+                f"the figures of {self.path} cannot be drawn ({reason}): a table or {OBJECTS} is "
+                f"damaged; {self._advice}"
+            ) from error
 
     def _figures(self, run: int) -> FigureCatalogue:
         from . import catalogue
@@ -234,14 +280,13 @@ class ResultsReader:
         )
 
 
-def recorded_files(record: Mapping[str, Any]) -> dict[str, str]:
-    """SHA-256 of the files that a record lists, by name; empty where an older one has names only.
-
-    Names with a folder, which no command writes, are left out.
-    """
-    files = record.get("files", {})
-    listed = files if isinstance(files, dict) else dict.fromkeys(map(str, files or ()), "")
-    return {name: str(value) for name, value in listed.items() if Path(name).name == name}
+def _require_small(file: Path) -> None:
+    """Raise an error if saved objects are large, or would be when they are decompressed."""
+    require_file(file, MAX_OBJECTS)
+    with ZipFile(file) as parts:
+        size = sum(part.file_size for part in parts.infolist())
+    if size > MAX_OBJECTS:
+        raise ValueError(f"{size:,} bytes when decompressed, more than {MAX_OBJECTS:,}")
 
 
 def _exact_numbers() -> dict[str, Any]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._util.constants import CORE_FRACTION
+from .._util.user_code import USER_ERRORS
 from .hazard_section import HazardTable
 from .sections import GuideOptions, Swarm, Target, Time
 from .validation import as_text
@@ -159,7 +160,7 @@ def _custom_hazard_problems(
     try:
         built = hazard.build(core_radius(scenario.target, hazard), folder)
         built.rates(scenario.positions)
-    except (Exception, SystemExit) as error:  # the user's code may raise anything
+    except USER_ERRORS as error:  # the user's code may raise anything
         yield f"{subject}: {' '.join(str(error).split()) or type(error).__name__}"
 
 

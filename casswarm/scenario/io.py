@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import tomllib
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from .._util.files import require_file
 from .._util.text import suggestion
 from ..errors import ScenarioError
 from .consistency import doubts
@@ -17,6 +19,14 @@ from .validation import Problem, scenario_error
 
 LOG = logging.getLogger(__name__)
 
+MAX_BYTES = 1_000_000
+"""Largest size of a scenario file."""
+
+MAX_KEY_PARTS = 16
+"""Largest number of dotted parts of a key in a scenario file."""
+
+_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+_LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}[ \t]*+\.[ \t]*+){{{MAX_KEY_PARTS}}}")
 _TEMPLATE = "start from a built-in one: casswarm scenarios new my.toml --from paper-1"
 
 
@@ -34,10 +44,10 @@ def load_scenario(source: str | os.PathLike[str], *, allow_code: bool = False) -
     Raises
     ------
     ScenarioError
-        No such scenario, or a file that cannot be read or is invalid: the message names the file
-        and has a line for every invalid key, with its value and the allowed values. The error has
-        the attributes `file`, and `key`, `value` and `allowed` of the first problem; `problems` has
-        them all.
+        No such scenario, or a file that is no regular file of at most `MAX_BYTES`, cannot be read,
+        or is invalid: the message names the file and has a line for every invalid key, with its
+        value and the allowed values. The error has the attributes `file`, and `key`, `value` and
+        `allowed` of the first problem; `problems` has them all.
 
     Examples
     --------
@@ -105,6 +115,7 @@ def _builtin_texts() -> dict[str, str]:
 
 def _text(path: Path, source: str, label: str) -> str:
     try:
+        require_file(path, MAX_BYTES)
         # Windows editors may start a file with a byte order mark
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -126,6 +137,9 @@ def _text(path: Path, source: str, label: str) -> str:
 
 
 def _parsed(text: str, label: str) -> dict[str, Any]:
+    if _LONG_KEY.search(text):
+        problem = Problem(f"a key in it has more than {MAX_KEY_PARTS} dotted parts", "")
+        raise scenario_error(f"{label} cannot be read", [problem])
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

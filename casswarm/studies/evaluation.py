@@ -13,7 +13,7 @@ from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion
 from ..chain.monte_carlo import Chain
 from ..chain.stratified import MAX_PRUNED_FRACTION, VISITS, Estimate, sample_residual
 from ..errors import PolicyError
-from ..optimization.solvers import Solver
+from ..optimization.solvers import Solver, make_solver
 from ..planning.guide import Guide
 from ..planning.plan import guide_solver, initial_velocities, plan
 from ..typing import FloatArray, Progress
@@ -189,6 +189,7 @@ def _expansion(
             f"one policy is evaluated at a time, not {len(listed)}: "
             f"{', '.join(map(policy_name, listed))}; call evaluate for each of them"
         )
+    make_solver(solver[0], **(solver[1] or {}))  # before planning, which takes longer
     if guide is None:
         guide = plan(scenario, guide_solver(solver[0]), certify=False)
     resolved = resolve_policy(listed[0], scenario, guide, *solver)

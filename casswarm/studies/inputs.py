@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from .._util.user_modules import code_hash
 from ..hazard import CustomHazard
-from ..policies.base import Policy, UserPolicy
+from ..policies.base import Policy
+from ..policies.user import UserPolicy
 from .policy_list import policy_name
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from ..optimization.solvers import Solver
 from ..planning.guide import Guide
 from ..policies import as_policy, make_policy
 from ..policies.base import Policy
+from ..policies.registry import require_policy_name
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -34,7 +35,8 @@ def policy_list(policies: Any) -> list[Any]:
     Raises
     ------
     PolicyError
-        An empty list, something that is not a policy, or several policies of the same name.
+        An empty list, something that is not a policy, an unknown name, or several policies of the
+        same name.
     """
     single = isinstance(policies, str) or hasattr(policies, "velocities")
     listed = [policies] if single or not isinstance(policies, Iterable) else list(policies)
@@ -56,6 +58,9 @@ def policy_list(policies: Any) -> list[Any]:
         )
     if not names:
         raise PolicyError("no policy given")
+    for policy in listed:
+        if isinstance(policy, str):
+            require_policy_name(policy)
     return listed
 
 

@@ -19,7 +19,7 @@ from ..chain.confidence import required_runs
 from ..chain.monte_carlo import Chain, Runs
 from ..chain.random_streams import Purpose
 from ..chain.trajectories import RunTrajectory
-from ..optimization.solvers import Solver
+from ..optimization.solvers import Solver, make_solver
 from ..planning.guide import Guide
 from ..planning.plan import guide_solver, initial_velocities, plan
 from ..typing import Progress
@@ -165,8 +165,9 @@ def simulate(
     """
     seed, runs = require_seed(seed), _require_runs("runs", runs)
     require_workers(workers)
-    guide = plan(scenario, guide_solver(solver)) if guide is None else guide
     listed = policy_list(policies)
+    make_solver(solver, **(solver_options or {}))  # before planning, which takes longer
+    guide = plan(scenario, guide_solver(solver)) if guide is None else guide
     chosen = [resolve_policy(p, scenario, guide, solver, solver_options) for p in listed]
     chain = Chain(scenario, initial_velocities(scenario, guide), seed)
     with ExitStack() as stack:
@@ -245,8 +246,9 @@ def runs_needed(
     if not 0 < half_width < 0.5:
         raise ValueError(f"half_width = {half_width}; allowed: between 0 and 0.5")
     seed, pilot = require_seed(seed), _require_runs("pilot", pilot)
+    listed = policy_list(policies)
     guide = plan(scenario, guide_solver(solver)) if guide is None else guide
-    chosen = [resolve_policy(p, scenario, guide, solver, None) for p in policy_list(policies)]
+    chosen = [resolve_policy(p, scenario, guide, solver, None) for p in listed]
     chain = Chain(scenario, initial_velocities(scenario, guide), seed, Purpose.PILOT)
     successes = [int((chain.run(policy, 0, pilot).arrival >= 0).sum()) for policy in chosen]
     return max(required_runs(half_width, number, pilot) for number in successes)

@@ -19,6 +19,7 @@ import pandas as pd
 from .._util.parallel import Workers, done_jobs, require_sendable, require_workers
 from .._util.seeds import require_seed
 from ..errors import CasswarmError, ScenarioError
+from ..optimization.solvers import make_solver
 from ..planning.guide import Guide
 from ..planning.plan import guide_solver, plan
 from ..policies.base import Policy
@@ -134,6 +135,8 @@ def sweep(
     ------
     ScenarioError
         An unknown key, or a key without values.
+    SolverError
+        An unknown solver.
     PolicyError, CheckpointError, ValueError
         As in `simulate`.
     """
@@ -148,6 +151,7 @@ def sweep(
     else:
         options |= {"runs": int(runs), "seed": seed}
     listed = policy_list(policies)
+    make_solver(solver)
     points = [
         SweepPoint(scenario, dict(zip(settings, values, strict=True)), policy, options)
         for values in product(*settings.values())

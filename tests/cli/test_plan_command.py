@@ -69,9 +69,10 @@ def test_plan_with_gap_and_map_closes_gap_and_plots_map(tmp_path):
     assert figure.read_bytes().startswith(PNG)
 
 
-def test_plan_with_time_limit_reports_it(tmp_path):
-    options = ("--gap", "1e-12", "--time-limit", "1e-6", "--json")
-    assert "time limit of 1e-06 s" in casswarm(tmp_path, "plan", "ring", *options).stdout
+def test_plan_at_time_limit_of_search_fails_with_it(tmp_path):
+    done = casswarm(tmp_path, "plan", "ring", "--time-limit", "1e-6", code=1)
+    assert "the time limit of 1e-06 s ended the search before its first solve" in done.stderr
+    assert not (tmp_path / "results").exists()
 
 
 def test_plan_without_certificate_lists_homotopy_classes(tmp_path):

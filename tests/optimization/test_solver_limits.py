@@ -5,9 +5,10 @@ from __future__ import annotations
 import pickle
 import subprocess
 import sys
-from dataclasses import FrozenInstanceError, fields, is_dataclass
+from collections.abc import Sequence
+from dataclasses import FrozenInstanceError, dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -18,7 +19,7 @@ from known_problems import active_box
 from casswarm.errors import SolverError
 from casswarm.optimization.problem import Instances, Nlp
 from casswarm.optimization.solution import Residuals, Status
-from casswarm.optimization.solvers import SOLVERS, make_solver
+from casswarm.optimization.solvers import SOLVERS, Answer, Solver, make_solver
 
 NAMES = list(SOLVERS)
 GENERAL = [name for name in NAMES if SOLVERS[name].capabilities.problems == "any"]
@@ -142,3 +143,28 @@ def test_ctrl_c_stops_every_solver() -> None:
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == [f"{name} stopped" for name in GENERAL]
+
+
+@dataclass(frozen=True)
+class Leaving(Solver):
+    """A solver whose code ends the interpreter, when it builds a problem or when it solves one."""
+
+    building: bool
+
+    name: ClassVar[str] = "leaving"
+    summary: ClassVar[str] = "calls sys.exit"
+
+    def prepare(self, nlp: Nlp) -> None:  # noqa: ARG002
+        if self.building:
+            sys.exit(0)
+
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:  # noqa: ARG002
+        sys.exit(0)
+
+
+@pytest.mark.parametrize(("building", "words"), [(True, "building raised"), (False, "raised")])
+def test_exit_in_solver_is_failed_solution(building: bool, words: str) -> None:
+    nlp, instance = active_box().nlp, active_box().instance
+    solution = Leaving(building).solve(nlp, instance)[0]
+    assert solution.status is Status.FAILED
+    assert solution.message.startswith(f"{words} SystemExit")

@@ -10,6 +10,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from ..._util.user_code import USER_ERRORS
 from ...errors import CasswarmError, SolverError
 from ...typing import FloatArray
 from ..kkt import kkt_residuals
@@ -149,7 +150,7 @@ class Solver(ABC):
         started = time.perf_counter()
         try:
             self.prepare(nlp)
-        except Exception as error:
+        except USER_ERRORS as error:
             seconds = time.perf_counter() - started
             return seconds, failed(instances, f"building raised {_backend_error(error)}")
         return time.perf_counter() - started, self._run_each(nlp, instances)
@@ -184,7 +185,7 @@ class Solver(ABC):
                 if not isinstance(answer, Answer):
                     kind = type(answer).__name__
                     raise TypeError(f"the backend gave a {kind} instead of an Answer")
-        except Exception as error:
+        except USER_ERRORS as error:
             message = f"raised {_backend_error(error)}"
             if len(instances) <= 1:
                 return failed(instances, message)
@@ -205,7 +206,7 @@ def error_text(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}".removesuffix(": ")
 
 
-def _backend_error(error: Exception) -> str:
+def _backend_error(error: BaseException) -> str:
     """Text of a backend's exception; errors of casswarm and interrupts are raised again."""
     if isinstance(error, CasswarmError):
         raise error

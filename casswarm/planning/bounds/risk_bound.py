@@ -106,12 +106,13 @@ class Certificate:
 
 
 def certify_guide(
-    scenario: Scenario, guide: Guide, gap: float = GAP, time_limit: float = TIME_LIMIT
+    scenario: Scenario, guide: Guide, gap: float = GAP, deadline: float | None = None
 ) -> Certificate | None:
     """Certificate for the guides of a scenario; None if its hazard provides no lower bounds.
 
     The bound is compared with the best known path without acceleration limits and margin: the
-    guide itself, or what Ipopt reaches from the best homotopy classes.
+    guide itself, or what Ipopt reaches from the best homotopy classes. The `deadline` is a time of
+    `time.monotonic`; by default the refinement of grids takes at most `TIME_LIMIT`.
     """
     task = Relaxation.from_scenario(scenario)
     if not task.bounded:
@@ -120,14 +121,15 @@ def certify_guide(
     limited = np.isfinite(scenario.guide_a_max) or scenario.swarm.velocity != "guide"
     smaller_target = scenario.arrival_margin > 1e-5 * task.radius
     if limited or smaller_target or guide.search != "global":
-        paths += _relaxed_paths(scenario, task)
+        paths += _relaxed_paths(scenario, task, math.inf if deadline is None else deadline)
     risks = [task.dt * float(task.rates(path[1:]).sum()) for path in paths]
     best = int(np.argmin(risks))
     multiplier = arrival_multiplier(task, paths[best])
-    return certify(task, risks[best], multiplier, gap=gap, time_limit=time_limit)
+    left = TIME_LIMIT if deadline is None else max(0.0, deadline - time.monotonic())
+    return certify(task, risks[best], multiplier, gap=gap, time_limit=left)
 
 
-def _relaxed_paths(scenario: Scenario, task: Relaxation) -> list[FloatArray]:
+def _relaxed_paths(scenario: Scenario, task: Relaxation, deadline: float) -> list[FloatArray]:
     """Locally best paths of the relaxation, in two homotopy classes and near their arrival steps.
 
     The grid is not that of `Multistart`, whose target is smaller by the margin.
@@ -135,7 +137,7 @@ def _relaxed_paths(scenario: Scenario, task: Relaxation) -> list[FloatArray]:
     free = replace(
         GuideTask.from_scenario(scenario, task.start), radius=scenario.target.radius, a_max=np.inf
     )
-    multistart = Multistart(scenario, free, make_solver("ipopt"))
+    multistart = Multistart(scenario, free, make_solver("ipopt"), deadline=deadline)
     candidates: list[Candidate] = []
     for path, shifts in zip(best_homotopy_classes(task, 2), ((-1, 0, 1), (0,)), strict=False):
         candidates += multistart.candidates_along(path, [path.arrival + shift for shift in shifts])
@@ -193,7 +195,10 @@ def certify(
         if refined is None:
             reason = f"the next grid has more than {max_nodes:,} nodes"
         elif now + (now - level_started) * refined.size / max(grid.size, 1) > time_limit:
-            reason, refined = f"the next grid would exceed the time limit of {time_limit:g} s", None
+            reason, refined = (
+                f"the next grid would exceed the time limit of {time_limit:.3g} s",
+                None,
+            )
         grid = refined
     return Certificate(bound, best, reason, tuple(levels), time.perf_counter() - started)
 

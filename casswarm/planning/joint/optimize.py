@@ -106,6 +106,7 @@ def plan_swarm(
     if time_limit is not None and not time_limit > 0:
         raise ValueError(f"time_limit = {time_limit!r}; allowed: seconds above 0")
     guide = plan(scenario, certify=False) if guide is None else guide
+    bound = success_bound(scenario)  # before the search, whose result it could cost
     velocities = initial_velocities(scenario, guide)
     frame = Frame.of_scenario(scenario, velocities[0])
     framed = frame.scenario_in(scenario)
@@ -128,7 +129,7 @@ def plan_swarm(
         distribution=PlanDistribution.from_positions(scenario, positions) if exact else None,
         solution=best.solution,
         outcomes=tuple(map(frame.outcome_from, search.outcomes)),
-        bound=success_bound(scenario),
+        bound=bound,
         min_distance=min_distance,
         seconds=time.perf_counter() - started,
     )

@@ -1,0 +1,95 @@
+"""What fails after the work of a command, and Ctrl-C then, costs neither tables nor record."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from commands import casswarm
+
+HELPER = Path(__file__).parents[1] / "helpers" / "failing_ending.py"
+SIMULATE = ("simulate", "single-agent", "--runs", "5", "--policy", "naive", "--overwrite")
+EVALUATE = ("evaluate", "single-agent", "--policy", "naive")
+
+
+def failing(folder, place, error, *arguments):
+    """Output of a command that fails at a place after its work."""
+    done = subprocess.run(
+        [sys.executable, HELPER, place, error, *arguments, "--quiet"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 1, f"{done.stdout}\n{done.stderr}"
+    assert done.stderr.count("\n") == 1, done.stderr
+    return done
+
+
+def results(folder):
+    """The results folder and its record."""
+    (path,) = (folder / "results").iterdir()
+    return path, json.loads((path / "run.json").read_text())
+
+
+@pytest.mark.parametrize("arguments", [SIMULATE, EVALUATE], ids=lambda a: a[0])
+def test_failing_bound_costs_no_tables_and_no_figures(tmp_path, arguments):
+    done = failing(tmp_path, "bound", "memory", *arguments)
+    assert "the success bound failed (MemoryError: no room)" in done.stderr
+    path, record = results(tmp_path)
+    assert record["result"]["success_bound"] is None
+    assert set(record["files"]) <= {file.name for file in path.iterdir()}
+    assert {"success.png", "results.npz"} <= set(record["files"])
+    assert "naive" in done.stdout
+
+
+@pytest.mark.parametrize("arguments", [SIMULATE, EVALUATE], ids=lambda a: a[0])
+def test_interrupted_bound_costs_no_tables(tmp_path, arguments):
+    done = failing(tmp_path, "bound", "ctrl-c", *arguments)
+    path, record = results(tmp_path)
+    assert f"interrupted during the success bound: the tables and run.json in {path}" in (
+        done.stderr.replace("in results", f"in {tmp_path}/results")
+    )
+    assert (path / "results.npz").exists()
+    assert not list(path.glob("*.png"))
+    assert record["result"]["success_bound"] is None
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("plan", "single-agent", "--no-certify"),
+        ("plan-swarm", "single-agent"),
+        SIMULATE,
+        EVALUATE,
+        ("sweep", "single-agent", "--set", "formation.rho=0.1,0.2", "--policy", "naive"),
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_figures_interrupted_after_record_are_drawn_by_plot(tmp_path, arguments):
+    done = failing(tmp_path, "figures", "ctrl-c", *arguments)
+    path, record = results(tmp_path)
+    assert "interrupted during drawing" in done.stderr
+    assert f"casswarm plot {path.relative_to(tmp_path)} draws the figures" in done.stderr
+    assert set(record["files"]) <= {file.name for file in path.iterdir()}
+    assert not list(path.glob("*.png"))
+    casswarm(tmp_path, "plot", path)
+    assert list(path.glob("*.png"))
+
+
+def test_error_while_drawing_keeps_comparison(tmp_path):
+    options = ("--family", "quick", "--problems", "1", "--solver", "spectral")
+    failing(tmp_path, "figures", "bug", "compare", *options)
+    _, record = results(tmp_path)
+    assert {"runs.csv", "summary.csv", "run.json"} <= set(record["files"])
+    assert record["result"]["summary"]
+
+
+def test_record_lists_figures_that_were_drawn(tmp_path):
+    casswarm(tmp_path, "evaluate", "single-agent", "--policy", "naive", "--json")
+    path, record = results(tmp_path)
+    assert {file.name for file in path.iterdir()} == set(record["files"])
