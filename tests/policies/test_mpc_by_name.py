@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from backend_cases import GATE
 from commands import casswarm
+from small_scenarios import patrolled
 from window_cases import GOAL, HAZARD, MOTION, RHO, both, window
 
 import casswarm as csw
@@ -27,7 +28,7 @@ from casswarm.problems.step import Step
 def test_mpc_with_custom_rates_is_solved_by_ipopt() -> None:
     scenario = csw.load_scenario("paper-1").with_values(
         {
-            "hazard": {"kind": "small_scenarios:patrolled", "radars": [[4.4, 4.6]]},
+            "hazard": {"kind": patrolled, "radars": [[4.4, 4.6]]},
             "swarm.positions": [[0.0, 0.0], [0.3, 0.0]],
         }
     )

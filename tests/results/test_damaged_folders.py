@@ -13,7 +13,7 @@ import pytest
 from commands import casswarm
 
 from casswarm import CheckpointError
-from casswarm.results import reader
+from casswarm.results import reader, record
 from casswarm.results.folder import ResultsFolder
 
 FIFO = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs fifos")
@@ -93,9 +93,12 @@ def test_array_of_declared_terabytes_is_refused(folder):
         drawn(folder)
 
 
-@pytest.mark.parametrize("name", ["MAX_RECORD", "MAX_TABLE", "MAX_OBJECTS"])
-def test_large_files_are_refused(folder, monkeypatch, name):
-    monkeypatch.setattr(reader, name, 10)
+@pytest.mark.parametrize(
+    ("module", "name"),
+    [(record, "MAX_RECORD"), (reader, "MAX_TABLE"), (reader, "MAX_OBJECTS")],
+)
+def test_large_files_are_refused(folder, monkeypatch, module, name):
+    monkeypatch.setattr(module, name, 10)
     with pytest.raises(CheckpointError, match="bytes, more than the limit of 10"):
         drawn(folder)
 
