@@ -8,7 +8,7 @@ states share one decision and one evaluation of rates.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -78,8 +78,15 @@ class Runs:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Runs:
-        """Runs that were stored by `to_arrays`."""
+        """Runs that were stored by `to_arrays`.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            The arrays are not such.
+        """
         number = sum(name.startswith("positions-") for name in arrays)
+        _require_per_run([arrays[name] for name in (*_RUN_ARRAYS, *COUNTS)])
         return cls(
             first=int(arrays["first"]),
             counts={name: arrays[name] for name in COUNTS},
@@ -91,6 +98,13 @@ class Runs:
             ),
             **{name: arrays[name] for name in _RUN_ARRAYS},
         )
+
+
+def _require_per_run(arrays: Sequence[NDArray[Any]]) -> None:
+    """Raise ValueError unless the arrays have a whole number for every run."""
+    shapes = {array.shape for array in arrays}
+    if len(shapes) > 1 or arrays[0].ndim != 1 or any(a.dtype.kind != "i" for a in arrays):
+        raise ValueError("the arrays do not have a whole number for every run")
 
 
 @dataclass(frozen=True, eq=False)

@@ -100,7 +100,7 @@ class Scenario(Displayed, Table):
         try:
             context = {"folder": folder, "allow_code": allow_code}
             return cls.model_validate(to_plain(data), context=context)
-        except ValidationError as error:
+        except (ValidationError, RecursionError) as error:
             raise scenario_error(f"{source} is invalid", problems_of(error, cls)) from None
 
     @property

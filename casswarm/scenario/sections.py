@@ -41,7 +41,7 @@ class Table(BaseModel):
     def __init__(self, **values: Any) -> None:
         try:
             super().__init__(**to_plain(values))
-        except ValidationError as error:
+        except (ValidationError, RecursionError) as error:
             headline = f"invalid {type(self).__name__}"
             raise scenario_error(headline, problems_of(error, type(self))) from None
 

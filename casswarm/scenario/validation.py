@@ -124,8 +124,10 @@ def as_text(value: object) -> str:
     return text if len(text) <= _MAX_CHARACTERS else text[: _MAX_CHARACTERS - 3] + "..."
 
 
-def problems_of(error: ValidationError, model: type[BaseModel]) -> list[Problem]:
-    """Problems that pydantic found in the values of `model`, one for every key."""
+def problems_of(error: ValidationError | RecursionError, model: type[BaseModel]) -> list[Problem]:
+    """Problems that were found in the values of `model`, one for every key."""
+    if isinstance(error, RecursionError):
+        return [Problem("a nesting of tables or arrays in it is too deep", "")]
     problems: dict[str, Problem] = {}
     for detail in error.errors(include_url=False):
         if detail["type"] == _CUSTOM:

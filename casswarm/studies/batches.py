@@ -79,15 +79,23 @@ def saved_results(
         return results
     by_file_name = {file_name(name): name for name in results}
     for name in store.names():  # ordered by their first run
-        record = store.load(name)
+        part = _saved_runs(store, name)
         policy = by_file_name.get(name.split("-", 2)[-1])
-        if record is None or policy is None:
+        if part is None or policy is None:
             continue
-        part = Runs.from_arrays(record)
         end = results[policy][-1].end if results[policy] else 0
         if end <= part.first and part.end <= runs:
             results[policy].append(part)
     return results
+
+
+def _saved_runs(store: Checkpoint, name: str) -> Runs | None:
+    """Runs of a record; None if it holds no runs."""
+    record = store.load(name)
+    try:
+        return None if record is None else Runs.from_arrays(record)
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return None
 
 
 def _gaps(saved: Sequence[Runs], runs: int) -> list[tuple[int, int]]:

@@ -12,6 +12,8 @@ import io
 import json
 import os
 import socket
+import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -30,6 +32,8 @@ _FOLDER = "checkpoint"  # of the records, in that of the results
 _LOCK_FILES = ("lock", "lock-holder")
 _ADVICE = "use the same inputs, or choose another folder"
 _MAGIC = b"casswarm record\n"  # then follow the hash of the inputs, that of the rest, the arrays
+_UNREADABLE = (ValueError, TypeError, KeyError, OSError, EOFError, MemoryError)
+_UNREADABLE += (NotImplementedError, zipfile.BadZipFile, zlib.error)
 _MAX_HOLDER = 200  # characters of the name of another process
 _MAX_REPORTED = 5  # differences that a message lists
 
@@ -191,8 +195,11 @@ class Checkpoint:
         data = _arrays_of(self._records / f"{name}.npz", self._header)
         if data is None:
             return None
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            return dict(arrays)
+        try:
+            with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+                return dict(arrays)
+        except _UNREADABLE:
+            return None
 
     def save_json(self, name: str, value: Any) -> None:
         """Write a record of JSON values; NaN and infinity are kept."""
@@ -200,8 +207,10 @@ class Checkpoint:
 
     def load_json(self, name: str) -> Any:
         """Read a record of JSON values; None where `load` is."""
-        record = self.load(name)
-        return None if record is None or "json" not in record else json.loads(str(record["json"]))
+        try:
+            return json.loads(str((self.load(name) or {})["json"]))
+        except (KeyError, ValueError, RecursionError):
+            return None
 
     def names(self) -> list[str]:
         """Names of the records, sorted."""

@@ -48,6 +48,8 @@ MEASURES = (
 )
 """Numbers of a sweep point; those that do not apply are missing."""
 
+_COUNTS = ("runs", "successes", "states")
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sweep:
@@ -173,7 +175,7 @@ def sweep(
             store = stack.enter_context(Checkpoint(checkpoint, inputs, if_exists))
             saved = {k: store.load_json(name) for k, name in enumerate(names)}
             # sweep points that failed are computed again
-            results = {k: r for k, r in saved.items() if r and r["columns"]["status"] == "ok"}
+            results = {k: result for k, result in saved.items() if _is_computed(result)}
         missing = [index for index in range(len(points)) if index not in results]
         if workers != 1 and missing:
             require_sendable({policy_name(point.policy): point for point in points})
@@ -186,7 +188,7 @@ def sweep(
         if store is not None:
             store.finish()
     rows = [point.identity() | results[k]["columns"] for k, point in enumerate(points)]
-    table = pd.DataFrame(rows).astype(dict.fromkeys(("runs", "successes", "states"), "Int64"))
+    table = pd.DataFrame(rows).astype(dict.fromkeys(_COUNTS, "Int64"))
     seconds = [results[k]["seconds"] for k in range(len(points))]
     effort = pd.DataFrame({"point": range(len(points)), "seconds": seconds})
     return Sweep(scenario, tuple(settings), table, effort)
@@ -240,8 +242,7 @@ class SweepPoint:
         started = time.perf_counter()
         sampled = "runs" in self.options
         row: dict[str, Any] = {"method": "sampled" if sampled else "exact"}
-        row |= dict.fromkeys(MEASURES, math.nan)
-        row |= {"runs": None, "successes": None, "states": None, "reason": ""}
+        row |= dict.fromkeys(MEASURES, math.nan) | dict.fromkeys(_COUNTS) | {"reason": ""}
         try:
             scenario = with_parameters(self.scenario, self.values)
             guide = _guide(scenario, guide_solver(self.options["solver"]))
@@ -268,6 +269,22 @@ class SweepPoint:
         return {name: row[name] for name in same} | {
             f"{name}_mean": row[name] / row["runs"] for name in ("infeasible", "solver_failures")
         }
+
+
+def _is_computed(result: Any) -> bool:
+    """Whether a saved result is one of a sweep point that did not fail."""
+    try:
+        row, numbers = result["columns"], [result["seconds"]]
+        numbers += [row[name] for name in MEASURES]
+        return (
+            row["status"] == "ok"
+            and row.keys() == {"method", "status", "reason", *MEASURES, *_COUNTS}
+            and all(isinstance(row[name], str) for name in ("method", "reason"))
+            and all(isinstance(number, int | float) for number in numbers)
+            and all(row[name] is None or type(row[name]) is int for name in _COUNTS)
+        )
+    except (TypeError, LookupError, AttributeError):
+        return False
 
 
 @lru_cache(maxsize=32)

@@ -120,6 +120,14 @@ def test_several_problems_are_listed_one_per_line(file: Callable[..., Path]) -> 
     ]
 
 
+@pytest.mark.parametrize("text", ["{}a = 1", "[{}a]\nb = 1"])
+def test_load_deeply_nested_file_is_refused(text: str, tmp_path: Path) -> None:
+    (tmp_path / "deep.toml").write_text(text.format("a." * 900))
+    assert "nesting of tables or arrays in it is too deep" in message(
+        load_scenario, tmp_path / "deep.toml"
+    )
+
+
 # --- files written
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import subprocess
 import sys
 from contextlib import nullcontext
@@ -112,6 +113,17 @@ def test_file_names_are_unique_and_valid() -> None:
 
 
 # --- what is not of the study
+
+
+@pytest.mark.parametrize("arrays", [b"", b"no archive", b"PK\x05\x06" + bytes(18)])
+def test_checkpoint_load_of_forged_record_is_none(tmp_path: Path, arrays: bytes) -> None:
+    with Checkpoint(tmp_path, INPUTS) as store:
+        store.save_json("one", {"a": 1})
+        path = tmp_path / "checkpoint" / "one.npz"
+        header = path.read_bytes()[: len(b"casswarm record\n") + 32]
+        path.write_bytes(header + hashlib.sha256(b"one\n" + arrays).digest() + arrays)
+        assert not store.load("one")
+        assert store.load_json("one") is None
 
 
 def test_checkpoint_ignores_record_of_other_inputs_or_of_another_name(tmp_path: Path) -> None:
