@@ -53,9 +53,9 @@ def new(path: Path, source: str, force: bool, allow_code: bool) -> None:
       casswarm scenarios check mine.toml
       casswarm simulate mine.toml
     """
-    if path.exists() and not force:
-        raise WrongInput(f"{path} exists; choose another name, or overwrite it with --force")
     with reported_errors():
+        if path.exists() and not force:
+            raise WrongInput(f"{path} exists; choose another name, or overwrite it with --force")
         values = {"name": path.stem, "description": f"copied from {source}"}
         copied = csw.load_scenario(source, allow_code=allow_code).with_values(values)
         csw.save_scenario(copied, path, comments=True)

@@ -205,6 +205,10 @@ def _require_known(scenario: Scenario, settings: Mapping[str, Sequence[Any]]) ->
     for key, values in settings.items():
         if isinstance(values, str) or not len(values):
             raise ScenarioError(f"{key} has no values: give a list of them, such as [0.05, 0.1]")
+        try:
+            json.dumps(values)
+        except (TypeError, ValueError) as error:
+            raise ScenarioError(f"{key} has a value that no scenario has: {error}") from None
     if "swarm.positions" in settings and DERIVED.keys() & settings.keys():
         raise ScenarioError("swarm.positions cannot be swept together with n or spacing")
     for key in settings.keys() - DERIVED.keys():

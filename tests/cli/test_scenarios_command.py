@@ -41,6 +41,10 @@ def test_check_with_a_wrong_file_reports_all_and_fails(tmp_path):
     assert "paper-1" in done.stdout
 
 
+def test_new_with_too_long_name_exits_with_1(tmp_path):
+    assert "too long" in casswarm(tmp_path, "scenarios", "new", "x" * 400, code=1).stderr
+
+
 @pytest.fixture
 def own_rates(tmp_path):
     """Folder with a scenario file whose rates are in a module beside it."""

@@ -42,7 +42,7 @@ _SIGNALS = (signal.SIGKILL,) * 4 + (signal.SIGINT, signal.SIGTERM)
 _TIMES = ("seconds", "time", "solves")
 """Parts of names of columns that hold durations, and repetitions, which no two runs share."""
 
-MOST = 6
+MOST = 12
 """Number of times that a study is killed at most."""
 
 _TIME_LIMIT = 300.0  # seconds of a command that is not killed

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,7 @@ def test_sweep_point_that_fails_has_reason() -> None:
         ({"formation.rhoo": [1]}, r"formation\.rhoo.*n and spacing"),
         ({"formation.rho": []}, "has no values"),
         ({"formation.rho": "0.1"}, "has no values"),
+        ({"formation.rho": [0.1, date(2030, 1, 1)]}, "has a value that no scenario has.*date"),
         ({"n": [2], "swarm.positions": [[[0.0, 0.0]]]}, "together with n"),
     ],
 )
