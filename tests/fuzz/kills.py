@@ -39,8 +39,8 @@ STUDIES: dict[str, tuple[str, ...]] = {
 _NEW = {"simulate": [[], ["--workers", "2"]], "sweep": [[], ["--workers", "2"]], "compare": [[]]}
 _SLOW = {"simulate": "0.3", "sweep": "0.05", "compare": "0"}  # seconds of a decision
 _SIGNALS = (signal.SIGKILL,) * 4 + (signal.SIGINT, signal.SIGTERM)
-_TIMES = ("seconds", "time", "solves")
-"""Parts of names of columns that hold durations, and repetitions, which no two runs share."""
+_TIMES = ("seconds", "time", "solves", "fastest")
+"""Parts of names of columns of durations, and what depends on them, which no two runs share."""
 
 MOST = 12
 """Number of times that a study is killed at most."""
