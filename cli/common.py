@@ -93,7 +93,7 @@ def _setting(text: str) -> tuple[str, object]:
         raise WrongInput(f"--set {text!r} is not of the form KEY=VALUE, such as formation.rho=0.1")
     try:
         return key.strip(), tomllib.loads(f"value = {value.strip()}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         return key.strip(), value.strip()  # a bare word, such as global
 
 

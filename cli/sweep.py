@@ -137,7 +137,7 @@ def _values(text: str) -> tuple[str, list[Any]]:
         return key, _range(text, parts)
     try:
         return key, list(tomllib.loads(f"values = [{values}]")["values"])
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         return key, [word.strip() for word in values.split(",")]  # bare words, such as global
 
 

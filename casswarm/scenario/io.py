@@ -123,7 +123,7 @@ def _text(path: Path, source: str, label: str) -> str:
             f"{label} is not text in UTF-8 (byte {error.start}); save it as TOML in UTF-8"
         ) from None
     except OSError as error:
-        if source and path.is_dir():
+        if source and os.path.isdir(path):  # noqa: PTH112 - pathlib's raises for long names
             raise ScenarioError(f"{label} is a folder; name a TOML file in it") from None
         if source and not isinstance(error, FileNotFoundError | IsADirectoryError):
             raise ScenarioError(f"{label} cannot be read: {error.strerror}") from None

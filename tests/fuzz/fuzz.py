@@ -98,7 +98,9 @@ def run_mutations(arguments: argparse.Namespace, folder: Path) -> int:
     idle = sandbox.run(lambda: 0, made).peak
     print(f"a case that does nothing needs {idle / 2**20:.0f} MB", flush=True)
     ended: dict[str, list[tuple[sandbox.Outcome, str]]] = defaultdict(list)
-    for kind, number in cases:
+    for done, (kind, number) in enumerate(cases):
+        if done % 500 == 0:
+            print(f"{done} of {len(cases)} mutations", flush=True)
         place = folder / "case"
         shutil.rmtree(place, ignore_errors=True)
         place.mkdir()

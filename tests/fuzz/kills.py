@@ -22,7 +22,7 @@ HELPERS = Path(__file__).resolve().parents[1] / "helpers"
 STUDIES: dict[str, tuple[str, ...]] = {
     "sweep": (
         *("sweep", "small.toml", "--runs", "5", "--dpi", "30"),
-        *("--policy", "slow_policy:toward", "--set", "hazard.alpha_1=1:24:24"),
+        *("--policy", "slow_policy:toward", "--set", "hazard.alpha_1=1:12:12"),
     ),
     "simulate": (
         *("simulate", "small.toml", "--runs", "200", "--dpi", "30"),
@@ -37,7 +37,7 @@ STUDIES: dict[str, tuple[str, ...]] = {
 """Small studies with several records."""
 
 _NEW = {"simulate": [[], ["--workers", "2"]], "sweep": [[], ["--workers", "2"]], "compare": [[]]}
-_SLOW = {"simulate": "0.3", "sweep": "0.05", "compare": "0"}  # seconds of a decision
+_SLOW = {"simulate": "0.3", "sweep": "0.1", "compare": "0"}  # seconds of a decision
 _SIGNALS = (signal.SIGKILL,) * 4 + (signal.SIGINT, signal.SIGTERM)
 _TIMES = ("seconds", "time", "solves", "fastest")
 """Parts of names of columns of durations, and what depends on them, which no two runs share."""

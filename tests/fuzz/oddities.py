@@ -118,5 +118,5 @@ def long_value(rng: Random) -> Any:
 def odd_argument(rng: Random) -> str:
     """A text that can be an argument of a command: without the null character."""
     words = ("0", "-1", "nan", "inf", "1e309", "1e-320", "0x10", "1_000", "１２", "--", "-", "1,2")
-    text = rng.choice((*words, *TEXTS, "9" * 400, "\udcff\udc80"))
+    text = rng.choice((*words, *TEXTS, "9" * 400, "9" * 5_000, "[" * 3_000, "\udcff\udc80"))
     return text.replace("\0", "\x01")

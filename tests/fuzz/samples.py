@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import shutil
 import tomllib
 from functools import cache
@@ -57,11 +58,17 @@ def call(*arguments: object) -> int:
     return 0
 
 
+@cache
+def guide() -> csw.Guide:
+    """Guide of the small scenario."""
+    return csw.plan(SMALL, certify=False)
+
+
 def study(command: str, folder: Path | None, if_exists: str = "resume") -> str:
     """Tables of a study, as text; with a folder, its work is saved there."""
     saved: dict[str, Any] = {"checkpoint": folder, "if_exists": if_exists}
     if command == "simulate":
-        done = csw.simulate(SMALL, list(POLICIES), 30, **saved)
+        done = csw.simulate(SMALL, list(POLICIES), 30, guide=guide(), **saved)
         return str(done.runs.to_csv() + done.summary.to_csv() + done.paired.to_csv())
     return str(csw.sweep(SMALL, GRID, ["naive"], runs=5, **saved).table.to_csv())
 
@@ -99,6 +106,8 @@ def warm_up() -> None:
     import casswarm.results.catalogue
     import casswarm.results.folder  # noqa: F401
 
-    csw.simulate(SMALL, ["leader", "constrained"], 2)
+    csw.simulate(SMALL, ["leader", "constrained"], 2, guide=guide())
     collisions = {"kind": "saturation+collision", "beta_1": 0.2, "beta_2": 6.0}
-    csw.simulate(SMALL.replace(hazard=collisions), ["constrained"], 2)
+    colliding = SMALL.replace(hazard=collisions)
+    csw.simulate(colliding, ["constrained"], 2, guide=csw.plan(colliding, certify=False))
+    gc.freeze()  # what cases share is not copied when one of them collects garbage

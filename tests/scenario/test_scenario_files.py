@@ -120,12 +120,16 @@ def test_several_problems_are_listed_one_per_line(file: Callable[..., Path]) -> 
     ]
 
 
-@pytest.mark.parametrize("text", ["{}a = 1", "[{}a]\nb = 1"])
-def test_load_deeply_nested_file_is_refused(text: str, tmp_path: Path) -> None:
-    (tmp_path / "deep.toml").write_text(text.format("a." * 900))
-    assert "nesting of tables or arrays in it is too deep" in message(
-        load_scenario, tmp_path / "deep.toml"
-    )
+def test_scenario_of_deeply_nested_data_is_refused() -> None:
+    value: list[object] = []
+    for _ in range(5000):
+        value = [value]
+    text = message(Scenario.from_data, {"name": "deep", "swarm": value})
+    assert "nesting of tables or arrays in it is too deep" in text
+
+
+def test_load_of_too_long_name_is_refused() -> None:
+    assert "x" * 400 in message(load_scenario, "x" * 400)
 
 
 # --- files written
