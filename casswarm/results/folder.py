@@ -124,14 +124,13 @@ class ResultsFolder(ResultsReader):
 
         A file that casswarm wrote and nobody changed is replaced; any other is kept as NAME.bak.
         """
-        path, self.files[name] = self.path / name, digest(part)
+        path, new = self.path / name, digest(part)
+        own, self.files[name] = self.files.get(name), new
         if not os.path.lexists(path) or path.is_dir():
             return
-        if name == RECORD:
-            is_ours = bool(own_record(self.path))
-        else:
-            is_ours = self._recorded.get(name) in ("", digest(path))
-        if not is_ours and digest(path) != self.files[name]:
+        present, recorded = digest(path), self._recorded.get(name)
+        is_own = bool(own_record(self.path)) if name == RECORD else recorded == ""
+        if not is_own and present not in (own, recorded, new):
             LOG.warning("%s is not of casswarm: kept as %s", path, set_aside(path).name)
 
     def write_record(self, result: Mapping[str, Any], inputs: Mapping[str, Any]) -> dict[str, Any]:

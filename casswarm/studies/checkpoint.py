@@ -32,8 +32,10 @@ _FOLDER = "checkpoint"  # of the records, in that of the results
 _LOCK_FILES = ("lock", "lock-holder")
 _ADVICE = "use the same inputs, or choose another folder"
 _MAGIC = b"casswarm record\n"  # then follow the hash of the inputs, that of the rest, the arrays
-_UNREADABLE = (ValueError, TypeError, KeyError, OSError, EOFError, MemoryError)
-_UNREADABLE += (NotImplementedError, zipfile.BadZipFile, zlib.error)
+_UNREADABLE = (  # what reading damaged arrays raises
+    *(ValueError, TypeError, KeyError, OSError, EOFError, MemoryError),
+    *(NotImplementedError, zipfile.BadZipFile, zlib.error),
+)
 _MAX_HOLDER = 200  # characters of the name of another process
 _MAX_REPORTED = 5  # differences that a message lists
 

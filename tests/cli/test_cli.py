@@ -80,7 +80,7 @@ def test_version_option_prints_installed_version(tmp_path):
         (("plan", "paper-1", "--joint"), "--joint"),
         (("simulate", "paper-1", "--policy", "leeder"), "did you mean 'leader'"),
         (("simulate", "paper-1", "--policy", "leader", "--policy", "leader"), "repeated"),
-        (("simulate", "paper-1", "--policy", "nowhere:policy"), "cannot be imported"),
+        (("simulate", "paper-1", "--policy", "nowhere:policy"), "cannot import the module"),
         (("simulate", "paper-1", "--runs", "0"), "0"),
         (("simulate", "paper-1", "--runs", "9", "--half-width", "0.1"), "give one of them"),
         (("simulate", "paper-1", "--seed", str(2**64)), "0<=x<=18446744073709551615"),

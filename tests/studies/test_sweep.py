@@ -276,7 +276,7 @@ def test_sweep_command_without_success_fails(tmp_path: Path) -> None:
         (("--set", "formation.rho=0:1"), "START:STOP:COUNT"),
         (("--set", "formation.rho=0:1:3:log"), "above 0 for log"),
         (("--set", "n=1,2", "--exact", "--runs", 5), "give one of them"),
-        (("--set", "n=1,2", "--policy", "no_such:policy"), "cannot be imported"),
+        (("--set", "n=1,2", "--policy", "no_such:policy"), "cannot import the module"),
         pytest.param(
             ("--set", "n=1", "--runs", 2, "--dask", "tcp://127.0.0.1:1"),
             "Dask",
