@@ -9,7 +9,8 @@ Run with the installed package, in a checkout::
 A mutation is determined by its kind, number and seed; the moment of a kill only nearly, since it
 is a time. Every mutation runs in a process of its own, which may take 60 s of processor time, 300 s
 on the clock, and 2 GB more than a case that does nothing. Exits with 1 if a case ended in any other
-way than it may: see `targets.fault` and `kills`. Needs a system with fork.
+way than it may: see `targets.fault` and `kills`. Ctrl-C ends the mutations with the counts so far.
+Needs a system with fork.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import sys
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -34,6 +36,9 @@ import kills
 import samples
 import sandbox
 import targets
+
+Ended = dict[str, list[tuple[sandbox.Outcome, str]]]
+"""How the cases of every kind ended, each with what is wrong."""
 
 ENDS = {targets.ACCEPTED: "accepted", targets.FAILED: "failed", targets.REFUSED: "refused"}
 
@@ -97,21 +102,33 @@ def run_mutations(arguments: argparse.Namespace, folder: Path) -> int:
     prepare(made, {kind for kind, _ in cases}, arguments.quick)
     idle = sandbox.run(lambda: 0, made).peak
     print(f"a case that does nothing needs {idle / 2**20:.0f} MB", flush=True)
-    ended: dict[str, list[tuple[sandbox.Outcome, str]]] = defaultdict(list)
+    ended: Ended = defaultdict(list)
+    with suppress(KeyboardInterrupt):
+        end_all(cases, arguments, folder, idle, ended)
+    print_table(ended)
+    return sum(bool(fault) for outcomes in ended.values() for _, fault in outcomes)
+
+
+def end_all(
+    cases: list[tuple[str, int]],
+    arguments: argparse.Namespace,
+    folder: Path,
+    idle: int,
+    ended: Ended,
+) -> None:
+    """Run cases, add how each ended to `ended`, and report faults."""
     for done, (kind, number) in enumerate(cases):
         if done % 500 == 0:
             print(f"{done} of {len(cases)} mutations", flush=True)
         place = folder / "case"
         shutil.rmtree(place, ignore_errors=True)
         place.mkdir()
-        case = partial(targets.run, kind, number, arguments.seed, place, made)
+        case = partial(targets.run, kind, number, arguments.seed, place, folder / "made")
         outcome = sandbox.run(case, place, idle)
         fault = targets.fault(kind, outcome)
         ended[kind].append((outcome, fault))
         if fault or arguments.only:
             report(f"{kind}:{number}", arguments.seed, outcome, fault)
-    print_table(ended)
-    return sum(bool(fault) for outcomes in ended.values() for _, fault in outcomes)
 
 
 def prepare(made: Path, kinds: set[str], quick: bool) -> None:
@@ -137,7 +154,7 @@ def report(name: str, seed: int, outcome: sandbox.Outcome, fault: str) -> None:
     print(f"    python tests/fuzz/fuzz.py --seed {seed} --only {name}", flush=True)
 
 
-def print_table(ended: dict[str, list[tuple[sandbox.Outcome, str]]]) -> None:
+def print_table(ended: Ended) -> None:
     """Print counts by kind, the slowest case, and the largest peak of memory."""
     header = ("kind", "cases", *ENDS.values(), "faults", "slowest s", "peak MB")
     print("".join(f"{title:>11s}" for title in header))
