@@ -54,12 +54,15 @@ def test_policy_with_odd_name_is_refused(tmp_path):
     ],
 )
 def test_questionable_scenario_is_warned_of(tmp_path, setting, words):
-    target = "target.center=[8, 6]"
-    options = ("--set", target, "--no-certify")
-    done = casswarm(tmp_path, "plan", "paper-2", "--set", setting, *options)
-    assert words in done.stderr
+    values = dict(text.split("=") for text in ("target.center=[8, 6]", setting))
     scenario = csw.load_scenario("paper-2").with_values(
-        {key: json.loads(value) for key, value in (text.split("=") for text in (target, setting))}
+        {key: json.loads(value) for key, value in values.items()}
     )
     csw.save_scenario(scenario, tmp_path / "mine.toml")
     assert words in casswarm(tmp_path, "scenarios", "check", "mine.toml").stderr
+
+
+def test_questionable_setting_is_warned_of(tmp_path):
+    setting = "hazard.radars=[[2, 1.5], [2, 1.5]]"
+    done = casswarm(tmp_path, "plan", "single-agent", "--set", setting, "--no-certify")
+    assert "the same point: their rates are added" in done.stderr
