@@ -40,4 +40,4 @@ def test_killed_study_is_resumed_to_equal_tables():
 @pytest.mark.slow
 def test_fresh_mutations_and_kills_end_as_they_may():
     seed = random.SystemRandom().randrange(2**32)
-    print(fuzz("--mutations", 500, "--kills", 3, "--seed", seed))
+    print(fuzz("--mutations", 300, "--kills", 2, "--seed", seed))
