@@ -9,7 +9,6 @@ classes of these modules can be pickled and loaded by another process.
 from __future__ import annotations
 
 import hashlib
-import inspect
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -60,7 +59,10 @@ class _Folders(MetaPathFinder):
         raise ModuleNotFoundError(f"no file {found}.py", name=fullname)
 
 
-sys.meta_path.insert(0, _Folders())
+def install() -> None:
+    """Let Python find these packages, also when it unpickles objects of them."""
+    if not any(isinstance(finder, _Folders) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _Folders())
 
 
 def _package(name: str, folder: str) -> ModuleSpec:
@@ -127,6 +129,8 @@ def code_hash(found: Any) -> str:
 
     Of a function or class without a file, as in a notebook, that of its text if it is known.
     """
+    import inspect  # slow, and rarely needed
+
     module = getattr(found, "__module__", None) or ""
     if module.partition(".")[0] == __name__.partition(".")[0]:
         return ""

@@ -86,7 +86,8 @@ def mutated_arrays(content: bytes, rng: Random) -> bytes:
 
 def _mutated_array(array: np.ndarray, rng: Random) -> np.ndarray:
     if array.dtype.kind not in "fiub" or rng.random() < 0.2:
-        return rng.choice((np.array(odd_number(rng) * 1.0), np.array("text"), np.zeros(0)))
+        number = np.array(max(-1e308, min(1e308, odd_number(rng))), float)
+        return rng.choice((number, np.array("text"), np.zeros(0)))
     changed = array.copy()
     if changed.size and rng.random() < 0.5:
         with np.errstate(all="ignore"):

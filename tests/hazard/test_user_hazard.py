@@ -184,7 +184,7 @@ def test_function_of_folder_pickles_into_another_process(tmp_path: Path) -> None
     )
     hazard = user_hazard("sent:rate", tmp_path, (), {})
     assert isinstance(hazard, CustomHazard)
-    command = [sys.executable, "-c", f"import casswarm._util.user_modules\n{program}"]
+    command = [sys.executable, "-c", f"import casswarm\n{program}"]
     done = subprocess.run(
         command, input=pickle.dumps(hazard.function), capture_output=True, check=True, cwd=tmp_path
     )

@@ -21,5 +21,5 @@ def casswarm(folder, *arguments, code=0):
         check=False,
     )
     assert done.returncode == code, f"{done.stdout}\n{done.stderr}"
-    assert "Traceback" not in done.stderr
+    assert "Traceback" not in done.stderr, done.stderr
     return done
