@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from small_scenarios import DT, small
+from small_scenarios import DT, three_members
 
 from casswarm import Guide, OutcomeDistribution, Residuals, Solution, Status
 from casswarm.chain.trajectories import RunTrajectory
 from casswarm.figures import THEMES
 
-SCENARIO = small([(0.0, 0.0), (0.3, 0.2), (-0.2, 0.3)], (3.0, 0.0), [(1.5, 0.8)], 12)
+SCENARIO = three_members()
 
 PATH = np.array([[0.0, 0.0], [0.6, -0.3], [1.2, -0.5], [2.0, -0.3], [2.8, 0.0]])
 GUIDE = Guide(

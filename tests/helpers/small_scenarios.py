@@ -45,6 +45,12 @@ def small(
     return scenario.with_values({key.replace("__", "."): v for key, v in values.items()})
 
 
+def three_members(**values: object) -> Scenario:
+    """Three members and a radar beside their way, in twelve steps; `values` as in `small`."""
+    positions = [(0.0, 0.0), (0.3, 0.2), (-0.2, 0.3)]
+    return small(positions, (3.0, 0.0), [(1.5, 0.8)], 12, **values)
+
+
 def rate_by_hand(
     member: int, positions: Array, alive: Sequence[bool], radars: Sequence[Point]
 ) -> float:

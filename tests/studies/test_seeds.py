@@ -6,7 +6,7 @@ from functools import cache, partial
 from typing import Any
 
 import pytest
-from small_scenarios import small
+from small_scenarios import three_members
 
 from casswarm import Guide, Scenario, estimate, plan, simulate, sweep
 from casswarm.chain.confidence import required_runs
@@ -17,8 +17,7 @@ from casswarm.studies.simulation import runs_needed
 
 @cache
 def scenario() -> Scenario:
-    places = [(0.0, 0.0), (0.3, 0.2), (-0.2, 0.3)]
-    return small(places, (3.0, 0.0), [(1.5, 0.8)], 12, guide__search="local", guide__a_max=0.3)
+    return three_members(guide__search="local", guide__a_max=0.3)
 
 
 @cache

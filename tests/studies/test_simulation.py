@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from small_scenarios import DT, Array, small
+from small_scenarios import DT, Array, three_members
 
 import casswarm.studies.batches
 from casswarm import Guide, PolicyError, Scenario, Study, plan, simulate
@@ -32,8 +32,7 @@ RUNS = {"policy", "run", "success", "survivors", "arrival_step"}
 
 @cache
 def scenario() -> Scenario:
-    places = [(0.0, 0.0), (0.3, 0.2), (-0.2, 0.3)]
-    return small(places, (3.0, 0.0), [(1.5, 0.8)], 12, guide__search="local", guide__a_max=0.3)
+    return three_members(guide__search="local", guide__a_max=0.3)
 
 
 @cache
