@@ -10,7 +10,7 @@ from pathlib import Path
 import lazy_loader
 
 from ._util import display as _display
-from ._util import user_modules as _user_modules
+from ._util import user_folders as _user_folders
 
 __version__ = version("casswarm")
 
@@ -21,5 +21,5 @@ if not (_FOLDER / "problems").exists() and (_FOLDER.parent / "problems").exists(
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-_user_modules.install()  # first of all, since what is unpickled may refer to them
+_user_folders.install()  # first of all, since what is unpickled may refer to them
 _display.RENDERER = f"{__name__}.results.display"

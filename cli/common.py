@@ -14,8 +14,8 @@ import click
 import casswarm as csw
 
 from .._util.text import printable
+from .._util.user_folders import module_file
 from .._util.user_modules import load as load_code
-from .._util.user_modules import module_file
 from ..errors import (
     CasswarmError,
     FolderError,

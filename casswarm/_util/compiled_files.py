@@ -102,7 +102,7 @@ class _CheckedFile(IndexDataCacheFile):
             return None
         if file[:_HASH_SIZE] == self._hash(file[_HASH_SIZE:]):
             return file[_HASH_SIZE:]
-        LOG.info("%s is damaged or out of date", path)
+        LOG.debug("%s is damaged or out of date", path)
         _remove(path)
         return None
 

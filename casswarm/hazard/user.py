@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from .._util.user_code import USER_ERRORS, failure_text
-from .._util.user_modules import is_defined_in, load, module_file
+from .._util.user_folders import module_file
+from .._util.user_modules import is_defined_in, load
 from ..errors import HazardError
 from .base import Hazard
 from .custom import CustomHazard
