@@ -20,6 +20,7 @@ from .options import CommonOptions, GuideOptions, option, options
 from .output import open_folder, progress_report
 
 if TYPE_CHECKING:
+    from ..planning.bounds import CostToGoMap
     from ..results.folder import ResultsFolder
     from ..typing import FloatArray
 
@@ -62,8 +63,8 @@ class SolveOptions:
         "--time-limit",
         type=Number(0.0, min_open=True, infinite=True),
         help="Time limit for planning as a whole, in seconds: a search that takes longer ends with "
-        "the best guide so far, and the bound takes what is left. [default: none for the search, "
-        "10 for the bound]",
+        "the best guide so far, and the bound takes what is left; --map may take as long again. "
+        "[default: none for the search and the map, 10 for the bound]",
     )
     with_map: bool = option("--map", is_flag=True, help="Also plot the cost-to-go map.")
 
@@ -96,8 +97,8 @@ def plan(common: CommonOptions, planning: PlanOptions, solving: SolveOptions) ->
     with reported_errors(), progress_report(common.quiet) as progress:
         chosen = load(common, planning.values)
         folder = open_folder("plan", chosen, common.out, common)
-        # first, since it may need too many nodes
-        value = csw.ValueFunction.from_scenario(chosen) if solving.with_map else None
+        if solving.with_map:
+            _require_possible_map(chosen)
         guide = csw.plan(
             chosen,
             solving.solver,
@@ -107,11 +108,14 @@ def plan(common: CommonOptions, planning: PlanOptions, solving: SolveOptions) ->
             progress=progress,
         )
         _write_guide(folder, guide, solving.solver)
-        ending, baseline = Ending(folder, common), None
+        ending, baseline, costs = Ending(folder, common), None, None
         if reference:
             search = partial(_globally_planned, chosen, guide, solving.time_limit)
             baseline = ending.attempt("the global search for comparison", search)
-        ending.attempt("the map", partial(_write_objects, folder, guide, baseline, value))
+        if solving.with_map:
+            costs = ending.attempt("the map", partial(_map, chosen, guide, solving.time_limit))
+        objects = partial(_write_objects, folder, guide, baseline, costs)
+        ending.attempt("writing what the figures need", objects)
         ending.draw()
         ending.finish(_text(chosen, guide, baseline))
 
@@ -143,16 +147,32 @@ def _best_paths(guide: csw.Guide) -> dict[str, FloatArray]:
     }
 
 
+def _require_possible_map(scenario: csw.Scenario) -> None:
+    """Raise a PlanningError, before the work, if the map would need too many nodes."""
+    from ..planning.bounds.value_function import value_grid
+
+    value_grid(scenario)
+
+
+def _map(scenario: csw.Scenario, guide: csw.Guide, time_limit: float | None) -> CostToGoMap:
+    """Cost-to-go map of the area of the figures; the time limit is that of planning, again."""
+    from ..figures.base_map import extent
+    from ..planning.bounds import CostToGoMap
+
+    limit = math.inf if time_limit is None else time_limit
+    value = csw.ValueFunction.from_scenario(scenario, certified=False, time_limit=limit)
+    area = extent(scenario, [guide.positions, scenario.positions])
+    return CostToGoMap.from_value_function(value, *area)
+
+
 def _write_objects(
     folder: ResultsFolder,
     guide: csw.Guide,
     baseline: csw.Guide | None,
-    value: csw.ValueFunction | None,
+    costs: CostToGoMap | None,
 ) -> None:
     """Write what the figures need beyond the guide: baselines and the cost-to-go map."""
-    from ..figures.base_map import extent
     from ..planning import tables
-    from ..planning.bounds import CostToGoMap
 
     paths = _best_paths(guide)
     guides = {} if baseline is None else {"projected gradient": guide, "global search": baseline}
@@ -160,10 +180,6 @@ def _write_objects(
         compared = {name: compared.positions for name, compared in guides.items()}
         folder.write_table("paths", tables.path_table({"path": paths, "baseline": compared}))
         folder.write_table("comparison", tables.guide_comparison_table(guides))
-    costs = None
-    if value is not None:
-        area = extent(folder.scenario, [guide.positions, folder.scenario.positions])
-        costs = CostToGoMap.from_value_function(value, *area)
     others = list(paths.values())
     folder.write_objects(guide=guide, others=others, baselines=guides, costs=costs)
 

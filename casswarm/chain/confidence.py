@@ -6,7 +6,7 @@ import math
 from bisect import bisect_left
 from dataclasses import dataclass
 
-from scipy.stats import beta, binomtest, norm
+from scipy.special import bdtr, betaincinv, ndtri
 
 from ..typing import BoolArray, Interval
 
@@ -26,7 +26,7 @@ def wilson(successes: float, runs: float, level: float = LEVEL) -> Interval:
         0 <= successes <= runs, runs > 0; not integers where `runs` is an effective number.
     level : float
     """
-    z, mean = float(norm.ppf((1 + level) / 2)), successes / runs
+    z, mean = float(ndtri((1 + level) / 2)), successes / runs
     scale = 1 + z**2 / runs
     middle = (mean + z**2 / (2 * runs)) / scale
     half = z * math.sqrt(mean * (1 - mean) / runs + (z / (2 * runs)) ** 2) / scale
@@ -53,7 +53,7 @@ def clopper_pearson(successes: int, runs: int, level: float = LEVEL) -> Interval
     def lower_end(count: int) -> float:
         if count < 2:
             return count * tail / runs
-        return float(beta.ppf(tail, count, runs - count + 1))
+        return float(betaincinv(count, runs - count + 1, tail))
 
     return Interval(lower_end(successes), 1.0 - lower_end(runs - successes))
 
@@ -180,8 +180,9 @@ class Paired:
     @property
     def p_value(self) -> float:
         """McNemar's exact test of equal success: a binomial test of the discordant runs."""
-        discordant = self.first_only + self.second_only
-        return float(binomtest(self.first_only, discordant).pvalue) if discordant else 1.0
+        fewer = min(self.first_only, self.second_only)
+        tail = float(bdtr(fewer, self.first_only + self.second_only, 0.5))
+        return min(1.0, 2.0 * tail)
 
     @property
     def variance_ratio(self) -> float:

@@ -3,42 +3,6 @@
 They are drawn in the theme of their context, ``with theme("column"): ...``; see `THEMES`.
 """
 
-from .animation import animate, player, save_gif
-from .distributions import arrival_chart, population_chart, survival_chart
-from .formations import formation_chart
-from .maps import comparison_map, cost_to_go_map, guide_map, joint_map, swarm_map
-from .paper import convergence_chart, infeasible_chart, sensitivity_chart, table_2_chart
-from .performance_profiles import pair_chart, profile_chart, win_chart
-from .style import THEMES, save, theme
-from .success import difference_chart, success_chart
-from .sweeps import mpc_chart, sweep_heat_map, sweep_lines
+import lazy_loader
 
-__all__ = [
-    "THEMES",
-    "animate",
-    "arrival_chart",
-    "comparison_map",
-    "convergence_chart",
-    "cost_to_go_map",
-    "difference_chart",
-    "formation_chart",
-    "guide_map",
-    "infeasible_chart",
-    "joint_map",
-    "mpc_chart",
-    "pair_chart",
-    "player",
-    "population_chart",
-    "profile_chart",
-    "save",
-    "save_gif",
-    "sensitivity_chart",
-    "success_chart",
-    "survival_chart",
-    "swarm_map",
-    "sweep_heat_map",
-    "sweep_lines",
-    "table_2_chart",
-    "theme",
-    "win_chart",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

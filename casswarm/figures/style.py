@@ -277,16 +277,3 @@ def despine(axes: Axes, grid: str = "y") -> None:
         axes.tick_params(axis="y", length=0)
     axes.grid(axis="x" if grid == "x" else "y", color=GRID)
     axes.set_axisbelow(True)
-
-
-def save(fig: Figure, path: Path | str, dpi: int = 200) -> Path:
-    """Write a figure at its own width, in the format of the file's suffix (png, pdf, svg, ...).
-
-    The same figure gives the same file, byte for byte: no dates are written.
-    """
-    path = Path(path)
-    date = {".pdf": "CreationDate", ".svg": "Date"}.get(path.suffix.lower())
-    # text as text, which journals ask for; identifiers in an SVG that do not change
-    with rc_context({"pdf.fonttype": 42, "svg.hashsalt": "casswarm"}):
-        fig.savefig(path, dpi=dpi, metadata={date: None} if date else None)
-    return path

@@ -21,6 +21,7 @@ from .bounds.grid import Relaxation
 from .guide import Candidate, Guide
 from .homotopy import GridPath, best_homotopy_classes, homotopy_signature
 from .kinematics import integrate, remaining_distance, resample
+from .solves import solve_by
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -157,18 +158,6 @@ class Multistart:
         if self.scenario.n_steps >= LONG_SOLVE:
             self._report(name, f", {arrival} of at most {self.scenario.n_steps} steps")
 
-    def _limited_solver(self) -> Solver:
-        """The solver, which ends by the deadline if it can limit its time.
-
-        Its limit is a power of two, so that few of them are compiled.
-        """
-        left = self.deadline - time.monotonic()
-        limit: float = getattr(self.solver, "time_limit", 0.0)
-        if not self.solver.capabilities.time_limit or limit <= left:
-            return self.solver
-        power = math.floor(math.log2(max(left, 1e-2)))
-        return replace(self.solver, time_limit=2.0**power)  # type: ignore[type-var]
-
     def _solve(self, name: str, start: InitialPath, steps: Iterable[int]) -> Iterator[Candidate]:
         nlp = guide_nlp(self.scenario.hazard, self.scenario.n_steps)
         for arrival in steps:
@@ -178,7 +167,7 @@ class Multistart:
             guess = start(arrival, self.task.dt)
             scale = 1.0 if name == STRAIGHT else self._scale(guess)
             instance = guide_instance(nlp, self.task, arrival, guess, scale)
-            solution = self._limited_solver().solve(nlp, instance)[0]
+            solution = solve_by(self.deadline, self.solver, nlp, instance)
             residuals = replace(
                 solution.residuals,
                 stationarity=solution.residuals.stationarity / scale,

@@ -1,28 +1,5 @@
 """Policies: the velocities of all members, from the state of the swarm."""
 
-from .base import Policy
-from .decision import Decision
-from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
-from .formation import ConstrainedPolicy, LeaderPolicy
-from .leader_selection import LEADER_SELECTION
-from .planned_paths import JointPolicy, NaivePolicy, ReplanningPolicy
-from .registry import POLICIES, make_policy, member_guides
-from .user import UserPolicy, as_policy
+import lazy_loader
 
-__all__ = [
-    "LEADER_SELECTION",
-    "POLICIES",
-    "ConstrainedFeedbackPolicy",
-    "ConstrainedPolicy",
-    "Decision",
-    "JointPolicy",
-    "LeaderFeedbackPolicy",
-    "LeaderPolicy",
-    "NaivePolicy",
-    "Policy",
-    "ReplanningPolicy",
-    "UserPolicy",
-    "as_policy",
-    "make_policy",
-    "member_guides",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,7 +6,7 @@ import re
 import shutil
 
 import pytest
-from commands import casswarm
+from commands import casswarm_program as casswarm
 
 MODULE = """\
 import pathlib

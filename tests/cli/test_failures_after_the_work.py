@@ -3,29 +3,17 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 from commands import casswarm
 
-HELPER = Path(__file__).parents[1] / "helpers" / "failing_ending.py"
 SIMULATE = ("simulate", "single-agent", "--runs", "5", "--policy", "naive", "--overwrite")
 EVALUATE = ("evaluate", "single-agent", "--policy", "naive")
 
 
 def failing(folder, place, error, *arguments):
     """Output of a command that fails at a place after its work."""
-    done = subprocess.run(
-        [sys.executable, HELPER, place, error, *arguments, "--quiet"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 1, f"{done.stdout}\n{done.stderr}"
+    done = casswarm(folder, *arguments, "--quiet", code=1, failing=(place, error))
     assert done.stderr.count("\n") == 1, done.stderr
     return done
 

@@ -45,7 +45,10 @@ def test_resume_and_overwrite_exclude_each_other(tmp_path, command):
     assert not (tmp_path / "results").exists()
 
 
-@pytest.mark.parametrize("address", ["foo", "tcp://127.0.0.1:9"])
+@pytest.mark.parametrize(
+    "address",
+    ["foo", pytest.param("tcp://127.0.0.1:9", marks=pytest.mark.slow)],  # it waits ten seconds
+)
 def test_dask_address_without_scheduler_is_one_line(tmp_path, address):
     options = ("--runs", 3, "--policy", "naive", "--quiet", "--dask", address)
     done = casswarm(tmp_path, "simulate", "single-agent", *options, code=1)

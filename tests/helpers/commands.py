@@ -1,25 +1,83 @@
 """Commands in processes of their own."""
 
+import json
 import os
+import select
 import subprocess
 import sys
+import tempfile
+from functools import cache
 from pathlib import Path
 
 CASSWARM = Path(sys.executable).parent / "casswarm"
 PNG = b"\x89PNG\r\n\x1a\n"  # first bytes of a PNG file
 
+_TIMEOUT = 300  # seconds
 
-def casswarm(folder, *arguments, code=0):
-    """Run a command in a folder, check its exit code, and return what it printed."""
+
+def casswarm(folder, *arguments, code=0, failing=()):
+    """Run a command in a folder, check its exit code, and return what it printed.
+
+    Its process is forked from one that has imported casswarm. `failing` are the place and the error
+    of `failing_ending.fail`, which it calls first.
+    """
+    with tempfile.TemporaryDirectory() as place:
+        output, error = Path(place) / "output", Path(place) / "error"
+        request = {
+            "folder": str(folder),
+            "environment": dict(os.environ),
+            "arguments": list(map(str, arguments)),
+            "failing": failing,
+            "input": os.devnull,
+            "output": str(output),
+            "error": str(error),
+        }
+        returned = _answer(json.dumps(request))
+        done = subprocess.CompletedProcess(
+            arguments, returned, output.read_text(), error.read_text()
+        )
+    return _checked(done, code)
+
+
+def casswarm_program(folder, *arguments, code=0):
+    """The same by the installed program, in a process that has imported nothing."""
     done = subprocess.run(
         [CASSWARM, *map(str, arguments)],
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=_TIMEOUT,
         env=os.environ | {"PYTHONWARNINGS": "error"},
         check=False,
     )
+    return _checked(done, code)
+
+
+def _checked(done, code):
     assert done.returncode == code, f"{done.stdout}\n{done.stderr}"
     assert "Traceback" not in done.stderr, done.stderr
     return done
+
+
+def _answer(request):
+    """Exit code of the command that the server runs."""
+    server = _server()
+    server.stdin.write(f"{request}\n")
+    server.stdin.flush()
+    if not select.select([server.stdout], [], [], _TIMEOUT)[0]:
+        server.kill()
+        _server.cache_clear()
+        raise TimeoutError(f"no end after {_TIMEOUT} s: {request}")
+    return int(server.stdout.readline())
+
+
+@cache
+def _server():
+    """The process that forks; it ends with this one, which closes its standard input."""
+    return subprocess.Popen(
+        [sys.executable, "-W", "error", Path(__file__).with_name("fork_server.py")],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )

@@ -1,28 +1,25 @@
-"""The command line in a process in which a later part of the work fails."""
+"""Errors at places of a command after its work."""
 
-import sys
-
-from casswarm.cli import main
+import importlib
 
 PLACES = {
     "bound": ("casswarm.planning.bounds.success_bound", "_bound"),
     "figures": ("casswarm.figures", "save"),
+    "map": ("casswarm.planning.bounds.value_function", "costs_to_go"),
 }
-ERRORS = {"memory": MemoryError("no room"), "ctrl-c": KeyboardInterrupt(), "bug": KeyError("x")}
+ERRORS = {
+    "memory": MemoryError("no room"),
+    "ctrl-c": KeyboardInterrupt(),
+    "bug": KeyError("x"),
+    "late": TimeoutError(),
+}
 
 
-def run() -> None:
-    """Run ``PLACE ERROR ARGUMENT...``: the command with an error raised at a place."""
-    place, error, *arguments = sys.argv[1:]
+def fail(place, error):
+    """Let an error be raised at a place."""
     module, name = PLACES[place]
 
-    def fail(*_: object, **__: object) -> None:
+    def raising(*_, **__):
         raise ERRORS[error]
 
-    __import__(module)
-    setattr(sys.modules[module], name, fail)
-    main(arguments, prog_name="casswarm")
-
-
-if __name__ == "__main__":
-    run()
+    setattr(importlib.import_module(module), name, raising)

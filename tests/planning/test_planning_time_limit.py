@@ -8,7 +8,7 @@ import time
 import pytest
 from commands import casswarm
 
-from casswarm import PlanningError, load_scenario, plan
+from casswarm import PlanningError, ValueFunction, load_scenario, plan
 from casswarm.planning.multistart import Multistart
 
 SCENARIO = load_scenario("paper-1").with_values({"guide.arrival": "any"})
@@ -46,8 +46,24 @@ def test_proof_takes_what_is_left_of_the_time(monkeypatch) -> None:
     assert given[1] is None
 
 
+@pytest.mark.slow  # it builds a problem of 100,000 steps
 def test_command_with_many_steps_ends_at_its_time_limit(tmp_path) -> None:
     options = ("--set", "time.dt=1e-4", "--time-limit", 3)
     done = casswarm(tmp_path, "plan", "paper-1", *options, code=1)
     assert "100000 of at most 100000 steps" in done.stderr
     assert "the time limit of 3 s ended the search" in done.stderr
+
+
+def test_value_function_at_its_limit_raises_error_with_limit() -> None:
+    with pytest.raises(PlanningError, match="not complete after 1e-09 s") as caught:
+        ValueFunction.from_scenario(SCENARIO, time_limit=1e-9)
+    assert caught.value.time_limit == 1e-9
+
+
+def test_map_beyond_the_time_limit_costs_no_guide(tmp_path) -> None:
+    options = ("--time-limit", 1000, "--map")
+    done = casswarm(tmp_path, "plan", "single-agent", *options, code=1, failing=("map", "late"))
+    assert "the map failed (PlanningError: the value function is not complete after 1000 s" in (
+        done.stderr
+    )
+    assert (tmp_path / "results" / "plan-single-agent" / "guide.png").exists()

@@ -103,6 +103,10 @@ class Solver(ABC):
         """The solver for initial guesses that are close to a minimum; by default itself."""
         return self
 
+    def from_feasible_guess(self) -> Solver:
+        """The solver that starts at a feasible guess, however thin the feasible set; or itself."""
+        return self
+
     @abstractmethod
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         """Solve every instance; failures are answers, not exceptions.

@@ -64,6 +64,10 @@ class Ipopt(NlpsolSolver):
         """With a small initial barrier parameter, which keeps it near its initial guess."""
         return self if self.mu_init is not None else replace(self, mu_init=1e-4)
 
+    def from_feasible_guess(self) -> Ipopt:
+        """See `Solver.from_feasible_guess`: hardly pushed away from bounds, hardly a barrier."""
+        return replace(self, bound_push=1e-10, mu_init=1e-8)
+
     def plugin_options(self) -> dict[str, Any]:
         """See `NlpsolSolver.plugin_options`."""
         pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")

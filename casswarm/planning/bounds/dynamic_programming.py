@@ -6,6 +6,8 @@ any node with a finite terminal cost. Its cost is the sum of its nodes' costs an
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -149,13 +151,21 @@ def minimum_within_reach(
     return out
 
 
-def costs_to_go(stage_costs: StageCosts) -> Values:
-    """Least cost of a visit to every node at every sample and of all that follows."""
+def costs_to_go(stage_costs: StageCosts, deadline: float = math.inf) -> Values:
+    """Least cost of a visit to every node at every sample and of all that follows.
+
+    Raises
+    ------
+    TimeoutError
+        It is not complete at the `deadline`, a time of `time.monotonic`.
+    """
     grid = stage_costs.grid
     values: Values = [[] for _ in grid.blocks]
     next_values: list[FloatArray] = []
     next_blocks: tuple[Block, ...] = ()
     for sample in reversed(range(len(grid.blocks))):
+        if time.monotonic() > deadline:
+            raise TimeoutError
         for block, costs in zip(grid.blocks[sample], stage_costs.nodes[sample], strict=True):
             to_go = minimum_within_reach(next_values, next_blocks, block, grid.reach)
             np.minimum(to_go, stage_costs.terminal(block), out=to_go)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -49,7 +51,12 @@ class ValueFunction:
 
     @classmethod
     def from_scenario(
-        cls, scenario: Scenario, max_nodes: int = _MAX_NODES, *, certified: bool = True
+        cls,
+        scenario: Scenario,
+        max_nodes: int = _MAX_NODES,
+        *,
+        certified: bool = True,
+        time_limit: float = math.inf,
     ) -> ValueFunction:
         """Value function of a scenario, on the finest grid of at most `max_nodes` nodes.
 
@@ -58,28 +65,24 @@ class ValueFunction:
         Raises
         ------
         PlanningError
-            Even the coarsest grid has too many nodes, because there are too many steps.
+            Even the coarsest grid has too many nodes, because there are too many steps; or the
+            value function is not complete after `time_limit` seconds.
         """
-        task = Relaxation.from_scenario(scenario)
-        reach, limit = 1, 10 * _MAX_NODES
-        nodes = node_count(task, 1, reach, ANYWHERE)
-        if nodes > max(max_nodes, limit):
-            raise PlanningError(
-                f"the value function of {task.steps} steps needs {nodes:,} nodes, more than "
-                f"{limit:,}; a larger time.dt or a smaller t_f, or a "
-                "smaller target.radius, makes it smaller",
-                steps=task.steps,
-                nodes=nodes,
-                max_nodes=limit,
+        deadline = time.monotonic() + time_limit
+        grid = value_grid(scenario, max_nodes)
+        lower = StageCosts(grid) if certified and grid.task.bounded else None
+        try:
+            return cls(
+                grid,
+                costs_to_go(StageCosts(grid, certified=False, inside=True), deadline),
+                None if lower is None else costs_to_go(lower, deadline),
             )
-        while node_count(task, 1, 2 * reach, ANYWHERE) <= max_nodes:
-            reach *= 2
-        grid = Grid.full(task, 1, reach, ANYWHERE)
-        return cls(
-            grid,
-            costs_to_go(StageCosts(grid, certified=False, inside=True)),
-            costs_to_go(StageCosts(grid)) if certified and task.bounded else None,
-        )
+        except TimeoutError:
+            raise PlanningError(
+                f"the value function is not complete after {time_limit:g} s: raise the time limit, "
+                "or choose a larger time.dt or a smaller t_f",
+                time_limit=time_limit,
+            ) from None
 
     def bounds(self, step: int, positions: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Proven bounds of the least risk to go, (...) each, at positions (..., 2) at a step.
@@ -188,6 +191,31 @@ class ValueFunction:
             risk[chunk] = costs[rows, best]
             goals[chunk] = task.start + h * (nodes[rows, best] + np.array(low))
         return risk, goals
+
+
+def value_grid(scenario: Scenario, max_nodes: int = _MAX_NODES) -> Grid:
+    """The finest grid of at most `max_nodes` nodes, or of ten times as many if it must be.
+
+    Raises
+    ------
+    PlanningError
+        Even the coarsest grid has too many nodes, because there are too many steps.
+    """
+    task = Relaxation.from_scenario(scenario)
+    reach, limit = 1, 10 * _MAX_NODES
+    nodes = node_count(task, 1, reach, ANYWHERE)
+    if nodes > max(max_nodes, limit):
+        raise PlanningError(
+            f"the value function of {task.steps} steps needs {nodes:,} nodes, more than "
+            f"{limit:,}; a larger time.dt or a smaller t_f, or a "
+            "smaller target.radius, makes it smaller",
+            steps=task.steps,
+            nodes=nodes,
+            max_nodes=limit,
+        )
+    while node_count(task, 1, 2 * reach, ANYWHERE) <= max_nodes:
+        reach *= 2
+    return Grid.full(task, 1, reach, ANYWHERE)
 
 
 @dataclass(frozen=True, eq=False)

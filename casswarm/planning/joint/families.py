@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from ...problems.joint_instances import JointTask
 from ...problems.subsets import subsets
@@ -135,6 +134,8 @@ def _lattices(
     least total rate where the path is most dangerous. Members are assigned to its points by least
     total squared distance.
     """
+    from scipy.optimize import linear_sum_assignment  # slow to import
+
     count, hazard = len(positions), scenario.hazard
     if count == 1:
         return [np.zeros((1, 2))]

@@ -1,0 +1,81 @@
+"""A target that can only just be reached leaves a thin feasible set."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from casswarm import Scenario, plan
+from casswarm.planning.solves import solve_by
+
+# the straight line reaches this target with a millionth of its length to spare
+SCENARIO = {
+    "name": "barely",
+    "swarm": {
+        "positions": [[0.03903560220905538, -0.6126665726024624]],
+        "velocity": [-3.4372342054833513, 0.24367052758716778],
+        "v_max": 3.82873384437479,
+        "a_max": 141.23266869742716,
+    },
+    "target": {
+        "center": [-40.06913673215996, 3.7728671200867163],
+        "radius": 0.0032493753424275846,
+    },
+    "time": {"dt": 1.4963909924186694, "t_f": 10.474736946930685},
+    "hazard": {
+        "kind": "saturation+collision",
+        "radars": [
+            [-6.398061721000219, 0.6341671629169763],
+            [-10.543683035764962, 0.7474570117852748],
+            [-5.072444087748411, -3.871620034093187],
+            [-15.160992462808895, 9.004821466222142],
+        ],
+        "alpha_1": 0.627693051944591,
+        "alpha_2": 4.955424997610369,
+        "alpha_3": 0.2339301586854201,
+        "beta_1": 1.009384842793144,
+        "beta_2": 1.5310368364088704,
+    },
+    "guide": {"search": "local", "arrival": "horizon", "acceleration_limited": False},
+    "formation": {"rho": 0.4104000962485832},
+}
+
+
+def turned(turn: np.ndarray) -> Scenario:
+    """The scenario in other axes."""
+
+    def image(points):
+        return (np.asarray(points) @ turn.T).tolist()
+
+    changed = {
+        section: {
+            key: image(value) if key in ("positions", "velocity", "center", "radars") else value
+            for key, value in content.items()
+        }
+        for section, content in SCENARIO.items()
+        if isinstance(content, dict)
+    }
+    return Scenario.from_data(SCENARIO | changed)
+
+
+TURNS = {"none": np.eye(2), "quarter": np.array([[0.0, -1.0], [1.0, 0.0]])}
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_ipopt_is_not_believed_that_feasible_guess_is_infeasible(turn, monkeypatch):
+    statuses = []
+
+    def recorded(deadline, solver, nlp, instance):
+        statuses.append(str(solver.solve(nlp, instance)[0].status))
+        return solve_by(deadline, solver, nlp, instance)
+
+    monkeypatch.setattr("casswarm.planning.multistart.solve_by", recorded)
+    guide = plan(turned(TURNS[turn]), certify=False)
+    assert statuses == ["infeasible"]
+    assert guide.solution.status.success
+
+
+def test_guide_to_barely_reachable_target_is_same_in_other_axes():
+    survival = [plan(turned(turn), certify=False).survival for turn in TURNS.values()]
+    assert survival[0] == pytest.approx(survival[1], abs=1e-6)
+    assert survival[0] > 0.925
