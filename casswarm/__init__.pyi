@@ -1,3 +1,4 @@
+from . import figures
 from .chain.distribution import OutcomeDistribution
 from .chain.stratified import Estimate
 from .comparison import Comparison, Problem, Tolerances, compare
@@ -16,6 +17,7 @@ from .errors import (
 )
 from .figures.animation import animate
 from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
+from .optimization import solvers
 from .optimization.solution import Residuals, Solution, Status
 from .optimization.solvers import Solver, make_solver
 from .planning.bounds.risk_bound import Certificate
@@ -79,6 +81,7 @@ __all__ = [
     "compare",
     "estimate",
     "evaluate",
+    "figures",
     "load_scenario",
     "make_policy",
     "make_solver",
@@ -87,6 +90,7 @@ __all__ = [
     "runs_needed",
     "save_scenario",
     "simulate",
+    "solvers",
     "success_bound",
     "sweep",
 ]

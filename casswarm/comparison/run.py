@@ -16,6 +16,7 @@ from typing import Any
 import pandas as pd
 
 from .._util.display import Displayed
+from .._util.progress import reporter
 from .._util.seeds import require_seed
 from ..errors import ComparisonError
 from ..optimization.solvers import SOLVERS, Isolated, Solver, make_solver
@@ -87,7 +88,7 @@ def compare(
     tolerances: Tolerances | None = None,
     checkpoint: str | Path | None = None,
     if_exists: IfExists = "error",
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> Comparison:
     """Compare solvers on families of problems, each solver in a process of its own.
 
@@ -116,7 +117,8 @@ def compare(
         Folder in which every finished run is saved.
     if_exists : {"error", "resume", "overwrite"}
         What to do if that folder holds an unfinished comparison.
-    progress : Progress, optional
+    progress : Progress or bool, optional
+        True for progress bars, or a function: see `Progress`.
 
     Returns
     -------
@@ -133,7 +135,7 @@ def compare(
     ValueError
         A seed out of range.
     """
-    seed = require_seed(seed)
+    seed, progress = require_seed(seed), reporter(progress)
     if not time_limit > 0:
         raise ComparisonError(f"time_limit = {time_limit!r}; allowed: above zero")
     families = [families] if isinstance(families, str | Problem) else list(families)

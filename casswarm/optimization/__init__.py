@@ -1,16 +1,5 @@
 """Nonlinear programs and their solvers: problems, instances, solutions, KKT residuals."""
 
-from .kkt import kkt_residuals
-from .problem import CompiledObjective, Instances, Nlp
-from .solution import BatchSolution, Residuals, Solution, Status
+import lazy_loader
 
-__all__ = [
-    "BatchSolution",
-    "CompiledObjective",
-    "Instances",
-    "Nlp",
-    "Residuals",
-    "Solution",
-    "Status",
-    "kkt_residuals",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._util.progress import reporter
 from ..errors import PlanningError, SolverError
 from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 from ..problems.guide import GuideTask
@@ -34,7 +35,7 @@ def plan(
     gap: float = GAP,
     time_limit: float | None = None,
     solver_options: Mapping[str, Any] | None = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> Guide:
     """Path of least risk of a single agent from the swarm's initial position to the target.
 
@@ -63,8 +64,9 @@ def plan(
         proof at most 10 seconds.
     solver_options : mapping, optional
         Options of the solver, if it is given by name.
-    progress : Progress, optional
-        Called before every start and before the proof.
+    progress : Progress or bool, optional
+        True for progress bars, or a function: see `Progress`. It is called before every start and
+        before the proof.
 
     Returns
     -------
@@ -97,7 +99,7 @@ def plan(
         raise ValueError(f"gap = {gap!r}; allowed: above 0, below 1 (0.01 is one percent)")
     if time_limit is not None and not time_limit > 0:
         raise ValueError(f"time_limit = {time_limit!r}; allowed: seconds above 0")
-    started = time.monotonic()
+    started, progress = time.monotonic(), reporter(progress)
     velocity = scenario.swarm.velocity
     guide = plan_from(
         scenario,

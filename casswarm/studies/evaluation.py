@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from .._util.progress import reporter
 from .._util.seeds import require_seed
 from ..chain.distribution import OutcomeDistribution
 from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion
@@ -37,7 +38,7 @@ def evaluate(
     guide: Guide | None = None,
     solver: str | Solver = "auto",
     solver_options: Mapping[str, Any] | None = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> OutcomeDistribution:
     """Compute the outcome distribution of the chain under a policy, within proven bounds.
 
@@ -68,8 +69,9 @@ def evaluate(
         For the formation problems.
     solver_options : mapping, optional
         Options of a solver that is given by name.
-    progress : Progress, optional
-        Receives the policy's name and the enumerated probability mass, of a total of 1.
+    progress : Progress or bool, optional
+        True for progress bars, or a function: see `Progress`. It receives the policy's name
+        and the enumerated probability mass, of a total of 1.
 
     Returns
     -------
@@ -93,7 +95,9 @@ def evaluate(
     True
     """
     options = _options(scenario, tolerance, max_states, aggregation_tol)
-    expansion, _ = _expansion(scenario, policy, options, guide, (solver, solver_options), progress)
+    expansion, _ = _expansion(
+        scenario, policy, options, guide, (solver, solver_options), reporter(progress)
+    )
     return expansion.distribution()
 
 
@@ -109,7 +113,7 @@ def estimate(
     guide: Guide | None = None,
     solver: str | Solver = "auto",
     solver_options: Mapping[str, Any] | None = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> Estimate:
     """Estimate the success probability: probable states are enumerated, the rest is sampled.
 
@@ -149,7 +153,7 @@ def estimate(
         min_probability=VISITS / runs if max_states is None else 0.0,
     )
     expansion, velocities = _expansion(
-        scenario, policy, options, guide, (solver, solver_options), progress
+        scenario, policy, options, guide, (solver, solver_options), reporter(progress)
     )
     return sample_residual(expansion, Chain(scenario, velocities, seed), runs)
 
@@ -191,7 +195,7 @@ def _expansion(
         )
     make_solver(solver[0], **(solver[1] or {}))  # before planning, which takes longer
     if guide is None:
-        guide = plan(scenario, guide_solver(solver[0]), certify=False)
+        guide = plan(scenario, guide_solver(solver[0]), certify=False, progress=progress)
     resolved = resolve_policy(listed[0], scenario, guide, *solver)
     velocities = initial_velocities(scenario, guide)
     expansion = StateSpaceExpansion(scenario, resolved, velocities, options)

@@ -14,6 +14,7 @@ import pandas as pd
 
 from .._util.display import Displayed
 from .._util.parallel import Workers, require_sendable, require_workers
+from .._util.progress import reporter
 from .._util.seeds import require_seed
 from ..chain.confidence import required_runs
 from ..chain.monte_carlo import Chain, Runs
@@ -97,7 +98,7 @@ def simulate(
     solver: str | Solver = "auto",
     solver_options: Mapping[str, Any] | None = None,
     save_trajectories: int = 1,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     checkpoint: Path | None = None,
     if_exists: IfExists = "error",
 ) -> Study:
@@ -130,8 +131,9 @@ def simulate(
         Options of a solver that is given by name.
     save_trajectories : int
         Number of runs per policy, the first ones, whose trajectories are saved.
-    progress : callable, optional
-        Called with a policy's name, the number of its finished runs, and their total.
+    progress : Progress or bool, optional
+        True for progress bars, or a function: see `Progress`. It receives a policy's name, the
+        number of its finished runs, and their total.
     checkpoint : Path, optional
         Folder in which results are saved as they are computed.
     if_exists : {"error", "resume", "overwrite"}
@@ -164,10 +166,11 @@ def simulate(
     True
     """
     seed, runs = require_seed(seed), _require_runs("runs", runs)
+    progress = reporter(progress)
     require_workers(workers)
     listed = policy_list(policies)
     make_solver(solver, **(solver_options or {}))  # before planning, which takes longer
-    guide = plan(scenario, guide_solver(solver)) if guide is None else guide
+    guide = plan(scenario, guide_solver(solver), progress=progress) if guide is None else guide
     chosen = [resolve_policy(p, scenario, guide, solver, solver_options) for p in listed]
     chain = Chain(scenario, initial_velocities(scenario, guide), seed)
     with ExitStack() as stack:

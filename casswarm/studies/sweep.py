@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 from .._util.parallel import Workers, done_jobs, require_sendable, require_workers
+from .._util.progress import reporter
 from .._util.seeds import require_seed
 from ..errors import CasswarmError, ScenarioError
 from ..optimization.solvers import make_solver
@@ -102,7 +103,7 @@ def sweep(
     workers: Workers = 1,
     checkpoint: Path | None = None,
     if_exists: IfExists = "error",
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> Sweep:
     """Evaluate policies on every combination of parameter values.
 
@@ -130,8 +131,9 @@ def sweep(
         As in `simulate`; the jobs are sweep points.
     checkpoint, if_exists
         As in `simulate`; every sweep point is saved when it is finished.
-    progress : Progress, optional
-        Receives "sweep points", the number of finished ones, and their total.
+    progress : Progress or bool, optional
+        True for progress bars, or a function: see `Progress`. It receives "sweep points", the
+        number of finished ones, and their total.
 
     Raises
     ------
@@ -143,7 +145,7 @@ def sweep(
         As in `simulate`.
     """
     require_workers(workers)
-    seed = require_seed(seed)
+    seed, progress = require_seed(seed), reporter(progress)
     settings = {key: _python_numbers(values) for key, values in settings.items()}
     _require_known(scenario, settings)
     options: dict[str, Any] = {"solver": solver}

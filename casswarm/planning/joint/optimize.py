@@ -7,6 +7,7 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from ..._util.progress import reporter
 from ..._util.seeds import require_seed
 from ..._util.text import did_you_mean
 from ...errors import ScenarioError, SolverError
@@ -47,7 +48,7 @@ def plan_swarm(
     time_limit: float | None = None,
     guide: Guide | None = None,
     solver_options: Mapping[str, Any] | None = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> SwarmPlan:
     """Trajectories of all members that maximise the swarm's own probability of success.
 
@@ -77,8 +78,8 @@ def plan_swarm(
     solver_options : mapping, optional
         Options of the solver, if it is given by name; those of ``"ipopt"`` replace the settings
         chosen by the number of members.
-    progress : Progress, optional
-        Called before every solve.
+    progress : Progress or bool, optional
+        True for progress bars, or a function: see `Progress`. It is called before every solve.
 
     Returns
     -------
@@ -100,7 +101,7 @@ def plan_swarm(
     ValueError
         A distance or time limit out of range.
     """
-    started, seed = time.perf_counter(), require_seed(seed)
+    started, seed, progress = time.perf_counter(), require_seed(seed), reporter(progress)
     _require_known(objective, initial_guesses)
     _require_distance(scenario, min_distance)
     if time_limit is not None and not time_limit > 0:

@@ -1,0 +1,5 @@
+"""``python -m casswarm``: the command line."""
+
+from .cli import main
+
+main()

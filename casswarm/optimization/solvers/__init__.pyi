@@ -1,0 +1,34 @@
+from .alpaqa import Alpaqa
+from .auto import Auto
+from .base import Answer, Capabilities, Solver
+from .batch.interior_point import InteriorPoint
+from .batch.spg import SpectralProjectedGradient
+from .ipopt import Ipopt
+from .isolated import Isolated
+from .projected_gradient import ProjectedGradient
+from .registry import SOLVERS, make_solver
+from .scipy import Slsqp
+from .sleqp import Sleqp
+from .sqp import Sqp
+from .uno import Uno
+from .unsupported import UNSUPPORTED
+
+__all__ = [
+    "SOLVERS",
+    "UNSUPPORTED",
+    "Alpaqa",
+    "Answer",
+    "Auto",
+    "Capabilities",
+    "InteriorPoint",
+    "Ipopt",
+    "Isolated",
+    "ProjectedGradient",
+    "Sleqp",
+    "Slsqp",
+    "Solver",
+    "SpectralProjectedGradient",
+    "Sqp",
+    "Uno",
+    "make_solver",
+]
