@@ -55,7 +55,8 @@ def done_jobs(jobs: Sequence[Callable[[], T]], workers: Workers) -> Iterator[tup
     Parameters
     ----------
     jobs : sequence of callables without arguments
-        They pickle, unless `workers` is 1.
+        They pickle, unless `workers` is 1. Functions and classes of a notebook or a script are sent
+        to processes by value.
     workers : int or executor
         1 runs them in this process, one after the other. An executor is neither started nor shut
         down. Jobs in threads of one process take turns: see `casswarm._util.threads.ONE_JOB`.
@@ -89,17 +90,30 @@ def require_sendable(jobs: Mapping[str, Any]) -> None:
     """Raise PolicyError for jobs, by policy, that do not pickle: a pool reports them unclearly."""
     for policy, job in jobs.items():
         try:
-            pickle.dumps(job)
+            packed(job)
         except (pickle.PicklingError, AttributeError, TypeError) as error:
             raise PolicyError(
                 f"policy {policy!r}, or the scenario's hazard, cannot be sent to a worker "
-                f"({error}): define its function in a module, or use workers=1"
+                f"({error}): its function or object holds something that does not pickle; make "
+                "that where it is used, or use workers=1"
             ) from error
 
 
+def packed(value: Any) -> bytes:
+    """Pickle of a value, and of what it refers to in a notebook or a script, by value.
+
+    `pickle.loads` reads it.
+    """
+    import cloudpickle
+
+    content: bytes = cloudpickle.dumps(value)
+    return content
+
+
 def _gathered(pool: SubmitsJobs, jobs: dict[int, Callable[[], T]]) -> Iterator[tuple[int, T]]:
+    submit = _submit_packed if isinstance(pool, ProcessPoolExecutor) else _submit
     with blocked():  # inherited by the processes that are started now
-        futures: dict[Future[T], int] = {pool.submit(_call, job): at for at, job in jobs.items()}
+        futures: dict[Future[T], int] = {submit(pool, job): at for at, job in jobs.items()}
     try:
         for future in as_completed(futures):
             yield futures[future], future.result()
@@ -108,9 +122,23 @@ def _gathered(pool: SubmitsJobs, jobs: dict[int, Callable[[], T]]) -> Iterator[t
             future.cancel()
 
 
+def _submit(pool: SubmitsJobs, job: Callable[[], T]) -> Future[T]:
+    future: Future[T] = pool.submit(_call, job)
+    return future
+
+
+def _submit_packed(pool: SubmitsJobs, job: Callable[[], T]) -> Future[T]:
+    future: Future[T] = pool.submit(_call_packed, packed(job))
+    return future
+
+
 def _call(job: Callable[[], T]) -> T:
     with ONE_JOB:
         return job()
+
+
+def _call_packed(content: bytes) -> Any:
+    return _call(pickle.loads(content))
 
 
 def _in_processes(jobs: Sequence[Callable[[], T]], workers: int) -> Iterator[tuple[int, T]]:

@@ -7,6 +7,7 @@ import random
 import signal
 import subprocess
 import sys
+import threading
 import time
 from datetime import date
 from pathlib import Path
@@ -294,8 +295,14 @@ def test_sweep_command_with_wrong_options_is_explained(
 
 
 def test_sweep_with_unpicklable_policy_raises() -> None:
-    with pytest.raises(PolicyError, match="cannot be sent"):
-        csw.sweep(SMALL, {"n": [1, 2]}, [lambda *state: 0 * state[1]], runs=2, workers=2)
+    lock = threading.Lock()
+
+    def waiting(*state):
+        with lock:
+            return 0 * state[1]
+
+    with pytest.raises(PolicyError, match="'waiting', .* cannot be sent .* does not pickle"):
+        csw.sweep(SMALL, {"n": [1, 2]}, [waiting], runs=2, workers=2)
 
 
 def test_sweep_leaves_global_random_state_unchanged() -> None:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 from ..._util.interrupts import begin_child, deferred
+from ..._util.parallel import packed
 from ..._util.temporary import temporary_file
 from ..._util.threads import locked_cache
 from ...errors import CasswarmError, SolverError
@@ -51,8 +52,7 @@ class Isolated(Solver):
     Parameters
     ----------
     solver : Solver
-        It must pickle, and its class must be importable: defined in a module or a script, not in a
-        notebook's cell.
+        It must pickle. Its class may be defined in a notebook's cell.
     time_limit : float
         Seconds for building and solving a chunk of up to `CHUNK` instances, or a single one.
         Answers that take longer have the status time limit.
@@ -229,11 +229,11 @@ def _exit_description(code: int | None, output: Path) -> str:
 
 def _pickled(what: str, value: Nlp | Solver) -> bytes:
     try:
-        return pickle.dumps(value)
+        return packed(value)
     except Exception as error:  # any that a user's class raises
         raise SolverError(
-            f"{what} cannot be sent to another process ({error_text(error)}): classes and "
-            "functions must be defined in a module"
+            f"{what} cannot be sent to another process ({error_text(error)}): it holds something "
+            "that does not pickle"
         ) from error
 
 
@@ -249,8 +249,8 @@ def _serve(connection: Connection[Any, Any], pickled_solver: bytes, output: str)
     try:
         solver: Solver = pickle.loads(pickled_solver)
     except Exception as error:  # any that a user's class raises
-        message = f"the solver cannot be restored in another process ({error_text(error)}): "
-        connection.send(SolverError(message + "its class must be defined in a module"))
+        message = f"the solver cannot be restored in another process: {error_text(error)}"
+        connection.send(SolverError(message))
         return
     connection.send(None)  # ready
     programs: dict[int, Nlp] = {}
