@@ -1,10 +1,11 @@
-"""Results as HTML for notebooks: a title, a table and a picture."""
+"""Results in notebooks: a title, a table and a picture."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import singledispatch
 from html import escape
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -13,38 +14,79 @@ from matplotlib.figure import Figure
 from .._util.documents import figure_uri, html_table
 from ..chain.distribution import OutcomeDistribution
 from ..comparison import Comparison
-from ..figures import arrival_chart, success_chart, theme
+from ..figures import arrival_chart, guide_map, joint_map, success_chart, sweep_lines, theme
 from ..figures.base_map import add_start, base_map
 from ..figures.style import add_legend, single_panel, themed
 from ..planning.guide import Guide, rounded_up
 from ..planning.joint import SwarmPlan
 from ..scenario import Scenario
 from ..studies.simulation import Study
+from ..studies.sweep import Sweep
 from ..studies.tables import summary_texts
 from ..typing import FloatArray
 
 
-@singledispatch
+class View(NamedTuple):
+    """What a notebook shows above the picture; a mapping is a table of one row."""
+
+    title: str
+    table: Mapping[str, Any] | pd.DataFrame
+    note: str = ""
+
+
 def html(result: object) -> str:
-    """HTML of a result; without a table and a picture for objects of other types."""
-    return f"<pre>{escape(repr(result))}</pre>"
+    """HTML of a result: title, table and picture."""
+    title, table, note = view(result)
+    frame = table if isinstance(table, pd.DataFrame) else pd.DataFrame([table])
+    picture = figure_uri(figure(result, None, "column"), dpi=100)
+    return (
+        f"<p><strong>{escape(title)}</strong>{f'<br>{escape(note)}' if note else ''}</p>"
+        f"{html_table(frame)}"
+        f'<img src="{picture}" alt="{escape(title)}" style="max-width: 100%">'
+    )
 
 
-@html.register
-def _(result: Scenario) -> str:
-    limits = f"{result.swarm.v_max:g}, {result.swarm.a_max:g}"
+def figure(result: object, scenario: Scenario | None, size: str) -> Figure:
+    """Picture of a result in a theme; a guide's or joint plan's with their scenario, if given."""
+    with theme(size):
+        return picture(result, scenario)
+
+
+@singledispatch
+def view(result: object) -> View:
+    """Title and table of a result."""
+    raise TypeError(f"{type(result).__name__} has no table")
+
+
+@singledispatch
+def picture(result: object, scenario: Scenario | None) -> Figure:
+    """Picture of a result in the theme of the context."""
+    raise TypeError(f"{type(result).__name__} has no picture (scenario: {scenario})")
+
+
+@view.register
+def _(result: Scenario) -> View:
     values = {
         "members": result.n,
         "radars": len(result.hazard.radar_positions),
         "target radius": f"{result.target.radius:g}",
         "steps": f"{result.n_steps} of {result.time.dt:g}",
-        "v_max, a_max": limits,
+        "v_max, a_max": f"{result.swarm.v_max:g}, {result.swarm.a_max:g}",
     }
-    return _page(result.name, values, _scenario_map(result), result.description)
+    return View(result.name, values, result.description)
 
 
-@html.register
-def _(result: Guide) -> str:
+@picture.register
+@themed
+def _(result: Scenario, _: Scenario | None) -> Figure:
+    fig, axes = base_map(result, [result.positions])
+    add_start(axes, result.positions, "initial positions")
+    add_legend(fig, axes)
+    return fig
+
+
+@view.register
+def _(result: Guide) -> View:
     bound = result.survival_bound
     values = {
         "arrival step": result.arrival if result.arrives else "does not arrive",
@@ -53,12 +95,18 @@ def _(result: Guide) -> str:
         "search": result.search,
         "solver": f"{result.solution.solver}: {result.solution.status}",
     }
-    figure = _path_map(result.positions[:, None], [f"guide, {result.arrival} steps"])
-    return _page("Guide", values, figure)
+    return View("Guide", values)
 
 
-@html.register
-def _(result: SwarmPlan) -> str:
+@picture.register
+def _(result: Guide, scenario: Scenario | None) -> Figure:
+    if scenario is not None:
+        return guide_map(scenario, result)
+    return _path_map(result.positions[:, None], [f"guide, {result.arrival} steps"])
+
+
+@view.register
+def _(result: SwarmPlan) -> View:
     values = {
         "members": result.n,
         "steps": result.steps,
@@ -66,20 +114,29 @@ def _(result: SwarmPlan) -> str:
         "bound of any policy": "not computed" if result.bound is None else str(result.bound),
         "solver": f"{result.solution.solver}: {result.solution.status}",
     }
-    labels = [f"member {member + 1}" for member in range(result.n)]
-    return _page(f"Joint plan of {result.scenario}", values, _path_map(result.positions, labels))
+    return View(f"Joint plan of {result.scenario}", values)
 
 
-@html.register
-def _(result: Study) -> str:
-    name = result.scenario.name
-    with theme("column"):
-        figure = success_chart(result.summary, name)
-    return _page(f"Simulation of {name}", summary_texts(result.summary), figure)
+@picture.register
+def _(result: SwarmPlan, scenario: Scenario | None) -> Figure:
+    if scenario is not None:
+        law = result.distribution
+        return joint_map(scenario, result.positions, None if law is None else law.survival)
+    return _path_map(result.positions, [f"member {member + 1}" for member in range(result.n)])
 
 
-@html.register
-def _(result: OutcomeDistribution) -> str:
+@view.register
+def _(result: Study) -> View:
+    return View(f"Simulation of {result.scenario.name}", summary_texts(result.summary))
+
+
+@picture.register
+def _(result: Study, _: Scenario | None) -> Figure:
+    return success_chart(result.summary, result.scenario.name)
+
+
+@view.register
+def _(result: OutcomeDistribution) -> View:
     survivors = result.survivors_mean
     values = {
         "policy": result.policy,
@@ -88,26 +145,34 @@ def _(result: OutcomeDistribution) -> str:
         "states": result.states,
         "residual mass": f"{result.residual_mass:.3g}",
     }
-    with theme("column"):
-        figure = arrival_chart([result], "")
-    return _page("Outcome distribution", values, figure, result.advice)
+    return View("Outcome distribution", values, result.advice)
 
 
-@html.register
-def _(result: Comparison) -> str:
+@picture.register
+def _(result: OutcomeDistribution, _: Scenario | None) -> Figure:
+    return arrival_chart([result], "")
+
+
+@view.register
+def _(result: Sweep) -> View:
+    return View(f"Sweep of {result.scenario.name}", result.table.round(4))
+
+
+@picture.register
+def _(result: Sweep, _: Scenario | None) -> Figure:
+    return sweep_lines(result.table, result.keys[0], result.scenario.name, result.keys[1:])
+
+
+@view.register
+def _(result: Comparison) -> View:
+    return View("Comparison of solvers", result.summary.round(4))
+
+
+@picture.register
+def _(result: Comparison, _: Scenario | None) -> Figure:
     from ..comparison.report import figures
 
-    with theme("column"):
-        figure = next(iter(figures(result).values()))
-    return _page("Comparison of solvers", result.summary.round(4), figure)
-
-
-@themed
-def _scenario_map(scenario: Scenario) -> Figure:
-    figure, axes = base_map(scenario, [scenario.positions])
-    add_start(axes, scenario.positions, "initial positions")
-    add_legend(figure, axes)
-    return figure
+    return next(iter(figures(result).values()))
 
 
 @themed
@@ -119,13 +184,3 @@ def _path_map(positions: FloatArray, labels: list[str]) -> Figure:
     axes.set(aspect="equal", xlabel="x", ylabel="y")
     add_legend(figure, axes)
     return figure
-
-
-def _page(title: str, table: dict[str, Any] | pd.DataFrame, figure: Figure, note: str = "") -> str:
-    """Title, table and picture; a dictionary is a table of one row."""
-    frame = pd.DataFrame([table]) if isinstance(table, dict) else table
-    return (
-        f"<p><strong>{escape(title)}</strong>{f'<br>{escape(note)}' if note else ''}</p>"
-        f"{html_table(frame)}"
-        f'<img src="{figure_uri(figure, dpi=100)}" alt="{escape(title)}" style="max-width: 100%">'
-    )

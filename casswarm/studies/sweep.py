@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from .._util.display import Displayed
 from .._util.parallel import Workers, done_jobs, require_sendable, require_workers
 from .._util.progress import reporter
 from .._util.seeds import require_seed
@@ -53,7 +54,7 @@ _COUNTS = ("runs", "successes", "states")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sweep:
+class Sweep(Displayed):
     """Results of a sweep.
 
     Parameters

@@ -5,11 +5,15 @@ from __future__ import annotations
 
 import base64
 import re
+from functools import cache
 
 import pytest
+from matplotlib.figure import Figure
 
 import casswarm as csw
-from casswarm.results.display import html
+from casswarm._util.display import Displayed
+from casswarm.figures import THEMES
+from casswarm.results.display import html, picture, view
 
 RESULTS = {
     "Scenario": lambda scenario, guide: scenario,
@@ -19,6 +23,9 @@ RESULTS = {
     "OutcomeDistribution": lambda scenario, guide: csw.evaluate(
         scenario, "leader", 0.1, guide=guide
     ),
+    "Sweep": lambda scenario, guide: csw.sweep(
+        scenario, {"formation.rho": [0.1, 0.2]}, ["naive"], runs=5
+    ),
     "Comparison": lambda scenario, guide: csw.compare("quick", ["ipopt"], problems=1),
 }
 WORDS = {
@@ -27,6 +34,7 @@ WORDS = {
     "SwarmPlan": "success",
     "Study": "leader",
     "OutcomeDistribution": " to ",
+    "Sweep": "formation.rho",
     "Comparison": "ipopt",
 }
 
@@ -41,9 +49,15 @@ def guide(scenario):
     return csw.plan(scenario, certify=False)
 
 
+@pytest.fixture(scope="module")
+def results(scenario, guide):
+    """Results by the name of their type, computed when they are needed."""
+    return cache(lambda name: RESULTS[name](scenario, guide))
+
+
 @pytest.mark.parametrize("name", RESULTS)
-def test_display_of_result_has_table_and_picture(scenario, guide, name):
-    result = RESULTS[name](scenario, guide)
+def test_display_of_result_has_table_and_picture(results, name):
+    result = results(name)
     assert type(result).__name__ == name
     text = result._repr_html_()
     table = re.search(r"<table>.*</table>", text, re.S)
@@ -54,11 +68,33 @@ def test_display_of_result_has_table_and_picture(scenario, guide, name):
     assert len(repr(result).splitlines()) == 1
 
 
+@pytest.mark.parametrize("name", RESULTS)
+def test_plot_of_result_is_figure_of_theme(results, name):
+    for theme, size in THEMES.items():
+        figure = results(name).plot(theme=theme)
+        assert isinstance(figure, Figure)
+        assert figure.get_figwidth() == size.width
+
+
+@pytest.mark.parametrize("name", ["Guide", "SwarmPlan"])
+def test_plot_with_scenario_draws_its_landmarks(results, scenario, name):
+    labels = [
+        {text.get_text() for legend in figure.legends for text in legend.get_texts()}
+        for figure in (results(name).plot(), results(name).plot(scenario))
+    ]
+    assert "radar" not in labels[0]
+    assert "radar" in labels[1]
+
+
 def test_display_escapes_texts(scenario):
     text = html(scenario.with_values({"description": "<script>"}))
     assert "&lt;script&gt;" in text
     assert "<script>" not in text
 
 
-def test_display_of_another_object_is_its_repr():
-    assert html("<b>") == "<pre>&#x27;&lt;b&gt;&#x27;</pre>"
+def test_every_displayed_type_has_table_and_picture():
+    types = [t for t in Displayed.__subclasses__() if t.__module__.startswith("casswarm.")]
+    assert {t.__name__ for t in types} == set(RESULTS)
+    for kind in types:
+        assert view.dispatch(kind) is not view.dispatch(object)
+        assert picture.dispatch(kind) is not picture.dispatch(object)

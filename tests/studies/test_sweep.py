@@ -301,7 +301,7 @@ def test_sweep_with_unpicklable_policy_raises() -> None:
         with lock:
             return 0 * state[1]
 
-    with pytest.raises(PolicyError, match="'waiting', .* cannot be sent .* does not pickle"):
+    with pytest.raises(PolicyError, match=r"'waiting', .* cannot be sent .* does not pickle"):
         csw.sweep(SMALL, {"n": [1, 2]}, [waiting], runs=2, workers=2)
 
 
