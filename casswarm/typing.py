@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,11 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 IntArray: TypeAlias = NDArray[np.int64]
 Expr: TypeAlias = Any
 """A CasADi expression or Function; CasADi has no type hints."""
+
+Search: TypeAlias = Literal["local", "global"]
+Objective: TypeAlias = Literal["success", "arrivals", "survivors"]
+LeaderSelection: TypeAlias = Literal["nearest", "first", "safest"]
+ThemeName: TypeAlias = Literal["column", "page", "slide"]
 
 
 class Interval(NamedTuple):

@@ -116,7 +116,7 @@ class FigureOptions:
         default="png",
         help="File format of the figures.",
     )
-    width: str = option(
+    width: Literal["column", "page", "slide"] = option(
         "--width",
         type=click.Choice(["column", "page", "slide"]),
         default="page",

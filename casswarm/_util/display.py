@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from ..typing import ThemeName
+
 RENDERER = ""
 """Module whose functions `html` and `figure` render a result; the package names it
 (`casswarm.__init__`)."""
@@ -20,7 +22,7 @@ class Displayed:
     nor figures.
     """
 
-    def plot(self, scenario: Any = None, *, theme: str = "page") -> Figure:
+    def plot(self, scenario: Any = None, *, theme: ThemeName = "page") -> Figure:
         """Picture of the result.
 
         Parameters

@@ -24,6 +24,8 @@ from matplotlib.legend import Legend
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
 
+from ..typing import ThemeName
+
 P = ParamSpec("P")
 
 # M. Okabe, K. Ito, Color Universal Design, 2002, revised 2008, https://jfly.uni-koeln.de/color/
@@ -75,7 +77,7 @@ class Theme:
         return lines * 1.2 * self.font_size / 72 / self.width
 
 
-THEMES = {
+THEMES: dict[ThemeName, Theme] = {
     "column": Theme(3.5, 8.0, 0.8, 0.72),
     "page": Theme(7.16, 9.0, 1.0, 0.46),
     "slide": Theme(10.0, 16.0, 1.7, 0.52),
@@ -86,7 +88,7 @@ _CURRENT = ContextVar("theme", default=THEMES["page"])
 
 
 @contextmanager
-def theme(name: str) -> Iterator[None]:
+def theme(name: ThemeName) -> Iterator[None]:
     """Draw figures in the theme of this name, of `THEMES`, while in the context.
 
     Raises

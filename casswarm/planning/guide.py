@@ -12,7 +12,7 @@ from .._util.display import Displayed
 from ..hazard import Hazard
 from ..optimization.solution import Solution
 from ..problems.guide import GuideTask
-from ..typing import FloatArray
+from ..typing import FloatArray, Search
 from .kinematics import integrate
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ class Guide(Displayed):
     candidates: tuple[Candidate, ...] = ()
     risk_bound: float | None = None
     certificate: Certificate | None = None
-    search: str = "local"
+    search: Search = "local"
     note: str = ""
 
     @classmethod
@@ -110,7 +110,7 @@ class Guide(Displayed):
         task: GuideTask,
         best: Candidate,
         candidates: tuple[Candidate, ...] = (),
-        search: str = "local",
+        search: Search = "local",
     ) -> Guide:
         """The guide along the path of the candidate `best`."""
         positions = integrate(task.start, best.velocities, task.dt)

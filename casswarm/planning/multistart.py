@@ -16,7 +16,7 @@ from ..optimization.solvers import Solver
 from ..optimization.solvers.base import VIOLATION
 from ..problems.guide import GuideTask, guide_instance, guide_nlp
 from ..problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp
-from ..typing import FloatArray, Progress
+from ..typing import FloatArray, Progress, Search
 from .bounds.grid import Relaxation
 from .guide import Candidate, Guide
 from .homotopy import GridPath, best_homotopy_classes, homotopy_signature
@@ -96,7 +96,7 @@ class Multistart:
         """Whether the deadline has passed."""
         return time.monotonic() >= self.deadline
 
-    def candidates(self, search: str) -> list[Candidate]:
+    def candidates(self, search: Search) -> list[Candidate]:
         """Outcomes of every start of a local or global search."""
         starts: dict[str, InitialPath] = {STRAIGHT: self._straight}
         steps = {STRAIGHT: self._coarse_steps()}

@@ -16,7 +16,7 @@ from .._util.progress import reporter
 from ..errors import PlanningError, SolverError
 from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 from ..problems.guide import GuideTask
-from ..typing import FloatArray, Progress
+from ..typing import FloatArray, Progress, Search
 from .bounds.risk_bound import GAP, certify_guide
 from .guide import Guide
 from .multistart import Multistart, preference
@@ -29,7 +29,7 @@ def plan(
     scenario: Scenario,
     solver: str | Solver = "ipopt",
     *,
-    search: str | None = None,
+    search: Search | None = None,
     check: bool = True,
     certify: bool = True,
     gap: float = GAP,
@@ -129,7 +129,7 @@ def plan_from(
     start: ArrayLike,
     solver: str | Solver = "ipopt",
     *,
-    search: str | None = None,
+    search: Search | None = None,
     initial_velocity: ArrayLike | None = None,
     near: Guide | None = None,
     solver_options: Mapping[str, Any] | None = None,
@@ -150,14 +150,14 @@ def plan_from(
     deadline = time.monotonic() + time_limit
     task = GuideTask.from_scenario(scenario, start, initial_velocity)
     backend = _solver(scenario, solver, solver_options)
-    search = _checked_search(search, scenario, backend)
+    kind = _checked_search(search, scenario, backend)
     multistart = Multistart(scenario, task, backend, progress, deadline)
     if isinstance(backend, ProjectedGradient):
         candidates = [multistart.penalised()]
     elif near is not None and near.best_per_homotopy_class():
         candidates = multistart.candidates_near(near)
     else:
-        candidates = multistart.candidates(search)
+        candidates = multistart.candidates(kind)
     if not candidates:
         raise PlanningError(
             f"no guide found: the time limit of {time_limit:g} s ended the search before its first "
@@ -165,7 +165,7 @@ def plan_from(
             time_limit=time_limit,
         )
     best = min(candidates, key=preference)
-    guide = Guide.from_candidate(scenario.hazard, task, best, tuple(candidates), search)
+    guide = Guide.from_candidate(scenario.hazard, task, best, tuple(candidates), kind)
     if not multistart.expired:
         return guide
     note = f"the time limit of {time_limit:g} s ended the search after {len(candidates)} solves"
@@ -198,7 +198,7 @@ def _solver(scenario: Scenario, solver: str | Solver, options: Mapping[str, Any]
     return make_solver(solver, **paper | dict(options or {}))
 
 
-def _checked_search(search: str | None, scenario: Scenario, solver: Solver) -> str:
+def _checked_search(search: Search | None, scenario: Scenario, solver: Solver) -> Search:
     if search not in ("local", "global", None):
         raise SolverError(
             f"search {search!r} is unknown; allowed: 'local', 'global'", search=search

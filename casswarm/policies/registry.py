@@ -14,6 +14,7 @@ from ..planning.guide import Guide
 from ..planning.joint import PlanTree, plan_swarm
 from ..planning.plan import guide_solver, initial_velocities, plan, plan_from
 from ..problems.step import Motion
+from ..typing import LeaderSelection
 from .base import Policy
 from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy
@@ -45,7 +46,7 @@ def make_policy(
     guide: Guide | None = None,
     solver: str | Solver = "auto",
     *,
-    leader_selection: str = "nearest",
+    leader_selection: LeaderSelection = "nearest",
     horizon: int = 1,
     solver_options: Mapping[str, Any] | None = None,
 ) -> Policy:

@@ -15,6 +15,7 @@ from ..policies import NaivePolicy, Policy, make_policy, member_guides
 from ..problems.step import Motion
 from ..scenario import Scenario
 from ..studies.simulation import PAPER_POLICIES, simulate
+from ..typing import LeaderSelection
 from .paper import paper_interval
 from .success import METHOD, Report
 
@@ -47,7 +48,7 @@ class Reading:
     values: Mapping[str, Any] = field(default_factory=dict)
     guide_options: Mapping[str, Any] = field(default_factory=dict)
     formation_options: Mapping[str, Any] = field(default_factory=dict)
-    leader_selection: str = "nearest"
+    leader_selection: LeaderSelection = "nearest"
     lag: int = 0
 
 

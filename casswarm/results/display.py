@@ -23,7 +23,7 @@ from ..scenario import Scenario
 from ..studies.simulation import Study
 from ..studies.sweep import Sweep
 from ..studies.tables import summary_texts
-from ..typing import FloatArray
+from ..typing import FloatArray, ThemeName
 
 
 class View(NamedTuple):
@@ -46,7 +46,7 @@ def html(result: object) -> str:
     )
 
 
-def figure(result: object, scenario: Scenario | None, size: str) -> Figure:
+def figure(result: object, scenario: Scenario | None, size: ThemeName) -> Figure:
     """Picture of a result in a theme; a guide's or joint plan's with their scenario, if given."""
     with theme(size):
         return picture(result, scenario)

@@ -20,6 +20,7 @@ import pandas as pd
 from .._util.documents import json_text
 from .._util.files import atomic_write, digest, set_aside
 from ..errors import FolderError
+from ..typing import ThemeName
 from .reader import OBJECTS, ResultsReader
 from .record import RECORD, own_record, recorded_files
 from .serialization import pack
@@ -37,7 +38,7 @@ class FigureFormat(NamedTuple):
     """File format of figures: suffix, width in the theme's words, dots per inch."""
 
     suffix: str = "png"
-    width: str = "page"
+    width: ThemeName = "page"
     dpi: int = 200
 
 

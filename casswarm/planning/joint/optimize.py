@@ -14,7 +14,7 @@ from ...errors import ScenarioError, SolverError
 from ...optimization.solvers import Solver, make_solver
 from ...problems.joint import OBJECTIVES
 from ...problems.joint_instances import JointTask
-from ...typing import Progress
+from ...typing import Objective, Progress
 from ..bounds.success_bound import success_bound
 from ..guide import Guide
 from ..kinematics import integrate
@@ -39,7 +39,7 @@ FIRST_ITERATIONS_MEAN_FIELD = 300
 
 def plan_swarm(
     scenario: Scenario,
-    objective: str = "success",
+    objective: Objective = "success",
     solver: str | Solver = "ipopt",
     *,
     initial_guesses: Sequence[str] = INITIAL_GUESSES,
