@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -71,9 +72,13 @@ def test_plan_loads_neither_tables_nor_figures() -> None:
 @pytest.mark.parametrize("name", casswarm.__all__)
 def test_public_name_resolves(name: str) -> None:
     value = getattr(casswarm, name)
-    assert value.__name__ == name
-    assert value.__module__.startswith("casswarm.")
     assert name in dir(casswarm)
+    if isinstance(value, ModuleType):
+        assert value.__name__.endswith(f".{name}")
+        assert dir(value) == sorted(value.__all__)
+    else:
+        assert value.__name__ == name
+        assert value.__module__.startswith("casswarm.")
 
 
 def test_unknown_name_raises_attribute_error() -> None:
