@@ -11,6 +11,7 @@ import click
 
 import casswarm as csw
 
+from . import completion
 from .common import Failure, reported_errors
 from .ending import Ending
 from .number import Number
@@ -46,6 +47,7 @@ class CompareOptions:
         "--solver",
         multiple=True,
         metavar="NAME",
+        shell_complete=completion.solvers,
         help="Solver to compare; casswarm solvers lists them. Repeatable. [default: all]",
     )
     problems: int | None = option(

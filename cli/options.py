@@ -18,6 +18,7 @@ from typing import Any, Literal, get_type_hints
 import click
 
 from .._util.seeds import MAX_SEED
+from . import completion
 from .number import Number
 
 Command = Callable[..., Any]
@@ -95,7 +96,7 @@ class OutputOptions:
 class ScenarioOptions(OutputOptions):
     """The scenario and its values."""
 
-    scenario: str = argument()
+    scenario: str = argument(shell_complete=completion.scenarios)
     settings: tuple[str, ...] = option(
         "--set",
         multiple=True,
@@ -140,7 +141,9 @@ class CommonOptions(FigureOptions, ScenarioOptions):
 class SavedRunOptions:
     """A results folder, and which of its runs is shown."""
 
-    folder: Path = argument(type=click.Path(path_type=Path), metavar="DIR")
+    folder: Path = argument(
+        type=click.Path(path_type=Path), metavar="DIR", shell_complete=completion.results
+    )
     run: int = option(
         "--run", type=click.IntRange(0), default=0, help="Index of the saved run to show."
     )
@@ -155,6 +158,7 @@ class PolicyOptions:
         "--policy",
         multiple=True,
         metavar="NAME",
+        shell_complete=completion.policies,
         help="Policy to run: naive, constrained, leader, constrained-feedback, leader-feedback, "
         "joint, joint-replanning, leader-mpc-H or constrained-mpc-H with a horizon of H steps, or "
         "your own as module:function. Repeatable. [default: naive, constrained, leader]",
@@ -169,6 +173,7 @@ class PolicyOptions:
     solver: str = option(
         "--solver",
         default="auto",
+        shell_complete=completion.solvers,
         help="Solver of the formation problems; casswarm solvers lists them. With "
         "projected-gradient, the paper's method, the guides are planned by it, too.",
     )

@@ -13,6 +13,7 @@ import click
 
 import casswarm as csw
 
+from . import completion
 from .common import WrongInput, load, reported_errors
 from .ending import Ending
 from .number import Number
@@ -45,6 +46,7 @@ class SolveOptions:
     solver: str = option(
         "--solver",
         default="ipopt",
+        shell_complete=completion.solvers,
         help="Solver: ipopt, or projected-gradient for the paper's penalised form.",
     )
     certify: bool = option(

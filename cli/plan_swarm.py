@@ -10,6 +10,7 @@ import click
 
 import casswarm as csw
 
+from . import completion
 from .common import load, reported_errors
 from .ending import Ending
 from .number import Number
@@ -33,7 +34,9 @@ class SwarmPlanOptions:
         help="Maximise the probability that at least one member arrives, the mean number of "
         "arrivals, or the mean number of survivors.",
     )
-    solver: str = option("--solver", default="ipopt", help="Solver.")
+    solver: str = option(
+        "--solver", default="ipopt", shell_complete=completion.solvers, help="Solver."
+    )
     seed: int = seed_option()
     min_distance: float | None = option(
         "--min-distance",

@@ -9,6 +9,7 @@ import click
 
 import casswarm as csw
 
+from . import completion
 from .common import WrongInput, reported_errors
 from .options import Command, allow_code_option
 from .output import aligned
@@ -29,7 +30,7 @@ def list_() -> None:
 
 
 @scenarios.command()
-@click.argument("scenario")
+@click.argument("scenario", shell_complete=completion.scenarios)
 @ALLOW_CODE
 def show(scenario: str, allow_code: bool) -> None:
     """Print SCENARIO as a TOML file."""
@@ -39,7 +40,14 @@ def show(scenario: str, allow_code: bool) -> None:
 
 @scenarios.command()
 @click.argument("path", type=click.Path(dir_okay=False, path_type=Path))
-@click.option("--from", "source", default="paper-1", show_default=True, help="Scenario to copy.")
+@click.option(
+    "--from",
+    "source",
+    default="paper-1",
+    show_default=True,
+    shell_complete=completion.scenarios,
+    help="Scenario to copy.",
+)
 @click.option("--force", is_flag=True, help="Overwrite an existing file.")
 @ALLOW_CODE
 def new(path: Path, source: str, force: bool, allow_code: bool) -> None:
@@ -63,7 +71,9 @@ def new(path: Path, source: str, force: bool, allow_code: bool) -> None:
 
 
 @scenarios.command()
-@click.argument("sources", nargs=-1, required=True, metavar="SCENARIO...")
+@click.argument(
+    "sources", nargs=-1, required=True, metavar="SCENARIO...", shell_complete=completion.scenarios
+)
 @ALLOW_CODE
 def check(sources: tuple[str, ...], allow_code: bool) -> None:
     """Check every SCENARIO, and print its size.

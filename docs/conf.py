@@ -29,6 +29,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",  # formulas without network
     "sphinx.ext.viewcode",
     "sphinx_click",
     "sphinx_copybutton",

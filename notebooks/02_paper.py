@@ -11,7 +11,7 @@
 # ---
 
 # %% [markdown]
-# # Reproducing the paper
+# # The paper, step by step
 #
 # *Cooperative protection control for UCAV swarms in hostile environments* compares three policies
 # on two scenarios. We compare its numbers and figures with those that casswarm computes.

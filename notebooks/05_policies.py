@@ -11,7 +11,7 @@
 # ---
 
 # %% [markdown]
-# # Comparing policies when radars cannot be avoided
+# # Radars that cannot be avoided
 #
 # On the paper's geometry it is best to fly around the radars, and then every policy succeeds.
 # Policies differ where every path passes radars. We compare them in two such scenarios: an
