@@ -38,7 +38,12 @@ def toml_text(data: Mapping[str, Any]) -> str:
                 value=hazard["kind"],
             ) from None
         data = {**data, "hazard": {**hazard, "kind": kind}}
-    return _SCALARS.sub(_on_one_line, tomli_w.dumps(data))
+    return _escaped(_SCALARS.sub(_on_one_line, tomli_w.dumps(data)))
+
+
+def _escaped(text: str) -> str:
+    """TOML whose strings hold no character that a terminal or an editor does not show as itself."""
+    return "".join(c if c.isprintable() or c == "\n" else f"\\U{ord(c):08x}" for c in text)
 
 
 def _on_one_line(array: re.Match[str]) -> str:
