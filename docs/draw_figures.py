@@ -32,7 +32,6 @@ COMMANDS = {
         *("simulate", "paper-2", "--policy", "leader"),
         *("--save-trajectories", "100", "--runs", "100"),
     ],
-    "one-run": ["simulate", "paper-1", "--policy", "leader", "--runs", "1"],
     "mpc": ["simulate", "wall", *MPC, "--runs", "500"],
     "evaluate-ring": ["evaluate", "ring"],
     "sweep-n": ["sweep", "paper-1", "--set", "n=2,3,4,5,6"],
@@ -64,7 +63,7 @@ FIGURES = {
 }
 """Figures of each results folder; the images are named FOLDER-FIGURE.png."""
 
-OTHERS = {"joint-paper-2": ("joint", "joint.png"), "one-run": ("run-leader", "leader.png")}
+OTHERS = {"joint-paper-2": ("joint", "joint.png")}
 """Figures with images of other names, for the README and other pages."""
 
 ANIMATED = ("simulate-paper-1", "simulate-paper-2")
