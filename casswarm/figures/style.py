@@ -182,7 +182,7 @@ def _fix_tick_labels(some: Iterable[Axes]) -> None:
 def _fit_height(fig: Figure) -> None:
     """Give a figure the height at which its maps fill its width, and fix its layout.
 
-    The layout is computed once, as it takes long: with another height, only the rows of maps and
+    The layout is computed once, or twice if the height is far off, as it takes long: with another height, only the rows of maps and
     what is beside them become higher or lower.
     """
     maps = [a for a in fig.axes if a.get_aspect() != "auto" and a.get_subplotspec() is not None]
@@ -192,10 +192,23 @@ def _fit_height(fig: Figure) -> None:
     for axes in maps:  # constrained layout may oscillate for axes that shrink in their boxes
         axes.set_aspect("auto")
     engine.execute(fig)
+    missing = _missing_height(fig, maps)
+    if abs(missing) > 0.1 * fig.get_figheight():  # other ticks may need other margins
+        fig.set_figheight(fig.get_figheight() + missing)
+        engine.execute(fig)
     fig.set_layout_engine("none")
     _stretch_rows(fig, maps)
     for axes in maps:
         axes.set_aspect("equal")
+
+
+def _missing_height(fig: Figure, maps: list[Axes]) -> float:
+    """Inches that a figure lacks in height (negative: has too many) for its rows of maps."""
+    rows = len({round(axes.get_position().y0, 9) for axes in maps})
+    wide, high = fig.get_size_inches() * maps[0].get_position().size
+    (west, east), (south, north) = maps[0].get_xlim(), maps[0].get_ylim()
+    missing = rows * (wide * (north - south) / (east - west) - high)
+    return max(float(missing), 0.3 * fig.get_figwidth() - fig.get_figheight())
 
 
 def _stretch_rows(fig: Figure, maps: list[Axes]) -> None:
@@ -203,10 +216,7 @@ def _stretch_rows(fig: Figure, maps: list[Axes]) -> None:
     width, height = fig.get_size_inches()
     boxes = {axes: axes.get_position().frozen() for axes in fig.axes}
     rows = np.unique([boxes[axes].intervaly.round(9) for axes in maps], axis=0)
-    (west, east), (south, north) = maps[0].get_xlim(), maps[0].get_ylim()
-    box = boxes[maps[0]]
-    missing = box.width * width * (north - south) / (east - west) - box.height * height
-    missing = max(missing, (0.3 * width - height) / len(rows))
+    missing = _missing_height(fig, maps) / len(rows)
     edges = np.array([0.0, *height * rows.ravel(), height])  # inches, from the bottom
     moved = edges + missing * np.repeat(np.arange(len(rows) + 1), 2)
     fig.set_size_inches(width, moved[-1])
