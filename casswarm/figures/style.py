@@ -182,8 +182,8 @@ def _fix_tick_labels(some: Iterable[Axes]) -> None:
 def _fit_height(fig: Figure) -> None:
     """Give a figure the height at which its maps fill its width, and fix its layout.
 
-    The layout is computed once, or twice if the height is far off, as it takes long: with another height, only the rows of maps and
-    what is beside them become higher or lower.
+    The layout takes long, so it is computed once, or twice if the height is far off: with another
+    height, only the rows of maps and what is beside them become higher or lower.
     """
     maps = [a for a in fig.axes if a.get_aspect() != "auto" and a.get_subplotspec() is not None]
     engine = fig.get_layout_engine()
