@@ -75,7 +75,7 @@ def animate(animation: AnimationOptions) -> None:
         name, run = saved.trajectory(animation.policy, animation.run)
         title = f"{saved.scenario.name}, {name}, run {animation.run}"
         movie = make_animation(
-            saved.scenario, run, saved.guide, title=title, frames_per_second=animation.fps
+            saved.scenario, run, saved.guide, title=title, steps_per_second=animation.fps
         )
         file = out or animation.folder / f"animation-{name}-{animation.run}{suffix}"
         target = ResultsFolder.create("animate", None, file.parent)
@@ -89,4 +89,4 @@ def animate(animation: AnimationOptions) -> None:
     if out is None:
         target.extend_record()
     click.echo(str(file))
-    say(f"{len(run.alive)} frames, {file.stat().st_size / 1e6:.1f} MB", animation.quiet)
+    say(f"{len(run.alive)} steps, {file.stat().st_size / 1e6:.1f} MB", animation.quiet)

@@ -12,11 +12,8 @@ from typing import Any
 from uuid import uuid4
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.animation import FuncAnimation, PillowWriter
-from matplotlib.artist import Artist
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 from PIL import Image
 
 from .._util.documents import data_uri, render
@@ -24,32 +21,22 @@ from ..chain.trajectories import RunTrajectory
 from ..planning.guide import Guide
 from ..scenario import Scenario
 from ..typing import Progress
-from .base_map import draw_base_map, extent, pixels
-from .closeups import (
-    COLLISION,
-    Closeup,
-    additional_agent_rates,
-    follows_guide,
-    leader_at,
-    window,
-)
-from .formations import caption, legend_handles
-from .style import (
-    BLUE,
-    INK,
-    MEMBERS,
-    VERMILION,
-    current_theme,
-    marker,
-    panels,
-    scaled,
-    settings,
-    themed,
-)
+from .closeups import COLLISION
+from .run_figure import RunFigure
+from .style import MEMBERS
 
 DPI = 110
-_PIXELS = 110
-_LAST = 6  # durations of a frame for which a GIF shows the last one
+_PER_STEP = 3  # frames at most
+_SHORTEST = 40.0  # milliseconds of a frame
+_LAST = 1500  # milliseconds for which a GIF shows the last one
+
+
+class RunAnimation(FuncAnimation):
+    """Animation of a run, with several frames of every step."""
+
+    def __init__(self, *args: Any, frames_per_step: int, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.frames_per_step = frames_per_step
 
 
 def animate(
@@ -58,13 +45,14 @@ def animate(
     guide: Guide | None = None,
     *,
     title: str = "",
-    frames_per_second: float = 4.0,
+    steps_per_second: float = 4.0,
 ) -> FuncAnimation:
-    """Animate a run, a frame per step: positions, leaders, losses, and mutual protection.
+    """Animate a run: positions, leaders, losses, and mutual protection.
 
     On the left a map of the hazard rate of an additional agent, given the positions of the members
-    at that step; on the right a close-up of the formation, with that rate relative to an isolated
-    agent. All scales are the same in every frame.
+    at that time; on the right a close-up of the formation, with that rate relative to an isolated
+    agent. All scales are the same in every frame. Between steps members move at constant velocity,
+    in up to three frames per step.
 
     Parameters
     ----------
@@ -75,7 +63,7 @@ def animate(
         Drawn on the map; if the swarm follows it, the close-up is centred on it.
     title : str
         By default the scenario's name.
-    frames_per_second : float
+    steps_per_second : float
 
     Returns
     -------
@@ -86,20 +74,22 @@ def animate(
     Raises
     ------
     ValueError
-        `frames_per_second` is not positive.
+        `steps_per_second` is not positive.
     """
-    if not frames_per_second > 0:
-        raise ValueError(f"frames_per_second = {frames_per_second!r}; allowed: above 0")
-    shown = RunFigure(scenario, trajectory, guide, title or scenario.name)
-    interval = 1000.0 / frames_per_second
-    return FuncAnimation(
+    if not steps_per_second > 0:
+        raise ValueError(f"steps_per_second = {steps_per_second!r}; allowed: above 0")
+    per_step = int(np.clip(1000.0 / (steps_per_second * _SHORTEST), 1, _PER_STEP))
+    shown = RunFigure(scenario, trajectory, guide, title or scenario.name, per_step)
+    interval = 1000.0 / (steps_per_second * per_step)
+    return RunAnimation(
         shown.figure,
         shown.show,
-        frames=len(trajectory.alive),
+        frames=len(shown.trajectory.alive),
         init_func=lambda: [],
         interval=interval,
-        repeat_delay=4 * interval,
+        repeat_delay=_LAST,
         cache_frame_data=False,
+        frames_per_step=per_step,
     )
 
 
@@ -109,7 +99,7 @@ def save_gif(
     """Write an animation as a GIF that repeats, with a pause at the last frame."""
     interval = _interval(animation)
     first, *others = _images(animation, dpi, progress)
-    durations = [interval] * len(others) + [_LAST * interval]
+    durations = [interval] * len(others) + [_LAST]
     first.save(path, format="GIF", save_all=True, append_images=others, duration=durations, loop=0)
     return Path(path)
 
@@ -146,6 +136,7 @@ def player(
         page=page,
         frames=[_png_uri(image) for image in images],
         interval=_interval(animation),
+        per_step=getattr(animation, "frames_per_step", 1),
         width=width,
         height=height,
     )
@@ -202,85 +193,3 @@ def _images(animation: FuncAnimation, dpi: int, progress: Progress | None) -> li
         frame.convert("RGB").quantize(palette=_palette(), dither=Image.Dither.NONE)
         for frame in writer._frames
     ]
-
-
-class RunFigure:
-    """Figure with a map and a close-up that shows any step of a run."""
-
-    def __init__(
-        self, scenario: Scenario, trajectory: RunTrajectory, guide: Guide | None, title: str
-    ) -> None:
-        self.scenario, self.trajectory, self.guide = scenario, trajectory, guide
-        self.title = title
-        self.settings = settings(current_theme())
-        self.few = trajectory.alive.shape[1] <= len(MEMBERS)
-        self.artists: list[Artist] = []
-        self.figure = self._build()
-
-    @themed
-    def _build(self) -> Figure:
-        """Draw what all frames have in common."""
-        trajectory, guide = self.trajectory, self.guide
-        contents = [trajectory.positions.reshape(-1, 2)]
-        if guide is not None:
-            contents.append(guide.positions)
-        low, high = extent(self.scenario, contents)
-        self.nodes = pixels(low, high, _PIXELS)
-        ratios = (1.0, (high[1] - low[1]) / (high[0] - low[0]))
-        fig, (self.map, close) = panels(2, 2, 0.62, width_ratios=ratios)
-        self.image = draw_base_map(self.map, self.scenario, low, high)
-        rho = self.scenario.formation.rho
-        center = guide if guide and follows_guide(trajectory, guide, rho) else None
-        half = window(trajectory, center)
-        self.closeup = Closeup(close, self.scenario, trajectory, center, half)
-        close.set_ylabel("")
-        for image, label in (
-            (self.image, "hazard rate of an additional agent"),
-            (self.closeup.image, "relative to an isolated agent"),
-        ):
-            bar = fig.colorbar(image, ax=image.axes, extend="max", location="bottom", pad=0.02)
-            bar.set_label(label)
-        handles = [*self.map.get_legend_handles_labels()[0], *legend_handles(trajectory)]
-        handles[-1].set_label("lost")
-        if guide is not None:
-            line = self.map.plot(*guide.positions.T, color=INK, lw=scaled(0.8), ls=":", zorder=3)
-            line[0].set_label("guide")
-            handles += line
-        columns = 3 if current_theme().narrow else len(handles)
-        fig.legend(handles=handles, loc="outside lower center", ncols=columns)
-        self.heading = fig.suptitle(self._heading(0))
-        return fig
-
-    def show(self, step: int) -> list[Artist]:
-        """Show a step."""
-        with rc_context(self.settings):
-            positions, alive = self.trajectory.positions[step], self.trajectory.alive[step]
-            rates = additional_agent_rates(self.scenario.hazard, self.nodes, positions, alive)
-            self.image.set_data(rates)
-            self.closeup.show(step)
-            self.heading.set_text(self._heading(step))
-            for artist in self.artists:
-                artist.remove()
-            self.artists = []
-            self._draw_members(step)
-        return self.artists
-
-    def _draw_members(self, step: int) -> None:
-        """Draw the members with their paths so far, those destroyed as crosses."""
-        alive, leader = self.trajectory.alive[step], leader_at(self.trajectory, step)
-        ends = np.minimum(step, self.trajectory.last_steps())
-        for member, end in enumerate(ends):
-            color = MEMBERS[member] if self.few else BLUE
-            path = self.trajectory.positions[: end + 1, member]
-            self.artists += self.map.plot(*path.T, color=color, lw=scaled(0.9), alpha=0.7, zorder=4)
-            leads, size = member == leader, 6.5 if self.few else 4.5
-            if leads:
-                style = marker("*", 11, color if self.few else VERMILION, edge_width=0.7)
-            elif alive[member]:
-                style = marker("o", size, color, "white", 0.7)
-            else:
-                style = marker("X", size, edge_width=0.7)
-            self.artists += self.map.plot(*path[-1], zorder=7 if leads else 6, **style)
-
-    def _heading(self, step: int) -> str:
-        return f"{self.title}: {caption(self.trajectory, step)}"

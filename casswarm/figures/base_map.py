@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -26,9 +27,16 @@ def base_map(scenario: Scenario, contents: Sequence[FloatArray]) -> tuple[Figure
     """Figure with a map of the hazard rates that holds all points (..., 2) of `contents`."""
     fig, axes = single_panel()
     image = draw_base_map(axes, scenario, *extent(scenario, contents))
-    label = wrap("single-agent hazard rate, per unit time", 0.42)
-    fig.colorbar(image, ax=axes, label=label, extend="max")
+    add_colorbar(axes, image, "single-agent hazard rate, per unit time", extend="max")
     return fig, axes
+
+
+def add_colorbar(axes: Axes, image: AxesImage, label: str, **options: Any) -> None:
+    """Add a colorbar beside a map, as high as it; `options` are those of ``Figure.colorbar``."""
+    fig = axes.get_figure(root=True)
+    assert fig is not None
+    beside = axes.inset_axes((1.05, 0.0, 0.03, 1.0))
+    fig.colorbar(image, cax=beside, label=wrap(label, 0.42), **options)
 
 
 def extent(scenario: Scenario, contents: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:

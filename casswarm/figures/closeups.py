@@ -45,19 +45,38 @@ def relative_rates(
 
 
 class Closeup:
-    """Axes, 2 `half` wide and high, that show the formation of a run at any step."""
+    """Axes, 2 `half` wide and high, that show the formation of a run at any step.
+
+    Parameters
+    ----------
+    axes : Axes
+    scenario : Scenario
+    trajectory : RunTrajectory
+    centers : (T+1, 2)
+        Centre of the window at every step.
+    half : float
+    marked : bool
+        Whether to mark the centre.
+    corridors : bool
+        Whether to draw the corridor around the centre.
+    per_step : int
+        Number of steps of `trajectory` for which a loss is shown.
+    """
 
     def __init__(
         self,
         axes: Axes,
         scenario: Scenario,
         trajectory: RunTrajectory,
-        guide: Guide | None,
+        centers: FloatArray,
         half: float,
+        *,
+        marked: bool = False,
         corridors: bool = False,
+        per_step: int = 1,
     ) -> None:
         self.axes, self.hazard, self.trajectory = axes, scenario.hazard, trajectory
-        self.guide, self.half = guide, half
+        self.centers, self.half, self.per_step = centers, half, per_step
         self.few = trajectory.alive.shape[1] <= len(MEMBERS)
         corner = np.full(2, half)
         set_extent(axes, -corner, corner)
@@ -67,7 +86,7 @@ class Closeup:
         # at 1 there is no protection; above, members endanger each other
         unit, norm = np.ones((_PIXELS, _PIXELS)), Normalize(0.0, 1.0)
         self.image = draw_field(axes, unit, norm, RELATIVE_RATES)
-        if guide is not None:
+        if marked:
             axes.plot(0, 0, marker="+", color=BLUE, markersize=scaled(9), zorder=3)
         if corridors:
             radius = float(np.sqrt(scenario.formation.rho))
@@ -80,10 +99,10 @@ class Closeup:
             artist.remove()
         self.artists = []
         alive, positions = self.trajectory.alive[step], self.trajectory.positions[step]
-        center = formation_center(self.trajectory, self.guide, step)
+        center = self.centers[step]
         rates = relative_rates(self.hazard, self.nodes + center, positions, alive)
         self.image.set_data(np.minimum(rates, _MAX))  # rates of collisions are unbounded
-        lost = self.trajectory.alive[max(0, step - 1)] & ~alive
+        lost = self.trajectory.alive[max(0, step - self.per_step)] & ~alive
         offsets = positions - center
         self._draw_alive(offsets, alive, leader_at(self.trajectory, step))
         self._draw_lost(offsets, alive, lost)
@@ -154,14 +173,15 @@ def _ranges(numbers: IntArray) -> str:
     return ", ".join(f"{run[0]}–{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
 
 
-def formation_center(trajectory: RunTrajectory, guide: Guide | None, step: int) -> FloatArray:
-    """Centre (2,) of the formation at a step: the guide's point, or the mean of its members."""
+def formation_centers(trajectory: RunTrajectory, guide: Guide | None) -> FloatArray:
+    """Centres (T+1, 2) of the formation: the guide's points, or the means of its members."""
     if guide is not None:
-        return guide.reference(step)
-    alive = trajectory.alive[step]
-    if not alive.any():
-        alive = trajectory.alive[max(0, step - 1)]
-    return np.asarray(trajectory.positions[step][alive].mean(axis=0))
+        return np.stack([guide.reference(step) for step in range(len(trajectory.alive))])
+    centers = []
+    for step, alive in enumerate(trajectory.alive):
+        shown = alive if alive.any() else trajectory.alive[max(0, step - 1)]
+        centers.append(trajectory.positions[step][shown].mean(axis=0))
+    return np.stack(centers)
 
 
 def follows_guide(trajectory: RunTrajectory, guide: Guide, rho: float) -> bool:
@@ -182,10 +202,10 @@ def leader_at(trajectory: RunTrajectory, step: int) -> int:
     return leader if leader >= 0 and trajectory.alive[step, leader] else -1
 
 
-def window(trajectory: RunTrajectory, guide: Guide | None) -> float:
+def window(trajectory: RunTrajectory, centers: FloatArray) -> float:
     """Half the width of a window around the formation that nearly always holds all members."""
     distances = [
-        np.abs(trajectory.positions[step][alive] - formation_center(trajectory, guide, step))
+        np.abs(trajectory.positions[step][alive] - centers[step])
         for step, alive in enumerate(trajectory.alive)
     ]
     return 1.25 * max(0.05, float(np.quantile(np.concatenate(distances).max(axis=1), 0.98)))

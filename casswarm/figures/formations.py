@@ -11,7 +11,8 @@ from matplotlib.lines import Line2D
 from ..chain.trajectories import RunTrajectory
 from ..planning.guide import Guide
 from ..scenario import Scenario
-from .closeups import Closeup, window
+from ..typing import BoolArray
+from .closeups import Closeup, formation_centers, window
 from .style import BLUE, GREY, add_title, current_theme, marker, panels, scaled, themed
 
 
@@ -59,10 +60,12 @@ def formation_chart(
     shape = (1.05 if narrow else 0.95) * -(-len(chosen) // columns) / columns
     aspect = shape + (0.16 if narrow else 0.06)
     fig, axes = panels(len(chosen), columns, aspect, sharex=True, sharey=True)
-    half = window(trajectory, guide)
+    centers = formation_centers(trajectory, guide)
+    half = window(trajectory, centers)
+    what = {"marked": guide is not None, "corridors": corridors}
     for panel, step in zip(axes, chosen, strict=True):
-        Closeup(panel, scenario, trajectory, guide, half, corridors).show(step)
-        panel.set_title(caption(trajectory, step), fontsize="small")
+        Closeup(panel, scenario, trajectory, centers, half, **what).show(step)
+        panel.set_title(caption(step, trajectory.alive[step]), fontsize="small")
         panel.label_outer()
     fig.colorbar(
         axes[0].images[0],
@@ -94,9 +97,8 @@ def representative_steps(trajectory: RunTrajectory, number: int) -> list[int]:
     return sorted(chosen)
 
 
-def caption(trajectory: RunTrajectory, step: int) -> str:
-    """Number of a step, and of the members alive then."""
-    alive = trajectory.alive[step]
+def caption(step: int, alive: BoolArray) -> str:
+    """Number of a step, and of the members alive (n,) then."""
     return f"step {step}: {int(alive.sum())} of {len(alive)} alive"
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
@@ -17,6 +17,7 @@ from ..planning.kinematics import integrate
 from ..scenario import Scenario
 from ..typing import FloatArray
 from .base_map import (
+    add_colorbar,
     add_corridor,
     add_landmarks,
     add_start,
@@ -25,23 +26,22 @@ from .base_map import (
     extent,
     set_extent,
 )
+from .map_labels import LabelPlaces
+from .paths import SHARED, add_closeup, draw_paths, path_style
 from .style import (
     BLUE,
     INK,
     MEMBERS,
     VERMILION,
-    add_label,
     add_legend,
     add_title,
     marker,
     scaled,
     single_panel,
     themed,
-    wrap,
 )
 
-_THINNEST = 0.3  # width of a path where its member is certainly dead
-_NEAR = 0.04  # of a map's width: loss markers this close share a label
+_NEAR = 0.03  # of a map's width: loss markers this close share a label
 
 
 @themed
@@ -99,15 +99,25 @@ def cost_to_go_map(
     survival = np.where(costs.survival > 0, costs.survival, np.nan)
     image = draw_field(axes, survival, Normalize(0.0, 1.0), "viridis")
     image.set_extent((costs.low[0], costs.high[0], costs.low[1], costs.high[1]))
-    fig.colorbar(image, ax=axes, label=wrap("single-agent survival from here", 0.42))
-    moving = np.hypot(*costs.velocities.T) > 0
-    starts, arrows = costs.positions[moving], costs.velocities[moving]
-    axes.quiver(*starts.T, *arrows.T, color="white", alpha=0.75, zorder=3)
+    add_colorbar(axes, image, "single-agent survival from here")
+    _draw_arrows(axes, costs)
     axes.plot(*guide.positions.T, color=VERMILION, lw=scaled(1.8), zorder=4, label="guide")
     add_landmarks(axes, scenario, radars="white")
     add_legend(fig, axes)
     add_title(fig, scenario.name, f"optimal direction at step {costs.step}")
     return fig
+
+
+def _draw_arrows(axes: Axes, costs: CostToGoMap) -> None:
+    """Draw velocities as arrows as long as fit side by side, outlined to be seen on any colour."""
+    speeds = np.hypot(*costs.velocities.T)
+    moving = speeds > 0
+    spacing = np.sqrt(np.prod(costs.high - costs.low) / len(costs.positions))
+    arrows = 0.7 * spacing * costs.velocities[moving] / max(float(speeds.max()), 1e-12)
+    style: dict[str, Any] = {"color": "white", "edgecolor": INK, "linewidth": scaled(0.5)}
+    style |= {"angles": "xy", "scale_units": "xy", "scale": 1.0, "pivot": "mid", "width": 0.005}
+    style |= {"headwidth": 3.6, "headlength": 3.6, "headaxislength": 3.2}
+    axes.quiver(*costs.positions[moving].T, *arrows.T, zorder=3, **style)
 
 
 @themed
@@ -152,12 +162,15 @@ def swarm_map(
     """
     ends = trajectory.last_steps()
     paths = [trajectory.positions[: end + 1, member] for member, end in enumerate(ends)]
-    fig, axes = _paths_map(scenario, paths, contents=[] if guide is None else [guide.positions])
+    followed = np.empty((0, 2)) if guide is None else guide.positions
+    fig, axes = _paths_map(scenario, paths, contents=[followed])
     if guide is not None:
         if corridors:
             add_corridor(axes, guide.positions, scenario.formation.rho)
-        axes.plot(*guide.positions.T, color=INK, lw=scaled(0.9), ls=":", zorder=5, label="guide")
-    _mark_losses(axes, trajectory)
+        dots = (0, (1, 4))  # paths remain visible between them
+        axes.plot(*guide.positions.T, color=INK, lw=scaled(0.9), ls=dots, zorder=5, label="guide")
+    _mark_losses(axes, scenario, trajectory)
+    _close_up(axes, scenario, paths, followed)
     add_legend(fig, axes)
     steps, survivors = len(trajectory.alive) - 1, int(trajectory.alive[-1].sum())
     add_title(fig, title or scenario.name, f"{survivors} of {len(paths)} alive after {steps} steps")
@@ -168,7 +181,7 @@ def swarm_map(
 def joint_map(
     scenario: Scenario, positions: FloatArray, survival: FloatArray | None = None, title: str = ""
 ) -> Figure:
-    """Paths of a joint plan up to the members' arrivals; the thinner, the less likely to survive.
+    """Paths of a joint plan up to the members' arrivals, with their survival in the legend.
 
     Parameters
     ----------
@@ -178,15 +191,18 @@ def joint_map(
         Survival probability of every member.
     title : str
     """
-    paths, labels, alive = [], None, None
+    paths, labels = [], None
     for path in np.moveaxis(positions, 1, 0):
         inside = np.flatnonzero(scenario.target.contains(path[1:]))
         paths.append(path[: inside[0] + 2] if inside.size else path)
     if survival is not None:
-        alive = [survival[: len(path), member] for member, path in enumerate(paths)]
-        labels = [f"member {k},\nsurvival {each[-1]:.3f}" for k, each in enumerate(alive, start=1)]
-    fig, axes = _paths_map(scenario, paths, labels, alive, [positions.reshape(-1, 2)])
+        labels = [
+            f"member {member + 1},\nsurvival {survival[len(path) - 1, member]:.3f}"
+            for member, path in enumerate(paths)
+        ]
+    fig, axes = _paths_map(scenario, paths, labels, [positions.reshape(-1, 2)])
     add_start(axes, positions[0])
+    _close_up(axes, scenario, paths, np.empty((0, 2)))
     add_legend(fig, axes)
     add_title(fig, scenario.name, title)
     return fig
@@ -196,53 +212,45 @@ def _paths_map(
     scenario: Scenario,
     paths: Sequence[FloatArray],
     labels: Sequence[str] | None = None,
-    survival: Sequence[FloatArray] | None = None,
     contents: Sequence[FloatArray] = (),
 ) -> tuple[Figure, Axes]:
-    """Base map with paths (T_k+1, 2), by default of members, as wide as `survival` (T_k+1,).
-
-    Paths often coincide: the first is drawn widest and lowest, so that all stay visible.
-    """
+    """Base map with paths (T_k+1, 2), by default of members, side by side where they coincide."""
     fig, axes = base_map(scenario, [*paths, *contents])
-    few = len(paths) <= len(MEMBERS)
-    for member, path in enumerate(paths):
-        color = MEMBERS[member] if few else BLUE
-        widest = 0.3 + 1.5 * (len(paths) - member) if few else 0.6
-        alive = np.ones(len(path)) if survival is None else survival[member]
-        widths = scaled() * (alive * widest + (1 - alive) * _THINNEST)
-        axes.add_collection(
-            LineCollection(
-                list(np.stack([path[:-1], path[1:]], axis=1)),
-                linewidths=widths[1:].tolist(),
-                colors=color,
-                alpha=1.0 if few else 0.55,
-                capstyle="round",
-                zorder=4,
-            )
-        )
-        if few:
-            size = (widths + scaled()) ** 2
-            axes.scatter(path[:, 0], path[:, 1], s=size, color=color, linewidths=0, zorder=4)
-            label = labels[member] if labels else f"member {member + 1}"
-            axes.plot([], [], color=color, linewidth=scaled(2.5), label=label)
-    if not few:
-        axes.plot([], [], color=BLUE, label="members")
+    draw_paths(axes, paths, SHARED * float(np.ptp(axes.get_xlim())))
+    if len(paths) > len(MEMBERS):
+        axes.plot([], [], label="members", **path_style(-1))
+        return fig, axes
+    for member, label in enumerate(labels or [f"member {k + 1}" for k in range(len(paths))]):
+        axes.plot([], [], label=label, **path_style(member))
     return fig, axes
 
 
-def _mark_losses(axes: Axes, trajectory: RunTrajectory) -> None:
+def _close_up(
+    axes: Axes, scenario: Scenario, paths: Sequence[FloatArray], others: FloatArray
+) -> None:
+    """Add a close-up of where few paths join, clear of landmarks and of `others` (N, 2)."""
+    if not 1 < len(paths) <= len(MEMBERS):
+        return
+    radius = scenario.target.radius * np.array([[0, 0], [0, 1], [1, 0], [0, -1], [-1, 0]])
+    target = np.asarray(scenario.target.center) + radius
+    obstacles = np.vstack([target, scenario.hazard.radar_positions.reshape(-1, 2), others])
+    add_closeup(axes, paths, obstacles)
+
+
+def _mark_losses(axes: Axes, scenario: Scenario, trajectory: RunTrajectory) -> None:
     """Draw crosses where members were destroyed, with their numbers (large swarms: how many)."""
     lost = np.flatnonzero(~trajectory.alive[-1])
     if not lost.size:
         return
     few = trajectory.alive.shape[1] <= len(MEMBERS)
     last = trajectory.positions[trajectory.last_steps()[lost], lost]
-    pixel = 1e-6 * float(np.ptp(axes.get_xlim()))
-    cells = np.round(last / pixel)
+    width = float(np.ptp(axes.get_xlim()))
+    cells = np.round(last / (1e-6 * width))
     _, first, groups = np.unique(cells, axis=0, return_index=True, return_inverse=True)
     points = last[first]
-    axes.plot(*points.T, zorder=6, label="destroyed", **marker("X", 9 if few else 6))
-    reach = _NEAR * float(np.ptp(axes.get_xlim())) if few else 0.0
+    axes.plot(*points.T, zorder=6, label="destroyed", **marker("X", 7 if few else 6))
+    reach = _NEAR * width if few else 0.0
+    labels = LabelPlaces(scenario, [*trajectory.positions, points], width)
     unlabelled = list(range(len(points)))
     while unlabelled:
         near = [k for k in unlabelled if np.hypot(*(points[k] - points[unlabelled[0]])) <= reach]
@@ -250,4 +258,4 @@ def _mark_losses(axes: Axes, trajectory: RunTrajectory) -> None:
         members = lost[np.isin(groups.reshape(-1), near)] + 1
         number = str(len(members)) if len(members) > 1 else ""
         text = ", ".join(map(str, members)) if few else number
-        add_label(axes, text, points[near].mean(axis=0), (6, -9), outlined=True, zorder=7)
+        labels.add(axes, text, points[near].mean(axis=0))

@@ -15,6 +15,7 @@ from functools import cache, wraps
 from pathlib import Path
 from typing import Any, ParamSpec
 
+import numpy as np
 from matplotlib import rc_context, rc_params_from_file
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -121,7 +122,9 @@ def themed(function: Callable[P, Figure]) -> Callable[P, Figure]:
     def draw(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with rc_context(settings(current_theme())):
             fig = function(*args, **kwargs)
-            _fix_tick_labels(axes for axes in fig.axes if axes.get_subplotspec() is None)
+            every = (axes for parent in fig.axes for axes in (parent, *parent.child_axes))
+            colorbars = (axes for axes in every if isinstance(axes, Axes))
+            _fix_tick_labels(axes for axes in colorbars if axes.get_subplotspec() is None)
             _fit_height(fig)
         return fig
 
@@ -179,7 +182,11 @@ def _fix_tick_labels(some: Iterable[Axes]) -> None:
 
 
 def _fit_height(fig: Figure) -> None:
-    """Give a figure the height at which its maps fill its width, and fix its layout."""
+    """Give a figure the height at which its maps fill its width, and fix its layout.
+
+    The layout takes long, so it is computed once, or twice if the height is far off: with another
+    height, only the rows of maps and what is beside them become higher or lower.
+    """
     maps = [a for a in fig.axes if a.get_aspect() != "auto" and a.get_subplotspec() is not None]
     engine = fig.get_layout_engine()
     if not maps or engine is None:
@@ -187,25 +194,39 @@ def _fit_height(fig: Figure) -> None:
     for axes in maps:  # constrained layout may oscillate for axes that shrink in their boxes
         axes.set_aspect("auto")
     engine.execute(fig)
-    for _ in range(5):
-        missing = _missing_height(fig, maps[0])
-        if abs(missing) < 0.01:
-            break
-        width, height = fig.get_size_inches()
-        fig.set_size_inches(width, max(0.3 * width, height + missing))
+    missing = _missing_height(fig, maps)
+    if abs(missing) > 0.1 * fig.get_figheight():  # other ticks may need other margins
+        fig.set_figheight(fig.get_figheight() + missing)
         engine.execute(fig)
     fig.set_layout_engine("none")
+    _stretch_rows(fig, maps)
     for axes in maps:
         axes.set_aspect("equal")
 
 
-def _missing_height(fig: Figure, axes: Axes) -> float:
-    """Inches that a figure lacks in height (negative: has too many) for its rows of such maps."""
-    spec = axes.get_subplotspec()
-    assert spec is not None
-    wide, high = fig.get_size_inches() * axes.get_position().size
-    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
-    return float(spec.get_gridspec().nrows * (wide * (north - south) / (east - west) - high))
+def _missing_height(fig: Figure, maps: list[Axes]) -> float:
+    """Inches that a figure lacks in height (negative: has too many) for its rows of maps."""
+    rows = len({round(axes.get_position().y0, 9) for axes in maps})
+    wide, high = fig.get_size_inches() * maps[0].get_position().size
+    (west, east), (south, north) = maps[0].get_xlim(), maps[0].get_ylim()
+    missing = rows * (wide * (north - south) / (east - west) - high)
+    return max(float(missing), 0.3 * fig.get_figwidth() - fig.get_figheight())
+
+
+def _stretch_rows(fig: Figure, maps: list[Axes]) -> None:
+    """Change the height of a figure by that which its rows of maps lack or have too much."""
+    width, height = fig.get_size_inches()
+    boxes = {axes: axes.get_position().frozen() for axes in fig.axes}
+    rows = np.unique([boxes[axes].intervaly.round(9) for axes in maps], axis=0)
+    missing = _missing_height(fig, maps) / len(rows)
+    edges = np.array([0.0, *height * rows.ravel(), height])  # inches, from the bottom
+    moved = edges + missing * np.repeat(np.arange(len(rows) + 1), 2)
+    fig.set_size_inches(width, moved[-1])
+    for axes, box in boxes.items():
+        low, high = np.interp(height * box.intervaly, edges, moved) / moved[-1]
+        # a colorbar beside rows has a fixed ratio of its sides
+        wider = 1.0 if axes in maps else (high - low) * moved[-1] / (box.height * height)
+        axes.set_position((box.x0, low, box.width * wider, high - low))
 
 
 def add_title(fig: Figure, *parts: str) -> None:

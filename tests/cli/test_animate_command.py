@@ -14,12 +14,13 @@ from PIL import Image
 
 import casswarm as csw
 from casswarm.figures import player, save_gif
-from casswarm.figures.animation import RunFigure
 from casswarm.figures.closeups import additional_agent_rates
+from casswarm.figures.run_figure import RunFigure
 from casswarm.figures.style import MEMBERS
 from casswarm.results.folder import ResultsFolder
 
-FRAMES = 4
+STEPS = 4
+FRAMES = 10  # three of every step, and the last one
 
 
 @pytest.fixture(scope="module")
@@ -37,18 +38,18 @@ def gif(folder):
     """Default animation of that folder."""
     done = casswarm(folder.parent, "animate", folder.name, "--fps", 5)
     assert done.stdout == f"{folder.name}/animation-leader-0.gif\n"
-    assert f"{FRAMES} frames" in done.stderr
+    assert f"{STEPS} steps" in done.stderr
     return folder / "animation-leader-0.gif"
 
 
 @pytest.fixture(scope="module")
 def page():
     """The same run as a page, by the library."""
-    moving = csw.animate(SCENARIO, RUN, GUIDE, frames_per_second=50)
+    moving = csw.animate(SCENARIO, RUN, GUIDE, steps_per_second=50)
     return player(moving, 60, title="a <run>", page=True)
 
 
-def test_gif_has_a_frame_per_step_and_repeats(gif):
+def test_gif_has_three_frames_per_step_and_repeats(gif):
     with Image.open(gif) as image:
         assert image.n_frames == FRAMES
         assert image.info["loop"] == 0
@@ -56,7 +57,7 @@ def test_gif_has_a_frame_per_step_and_repeats(gif):
         for number in range(FRAMES):
             image.seek(number)
             durations.append(image.info["duration"])
-    assert durations == [200, 200, 200, 1200]
+    assert durations == [60] * 9 + [1500]
     assert gif.stat().st_size < 1e6
     assert "animation-leader-0.gif" in (gif.parent / "run.json").read_text()
 
@@ -99,14 +100,27 @@ def test_stage_shows_rates_members_and_losses_of_a_step():
     assert len(stage.map.get_lines()) == 2 + 2 * 3  # guide and radar, paths and members
 
 
+def test_stage_between_steps_moves_members_at_constant_velocity():
+    stage = RunFigure(SCENARIO, RUN, GUIDE, "mine", per_step=2)
+    stage.show(3)
+    ends = [line for line in stage.artists if len(line.get_xdata()) == 1]
+    halfway = (RUN.positions[1] + RUN.positions[2]) / 2
+    np.testing.assert_allclose([np.ravel(line.get_data()) for line in ends], halfway)
+    assert stage.heading.get_text() == "mine: step 1: 3 of 3 alive"  # the second is lost at step 2
+    for frame, lost in ((3, 0), (4, 1), (5, 1), (6, 0)):
+        stage.show(frame)
+        crosses = [line for line in stage.closeup.axes.get_lines() if line.get_marker() == "X"]
+        assert len(crosses) == lost  # during all frames of the step
+
+
 def test_animate_returns_a_matplotlib_animation():
     moving = csw.animate(SCENARIO, RUN, GUIDE)
     assert isinstance(moving, FuncAnimation)
-    assert moving.event_source.interval == 250
+    assert moving.event_source.interval == 83
     with mpl.rc_context({"animation.embed_limit": 50}):
         assert moving.to_jshtml().count("data:image/png;base64,") == FRAMES
-    with pytest.raises(ValueError, match="frames_per_second = 0; allowed: above 0"):
-        csw.animate(SCENARIO, RUN, frames_per_second=0)
+    with pytest.raises(ValueError, match="steps_per_second = 0; allowed: above 0"):
+        csw.animate(SCENARIO, RUN, steps_per_second=0)
 
 
 def test_animate_without_guide_or_leaders_writes_all_frames(tmp_path):
@@ -117,7 +131,7 @@ def test_animate_without_guide_or_leaders_writes_all_frames(tmp_path):
 
 
 def test_player_embeds_frames_and_loads_nothing(page):
-    assert page.count("data:image/png;base64,") == FRAMES + 1  # the first is shown from the start
+    assert page.count("data:image/png;base64,") == STEPS + 1  # the first is shown from the start
     assert references(page) == []
     assert "a &lt;run&gt;" in page
     assert "<run>" not in page
@@ -152,6 +166,25 @@ def test_player_plays_in_a_browser(page, tmp_path):
     assert outcome["requests"] == []
     assert outcome["answer"] == ["1", "2", True]
     assert [image[0] > 100 for image in outcome["images"]] == [True]
+
+
+def test_player_with_frames_between_steps_counts_steps(tmp_path):
+    page = player(csw.animate(SCENARIO, RUN, GUIDE), 30, page=True)
+    assert page.count("data:image/png;base64,") == FRAMES + 1
+    script = """
+      const slider = document.querySelector("input"), step = document.querySelector("output");
+      document.querySelector("[data-do=next]").click();
+      const first = [slider.value, step.textContent, document.querySelector("img").src];
+      slider.value = slider.max; slider.dispatchEvent(new Event("input"));
+      const last = [slider.max, step.textContent];
+      document.querySelector("[data-do=previous]").click();
+      document.querySelector("[data-do=previous]").click();
+      const back = document.querySelector("img").src === first[2];
+      window.answer = [first[0], first[1], ...last, step.textContent, back];
+    """
+    outcome = opened(page, tmp_path, script, width=400)
+    assert outcome["answer"] == ["1", "1", "3", "3", "1", True]
+    assert outcome["wide"] <= 0
 
 
 def test_animate_with_html_writes_one_file(folder, tmp_path):

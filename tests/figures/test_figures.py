@@ -18,9 +18,9 @@ from figure_cases import (
     assert_fits,
     sweep_table,
 )
-from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
 from matplotlib.text import Text
 from PIL import Image
 
@@ -161,8 +161,8 @@ def test_swarm_map_numbers_members_where_destroyed() -> None:
     cross = next(line for line in fig.axes[0].get_lines() if line.get_label() == "destroyed")
     np.testing.assert_allclose(np.ravel(cross.get_data()), RUN.positions[2, 1], atol=1e-6)
     assert [text.get_text() for text in fig.axes[0].texts] == ["2"]
-    paths = [lines for lines in fig.axes[0].collections if isinstance(lines, LineCollection)]
-    assert [len(path.get_segments()) for path in paths] == [3, 2, 3]  # up to where it was lost
+    paths = [patch for patch in fig.axes[0].patches if isinstance(patch, PathPatch)]
+    assert [len(patch.get_path()) for patch in paths] == [4, 3, 4]  # up to where it was lost
 
 
 def test_joint_map_with_long_title_fits() -> None:
