@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from ..errors import PlanningError, SolverError
 from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 from ..problems.guide import GuideTask
+from ..scenario.io import require_scenario
 from ..typing import FloatArray, Progress
 from .bounds.risk_bound import GAP, certify_guide
 from .guide import Guide
@@ -93,6 +94,7 @@ def plan(
     >>> bool(guide.risk_bound <= guide.risk)
     True
     """
+    require_scenario("plan", scenario)
     if not 0 < gap < 1:
         raise ValueError(f"gap = {gap!r}; allowed: above 0, below 1 (0.01 is one percent)")
     if time_limit is not None and not time_limit > 0:

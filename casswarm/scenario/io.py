@@ -15,7 +15,7 @@ from .._util.text import suggestion
 from ..errors import ScenarioError
 from .consistency import doubts
 from .model import Scenario
-from .validation import Problem, scenario_error
+from .validation import Problem, as_text, scenario_error
 
 LOG = logging.getLogger(__name__)
 
@@ -72,6 +72,21 @@ def load_scenario(source: str | os.PathLike[str], *, allow_code: bool = False) -
     for text in doubts(scenario):
         LOG.warning("%s: %s", label, text)
     return scenario
+
+
+def require_scenario(function: str, value: object) -> None:
+    """Raise TypeError, with what to do, if an argument of `function` is not a `Scenario`.
+
+    Nothing is loaded instead: a file may name code, which runs only if `load_scenario` allows it.
+    """
+    if isinstance(value, Scenario):
+        return
+    advice = "load one with csw.load_scenario, or make one with csw.Scenario.from_data"
+    if isinstance(value, str | os.PathLike):
+        advice = f"load it first, csw.load_scenario({os.fspath(value)!r})"
+    raise TypeError(
+        f"{function}() needs a Scenario, not the {type(value).__name__} {as_text(value)}: {advice}"
+    )
 
 
 def save_scenario(scenario: Scenario, path: str | os.PathLike[str], comments: bool = False) -> None:

@@ -23,6 +23,7 @@ from ..optimization.solvers import make_solver
 from ..planning.guide import Guide
 from ..planning.plan import guide_solver, plan
 from ..policies.base import Policy
+from ..scenario.io import require_scenario
 from ..scenario.variations import DERIVED, with_parameters
 from ..typing import Progress
 from .checkpoint import Checkpoint, IfExists
@@ -142,6 +143,7 @@ def sweep(
     PolicyError, CheckpointError, ValueError
         As in `simulate`.
     """
+    require_scenario("sweep", scenario)
     require_workers(workers)
     seed = require_seed(seed)
     settings = {key: _python_numbers(values) for key, values in settings.items()}

@@ -13,6 +13,7 @@ from ...errors import ScenarioError, SolverError
 from ...optimization.solvers import Solver, make_solver
 from ...problems.joint import OBJECTIVES
 from ...problems.joint_instances import JointTask
+from ...scenario.io import require_scenario
 from ...typing import Progress
 from ..bounds.success_bound import success_bound
 from ..guide import Guide
@@ -100,6 +101,7 @@ def plan_swarm(
     ValueError
         A distance or time limit out of range.
     """
+    require_scenario("plan_swarm", scenario)
     started, seed = time.perf_counter(), require_seed(seed)
     _require_known(objective, initial_guesses)
     _require_distance(scenario, min_distance)
