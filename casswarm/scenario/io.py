@@ -15,6 +15,7 @@ from .._util.text import suggestion
 from ..errors import ScenarioError
 from .consistency import doubts
 from .model import Scenario
+from .syntax import syntax_message
 from .validation import Problem, as_text, scenario_error
 
 LOG = logging.getLogger(__name__)
@@ -158,7 +159,8 @@ def _parsed(text: str, label: str) -> dict[str, Any]:
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise scenario_error(f"{label} is not valid TOML", [Problem(str(error), "")]) from None
+        problem = Problem(syntax_message(text, error), "")
+        raise scenario_error(f"{label} is not valid TOML", [problem]) from None
     except (ValueError, RecursionError):
         problem = Problem("a number or a nesting of arrays in it is too long", "")
         raise scenario_error(f"{label} cannot be read", [problem]) from None
