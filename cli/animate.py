@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from .._util.text import counted
 from .common import WrongInput, reported_errors
 from .number import Number
 from .options import SavedRunOptions, option, options, quiet_option
@@ -89,4 +90,4 @@ def animate(animation: AnimationOptions) -> None:
     if out is None:
         target.extend_record()
     click.echo(str(file))
-    say(f"{len(run.alive)} frames, {file.stat().st_size / 1e6:.1f} MB", animation.quiet)
+    say(f"{counted(len(run.alive), 'frame')}, {file.stat().st_size / 1e6:.1f} MB", animation.quiet)

@@ -13,6 +13,7 @@ import click
 
 import casswarm as csw
 
+from .._util.text import counted
 from .common import WrongInput, load, reported_errors
 from .ending import Ending
 from .number import Number
@@ -215,8 +216,8 @@ def _text(scenario: csw.Scenario, guide: csw.Guide, baseline: csw.Guide | None) 
     counts = Counter(str(candidate.solution.status) for candidate in guide.candidates)
     radars = len(scenario.hazard.radar_positions)
     lines = [
-        f"{scenario.name}: {_counted(scenario.n, 'member')}, {_counted(radars, 'radar')}, "
-        f"{scenario.n_steps} steps of {scenario.time.dt:g}",
+        f"{scenario.name}: {counted(scenario.n, 'member')}, {counted(radars, 'radar')}, "
+        f"{counted(scenario.n_steps, 'step')} of {scenario.time.dt:g}",
         f"{guide}, risk {guide.risk:.4f}",
         *_certificate(scenario, guide),
         f"{guide.solution}",
@@ -234,10 +235,6 @@ def _text(scenario: csw.Scenario, guide: csw.Guide, baseline: csw.Guide | None) 
     return "\n".join(lines)
 
 
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"
-
-
 def _homotopy_classes(guide: csw.Guide) -> Iterator[str]:
     """The best path of every homotopy class, unless there is only one class."""
     paths = guide.best_per_homotopy_class()
@@ -248,7 +245,7 @@ def _homotopy_classes(guide: csw.Guide) -> Iterator[str]:
     for path in paths[:_MAX_CLASSES]:
         yield (
             f"  {path.homotopy}  survival {math.exp(-path.risk):.4f}, risk {path.risk:.4f}, "
-            f"step {len(path.velocities)} ({_counted(signatures.count(path.homotopy), 'solve')})"
+            f"step {len(path.velocities)} ({counted(signatures.count(path.homotopy), 'solve')})"
         )
     if len(paths) > _MAX_CLASSES:
         yield f"  and {len(paths) - _MAX_CLASSES} more in candidates.csv"

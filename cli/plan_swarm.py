@@ -10,6 +10,7 @@ import click
 
 import casswarm as csw
 
+from .._util.text import counted
 from .common import load, reported_errors
 from .ending import Ending
 from .number import Number
@@ -131,7 +132,8 @@ def _write_record(
 
 def _text(scenario: csw.Scenario, plan: csw.SwarmPlan, sampled: csw.Estimate | None) -> str:
     lines = [
-        f"{scenario.name}: {scenario.n} members, {scenario.n_steps} steps of {scenario.time.dt:g}",
+        f"{scenario.name}: {counted(scenario.n, 'member')}, {counted(scenario.n_steps, 'step')} of "
+        f"{scenario.time.dt:g}",
         str(plan),
     ]
     if plan.success is not None and plan.distribution is not None:

@@ -9,6 +9,7 @@ import click
 
 import casswarm as csw
 
+from .._util.text import counted
 from .common import WrongInput, reported_errors
 from .options import Command, allow_code_option
 from .output import aligned
@@ -78,7 +79,8 @@ def check(sources: tuple[str, ...], allow_code: bool) -> None:
             wrong.append(str(error))
             continue
         radars = len(scenario.hazard.radar_positions)
-        size = (f"{scenario.n} members", f"{radars} radars", f"{scenario.n_steps} steps")
+        numbers = {"member": scenario.n, "radar": radars, "step": scenario.n_steps}
+        size = tuple(counted(number, noun) for noun, number in numbers.items())
         valid.append((source, "valid", *size, str(scenario.hazard_table.kind)))
     if valid:
         click.echo(aligned(valid))

@@ -11,6 +11,7 @@ import click
 
 import casswarm as csw
 
+from .._util.text import counted
 from .common import Failure, WrongInput, executor, named_policies, reported_errors
 from .ending import Ending
 from .options import (
@@ -185,7 +186,7 @@ def _text(result: csw.Sweep) -> str:
             if point["reason"] and point["status"] == status
         ]
         if reasons:
-            title = f"{len(reasons)} of {len(points)} sweep points {what}:"
+            title = f"{len(reasons)} of {counted(len(points), 'sweep point')} {what}:"
             lines += ["", title, *dict.fromkeys(reasons)]
     return "\n".join(lines)
 

@@ -10,6 +10,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from .._util.text import counted
 from ..chain.trajectories import RunTrajectory
 from ..planning.bounds import CostToGoMap, ValueFunction
 from ..planning.guide import Candidate, Guide, rounded_up
@@ -72,7 +73,8 @@ def guide_map(
     if scenario.n > 1:
         add_corridor(axes, guide.positions, scenario.formation.rho)
     (line,) = axes.plot(*guide.positions.T, color=BLUE, marker="o", zorder=4)
-    line.set(markersize=scaled(3.2), linewidth=scaled(1.6), label=f"guide, {guide.arrival} steps")
+    line.set(markersize=scaled(3.2), linewidth=scaled(1.6))
+    line.set_label(f"guide, {counted(guide.arrival, 'step')}")
     add_start(axes, scenario.positions, "initial positions" if scenario.n > 1 else "start")
     add_legend(fig, axes)
     add_title(fig, scenario.name, f"guide, single-agent survival {guide.survival:.3g}")
@@ -117,7 +119,7 @@ def comparison_map(scenario: Scenario, guides: Mapping[str, Guide], title: str =
     The title is by default the best known upper bound on survival.
     """
     labels = [
-        f"{name},\nsurvival {guide.survival:.3g}, {guide.arrival} steps"
+        f"{name},\nsurvival {guide.survival:.3g}, {counted(guide.arrival, 'step')}"
         for name, guide in guides.items()
     ]
     paths = [guide.positions for guide in guides.values()]
@@ -159,8 +161,8 @@ def swarm_map(
         axes.plot(*guide.positions.T, color=INK, lw=scaled(0.9), ls=":", zorder=5, label="guide")
     _mark_losses(axes, trajectory)
     add_legend(fig, axes)
-    steps, survivors = len(trajectory.alive) - 1, int(trajectory.alive[-1].sum())
-    add_title(fig, title or scenario.name, f"{survivors} of {len(paths)} alive after {steps} steps")
+    steps, survivors = counted(len(trajectory.alive) - 1, "step"), int(trajectory.alive[-1].sum())
+    add_title(fig, title or scenario.name, f"{survivors} of {len(paths)} alive after {steps}")
     return fig
 
 

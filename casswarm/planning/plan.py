@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._util.text import counted
 from ..errors import PlanningError, SolverError
 from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 from ..problems.guide import GuideTask
@@ -168,7 +169,8 @@ def plan_from(
     guide = Guide.from_candidate(scenario.hazard, task, best, tuple(candidates), search)
     if not multistart.expired:
         return guide
-    note = f"the time limit of {time_limit:g} s ended the search after {len(candidates)} solves"
+    solves = counted(len(candidates), "solve")
+    note = f"the time limit of {time_limit:g} s ended the search after {solves}"
     return replace(guide, note=note)
 
 
@@ -222,7 +224,7 @@ def _no_arrival(guide: Guide) -> PlanningError:
             "try a larger a_max or t_f, a smaller guide.margin, or acceleration_limited = false"
         )
     return PlanningError(
-        f"no guide found: of {len(guide.candidates)} solves ({counts}) none arrives in the target; "
-        f"{advice}; check=False returns the best failure",
+        f"no guide found: of {counted(len(guide.candidates), 'solve')} ({counts}) none arrives in "
+        f"the target; {advice}; check=False returns the best failure",
         outcomes=dict(outcomes),
     )

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._util.text import counted
 from .._util.user_code import limited_time
 from ..errors import PolicyCallError, PolicyError
 from ..typing import BoolArray, FloatArray
@@ -53,7 +54,7 @@ class LimitedPolicy(Policy):
         except TimeoutError as error:
             raise PolicyCallError(
                 f"policy {self.name!r} took longer than its time limit of {self.time_limit:g} s at "
-                f"step {step}, for {len(alive)} states",
+                f"step {step}, for {counted(len(alive), 'state')}",
                 policy=self.name,
                 step=step,
                 time_limit=self.time_limit,

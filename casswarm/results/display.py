@@ -11,6 +11,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from .._util.documents import figure_uri, html_table
+from .._util.text import counted
 from ..chain.distribution import OutcomeDistribution
 from ..comparison import Comparison
 from ..figures import arrival_chart, success_chart, theme
@@ -53,7 +54,7 @@ def _(result: Guide) -> str:
         "search": result.search,
         "solver": f"{result.solution.solver}: {result.solution.status}",
     }
-    figure = _path_map(result.positions[:, None], [f"guide, {result.arrival} steps"])
+    figure = _path_map(result.positions[:, None], [f"guide, {counted(result.arrival, 'step')}"])
     return _page("Guide", values, figure)
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 
-from .._util.text import suggestion
+from .._util.text import counted, suggestion
 from ..errors import ScenarioError
 from .sections import Table
 from .validation import (
@@ -237,8 +237,8 @@ class HazardTable(Table):
         for key in ("strengths", "core_radius", *ALPHAS, *BETAS):
             if getattr(self, key) is not None:
                 yield (
-                    f"hazard.{key} is not a key of a 'module:function' kind; "
-                    f"write it as hazard.parameters.{key}"
+                    f"hazard.{key} is not a key of a 'module:function' kind; write it as "
+                    f"hazard.parameters.{key} if your function takes it, else remove it"
                 )
 
     def _kernel_problems(self) -> Iterator[str]:
@@ -264,6 +264,6 @@ class HazardTable(Table):
             )
         elif self.strengths is not None and len(self.strengths) != k:
             yield (
-                f"hazard.strengths has {len(self.strengths)} numbers for {k} radars; give one for "
-                "each radar, or omit it"
+                f"hazard.strengths has {counted(len(self.strengths), 'number')} for "
+                f"{counted(k, 'radar')}; give one for each radar, or omit it"
             )

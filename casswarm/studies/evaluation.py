@@ -16,9 +16,9 @@ from ..errors import PolicyError
 from ..optimization.solvers import Solver, make_solver
 from ..planning.guide import Guide
 from ..planning.plan import guide_solver, initial_velocities, plan
+from ..policies.user import repeated
 from ..scenario.io import require_scenario
 from ..typing import FloatArray, Progress
-from ..policies.user import repeated
 from .policy_list import policy_list, policy_name, resolve_policy
 
 if TYPE_CHECKING:

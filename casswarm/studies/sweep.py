@@ -18,6 +18,7 @@ import pandas as pd
 
 from .._util.parallel import Workers, done_jobs, require_sendable, require_workers
 from .._util.seeds import require_seed
+from .._util.text import counted
 from ..errors import CasswarmError, ScenarioError
 from ..optimization.solvers import make_solver
 from ..planning.guide import Guide
@@ -82,11 +83,11 @@ class Sweep:
 
     def __repr__(self) -> str:
         keys = ", ".join(self.keys)
-        return f"Sweep({self.scenario.name!r} over {keys}: {len(self.table)} points)"
+        return f"Sweep({self.scenario.name!r} over {keys}: {counted(len(self.table), 'point')})"
 
     def __str__(self) -> str:
         name, points = self.scenario.name, len(self.table)
-        return f"{name}: {points} sweep points, {self.failures} failed\n{self.table}"
+        return f"{name}: {counted(points, 'sweep point')}, {self.failures} failed\n{self.table}"
 
 
 def sweep(

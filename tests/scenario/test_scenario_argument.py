@@ -40,5 +40,5 @@ def test_path_instead_of_a_scenario_is_refused_with_advice() -> None:
 
 
 def test_other_object_instead_of_a_scenario_is_refused_with_advice() -> None:
-    with pytest.raises(TypeError, match="not the dict {'name': 'a'}: load one with"):
+    with pytest.raises(TypeError, match=r"not the dict \{'name': 'a'\}: load one with"):
         csw.plan({"name": "a"})  # type: ignore[arg-type]
