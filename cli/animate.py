@@ -72,7 +72,7 @@ def animate(animation: AnimationOptions) -> None:
         from ..figures import player, save_gif
         from ..results.folder import ResultsFolder
 
-        saved = ResultsFolder.open(animation.folder, animation.allow_code)
+        saved = ResultsFolder.open(animation.folder, animation.allow_code, ["simulate"])
         name, run = saved.trajectory(animation.policy, animation.run)
         title = f"{saved.scenario.name}, {name}, run {animation.run}"
         movie = make_animation(

@@ -46,7 +46,8 @@ class SolveOptions:
     solver: str = option(
         "--solver",
         default="ipopt",
-        help="Solver: ipopt, or projected-gradient for the paper's penalised form.",
+        help="Solver of the guide problem; casswarm solvers lists them. With projected-gradient "
+        "the paper's penalised form is solved.",
     )
     certify: bool = option(
         "--certify/--no-certify",
@@ -230,9 +231,21 @@ def _text(scenario: csw.Scenario, guide: csw.Guide, baseline: csw.Guide | None) 
         )
     elif not guide.solution.status.success:
         lines.append("the solver did not converge: this is its best iterate, not a minimum")
-    elif guide.search == "local" or scenario.guide.arrival == "horizon":
-        lines.append("local search only: --search global --arrival any may find a better path")
+    else:
+        lines += _limits(scenario, guide)
     return "\n".join(lines)
+
+
+def _limits(scenario: csw.Scenario, guide: csw.Guide) -> Iterator[str]:
+    """What limited the search for the guide, and the options without these limits."""
+    limits = {}
+    if guide.search == "local":
+        limits["a local search"] = "--search global"
+    if scenario.guide.arrival == "horizon":
+        limits["arrival at the last step"] = "--arrival any"
+    if limits:
+        options = " ".join(limits.values())
+        yield f"limited to {' and '.join(limits)}: {options} may find a better path"
 
 
 def _homotopy_classes(guide: csw.Guide) -> Iterator[str]:

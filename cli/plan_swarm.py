@@ -161,7 +161,7 @@ def _text(scenario: csw.Scenario, plan: csw.SwarmPlan, sampled: csw.Estimate | N
     alive = None if plan.distribution is None else plan.distribution.survival[-1]
     members = [
         {
-            "member": f"{member + 1}",
+            "member": f"{member}",
             "arrival step": f"{step}" if step else "never",
             "alive at the end": "-" if alive is None else f"{alive[member]:.4f}",
         }

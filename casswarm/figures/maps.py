@@ -186,7 +186,7 @@ def joint_map(
         paths.append(path[: inside[0] + 2] if inside.size else path)
     if survival is not None:
         alive = [survival[: len(path), member] for member, path in enumerate(paths)]
-        labels = [f"member {k},\nsurvival {each[-1]:.3f}" for k, each in enumerate(alive, start=1)]
+        labels = [f"member {k},\nsurvival {each[-1]:.3f}" for k, each in enumerate(alive)]
     fig, axes = _paths_map(scenario, paths, labels, alive, [positions.reshape(-1, 2)])
     add_start(axes, positions[0])
     add_legend(fig, axes)
@@ -225,7 +225,7 @@ def _paths_map(
         if few:
             size = (widths + scaled()) ** 2
             axes.scatter(path[:, 0], path[:, 1], s=size, color=color, linewidths=0, zorder=4)
-            label = labels[member] if labels else f"member {member + 1}"
+            label = labels[member] if labels else f"member {member}"
             axes.plot([], [], color=color, linewidth=scaled(2.5), label=label)
     if not few:
         axes.plot([], [], color=BLUE, label="members")
@@ -249,7 +249,7 @@ def _mark_losses(axes: Axes, trajectory: RunTrajectory) -> None:
     while unlabelled:
         near = [k for k in unlabelled if np.hypot(*(points[k] - points[unlabelled[0]])) <= reach]
         unlabelled = [k for k in unlabelled if k not in near]
-        members = lost[np.isin(groups.reshape(-1), near)] + 1
+        members = lost[np.isin(groups.reshape(-1), near)]
         number = str(len(members)) if len(members) > 1 else ""
         text = ", ".join(map(str, members)) if few else number
         add_label(axes, text, points[near].mean(axis=0), (6, -9), outlined=True, zorder=7)

@@ -44,7 +44,8 @@ def plan(
     ----------
     scenario : Scenario
     solver : str or Solver
-        ``"ipopt"``, or ``"projected-gradient"`` for the paper's penalised form.
+        A name of `casswarm.optimization.solvers.SOLVERS`, by default ``"ipopt"``;
+        ``"projected-gradient"`` solves the paper's penalised form.
     search : {"local", "global"}, optional
         Whether to start from the straight line only, as in the paper, or also from the homotopy
         classes found by dynamic programming; the scenario's choice by default.

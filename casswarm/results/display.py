@@ -67,7 +67,7 @@ def _(result: SwarmPlan) -> str:
         "bound of any policy": "not computed" if result.bound is None else str(result.bound),
         "solver": f"{result.solution.solver}: {result.solution.status}",
     }
-    labels = [f"member {member + 1}" for member in range(result.n)]
+    labels = [f"member {member}" for member in range(result.n)]
     return _page(f"Joint plan of {result.scenario}", values, _path_map(result.positions, labels))
 
 

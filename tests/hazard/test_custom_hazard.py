@@ -153,7 +153,7 @@ def test_parameters_and_radars_arrive_as_tuples() -> None:
 
 def test_radars_are_passed_only_if_given() -> None:
     assert CustomHazard(height).radar_positions.shape == (0, 2)
-    assert "unexpected keyword argument 'radars'" in message(CustomHazard, height, RADARS)
+    assert "takes positions, alive, scale, not radars" in message(CustomHazard, height, RADARS)
 
 
 def test_custom_hazards_of_equal_arguments_are_equal() -> None:
