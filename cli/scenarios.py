@@ -46,7 +46,7 @@ def show(scenario: str, allow_code: bool) -> None:
 def new(path: Path, source: str, force: bool, allow_code: bool) -> None:
     """Write a scenario file to edit.
 
-    Comments in the file explain every key.
+    Comments in the file explain every key, and show those that may be added.
 
     \b
     Examples:

@@ -141,6 +141,7 @@ class GuideOptions(Table):
     )
     a_max: Positive | None = Field(
         None,
+        examples=[0.3],
         description="The guide's own bound on ||V(t) - V(t-1)||^2, in squared units of velocity, "
         "below the members' so that they can follow it; by default the members'.",
     )
@@ -151,6 +152,7 @@ class GuideOptions(Table):
     )
     margin: NotNegative | None = Field(
         None,
+        examples=[0.1],
         description="Distance inside the target zone that the guide's last planned step must "
         "reach, in units of length, below the radius (the guide ends where it first enters the "
         "zone; from then on the swarm aims at the centre). By default min(sqrt(rho), radius / 2), "

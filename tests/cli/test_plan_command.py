@@ -23,9 +23,7 @@ def test_plan_prints_survival_residuals_and_solves(planned):
     text = planned[1]
     assert "survival 0.045" in text
     assert "no guide can exceed 0.74" in text
-    assert (
-        "limited to a local search and arrival at the last step: --search global --arrival" in text
-    )
+    assert "limited to a local search and arrival at the last step: --search global" in text
     assert "violation" in text
     assert "solves: 1 solved" in text
 

@@ -141,7 +141,7 @@ def test_scenario_is_frozen(paper: Scenario) -> None:
         paper.name = "other"  # type: ignore[misc]
     with pytest.raises(ScenarioError, match=r"with_values\(\{'formation.rho': ...\}\)"):
         paper.formation.rho = 1.0  # type: ignore[misc]
-    with pytest.raises(ScenarioError, match="hazard.alpha_1 cannot be set; a changed copy is"):
+    with pytest.raises(ScenarioError, match=r"hazard\.alpha_1 cannot be set; a changed copy is"):
         paper.hazard_table.alpha_1 = 1.0  # type: ignore[misc]
 
 
