@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from .._util.text import counted
 from .common import WrongInput, reported_errors
 from .number import Number
 from .options import SavedRunOptions, option, options, quiet_option
@@ -71,7 +72,7 @@ def animate(animation: AnimationOptions) -> None:
         from ..figures import player, save_gif
         from ..results.folder import ResultsFolder
 
-        saved = ResultsFolder.open(animation.folder, animation.allow_code)
+        saved = ResultsFolder.open(animation.folder, animation.allow_code, ["simulate"])
         name, run = saved.trajectory(animation.policy, animation.run)
         title = f"{saved.scenario.name}, {name}, run {animation.run}"
         movie = make_animation(
@@ -89,4 +90,5 @@ def animate(animation: AnimationOptions) -> None:
     if out is None:
         target.extend_record()
     click.echo(str(file))
-    say(f"{len(run.alive)} steps, {file.stat().st_size / 1e6:.1f} MB", animation.quiet)
+    steps = counted(len(run.alive), "step")
+    say(f"{steps}, {file.stat().st_size / 1e6:.1f} MB", animation.quiet)

@@ -11,6 +11,7 @@ import click
 
 import casswarm as csw
 
+from .._util.text import counted
 from . import completion
 from .common import Failure, reported_errors
 from .ending import Ending
@@ -162,6 +163,6 @@ def _text(summary: pd.DataFrame) -> str:
             }
             for row in part.to_dict("records")
         ]
-        problems = int(part["problems"].iloc[0])
-        texts.append(f"{family}, {start} start, {problems} problems\n{aligned_table(rows)}")
+        problems = counted(int(part["problems"].iloc[0]), "problem")
+        texts.append(f"{family}, {start} start, {problems}\n{aligned_table(rows)}")
     return "\n\n".join(texts)

@@ -13,6 +13,7 @@ import click
 
 import casswarm as csw
 
+from .._util.text import counted
 from . import completion
 from .common import WrongInput, load, reported_errors
 from .ending import Ending
@@ -47,7 +48,8 @@ class SolveOptions:
         "--solver",
         default="ipopt",
         shell_complete=completion.solvers,
-        help="Solver: ipopt, or projected-gradient for the paper's penalised form.",
+        help="Solver of the guide problem; casswarm solvers lists them. With projected-gradient "
+        "the paper's penalised form is solved.",
     )
     certify: bool = option(
         "--certify/--no-certify",
@@ -217,8 +219,8 @@ def _text(scenario: csw.Scenario, guide: csw.Guide, baseline: csw.Guide | None) 
     counts = Counter(str(candidate.solution.status) for candidate in guide.candidates)
     radars = len(scenario.hazard.radar_positions)
     lines = [
-        f"{scenario.name}: {_counted(scenario.n, 'member')}, {_counted(radars, 'radar')}, "
-        f"{scenario.n_steps} steps of {scenario.time.dt:g}",
+        f"{scenario.name}: {counted(scenario.n, 'member')}, {counted(radars, 'radar')}, "
+        f"{counted(scenario.n_steps, 'step')} of {scenario.time.dt:g}",
         f"{guide}, risk {guide.risk:.4f}",
         *_certificate(scenario, guide),
         f"{guide.solution}",
@@ -231,13 +233,21 @@ def _text(scenario: csw.Scenario, guide: csw.Guide, baseline: csw.Guide | None) 
         )
     elif not guide.solution.status.success:
         lines.append("the solver did not converge: this is its best iterate, not a minimum")
-    elif guide.search == "local" or scenario.guide.arrival == "horizon":
-        lines.append("local search only: --search global --arrival any may find a better path")
+    else:
+        lines += _limits(scenario, guide)
     return "\n".join(lines)
 
 
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"
+def _limits(scenario: csw.Scenario, guide: csw.Guide) -> Iterator[str]:
+    """What limited the search for the guide, and the options without these limits."""
+    limits = {}
+    if guide.search == "local":
+        limits["a local search"] = "--search global"
+    if scenario.guide.arrival == "horizon":
+        limits["arrival at the last step"] = "--arrival any"
+    if limits:
+        options = " ".join(limits.values())
+        yield f"limited to {' and '.join(limits)}: {options} may find a better path"
 
 
 def _homotopy_classes(guide: csw.Guide) -> Iterator[str]:
@@ -250,7 +260,7 @@ def _homotopy_classes(guide: csw.Guide) -> Iterator[str]:
     for path in paths[:_MAX_CLASSES]:
         yield (
             f"  {path.homotopy}  survival {math.exp(-path.risk):.4f}, risk {path.risk:.4f}, "
-            f"step {len(path.velocities)} ({_counted(signatures.count(path.homotopy), 'solve')})"
+            f"step {len(path.velocities)} ({counted(signatures.count(path.homotopy), 'solve')})"
         )
     if len(paths) > _MAX_CLASSES:
         yield f"  and {len(paths) - _MAX_CLASSES} more in candidates.csv"

@@ -10,6 +10,7 @@ import click
 
 import casswarm as csw
 
+from .._util.text import counted
 from . import completion
 from .common import load, reported_errors
 from .ending import Ending
@@ -134,7 +135,8 @@ def _write_record(
 
 def _text(scenario: csw.Scenario, plan: csw.SwarmPlan, sampled: csw.Estimate | None) -> str:
     lines = [
-        f"{scenario.name}: {scenario.n} members, {scenario.n_steps} steps of {scenario.time.dt:g}",
+        f"{scenario.name}: {counted(scenario.n, 'member')}, {counted(scenario.n_steps, 'step')} of "
+        f"{scenario.time.dt:g}",
         str(plan),
     ]
     if plan.success is not None and plan.distribution is not None:
@@ -162,7 +164,7 @@ def _text(scenario: csw.Scenario, plan: csw.SwarmPlan, sampled: csw.Estimate | N
     alive = None if plan.distribution is None else plan.distribution.survival[-1]
     members = [
         {
-            "member": f"{member + 1}",
+            "member": f"{member}",
             "arrival step": f"{step}" if step else "never",
             "alive at the end": "-" if alive is None else f"{alive[member]:.4f}",
         }

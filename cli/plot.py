@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from .._util.text import did_you_mean
+from .._util.text import counted, did_you_mean
 from ..errors import CheckpointError
 from .common import reported_errors
 from .options import FigureOptions, SavedRunOptions, option, options, out_option, quiet_option
@@ -63,4 +63,4 @@ def plot(selection: PlotOptions, figures: FigureOptions) -> None:
     if selection.out is None:
         target.extend_record()
     click.echo("\n".join(str(target.path / name) for name in target.files))
-    say(f"{len(target.files)} figures of casswarm {saved.command}", selection.quiet)
+    say(f"{counted(len(target.files), 'figure')} of casswarm {saved.command}", selection.quiet)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class ReproduceOutput(OutputOptions):
     """What is written and printed."""
 
-    out: Path | None = out_option("Folder for the results.", default=Path("results") / "paper")
+    out: Path | None = out_option("Folder for the results. [default: results/reproduce]")
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import click
 
 import casswarm as csw
 
+from .._util.text import counted
 from . import completion
 from .common import WrongInput, reported_errors
 from .options import Command, allow_code_option
@@ -53,7 +54,7 @@ def show(scenario: str, allow_code: bool) -> None:
 def new(path: Path, source: str, force: bool, allow_code: bool) -> None:
     """Write a scenario file to edit.
 
-    Comments in the file explain every key.
+    Comments in the file explain every key, and show those that may be added.
 
     \b
     Examples:
@@ -88,7 +89,8 @@ def check(sources: tuple[str, ...], allow_code: bool) -> None:
             wrong.append(str(error))
             continue
         radars = len(scenario.hazard.radar_positions)
-        size = (f"{scenario.n} members", f"{radars} radars", f"{scenario.n_steps} steps")
+        numbers = {"member": scenario.n, "radar": radars, "step": scenario.n_steps}
+        size = tuple(counted(number, noun) for noun, number in numbers.items())
         valid.append((source, "valid", *size, str(scenario.hazard_table.kind)))
     if valid:
         click.echo(aligned(valid))

@@ -10,6 +10,7 @@ import click
 
 import casswarm as csw
 
+from .._util.text import counted
 from .common import WrongInput, executor, load, named_policies, reported_errors
 from .ending import Ending
 from .number import Number
@@ -93,7 +94,7 @@ def simulate(
             runs = csw.runs_needed(
                 chosen, chosen_policies, sampling.half_width, sampling.seed, **shared
             )
-            say(f"pilot study: {runs} runs per policy needed", common.quiet)
+            say(f"pilot study: {counted(runs, 'run')} per policy needed", common.quiet)
         with executor(execution) as workers:
             study = csw.simulate(
                 chosen,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -11,6 +12,7 @@ import click
 
 import casswarm as csw
 
+from .._util.text import counted
 from .common import Failure, WrongInput, executor, named_policies, reported_errors
 from .ending import Ending
 from .options import (
@@ -26,6 +28,8 @@ from .output import aligned, open_folder, progress_report
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
+
+_MAX_COUNT = 1000  # values of a range
 
 
 @dataclass(frozen=True)
@@ -132,32 +136,60 @@ def _values(text: str) -> tuple[str, list[Any]]:
             f"--set {text!r} is not of the form KEY=V1,V2,... or KEY=START:STOP:COUNT, "
             "such as formation.rho=0.05,0.1"
         )
-    parts = values.split(":")
-    if len(parts) > 1 and parts[0][:1] in "+-.0123456789":
-        return key, _range(text, parts)
+    parts = [part.strip() for part in values.split(":")]
+    if len(parts) > 1 and _is_number(parts[0]):
+        return key, _range(text, key, parts)
     try:
         return key, list(tomllib.loads(f"values = [{values}]")["values"])
     except (ValueError, RecursionError):
         return key, [word.strip() for word in values.split(",")]  # bare words, such as global
 
 
-def _range(text: str, parts: list[str]) -> list[Any]:
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _range(text: str, key: str, parts: list[str]) -> list[Any]:
     import numpy as np
+
+    from ..scenario.variations import whole_numbers
 
     spaced = np.geomspace if parts[3:] == ["log"] else np.linspace
     try:
         start, stop, count = float(parts[0]), float(parts[1]), int(parts[2])
         known = parts[3:] in ([], ["log"], ["linear"])
-        if not known or count < 1 or (spaced is np.geomspace and min(start, stop) <= 0):
+        finite = math.isfinite(start) and math.isfinite(stop)
+        if not (known and finite and 1 <= count <= _MAX_COUNT):
+            raise ValueError
+        if spaced is np.geomspace and min(start, stop) <= 0:
             raise ValueError
     except (ValueError, IndexError):
         raise WrongInput(
             f"--set {text!r}: a range is START:STOP:COUNT or START:STOP:COUNT:log, such as "
-            "0.01:0.1:5; COUNT is at least 1, and both ends are above 0 for log"
+            f"0.01:0.1:5; START and STOP are finite numbers, above 0 for log, and COUNT is a whole "
+            f"number from 1 to {_MAX_COUNT}"
         ) from None
-    values = [float(f"{value:.12g}") for value in spaced(start, stop, count)]
-    whole = all(value.is_integer() for value in values) and not set("".join(parts[:3])) & set(".eE")
-    return [int(value) for value in values] if whole else values
+    values: list[Any] = [float(f"{value:.12g}") for value in spaced(start, stop, count)]
+    if all(value.is_integer() for value in values) and not set("".join(parts[:3])) & set(".eE"):
+        values = [int(value) for value in values]
+    try:
+        return whole_numbers(key, values)
+    except csw.ScenarioError as error:
+        raise WrongInput(
+            f"--set {text!r}: {error}; choose a COUNT that gives whole numbers, such as "
+            f"{key}={_whole_range(start, stop, count)}, or list the numbers, {key}=V1,V2,..."
+        ) from None
+
+
+def _whole_range(start: float, stop: float, count: int) -> str:
+    """The range of whole numbers that is most like another range."""
+    first, last = math.ceil(min(start, stop)), math.floor(max(start, stop))
+    counts = [k for k in range(2, _MAX_COUNT + 1) if (last - first) % (k - 1) == 0]
+    return f"{first}:{last}:{min(counts, key=lambda k: abs(k - count))}"
 
 
 def _write(folder: ResultsFolder, result: csw.Sweep, inputs: dict[str, Any]) -> None:
@@ -185,7 +217,7 @@ def _text(result: csw.Sweep) -> str:
             if point["reason"] and point["status"] == status
         ]
         if reasons:
-            title = f"{len(reasons)} of {len(points)} sweep points {what}:"
+            title = f"{len(reasons)} of {counted(len(points), 'sweep point')} {what}:"
             lines += ["", title, *dict.fromkeys(reasons)]
     return "\n".join(lines)
 

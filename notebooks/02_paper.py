@@ -15,8 +15,8 @@
 #
 # *Cooperative protection control for UCAV swarms in hostile environments* compares three policies
 # on two scenarios. We compare its numbers and figures with those that casswarm computes.
-# `casswarm reproduce` computes everything in a few minutes and writes it to `results/paper/`; this
-# notebook shows the quicker parts, with the same functions.
+# `casswarm reproduce` computes everything in a few minutes and writes it to
+# `results/reproduce/`; this notebook shows the quicker parts, with the same functions.
 
 # %%
 # %matplotlib inline
@@ -128,4 +128,4 @@ for policy in ("naive", "constrained", "leader"):
 interpretations()[["location", "kind", "paper", "interpretation"]]
 
 # %% [markdown]
-# `results/paper/README.md` shows all of it as one page.
+# `results/paper/README.md` in the repository shows all of it as one page.

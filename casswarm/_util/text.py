@@ -6,6 +6,11 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 
+def counted(count: int, noun: str) -> str:
+    """Number and noun, in the plural unless the number is 1."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 def closest(word: str, known: Iterable[str]) -> str | None:
     """The known word that an unknown one most resembles, or None."""
     return next(iter(get_close_matches(word, list(known), 1)), None)

@@ -18,6 +18,7 @@ import pandas as pd
 from .._util.display import Displayed
 from .._util.progress import reporter
 from .._util.seeds import require_seed
+from .._util.text import counted
 from ..errors import ComparisonError
 from ..optimization.solvers import SOLVERS, Isolated, Solver, make_solver
 from ..studies.checkpoint import Checkpoint, IfExists, file_name
@@ -70,8 +71,8 @@ class Comparison(Displayed):
         solvers, problems = len(self.inputs["solvers"]), self.runs["problem"].nunique()
         solved = int(self.runs["solved"].sum())
         return (
-            f"<Comparison of {solvers} solvers on {problems} problems: "
-            f"{solved} of {len(self.runs)} runs solved>"
+            f"<Comparison of {counted(solvers, 'solver')} on {counted(problems, 'problem')}: "
+            f"{solved} of {counted(len(self.runs), 'run')} solved>"
         )
 
     def __str__(self) -> str:

@@ -151,7 +151,7 @@ class Closeup:
             self.artists.append(
                 add_label(
                     self.axes,
-                    _ranges(near + 1),
+                    _ranges(near),
                     point,
                     (gap if right else -gap, gap - 1 if above else 1 - gap),
                     outlined=True,

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from .._util.text import counted
 from ..chain.trajectories import RunTrajectory
 from ..planning.bounds import CostToGoMap, ValueFunction
 from ..planning.guide import Candidate, Guide, rounded_up
@@ -72,7 +73,8 @@ def guide_map(
     if scenario.n > 1:
         add_corridor(axes, guide.positions, scenario.formation.rho)
     (line,) = axes.plot(*guide.positions.T, color=BLUE, marker="o", zorder=4)
-    line.set(markersize=scaled(3.2), linewidth=scaled(1.6), label=f"guide, {guide.arrival} steps")
+    line.set(markersize=scaled(3.2), linewidth=scaled(1.6))
+    line.set_label(f"guide, {counted(guide.arrival, 'step')}")
     add_start(axes, scenario.positions, "initial positions" if scenario.n > 1 else "start")
     add_legend(fig, axes)
     add_title(fig, scenario.name, f"guide, single-agent survival {guide.survival:.3g}")
@@ -127,7 +129,7 @@ def comparison_map(scenario: Scenario, guides: Mapping[str, Guide], title: str =
     The title is by default the best known upper bound on survival.
     """
     labels = [
-        f"{name},\nsurvival {guide.survival:.3g}, {guide.arrival} steps"
+        f"{name},\nsurvival {guide.survival:.3g}, {counted(guide.arrival, 'step')}"
         for name, guide in guides.items()
     ]
     paths = [guide.positions for guide in guides.values()]
@@ -172,8 +174,8 @@ def swarm_map(
     _mark_losses(axes, scenario, trajectory)
     _close_up(axes, scenario, paths, followed)
     add_legend(fig, axes)
-    steps, survivors = len(trajectory.alive) - 1, int(trajectory.alive[-1].sum())
-    add_title(fig, title or scenario.name, f"{survivors} of {len(paths)} alive after {steps} steps")
+    steps, survivors = counted(len(trajectory.alive) - 1, "step"), int(trajectory.alive[-1].sum())
+    add_title(fig, title or scenario.name, f"{survivors} of {len(paths)} alive after {steps}")
     return fig
 
 
@@ -197,7 +199,7 @@ def joint_map(
         paths.append(path[: inside[0] + 2] if inside.size else path)
     if survival is not None:
         labels = [
-            f"member {member + 1},\nsurvival {survival[len(path) - 1, member]:.3f}"
+            f"member {member},\nsurvival {survival[len(path) - 1, member]:.3f}"
             for member, path in enumerate(paths)
         ]
     fig, axes = _paths_map(scenario, paths, labels, [positions.reshape(-1, 2)])
@@ -220,7 +222,7 @@ def _paths_map(
     if len(paths) > len(MEMBERS):
         axes.plot([], [], label="members", **path_style(-1))
         return fig, axes
-    for member, label in enumerate(labels or [f"member {k + 1}" for k in range(len(paths))]):
+    for member, label in enumerate(labels or [f"member {k}" for k in range(len(paths))]):
         axes.plot([], [], label=label, **path_style(member))
     return fig, axes
 
@@ -255,7 +257,7 @@ def _mark_losses(axes: Axes, scenario: Scenario, trajectory: RunTrajectory) -> N
     while unlabelled:
         near = [k for k in unlabelled if np.hypot(*(points[k] - points[unlabelled[0]])) <= reach]
         unlabelled = [k for k in unlabelled if k not in near]
-        members = lost[np.isin(groups.reshape(-1), near)] + 1
+        members = lost[np.isin(groups.reshape(-1), near)]
         number = str(len(members)) if len(members) > 1 else ""
         text = ", ".join(map(str, members)) if few else number
         labels.add(axes, text, points[near].mean(axis=0))

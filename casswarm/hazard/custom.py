@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from inspect import signature
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from .._util.text import counted
 from .._util.threads import locked_cache
 from .._util.user_code import USER_ERRORS, failure_text
 from ..errors import HazardError
@@ -160,12 +162,14 @@ def rate_function(hazard: CustomHazard, n: int) -> Expr:
     HazardError
         The function raises, or returns a wrong shape.
     """
+    _require_arguments(hazard)
     positions, alive = ca.MX.sym("positions", 2, n), ca.MX.sym("alive", 1, n)
     try:
         returned = hazard.function(positions.T, alive.T, **hazard._keywords)
     except USER_ERRORS as error:
         raise HazardError(
-            f"{hazard!r} failed on {n} members with CasADi arguments: {failure_text(error)}"
+            f"{hazard!r} failed on {counted(n, 'member')} with CasADi arguments: "
+            f"{failure_text(error)}"
         ) from error
     try:
         rates = ca.MX(returned)
@@ -176,9 +180,27 @@ def rate_function(hazard: CustomHazard, n: int) -> Expr:
         ) from None
     if rates.shape not in ((n, 1), (1, n)):
         raise HazardError(
-            f"{hazard!r} returned shape {rates.shape} for {n} members; expected ({n}, 1)"
+            f"{hazard!r} returned shape {rates.shape} for {counted(n, 'member')}; expected ({n}, 1)"
         )
     return ca.Function("rates", [positions, alive], [ca.reshape(rates, 1, n)])
+
+
+def _require_arguments(hazard: CustomHazard) -> None:
+    """Raise HazardError for keywords that the function does not take."""
+    try:
+        takes = signature(hazard.function, follow_wrapped=False).parameters
+    except (TypeError, ValueError):  # of compiled code
+        return
+    given = hazard._keywords
+    unknown = [name for name in given if name not in takes]
+    if not unknown or any(argument.kind is argument.VAR_KEYWORD for argument in takes.values()):
+        return
+    keys = [name if name == "radars" else f"parameters.{name}" for name in unknown]
+    raise HazardError(
+        f"{hazard!r} takes {', '.join(takes)}, not {', '.join(unknown)}: remove "
+        f"{', '.join(f'hazard.{key}' for key in keys)} from the scenario, where a template may "
+        "have left it, or give the function such an argument"
+    )
 
 
 @locked_cache(maxsize=64)

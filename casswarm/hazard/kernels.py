@@ -23,6 +23,7 @@ import casadi as ca
 import numpy as np
 
 from .._util.constants import CORE_RADIUS
+from .._util.text import counted
 from .._util.threads import locked_cache
 from ..errors import HazardError
 from ..typing import BoolArray, Expr, FloatArray
@@ -74,8 +75,8 @@ class KernelHazard(Hazard):
         if self.strengths is not None:
             if len(self.strengths) != len(self.radars):
                 raise HazardError(
-                    f"{len(self.strengths)} strengths for {len(self.radars)} radars; expected one "
-                    "each"
+                    f"{counted(len(self.strengths), 'strength')} for "
+                    f"{counted(len(self.radars), 'radar')}; expected one each"
                 )
             object.__setattr__(self, "strengths", tuple(float(s) for s in self.strengths))
             if not all(0 < strength < np.inf for strength in self.strengths):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._util.text import counted
 from ..typing import BoolArray, FloatArray, IntArray
 
 
@@ -88,7 +89,7 @@ class Solution:
         return (
             f"{self.status} by {self.solver} ({self.message}): objective {self.objective:.6g}, "
             f"violation {r.violation:.1e}, stationarity {r.stationarity:.1e}, "
-            f"complementarity {r.complementarity:.1e}, {self.iterations} iterations, "
+            f"complementarity {r.complementarity:.1e}, {counted(self.iterations, 'iteration')}, "
             f"{1e3 * self.solve_seconds:.1f} ms"
         )
 

@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._util.progress import reporter
+from .._util.text import counted
 from ..errors import PlanningError, SolverError
 from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 from ..problems.guide import GuideTask
+from ..scenario.io import require_scenario
 from ..typing import FloatArray, Progress, Search
 from .bounds.risk_bound import GAP, certify_guide
 from .guide import Guide
@@ -43,7 +45,8 @@ def plan(
     ----------
     scenario : Scenario
     solver : str or Solver
-        ``"ipopt"``, or ``"projected-gradient"`` for the paper's penalised form.
+        A name of `casswarm.optimization.solvers.SOLVERS`, by default ``"ipopt"``;
+        ``"projected-gradient"`` solves the paper's penalised form.
     search : {"local", "global"}, optional
         Whether to start from the straight line only, as in the paper, or also from the homotopy
         classes found by dynamic programming; the scenario's choice by default.
@@ -95,6 +98,7 @@ def plan(
     >>> bool(guide.risk_bound <= guide.risk)
     True
     """
+    require_scenario("plan", scenario)
     if not 0 < gap < 1:
         raise ValueError(f"gap = {gap!r}; allowed: above 0, below 1 (0.01 is one percent)")
     if time_limit is not None and not time_limit > 0:
@@ -168,7 +172,8 @@ def plan_from(
     guide = Guide.from_candidate(scenario.hazard, task, best, tuple(candidates), kind)
     if not multistart.expired:
         return guide
-    note = f"the time limit of {time_limit:g} s ended the search after {len(candidates)} solves"
+    solves = counted(len(candidates), "solve")
+    note = f"the time limit of {time_limit:g} s ended the search after {solves}"
     return replace(guide, note=note)
 
 
@@ -222,7 +227,7 @@ def _no_arrival(guide: Guide) -> PlanningError:
             "try a larger a_max or t_f, a smaller guide.margin, or acceleration_limited = false"
         )
     return PlanningError(
-        f"no guide found: of {len(guide.candidates)} solves ({counts}) none arrives in the target; "
-        f"{advice}; check=False returns the best failure",
+        f"no guide found: of {counted(len(guide.candidates), 'solve')} ({counts}) none arrives in "
+        f"the target; {advice}; check=False returns the best failure",
         outcomes=dict(outcomes),
     )

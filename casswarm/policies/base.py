@@ -72,8 +72,7 @@ class Policy(ABC):
         if state[0].ndim == 2:
             state = state[0][None], state[1][None], state[2][None]
         name = str(getattr(self, "name", type(self).__name__))
-        own = type(self).__module__.partition(".")[0] == __package__.partition(".")[0]
-        if own:
+        if is_own(self):
             return self.decide_batch(step, *state)
         with policy_call(name, step):
             decision = self.decide_batch(step, *state)
@@ -95,3 +94,8 @@ class Policy(ABC):
     ) -> NDArray[np.integer[Any]]:
         """Index (B,) of the leader in every state of a batch, for figures; -1 without a leader."""
         return np.full(len(alive), -1)
+
+
+def is_own(policy: Policy) -> bool:
+    """Whether casswarm defines the class of a policy."""
+    return type(policy).__module__.partition(".")[0] == __package__.partition(".")[0]

@@ -14,6 +14,7 @@ from ..planning.guide import Guide
 from ..planning.joint import PlanTree, plan_swarm
 from ..planning.plan import guide_solver, initial_velocities, plan, plan_from
 from ..problems.step import Motion
+from ..scenario.io import require_scenario
 from ..typing import LeaderSelection
 from .base import Policy
 from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
@@ -91,6 +92,7 @@ def make_policy(
     >>> policy.velocities(0, X, np.zeros_like(X), np.ones(5, bool)).shape
     (5, 2)
     """
+    require_scenario("make_policy", scenario)
     kind, horizon = _parsed(name, horizon)
     _require_known("leader_selection", leader_selection, LEADER_SELECTION)
     options = _paper_options(scenario, solver) | dict(solver_options or {})

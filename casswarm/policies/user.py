@@ -1,4 +1,4 @@
-"""Policies of users: functions and objects as policies, and a time limit of their calls."""
+"""Policies of users: functions and objects as policies, and what is asked of their answers."""
 
 from __future__ import annotations
 
@@ -9,11 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._util.text import counted
 from .._util.user_code import limited_time
 from ..errors import PolicyCallError, PolicyError
 from ..typing import BoolArray, FloatArray
-from .base import Policy
+from .base import Policy, is_own
 from .decision import Decision, checked_velocities, policy_call
+
+_REPEATED = 8  # states of a batch that a policy is asked twice
+_REPEATED_TOL = 1e-6  # relative to the fastest: what rounding and solvers leave is no randomness
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,7 @@ class LimitedPolicy(Policy):
         except TimeoutError as error:
             raise PolicyCallError(
                 f"policy {self.name!r} took longer than its time limit of {self.time_limit:g} s at "
-                f"step {step}, for {len(alive)} states",
+                f"step {step}, for {counted(len(alive), 'state')}",
                 policy=self.name,
                 step=step,
                 time_limit=self.time_limit,
@@ -61,6 +65,52 @@ class LimitedPolicy(Policy):
     ) -> NDArray[np.integer[Any]]:
         """Leaders as of the policy."""
         return self.policy.leaders(step, positions, previous_velocities, alive)
+
+
+@dataclass(frozen=True)
+class RepeatedPolicy(Policy):
+    """A policy that is asked again for the first states of every batch, in reverse order."""
+
+    policy: Policy
+    name: str
+
+    def decide_batch(
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+    ) -> Decision:
+        """Decide as the policy, or raise PolicyCallError if it answers a state differently."""
+        state = positions, previous_velocities, alive
+        decision = self.policy.decide(step, *state)
+        first = slice(min(len(alive), _REPEATED) - 1, None, -1)
+        again = self.policy.decide(step, *(array[first] for array in state))
+        given, other = (
+            np.where(alive[first][..., None], velocities, 0.0)
+            for velocities in (decision.velocities[first], again.velocities)
+        )
+        difference = np.abs(given - other)
+        if difference.max() > _REPEATED_TOL * np.abs(given).max():
+            at = np.unravel_index(difference.argmax(), difference.shape)[:2]
+            raise PolicyCallError(
+                f"policy {self.name!r} answers the same state differently at step {step}: the "
+                f"velocity of member {at[1]} is {given[at]}, then {other[at]}; exact distributions "
+                "need a policy that depends on nothing but the state (no randomness, no memory, "
+                "no other states of the batch): simulate accepts this one, or seed its generator "
+                "from the state",
+                policy=self.name,
+                step=step,
+            )
+        return decision
+
+    def leaders(
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+    ) -> NDArray[np.integer[Any]]:
+        """Leaders as of the policy."""
+        return self.policy.leaders(step, positions, previous_velocities, alive)
+
+
+def repeated(policy: Policy) -> Policy:
+    """The policy if it is casswarm's own, else one whose answers are required to be repeatable."""
+    users = not is_own(policy) or isinstance(policy, UserPolicy | LimitedPolicy)
+    return RepeatedPolicy(policy, policy.name) if users else policy
 
 
 def as_policy(policy: Any, name: str | None = None, time_limit: float | None = None) -> Policy:

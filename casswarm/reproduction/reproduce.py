@@ -185,7 +185,7 @@ def paper_figures(
         title, corridors = f"{label}, run {number}", policy == "constrained"
         figures[name] = partial(swarm_map, scenario, trajectory, guide, title, corridors=corridors)
     title = "naive, every member's own guide: its survival alone and arrival"
-    guides = {f"member {k}": own for k, own in enumerate(member_guides(first, guide), start=1)}
+    guides = {f"member {k}": own for k, own in enumerate(member_guides(first, guide))}
     figures["figure-4"] = partial(comparison_map, first, guides, title)
     return figures
 

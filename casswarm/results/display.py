@@ -12,6 +12,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from .._util.documents import figure_uri, html_table
+from .._util.text import counted
 from ..chain.distribution import OutcomeDistribution
 from ..comparison import Comparison
 from ..figures import arrival_chart, guide_map, joint_map, success_chart, sweep_lines, theme
@@ -102,7 +103,7 @@ def _(result: Guide) -> View:
 def _(result: Guide, scenario: Scenario | None) -> Figure:
     if scenario is not None:
         return guide_map(scenario, result)
-    return _path_map(result.positions[:, None], [f"guide, {result.arrival} steps"])
+    return _path_map(result.positions[:, None], [f"guide, {counted(result.arrival, 'step')}"])
 
 
 @view.register
@@ -122,7 +123,7 @@ def _(result: SwarmPlan, scenario: Scenario | None) -> Figure:
     if scenario is not None:
         law = result.distribution
         return joint_map(scenario, result.positions, None if law is None else law.survival)
-    return _path_map(result.positions, [f"member {member + 1}" for member in range(result.n)])
+    return _path_map(result.positions, [f"member {member}" for member in range(result.n)])
 
 
 @view.register

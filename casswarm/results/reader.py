@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 COMMANDS = ("plan", "plan-swarm", "simulate", "evaluate", "sweep", "compare")
 """Commands whose folders hold all that their figures need."""
 
-_EXPECTED = f"expected one written by {', '.join(COMMANDS[:-1])} or {COMMANDS[-1]}"
 _EXAMPLE = "such as results/simulate-paper-1"
 OBJECTS = "results.npz"
 
@@ -81,21 +80,23 @@ class ResultsReader:
     allow_code: bool = field(default=False, kw_only=True)
 
     @classmethod
-    def open(cls, path: Path, allow_code: bool = False) -> Self:
-        """Folder with the results of one of `COMMANDS`."""
+    def open(cls, path: Path, allow_code: bool = False, commands: Sequence[str] = COMMANDS) -> Self:
+        """Folder with the results of one of `COMMANDS`; messages suggest one of `commands`."""
+        alternatives = filter(None, (", ".join(commands[:-1]), commands[-1]))
+        expected = f"expected one written by casswarm {' or '.join(alternatives)}"
         if not path.is_dir():
-            raise CheckpointError(f"{path} is not a folder: {_EXPECTED}, {_EXAMPLE}", folder=path)
+            raise CheckpointError(f"{path} is not a folder: {expected}, {_EXAMPLE}", folder=path)
         file = path / RECORD
         try:
             record = read_record(path)
         except FileNotFoundError:
             raise CheckpointError(
                 f"{path} has no {RECORD}, so it is not a results folder of a finished command: "
-                f"{_EXPECTED}, {_EXAMPLE}",
+                f"{expected}, {_EXAMPLE}",
                 folder=path,
             ) from None
         except (OSError, ValueError, RecursionError) as error:
-            raise CheckpointError(f"{file} cannot be read ({error}): {_EXPECTED}") from None
+            raise CheckpointError(f"{file} cannot be read ({error}): {expected}") from None
         command = record.get("command") if isinstance(record, dict) else None
         if command == "reproduce":
             raise CheckpointError(
@@ -105,7 +106,7 @@ class ResultsReader:
             )
         if command not in COMMANDS:
             origin = "an unknown origin" if command is None else f"casswarm {command}"
-            raise CheckpointError(f"{file} is of {origin}, without figures to draw: {_EXPECTED}")
+            raise CheckpointError(f"{file} is of {origin}, without figures to draw: {expected}")
         return cls(path, command, record, files=recorded_files(record), allow_code=allow_code)
 
     def part(self, name: str) -> Any:

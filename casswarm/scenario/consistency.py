@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._util.constants import CORE_FRACTION
+from .._util.text import counted
 from .._util.user_code import USER_ERRORS
 from .hazard_section import HazardTable
 from .sections import GuideOptions, Swarm, Target, Time
@@ -106,9 +107,9 @@ def _reach_problems(swarm: Swarm, target: Target, time: Time) -> Iterator[str]:
         yield (
             f"target.center is {as_text(list(target.center))}, out of reach: from the guide's "
             f"start {as_text(start.tolist())} the distance along an axis is {distance:.6g}, and "
-            f"{time.steps} steps of dt * v_max = {step:.6g} cover {time.steps * step:.6g}; the "
-            f"fastest path takes {needed} steps: raise time.t_f to {needed * time.dt:.6g} or more, "
-            "or swarm.v_max, or move the target nearer"
+            f"{counted(time.steps, 'step')} of dt * v_max = {step:.6g} cover "
+            f"{time.steps * step:.6g}; the fastest path takes {counted(needed, 'step')}: raise "
+            f"time.t_f to {needed * time.dt:.6g} or more, or swarm.v_max, or move the target nearer"
         )
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 
-from .._util.text import suggestion
+from .._util.text import counted, suggestion
 from ..errors import ScenarioError
 from .sections import Table
 from .validation import (
@@ -136,7 +136,11 @@ class HazardTable(Table):
     )
     radars: Annotated[
         tuple[Point, ...], Allowed("a list of [x, y] pairs of numbers, one for each radar")
-    ] = Field((), description="Positions [x, y] of the k radars, in units of length.")
+    ] = Field(
+        (),
+        examples=[[[3.0, 4.0]]],
+        description="Positions [x, y] of the k radars, in units of length.",
+    )
     strengths: (
         Annotated[
             tuple[Positive, ...],
@@ -144,32 +148,42 @@ class HazardTable(Table):
         ]
         | None
     ) = Field(
-        None, description="Factors of the radars' rates, one for each radar; all 1 by default."
+        None,
+        examples=[[1.0, 2.0]],
+        description="Factors of the radars' rates, one for each radar; all 1 by default.",
     )
     core_radius: Positive | None = Field(
         None,
+        examples=[0.01],
         description="Distance to a radar, and between members that collide, below which the rates "
         "are continued smoothly to finite values, in units of length; target.radius / 50 by "
         "default.",
     )
     alpha_1: Positive | None = Field(
-        None, description="Rate of a radar at distance 1, in squared length per time."
+        None,
+        examples=[4.0],
+        description="Rate of a radar at distance 1, in squared length per time.",
     )
     alpha_2: NotNegative | None = Field(
-        None, description="Strength of the mutual protection of near members; 0 is none."
+        None,
+        examples=[3.0],
+        description="Strength of the mutual protection of near members; 0 is none.",
     )
     alpha_3: Positive | None = Field(
         None,
+        examples=[4.0],
         description="Range of the mutual protection: half the effect at distance "
         "1 / sqrt(alpha_3). In units of 1 / length^2.",
     )
     beta_1: Positive | None = Field(
         None,
+        examples=[0.1],
         description="Distance of two members at which they collide at rate 1, in units of length; "
         "'saturation+collision' only.",
     )
     beta_2: Positive | None = Field(
         None,
+        examples=[4.0],
         description="Exponent of the collision rate (beta_1 / distance)^beta_2; "
         "'saturation+collision' only.",
     )
@@ -180,6 +194,7 @@ class HazardTable(Table):
         Allowed(PARAMETERS),
     ] = Field(
         default_factory=dict,
+        examples=[{"strength": 0.8}],
         description="Keyword arguments of a 'module:function'; lists arrive there as tuples.",
     )
 
@@ -237,8 +252,8 @@ class HazardTable(Table):
         for key in ("strengths", "core_radius", *ALPHAS, *BETAS):
             if getattr(self, key) is not None:
                 yield (
-                    f"hazard.{key} is not a key of a 'module:function' kind; "
-                    f"write it as hazard.parameters.{key}"
+                    f"hazard.{key} is not a key of a 'module:function' kind; write it as "
+                    f"hazard.parameters.{key} if your function takes it, else remove it"
                 )
 
     def _kernel_problems(self) -> Iterator[str]:
@@ -264,6 +279,6 @@ class HazardTable(Table):
             )
         elif self.strengths is not None and len(self.strengths) != k:
             yield (
-                f"hazard.strengths has {len(self.strengths)} numbers for {k} radars; give one for "
-                "each radar, or omit it"
+                f"hazard.strengths has {counted(len(self.strengths), 'number')} for "
+                f"{counted(k, 'radar')}; give one for each radar, or omit it"
             )

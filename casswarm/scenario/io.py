@@ -15,7 +15,8 @@ from .._util.text import suggestion
 from ..errors import ScenarioError
 from .consistency import doubts
 from .model import Scenario
-from .validation import Problem, scenario_error
+from .syntax import syntax_message
+from .validation import Problem, as_text, scenario_error
 
 LOG = logging.getLogger(__name__)
 
@@ -72,6 +73,21 @@ def load_scenario(source: str | os.PathLike[str], *, allow_code: bool = False) -
     for text in doubts(scenario):
         LOG.warning("%s: %s", label, text)
     return scenario
+
+
+def require_scenario(function: str, value: object) -> None:
+    """Raise TypeError, with what to do, if an argument of `function` is not a `Scenario`.
+
+    Nothing is loaded instead: a file may name code, which runs only if `load_scenario` allows it.
+    """
+    if isinstance(value, Scenario):
+        return
+    advice = "load one with csw.load_scenario, or make one with csw.Scenario.from_data"
+    if isinstance(value, str | os.PathLike):
+        advice = f"load it first, csw.load_scenario({os.fspath(value)!r})"
+    raise TypeError(
+        f"{function}() needs a Scenario, not the {type(value).__name__} {as_text(value)}: {advice}"
+    )
 
 
 def save_scenario(scenario: Scenario, path: str | os.PathLike[str], comments: bool = False) -> None:
@@ -143,7 +159,8 @@ def _parsed(text: str, label: str) -> dict[str, Any]:
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise scenario_error(f"{label} is not valid TOML", [Problem(str(error), "")]) from None
+        problem = Problem(syntax_message(text, error), "")
+        raise scenario_error(f"{label} is not valid TOML", [problem]) from None
     except (ValueError, RecursionError):
         problem = Problem("a number or a nesting of arrays in it is too long", "")
         raise scenario_error(f"{label} cannot be read", [problem]) from None

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
 from .._util.display import Displayed
+from .._util.text import counted
 from ..typing import FloatArray
 from . import consistency
 from .hazard_section import HazardTable
@@ -287,8 +288,8 @@ class Scenario(Displayed, Table):
     def __repr__(self) -> str:
         table = self.hazard_table
         kind = table.kind if isinstance(table.kind, str) else "custom"
-        size = f"{self.n} members, {len(table.radars)} radars, {kind} hazard, {self.n_steps} steps"
-        return f"<Scenario '{self.name}': {size}>"
+        size = f"{counted(self.n, 'member')}, {counted(len(table.radars), 'radar')}, {kind} hazard"
+        return f"<Scenario '{self.name}': {size}, {counted(self.n_steps, 'step')}>"
 
     __str__ = __repr__
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from ..errors import ScenarioError
 from .validation import (
     Allowed,
     Boolean,
@@ -45,6 +46,19 @@ class Table(BaseModel):
             headline = f"invalid {type(self).__name__}"
             raise scenario_error(headline, problems_of(error, type(self))) from None
 
+    def __setattr__(self, name: str, value: object) -> None:
+        if name.startswith("_"):
+            super().__setattr__(name, value)
+            return
+        table = type(self).__name__.removesuffix("Options").removesuffix("Table").lower()
+        key = name if table == "scenario" else f"{table}.{name}"
+        raise ScenarioError(
+            f"scenarios are immutable, so {key} cannot be set; a changed copy is "
+            f"scenario.with_values({{{key!r}: ...}})",
+            key=key,
+            value=value,
+        )
+
     # Otherwise pydantic would call this constructor for every table inside a scenario, and the
     # errors would lose the name of the table.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
@@ -57,7 +71,7 @@ class Swarm(Table):
         tuple[Point, ...],
         Field(min_length=1),
         Allowed("a list of [x, y] pairs of numbers, one for each member, at least one"),
-    ] = Field(description="Initial positions [x, y] of the n members, in units of length.")
+    ] = Field(description="Initial positions [x, y] of members 0 to n - 1, in units of length.")
     velocity: Annotated[
         Literal["guide"] | tuple[Number, Number],
         Allowed("'guide', or [vx, vy], two numbers"),
@@ -127,6 +141,7 @@ class GuideOptions(Table):
     )
     a_max: Positive | None = Field(
         None,
+        examples=[0.3],
         description="The guide's own bound on ||V(t) - V(t-1)||^2, in squared units of velocity, "
         "below the members' so that they can follow it; by default the members'.",
     )
@@ -137,6 +152,7 @@ class GuideOptions(Table):
     )
     margin: NotNegative | None = Field(
         None,
+        examples=[0.1],
         description="Distance inside the target zone that the guide's last planned step must "
         "reach, in units of length, below the radius (the guide ends where it first enters the "
         "zone; from then on the swarm aims at the centre). By default min(sqrt(rho), radius / 2), "

@@ -9,6 +9,7 @@ from typing import Any
 
 import tomli_w
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
 from ..errors import ScenarioError
 from .hazard_section import importable_name
@@ -52,18 +53,37 @@ def _on_one_line(array: re.Match[str]) -> str:
 
 
 def annotated(text: str, model: type[BaseModel]) -> str:
-    """Text of a scenario file with the descriptions in `model` as comments."""
-    known, lines = fields(model), []
+    """Text of a scenario file with comments: what every key is, and the keys that it leaves out."""
+    table, known, missing = "", fields(model), dict[str, FieldInfo]()
+    lines: list[str] = []
     for line in text.removesuffix("\n").split("\n"):  # texts may hold other line separators
-        table, key = re.fullmatch(r"\[(\w+)\]", line), re.match(r"(\w+) = ", line)
+        header, key = re.fullmatch(r"\[([\w.]+)\]", line), re.match(r"(\w+) = ", line)
         description: str | None = None
-        if table and table[1] in fields(model):
-            field = fields(model)[table[1]]
-            known = fields(subtable(field) or model)
-            description = field.description
-        elif line.startswith("["):
-            known = {}  # tables inside a table belong to the user
+        if header:
+            missing.pop(header[1].removeprefix(f"{table}."), None)
+            lines = _with_optional(lines, table, missing)
+            table, field = header[1], fields(model).get(header[1])
+            known = fields(subtable(field) or model) if field else {}  # others are the user's
+            missing, description = dict(known), field.description if field else None
         elif key and key[1] in known:
+            missing.pop(key[1], None)
             description = known[key[1]].description
-        lines += [*(f"# {part}" for part in textwrap.wrap(description or "", 96)), line]
-    return "\n".join(lines) + "\n"
+        lines += [*_comment(description or ""), line]
+    return "\n".join(_with_optional(lines, table, missing)) + "\n"
+
+
+def _with_optional(lines: list[str], table: str, missing: Mapping[str, FieldInfo]) -> list[str]:
+    """Lines of a table, and the keys that it could also have, commented out."""
+    optional: list[str] = []
+    for key, field in missing.items():
+        for example in field.examples or ():
+            nested = isinstance(example, dict)
+            text = tomli_w.dumps({table: {key: example}} if nested else {key: example})
+            shown = _SCALARS.sub(_on_one_line, text).strip().split("\n")
+            optional += [*_comment(field.description or ""), *(f"# {line}" for line in shown)]
+    end = len(lines) - (lines[-1:] == [""])  # the blank line before the next table
+    return [*lines[:end], *optional, *lines[end:]]
+
+
+def _comment(text: str) -> list[str]:
+    return [f"# {part}" for part in textwrap.wrap(text, 96)]

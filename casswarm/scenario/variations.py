@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import ScenarioError
 from ..typing import FloatArray
-from .validation import Problem, as_text, scenario_error
+from .validation import Problem, as_text, fields, scenario_error, subtable
 
 if TYPE_CHECKING:
     from . import Scenario
@@ -51,6 +51,31 @@ def set_value(data: dict[str, Any], key: str, value: object) -> None:
     table.pop(leaf, None)
     if value is not None:
         table[leaf] = value
+
+
+def whole_numbers(key: str, values: Sequence[Any]) -> list[Any]:
+    """Values of a parameter; if it takes whole numbers only, such as n, they become int.
+
+    Raises
+    ------
+    ScenarioError
+        A fraction for such a parameter.
+    """
+    if not _takes_whole_numbers(key):
+        return list(values)
+    for value in values:
+        if isinstance(value, float) and not value.is_integer():
+            raise ScenarioError(f"{key} takes whole numbers, not {value:g}", key=key, value=value)
+    return [int(value) if isinstance(value, float) else value for value in values]
+
+
+def _takes_whole_numbers(key: str) -> bool:
+    from .model import Scenario  # which imports this module
+
+    table, _, leaf = key.partition(".")
+    tables = fields(Scenario)
+    keys = fields(model) if table in tables and (model := subtable(tables[table])) else {}
+    return key == "n" or (leaf in keys and keys[leaf].annotation is int)
 
 
 def _with_members(scenario: Scenario, n: Any) -> FloatArray:

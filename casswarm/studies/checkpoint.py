@@ -51,7 +51,8 @@ class Checkpoint:
         All that determines the results, as JSON values; nested mappings are compared key by key.
     if_exists : {"error", "resume", "overwrite"}
         With a folder that holds an unfinished study: refuse it, continue it, or start over. A
-        finished study is continued if "resume", else replaced.
+        finished study is continued if "resume", else replaced; one of which nothing was saved is
+        always replaced.
 
     Raises
     ------
@@ -126,12 +127,13 @@ class Checkpoint:
             earlier = json.loads(self._inputs_file.read_text(encoding="utf-8"))
         except (OSError, ValueError):
             earlier = None
-        if earlier is not None and self._if_exists == "resume":
+        worth_keeping = earlier is not None and bool(self.names())
+        if worth_keeping and self._if_exists == "resume":
             self._require_equal(earlier)
             for path in filter(is_partial, list(self._records.iterdir())):
                 path.unlink()
             return
-        unfinished = earlier is not None and not (self._records / "finished").exists()
+        unfinished = worth_keeping and not (self._records / "finished").exists()
         if unfinished and self._if_exists == "error":
             raise self._error(
                 f"{self.folder} holds an unfinished study: continue it (if_exists='resume', on the "

@@ -17,6 +17,8 @@ from ..errors import PolicyError
 from ..optimization.solvers import Solver, make_solver
 from ..planning.guide import Guide
 from ..planning.plan import guide_solver, initial_velocities, plan
+from ..policies.user import repeated
+from ..scenario.io import require_scenario
 from ..typing import FloatArray, Progress
 from .policy_list import policy_list, policy_name, resolve_policy
 
@@ -80,7 +82,8 @@ def evaluate(
     Raises
     ------
     PolicyError
-        An unknown policy, several policies, or a swarm that is too large for a tolerance of 0.
+        An unknown policy, several policies, a policy that answers the same state differently, or
+        a swarm that is too large for a tolerance of 0.
     PlanningError
         No guide was found.
     ValueError
@@ -94,6 +97,7 @@ def evaluate(
     >>> 0 <= low <= high <= low + 1e-3
     True
     """
+    require_scenario("evaluate", scenario)
     options = _options(scenario, tolerance, max_states, aggregation_tol)
     expansion, _ = _expansion(
         scenario, policy, options, guide, (solver, solver_options), reporter(progress)
@@ -144,6 +148,7 @@ def estimate(
     PolicyError, PlanningError, ValueError
         As in `evaluate`; fewer than one run, or a seed out of range.
     """
+    require_scenario("estimate", scenario)
     if runs < 1:
         raise ValueError(f"runs = {runs}; allowed: whole numbers from 1")
     seed = require_seed(seed)
@@ -196,7 +201,7 @@ def _expansion(
     make_solver(solver[0], **(solver[1] or {}))  # before planning, which takes longer
     if guide is None:
         guide = plan(scenario, guide_solver(solver[0]), certify=False, progress=progress)
-    resolved = resolve_policy(listed[0], scenario, guide, *solver)
+    resolved = repeated(resolve_policy(listed[0], scenario, guide, *solver))
     velocities = initial_velocities(scenario, guide)
     expansion = StateSpaceExpansion(scenario, resolved, velocities, options)
     expansion.expand(progress)

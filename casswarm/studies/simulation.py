@@ -23,6 +23,7 @@ from ..chain.trajectories import RunTrajectory
 from ..optimization.solvers import Solver, make_solver
 from ..planning.guide import Guide
 from ..planning.plan import guide_solver, initial_velocities, plan
+from ..scenario.io import require_scenario
 from ..typing import Progress
 from .batches import missing_batches, saved_results, simulate_batches
 from .checkpoint import Checkpoint, IfExists
@@ -165,6 +166,7 @@ def simulate(
     >>> bool(row["success_low"] < row["success"] < row["success_high"])
     True
     """
+    require_scenario("simulate", scenario)
     seed, runs = require_seed(seed), _require_runs("runs", runs)
     progress = reporter(progress)
     require_workers(workers)
@@ -246,6 +248,7 @@ def runs_needed(
     ValueError
         A half-width that is not between 0 and 1/2; and as `simulate`.
     """
+    require_scenario("runs_needed", scenario)
     if not 0 < half_width < 0.5:
         raise ValueError(f"half_width = {half_width}; allowed: between 0 and 0.5")
     seed, pilot = require_seed(seed), _require_runs("pilot", pilot)

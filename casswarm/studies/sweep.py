@@ -20,12 +20,14 @@ from .._util.display import Displayed
 from .._util.parallel import Workers, done_jobs, require_sendable, require_workers
 from .._util.progress import reporter
 from .._util.seeds import require_seed
+from .._util.text import counted
 from ..errors import CasswarmError, ScenarioError
 from ..optimization.solvers import make_solver
 from ..planning.guide import Guide
 from ..planning.plan import guide_solver, plan
 from ..policies.base import Policy
-from ..scenario.variations import DERIVED, with_parameters
+from ..scenario.io import require_scenario
+from ..scenario.variations import DERIVED, whole_numbers, with_parameters
 from ..typing import Progress
 from .checkpoint import Checkpoint, IfExists
 from .evaluation import evaluate
@@ -83,11 +85,11 @@ class Sweep(Displayed):
 
     def __repr__(self) -> str:
         keys = ", ".join(self.keys)
-        return f"Sweep({self.scenario.name!r} over {keys}: {len(self.table)} points)"
+        return f"Sweep({self.scenario.name!r} over {keys}: {counted(len(self.table), 'point')})"
 
     def __str__(self) -> str:
         name, points = self.scenario.name, len(self.table)
-        return f"{name}: {points} sweep points, {self.failures} failed\n{self.table}"
+        return f"{name}: {counted(points, 'sweep point')}, {self.failures} failed\n{self.table}"
 
 
 def sweep(
@@ -139,16 +141,16 @@ def sweep(
     Raises
     ------
     ScenarioError
-        An unknown key, or a key without values.
+        An unknown key, a key without values, or fractions for one of whole numbers, such as n.
     SolverError
         An unknown solver.
     PolicyError, CheckpointError, ValueError
         As in `simulate`.
     """
+    require_scenario("sweep", scenario)
     require_workers(workers)
     seed, progress = require_seed(seed), reporter(progress)
-    settings = {key: _python_numbers(values) for key, values in settings.items()}
-    _require_known(scenario, settings)
+    settings = _checked_settings(scenario, settings)
     options: dict[str, Any] = {"solver": solver}
     if runs is None:
         options |= {"tolerance": tolerance, "max_states": max_states}
@@ -204,7 +206,8 @@ def _python_numbers(values: Sequence[Any]) -> Any:
     return [value.item() if isinstance(value, np.generic) else value for value in values]
 
 
-def _require_known(scenario: Scenario, settings: Mapping[str, Sequence[Any]]) -> None:
+def _checked_settings(scenario: Scenario, settings: Mapping[str, Sequence[Any]]) -> dict[str, Any]:
+    settings = {key: _python_numbers(values) for key, values in settings.items()}
     for key, values in settings.items():
         if isinstance(values, str) or not len(values):
             raise ScenarioError(f"{key} has no values: give a list of them, such as [0.05, 0.1]")
@@ -221,6 +224,7 @@ def _require_known(scenario: Scenario, settings: Mapping[str, Sequence[Any]]) ->
             if "no such key" in str(error):
                 hint = f"; beyond its keys there are {' and '.join(DERIVED)}"
                 raise ScenarioError(f"{error}{hint}") from error
+    return {key: whole_numbers(key, values) for key, values in settings.items()}
 
 
 @dataclass(frozen=True)
@@ -246,8 +250,7 @@ class SweepPoint:
 
     def __call__(self) -> dict[str, Any]:
         """Compute the point: its other columns, and the seconds that it took."""
-        started = time.perf_counter()
-        sampled = "runs" in self.options
+        started, sampled = time.perf_counter(), "runs" in self.options
         row: dict[str, Any] = {"method": "sampled" if sampled else "exact"}
         row |= dict.fromkeys(MEASURES, math.nan) | dict.fromkeys(_COUNTS) | {"reason": ""}
         try:

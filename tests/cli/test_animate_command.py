@@ -207,6 +207,11 @@ def test_animate_with_wrong_options_is_explained(folder, options, message):
     assert message in casswarm(folder.parent, "animate", folder.name, *options, code=2).stderr
 
 
+def test_animate_of_no_results_folder_suggests_what_it_takes(tmp_path):
+    done = casswarm(tmp_path, "animate", ".", code=2)
+    assert "expected one written by casswarm simulate, such as results/sim" in done.stderr
+
+
 def test_animate_of_another_command_is_refused(tmp_path):
     (tmp_path / "run.json").write_text('{"command": "plan"}')
     done = casswarm(tmp_path, "animate", ".", code=2)

@@ -1,12 +1,14 @@
 """casswarm plan as a user runs it."""
 
 import json
+from types import SimpleNamespace
 
 import pandas as pd
 import pytest
 from commands import PNG, casswarm
 
 from casswarm import load_scenario
+from casswarm.cli.plan import _limits
 
 
 @pytest.fixture(scope="module")
@@ -21,9 +23,23 @@ def test_plan_prints_survival_residuals_and_solves(planned):
     text = planned[1]
     assert "survival 0.045" in text
     assert "no guide can exceed 0.74" in text
-    assert "local search" in text
+    assert "limited to a local search and arrival at the last step: --search global" in text
     assert "violation" in text
     assert "solves: 1 solved" in text
+
+
+def test_plan_says_what_limited_its_search():
+    limited = load_scenario("paper-1")
+    guide = SimpleNamespace(search="global")
+    texts = [*_limits(limited, guide), *_limits(limited.replace(guide={"arrival": "any"}), guide)]
+    assert texts == [
+        "limited to arrival at the last step: --arrival any may find a better path",
+    ]
+
+
+def test_plan_help_refers_to_all_solvers(tmp_path):
+    text = " ".join(casswarm(tmp_path, "plan", "--help").stdout.split())
+    assert "--solver TEXT Solver of the guide problem; casswarm solvers lists them." in text
 
 
 def test_plan_writes_tables_figure_and_record(planned):

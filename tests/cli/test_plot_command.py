@@ -139,7 +139,7 @@ def test_plot_of_damaged_folder_is_refused(simulated, spoil, words):
 def test_plot_with_wrong_options_is_explained(simulated):
     where = simulated.parent
     assert (
-        "is not a folder: expected one written by plan"
+        "is not a folder: expected one written by casswarm plan"
         in casswarm(where, "plot", "nowhere", code=2).stderr
     )
     with pytest.raises(

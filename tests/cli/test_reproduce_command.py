@@ -47,7 +47,7 @@ def test_reproduce_prints_tables_and_progress(reproduced):
 
 @pytest.mark.slow
 def test_reproduce_writes_tables_figures_and_record(reproduced):
-    results = reproduced[0] / "results" / "paper"
+    results = reproduced[0] / "results" / "reproduce"
     for name in PARTS[:-1]:
         assert list(pd.read_csv(results / f"{name}.csv").columns) == list(checked_in(name).columns)
     for number in range(1, 5):
@@ -60,14 +60,14 @@ def test_reproduce_writes_tables_figures_and_record(reproduced):
 
 @pytest.mark.slow
 def test_reproduce_figures_have_requested_width(reproduced):
-    for folder, inches in (("results/paper", 7.16), ("again", 3.5)):
+    for folder, inches in (("results/reproduce", 7.16), ("again", 3.5)):
         with Image.open(reproduced[0] / folder / "table-2.png") as image:
             assert image.width == pytest.approx(200 * inches, abs=1)
 
 
 @pytest.mark.slow
 def test_plot_of_reproduce_is_refused_with_advice(reproduced):
-    done = casswarm(reproduced[0], "plot", "results/paper", code=2)
+    done = casswarm(reproduced[0], "plot", "results/reproduce", code=2)
     assert "casswarm reproduce again, which takes --format, --width and --dpi" in done.stderr
 
 
@@ -75,7 +75,11 @@ def test_plot_of_reproduce_is_refused_with_advice(reproduced):
 def test_reproduce_twice_gives_same_tables(parts, request):
     folder = request.getfixturevalue(parts)[0]
     for path in sorted((folder / "again").glob("*.csv")):
-        assert path.read_bytes() == (folder / "results" / "paper" / path.name).read_bytes()
+        assert path.read_bytes() == (folder / "results" / "reproduce" / path.name).read_bytes()
+
+
+def test_reproduce_writes_beside_what_the_repository_has(quick):
+    assert [path.name for path in (quick[0] / "results").iterdir()] == ["reproduce"]
 
 
 def test_reproduced_tables_equal_those_in_repository(quick):

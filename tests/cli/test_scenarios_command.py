@@ -1,7 +1,13 @@
 """casswarm scenarios and scenario files of a user."""
 
+import re
+import tomllib
+
 import pytest
 from commands import casswarm
+
+from casswarm import Scenario
+from casswarm.scenario.validation import known_keys
 
 
 def test_list_prints_names_and_descriptions(tmp_path):
@@ -24,6 +30,28 @@ def test_new_writes_a_named_file_with_comments(tmp_path):
     assert 'description = "copied from ring"' in text
     assert "# Radius of the target zone, in units of length.\nradius = " in text
     assert "mine.toml" in casswarm(tmp_path, "scenarios", "check", "mine.toml").stdout
+
+
+def test_new_shows_every_optional_key_commented_out(tmp_path):
+    casswarm(tmp_path, "scenarios", "new", "mine.toml", "--from", "paper-2")
+    text = (tmp_path / "mine.toml").read_text()
+    for key in known_keys(Scenario):
+        leaf = key.rpartition(".")[2]
+        assert re.search(rf"^(# )?(\[{key}\]$|{leaf} = )", text, re.MULTILINE), key
+    optional = "strengths|core_radius|margin"
+    changed, number = re.subn(rf"^# (?=({optional}) = )", "", text, flags=re.MULTILINE)
+    assert number == 3
+    scenario = Scenario.from_data(tomllib.loads(changed))
+    assert scenario.hazard_table.strengths == (1.0, 2.0)
+    assert scenario.guide.margin == 0.1
+
+
+def test_new_leaves_out_no_parameters_that_are_given(own_rates):
+    casswarm(own_rates, "scenarios", "new", "two.toml", "--from", "own.toml", "--allow-code")
+    text = (own_rates / "two.toml").read_text()
+    assert "\n[hazard.parameters]\nstrength = 2.0\n" in text
+    assert "# [hazard.parameters]" not in text
+    assert "valid" in casswarm(own_rates, "scenarios", "check", "two.toml", "--allow-code").stdout
 
 
 def test_new_overwrites_a_file_only_with_force(tmp_path):

@@ -255,7 +255,7 @@ def test_report_contains_every_solver(known):
     assert set(report.tables) == {"runs", "summary", "problems", "failures"}
     assert set(report.figures) == {f"{k}-known-cold" for k in ("profile", "data", "pairs", "wins")}
     text = report.markdown()
-    assert "gradient is not applicable to 1 runs of known" in text
+    assert "gradient is not applicable to 1 run of known" in text
     assert "user-defined" in text
     page = report.html()
     assert "<h1>Comparison of solvers</h1>" in page

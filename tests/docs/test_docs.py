@@ -9,8 +9,11 @@ from pathlib import Path
 
 import pytest
 from doc_blocks import blocks, is_printed, near, run
+from figure_cases import GUIDE, SCENARIO
 
 import casswarm
+from casswarm import as_policy, simulate
+from casswarm.figures import guide_map
 
 ROOT = Path(__file__).resolve().parents[2]
 GENERATED = {"_build", "notebooks"}  # by sphinx-build
@@ -49,6 +52,21 @@ def test_output_comparison_tolerates_last_digits_only() -> None:
     assert not is_printed("leader  0.71", "naive  0.71\n")
     assert not is_printed("leader 7", "leader 8\n")
     assert near([1e-9], [2e-9])
+
+
+def test_quickstart_removes_the_title_and_prints_success(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    page = (ROOT / "docs" / "quickstart.md").read_text(encoding="utf-8")
+    lines = [line for line in page.splitlines() if line.endswith("# the caption replaces it")]
+    figure = guide_map(SCENARIO, GUIDE)
+    assert figure.get_suptitle()
+    exec("\n".join(lines), {"figure": figure})
+    assert not figure.get_suptitle()
+    policy = as_policy(lambda _, positions, *__: 0 * positions, "waiting")
+    study = simulate(SCENARIO, [policy], runs=2, guide=GUIDE)
+    exec(next(line for line in page.splitlines() if line.startswith("print(")), {"study": study})
+    assert "success" in capsys.readouterr().out
 
 
 def slug(heading: str) -> str:

@@ -153,7 +153,7 @@ def test_parameters_and_radars_arrive_as_tuples() -> None:
 
 def test_radars_are_passed_only_if_given() -> None:
     assert CustomHazard(height).radar_positions.shape == (0, 2)
-    assert "unexpected keyword argument 'radars'" in message(CustomHazard, height, RADARS)
+    assert "takes positions, alive, scale, not radars" in message(CustomHazard, height, RADARS)
 
 
 def test_custom_hazards_of_equal_arguments_are_equal() -> None:
@@ -180,7 +180,18 @@ def test_function_that_raises_is_named_with_message() -> None:
         raise LookupError("no such radar")
 
     text = message(CustomHazard, broken)
-    assert "broken' failed on 1 members with CasADi arguments: LookupError: no such radar" in text
+    assert "broken' failed on 1 member with CasADi arguments: LookupError: no such radar" in text
+
+
+def test_keywords_that_the_function_does_not_take_are_named() -> None:
+    def rates(positions: Any, alive: Any, strength: float) -> Any:  # noqa: ARG001
+        return strength * alive
+
+    parameters = {"strength": 1.0, "alpha_1": 3.0}
+    text = message(lambda: CustomHazard(rates, radars=[(0, 0)], parameters=parameters))
+    assert "rates' takes positions, alive, strength, not alpha_1, radars: remove" in text
+    assert "hazard.parameters.alpha_1, hazard.radars from the scenario, where a template" in text
+    assert CustomHazard(lambda *_, **keywords: keywords["strength"] * _[1], (), parameters)
 
 
 def test_function_not_callable_is_refused() -> None:
@@ -191,13 +202,13 @@ def test_function_of_fixed_size_is_refused_at_once() -> None:
     def pair(positions: Any, alive: Any) -> Any:
         return alive * (positions[1, 0] if positions.shape[0] == 1 else 1.0)
 
-    assert "failed on 1 members" in message(CustomHazard, pair)
+    assert "failed on 1 member" in message(CustomHazard, pair)
 
 
 @pytest.mark.parametrize(
     ("returned", "words"),
     [
-        (lambda x: x, "returned shape (1, 2) for 1 members; expected (1, 1)"),
+        (lambda x: x, "returned shape (1, 2) for 1 member; expected (1, 1)"),
         (lambda x: ca.sum1(x[:, 0]), "returned shape (1, 1) for 2 members; expected (2, 1)"),
         (lambda x: 0.5, "returned shape (1, 1) for 2 members; expected (2, 1)"),  # noqa: ARG005
         (lambda x: None, "returned None, a NoneType; expected a CasADi expression"),  # noqa: ARG005

@@ -137,10 +137,12 @@ def test_arrays_are_read_only(paper: Scenario) -> None:
 
 
 def test_scenario_is_frozen(paper: Scenario) -> None:
-    with pytest.raises(ValueError, match="frozen"):
+    with pytest.raises(ScenarioError, match=r"scenario.with_values\(\{'name': ...\}\)"):
         paper.name = "other"  # type: ignore[misc]
-    with pytest.raises(ValueError, match="frozen"):
-        paper.swarm.v_max = 1.0  # type: ignore[misc]
+    with pytest.raises(ScenarioError, match=r"with_values\(\{'formation.rho': ...\}\)"):
+        paper.formation.rho = 1.0  # type: ignore[misc]
+    with pytest.raises(ScenarioError, match=r"hazard\.alpha_1 cannot be set; a changed copy is"):
+        paper.hazard_table.alpha_1 = 1.0  # type: ignore[misc]
 
 
 def test_scenario_from_tables_has_default_options() -> None:
@@ -154,7 +156,7 @@ def test_scenario_from_tables_has_default_options() -> None:
     assert scenario.swarm.positions == ((0.0, 0.0), (0.0, 0.0))
     assert (scenario.guide.search, scenario.guide.iterations) == ("global", 6000)
     assert type(scenario.swarm.v_max) is float
-    assert "2 members, 1 radars, saturation hazard, 5 steps" in repr(scenario)
+    assert "2 members, 1 radar, saturation hazard, 5 steps" in repr(scenario)
 
 
 def test_table_with_wrong_values_lists_every_problem() -> None:

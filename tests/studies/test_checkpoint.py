@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from casswarm.errors import CheckpointError
-from casswarm.studies.checkpoint import Checkpoint, file_name
+from casswarm.studies.checkpoint import Checkpoint, IfExists, file_name
 
 INPUTS = {"scenario": {"name": "a", "rho": 0.05}, "runs": 10}
 CELL = {"x": np.array([0.1, -0.0, np.nan]), "name": np.array("µ")}
@@ -68,6 +68,19 @@ def test_checkpoint_with_unfinished_study_raises(tmp_path: Path) -> None:
         store.finish()
     with Checkpoint(tmp_path, {"runs": 3}) as store:  # a finished study may be replaced
         assert store.names() == []
+
+
+@pytest.mark.parametrize("choice", ["error", "resume", "overwrite"])
+def test_checkpoint_of_which_nothing_was_saved_is_started_again(
+    tmp_path: Path, choice: IfExists
+) -> None:
+    with pytest.raises(KeyError), Checkpoint(tmp_path, INPUTS):
+        raise KeyError  # of a policy that does not work yet, say
+    corrected = INPUTS | {"code": {"policy": "corrected"}}
+    with Checkpoint(tmp_path, corrected, choice) as store:
+        store.save("one", CELL)
+    with Checkpoint(tmp_path, corrected, "resume") as store:
+        assert store.names() == ["one"]
 
 
 HOLD = """

@@ -12,9 +12,10 @@ import pytest
 
 import casswarm as csw
 from casswarm.chain.exact import _next_threshold
+from casswarm.cli.common import WrongInput
 from casswarm.cli.sweep import _values
 from casswarm.errors import CheckpointError, PolicyError
-from casswarm.scenario.variations import with_parameters
+from casswarm.scenario.variations import whole_numbers, with_parameters
 from casswarm.studies.checkpoint import Checkpoint
 
 SMALL = csw.load_scenario("paper-1").with_values(
@@ -86,6 +87,36 @@ def test_sweep_command_ranges_of_integers_are_integers() -> None:
     )
     assert _values("hazard.alpha_2=1.0:3:3") == ("hazard.alpha_2", [1.0, 2.0, 3.0])
     assert all(type(n) is int for n in _values("n=1:6:6:linear")[1])
+
+
+@pytest.mark.parametrize(
+    ("setting", "advice"),
+    [
+        (
+            "n=1:3:6",
+            "n takes whole numbers, not 1.4; choose a COUNT that gives whole numbers, such",
+        ),
+        ("n=1:3:6", "such as n=1:3:3, or list the numbers, n=V1,V2,..."),
+        ("n=1:7:5", "such as n=1:7:4,"),
+        ("n=0.5:3:2", "n takes whole numbers, not 0.5"),
+        ("guide.iterations=1:2:3", "guide.iterations takes whole numbers, not 1.5"),
+        ("formation.rho=inf:1:3", "START and STOP are finite numbers"),
+        ("formation.rho=0.1:nan:3", "START and STOP are finite numbers"),
+        ("formation.rho=0.1:0.2:1000000000000", "COUNT is a whole number from 1 to 1000"),
+    ],
+)
+def test_sweep_command_refuses_ranges_that_no_scenario_has(setting: str, advice: str) -> None:
+    with pytest.raises(WrongInput) as caught:
+        _values(setting)
+    assert advice in str(caught.value)
+
+
+def test_sweep_of_whole_numbers_takes_no_fractions() -> None:
+    assert _values("n=1.0:3.0:3") == ("n", [1, 2, 3])
+    assert all(type(n) is int for n in whole_numbers("n", np.linspace(1, 2, 2)))
+    for key in ("n", "guide.iterations"):
+        with pytest.raises(csw.ScenarioError, match=f"{key} takes whole numbers, not 1.5"):
+            csw.sweep(SMALL, {key: [1, 1.5]})
 
 
 def test_sweep_jobs_in_threads_take_turns() -> None:

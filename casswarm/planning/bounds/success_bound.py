@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...scenario.io import require_scenario
 from ...typing import FloatArray
 from ..guide import rounded_up
 from .dynamic_programming import (
@@ -117,6 +118,7 @@ def success_bound(scenario: Scenario, max_nodes: int = MAX_NODES) -> SuccessBoun
     ValueError
         Fewer than a thousand nodes.
     """
+    require_scenario("success_bound", scenario)
     if max_nodes < 1000:
         raise ValueError(f"max_nodes = {max_nodes!r}; allowed: whole numbers from 1000")
     return _bound(scenario, max_nodes)

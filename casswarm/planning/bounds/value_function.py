@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import PlanningError
+from ...scenario.io import require_scenario
 from ...typing import BoolArray, FloatArray
 from .dynamic_programming import StageCosts, Values, box_minimum, costs_to_go, rounding
 from .grid import ANYWHERE, Grid, Relaxation, bilinear, node_count
@@ -68,6 +69,7 @@ class ValueFunction:
             Even the coarsest grid has too many nodes, because there are too many steps; or the
             value function is not complete after `time_limit` seconds.
         """
+        require_scenario("ValueFunction.from_scenario", scenario)
         deadline = time.monotonic() + time_limit
         grid = value_grid(scenario, max_nodes)
         lower = StageCosts(grid) if certified and grid.task.bounded else None

@@ -14,6 +14,7 @@ from ...errors import ScenarioError, SolverError
 from ...optimization.solvers import Solver, make_solver
 from ...problems.joint import OBJECTIVES
 from ...problems.joint_instances import JointTask
+from ...scenario.io import require_scenario
 from ...typing import Objective, Progress
 from ..bounds.success_bound import success_bound
 from ..guide import Guide
@@ -101,6 +102,7 @@ def plan_swarm(
     ValueError
         A distance or time limit out of range.
     """
+    require_scenario("plan_swarm", scenario)
     started, seed, progress = time.perf_counter(), require_seed(seed), reporter(progress)
     _require_known(objective, initial_guesses)
     _require_distance(scenario, min_distance)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..._util.display import Displayed
+from ..._util.text import counted
 from ...optimization.solution import Solution
 from ...problems.step import Motion
 from ...typing import FloatArray, IntArray, Interval
@@ -140,7 +141,7 @@ class SwarmPlan(Displayed):
         end = f"to step {self.steps}"
         missing = self.n - int((self.arrivals > 0).sum())
         if missing:
-            end += f", {missing} of {self.n} members DO NOT ARRIVE"
+            end += f", {missing} of {counted(self.n, 'member')} DO NOT ARRIVE"
         if self.min_distance is not None:
             least = self.least_distance
             if least < self.min_distance * (1 - DISTANCE_TOL):
