@@ -10,7 +10,8 @@ import click
 from .common import WrongInput, reported_errors
 from .number import Number
 from .options import SavedRunOptions, option, options, quiet_option
-from .output import progress_report, say
+from .output import say
+from .progress import progress_report
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,13 @@ import click
 
 import casswarm as csw
 
+from .._util.text import counted
 from .common import load, reported_errors
 from .ending import Ending
 from .number import Number
 from .options import CommonOptions, option, options, seed_option
-from .output import aligned_table, open_folder, progress_report, say
+from .output import aligned_table, open_folder, say
+from .progress import progress_report
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
@@ -70,7 +72,7 @@ def plan_swarm(common: CommonOptions, planning: SwarmPlanOptions) -> None:
         guide = csw.plan(chosen, certify=False, progress=progress)  # for the initial velocities
         swarm_plan = csw.plan_swarm(chosen, **asdict(planning), guide=guide, progress=progress)
         _write_tables(folder, swarm_plan)
-        ending, sampled = Ending(folder, common), None
+        ending, sampled = Ending(folder, common, progress), None
         if swarm_plan.distribution is None:
             say(f"simulating: {_RUNS} runs", common.quiet)
             policy = JointPolicy.from_plan(swarm_plan)
@@ -131,7 +133,8 @@ def _write_record(
 
 def _text(scenario: csw.Scenario, plan: csw.SwarmPlan, sampled: csw.Estimate | None) -> str:
     lines = [
-        f"{scenario.name}: {scenario.n} members, {scenario.n_steps} steps of {scenario.time.dt:g}",
+        f"{scenario.name}: {counted(scenario.n, 'member')}, {scenario.n_steps} steps of "
+        f"{scenario.time.dt:g}",
         str(plan),
     ]
     if plan.success is not None and plan.distribution is not None:

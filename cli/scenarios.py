@@ -9,9 +9,10 @@ import click
 
 import casswarm as csw
 
+from .._util.text import counted
 from .common import WrongInput, reported_errors
 from .options import Command, allow_code_option
-from .output import aligned
+from .output import aligned, wrapped
 
 ALLOW_CODE: Callable[[Command], Command] = allow_code_option().metadata["declare"]("allow_code")
 
@@ -25,7 +26,7 @@ def scenarios() -> None:
 def list_() -> None:
     """List the built-in scenarios."""
     for name, description in csw.builtin_scenarios().items():
-        click.echo(f"{name:14s} {description}")
+        click.echo(wrapped(f"{name:14s} {description}", indent=15))
 
 
 @scenarios.command()
@@ -78,7 +79,11 @@ def check(sources: tuple[str, ...], allow_code: bool) -> None:
             wrong.append(str(error))
             continue
         radars = len(scenario.hazard.radar_positions)
-        size = (f"{scenario.n} members", f"{radars} radars", f"{scenario.n_steps} steps")
+        size = (
+            counted(scenario.n, "member"),
+            counted(radars, "radar"),
+            counted(scenario.n_steps, "step"),
+        )
         valid.append((source, "valid", *size, str(scenario.hazard_table.kind)))
     if valid:
         click.echo(aligned(valid))

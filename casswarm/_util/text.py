@@ -23,6 +23,12 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     return f"{suggestion(word, words)} (known: {', '.join(words)})"
 
 
+def counted(count: float, noun: str, plural: str = "") -> str:
+    """Number and noun, in the plural unless the number is one; four digits of a fraction."""
+    number = f"{count:.4g}" if isinstance(count, float) else f"{count}"
+    return f"{number} {noun if count == 1 else plural or f'{noun}s'}"
+
+
 def printable(text: str) -> str:
     """Text in which control and bidirectional characters are written as escapes, but line breaks.
 

@@ -64,7 +64,7 @@ def plan(
     solver_options : mapping, optional
         Options of the solver, if it is given by name.
     progress : Progress, optional
-        Called before every start and before the proof.
+        Called before every start, before every solve that may take long, and before the proof.
 
     Returns
     -------

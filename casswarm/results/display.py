@@ -20,7 +20,7 @@ from ..planning.guide import Guide, rounded_up
 from ..planning.joint import SwarmPlan
 from ..scenario import Scenario
 from ..studies.simulation import Study
-from ..studies.tables import summary_texts
+from ..studies.tables import count_notes, summary_texts
 from ..typing import FloatArray
 
 
@@ -75,7 +75,8 @@ def _(result: Study) -> str:
     name = result.scenario.name
     with theme("column"):
         figure = success_chart(result.summary, name)
-    return _page(f"Simulation of {name}", summary_texts(result.summary), figure)
+    notes = "\n".join(count_notes(result.summary.to_dict("records")))
+    return _page(f"Simulation of {name}", summary_texts(result.summary), figure, notes)
 
 
 @html.register
@@ -122,10 +123,11 @@ def _path_map(positions: FloatArray, labels: list[str]) -> Figure:
 
 
 def _page(title: str, table: dict[str, Any] | pd.DataFrame, figure: Figure, note: str = "") -> str:
-    """Title, table and picture; a dictionary is a table of one row."""
+    """Title, lines of a note, table and picture; a dictionary is a table of one row."""
     frame = pd.DataFrame([table]) if isinstance(table, dict) else table
+    lines = "".join(f"<br>{escape(line)}" for line in note.splitlines())
     return (
-        f"<p><strong>{escape(title)}</strong>{f'<br>{escape(note)}' if note else ''}</p>"
-        f"{html_table(frame)}"
+        f"<p><strong>{escape(title)}</strong>{lines}</p>"
+        f'<div style="overflow-x: auto">{html_table(frame)}</div>'
         f'<img src="{figure_uri(figure, dpi=100)}" alt="{escape(title)}" style="max-width: 100%">'
     )

@@ -54,6 +54,15 @@ def test_display_of_result_has_table_and_picture(scenario, guide, name):
     assert len(repr(result).splitlines()) == 1
 
 
+def test_display_of_study_notes_counts_below_the_title(scenario, guide):
+    study = csw.simulate(scenario, "constrained", 5, guide=guide)
+    steps = study.summary["infeasible"][0]
+    text = study._repr_html_()
+    assert f"<br>constrained: {steps} infeasible steps (no feasible velocity)" in text
+    assert "saturated" not in text
+    assert '<div style="overflow-x: auto"><table>' in text
+
+
 def test_display_escapes_texts(scenario):
     text = html(scenario.with_values({"description": "<script>"}))
     assert "&lt;script&gt;" in text
