@@ -78,7 +78,7 @@ class ProgressReport:
             task, seconds = self._silent, time.monotonic() - self._since
             if task and seconds >= self._next:
                 say(f"{task}: {seconds:.0f} s so far")
-                self._next *= 2
+                self._next = 2 * seconds
 
 
 @contextmanager
