@@ -6,15 +6,13 @@ import its other modules inside their functions, so that ``--help`` is quick.
 
 from __future__ import annotations
 
-import logging
-
 import click
 
 from .. import __version__
-from .._util.text import printable
 from .animate import animate
 from .compare import compare
 from .evaluate import evaluate
+from .log import show_log
 from .plan import plan
 from .plan_swarm import plan_swarm
 from .plot import plot
@@ -63,17 +61,4 @@ def main() -> None:
     Results go to standard output and into a folder under results/; progress and warnings go to
     standard error. Exit codes: 0 done, 1 ran but failed, 2 wrong input.
     """
-    log = logging.getLogger("casswarm")
-    log.setLevel(logging.INFO)
-    if not log.handlers:
-        handler = logging.StreamHandler()  # standard error
-        handler.setFormatter(_Printable())
-        log.addHandler(handler)
-
-
-class _Printable(logging.Formatter):
-    """Messages without characters that a terminal would obey."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        """Text of a record."""
-        return printable(super().format(record))
+    show_log()

@@ -11,7 +11,8 @@ from .._util.text import counted
 from .common import WrongInput, reported_errors
 from .number import Number
 from .options import SavedRunOptions, option, options, quiet_option
-from .output import progress_report, say
+from .output import say
+from .progress import progress_report
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import asyncio
 import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,9 @@ from ..errors import (
     PolicyError,
     WorkerError,
 )
-from .options import CommonOptions, PolicyOptions, StudyOptions
+from .options import CommonOptions, PolicyOptions
 from .output import say
+from .study_options import StudyOptions
 
 
 class Failure(click.ClickException):
@@ -43,21 +45,49 @@ class WrongInput(Failure):
     exit_code = 2
 
 
-RESUME = "; finished work is saved: free some space, then continue with --resume"
-"""Advice where a study with checkpoints could not write."""
+_FREE = "free some space, then continue with --resume"
+
+
+@dataclass
+class SavedWork:
+    """What a study has saved by the time it fails.
+
+    Parameters
+    ----------
+    folder : Path, optional
+        Folder of its results, once it is known.
+    since : float
+        Time of `time.time`; what was saved before is of an earlier study.
+    """
+
+    folder: Path | None = None
+    since: float = 0.0
+
+    def advice(self, text: str) -> str:
+        """End of a message: that work is saved, and how to continue; empty if none is."""
+        if self.folder is None:
+            return ""
+        from ..studies.checkpoint import has_records
+
+        if not has_records(self.folder, self.since):
+            return ""
+        return f"; finished work is saved in {self.folder}: {text}"
 
 
 @contextmanager
-def reported_errors(resumes: bool = False) -> Iterator[None]:
-    """Turn the library's errors into messages and exit codes; studies may be resumed."""
+def reported_errors() -> Iterator[SavedWork]:
+    """Turn the library's errors into messages and exit codes.
+
+    Yields a record for a study that saves its work, which the messages then mention.
+    """
+    saved = SavedWork()
     try:
-        yield
+        yield saved
     except KeyboardInterrupt as error:
-        advice = "; finished work is saved: continue with --resume" if resumes else ""
-        raise Failure(f"interrupted{advice}") from error
+        raise Failure(f"interrupted{saved.advice('continue with --resume')}") from error
     except FolderError as error:
-        full = resumes and error.__cause__ is not None  # else it is not writable at all
-        raise Failure(f"{error}{RESUME if full else ''}") from error
+        full = error.__cause__ is not None  # else it is not writable at all
+        raise Failure(f"{error}{saved.advice(_FREE) if full else ''}") from error
     except (PlanningError, PolicyCallError, WorkerError) as error:
         raise Failure(str(error)) from error
     except CasswarmError as error:
@@ -65,7 +95,7 @@ def reported_errors(resumes: bool = False) -> Iterator[None]:
     except OSError as error:
         if error.filename is None and error.errno is None:
             raise
-        raise Failure(f"{error}{RESUME if resumes else ''}") from error
+        raise Failure(f"{error}{saved.advice(_FREE)}") from error
 
 
 def load(common: CommonOptions, values: Mapping[str, Any] | None = None) -> csw.Scenario:

@@ -16,14 +16,17 @@ from . import completion
 from .common import Failure, reported_errors
 from .ending import Ending
 from .number import Number
-from .options import FigureOptions, OutputOptions, option, options, out_option, seed_option
-from .output import aligned_table, open_folder, progress_report
+from .options import DrawingOptions, OutputOptions, option, options, out_option, seed_option
+from .output import aligned_table, open_folder
+from .progress import progress_report
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from ..comparison.report import Report
     from ..results.folder import ResultsFolder
+
+_CONTINUE = "repeat the same command to continue"
 
 
 @dataclass(frozen=True)
@@ -69,14 +72,14 @@ class CompareOptions:
 
 @click.command()
 @options
-def compare(selection: CompareOptions, output: CompareOutput, figures: FigureOptions) -> None:
+def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOptions) -> None:
     """Compare solvers on problems from real runs.
 
     Reports success rate, speed and reliability. Each solver runs in a process of its own: one that
     crashes or hangs is a row of the tables. Every solution is verified by residuals recomputed from
     the problem. Prints a summary and writes report.html and report.md, the tables runs.csv (a row
     per problem, start and solver), summary.csv, problems.csv and failures.csv, profiles as figures
-    (in report.html always PNG), and run.json.
+    (in report.html always PNG), and run.json; with --no-figures no report, which shows them.
 
     Results are saved incrementally: repeat an interrupted command with the same options to continue
     it. The default takes five to ten minutes.
@@ -87,11 +90,12 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: FigureOpt
       casswarm compare
       casswarm compare --family formations --solver spectral --solver ipopt --problems 10
     """
-    with reported_errors(), progress_report(output.quiet) as progress:
+    with reported_errors() as saved, progress_report(output.quiet) as progress:
         from ..comparison import DEFAULT
         from ..results.catalogue import drawn_figures
 
         folder = open_folder("compare", None, output.out, figures)
+        saved.folder = folder.path
         try:
             comparison = csw.compare(
                 selection.families or DEFAULT,
@@ -104,13 +108,12 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: FigureOpt
                 progress=progress,
             )
         except KeyboardInterrupt:
-            raise Failure(
-                f"interrupted; finished work is saved in {folder.path}: "
-                "repeat the same command to continue"
-            ) from None
+            raise Failure(f"interrupted{saved.advice(_CONTINUE)}") from None
         _write_tables(folder, comparison)
-        ending = Ending(folder, output)
-        report = ending.attempt("the report", partial(_report, folder, comparison))
+        ending = Ending(folder, output, progress)
+        report = None
+        if not figures.no_figures:
+            report = ending.attempt("the report", partial(_report, folder, comparison))
         if report is not None:
             ending.draw(partial(drawn_figures, report.figures))
             ending.attempt("the report", partial(_write_pages, folder, report))
@@ -156,13 +159,19 @@ def _text(summary: pd.DataFrame) -> str:
                 "solver": str(row["solver"]),
                 "solved": f"{100 * row['solved']:.0f} %",
                 "best known": f"{100 * row['best_known']:.0f} %",
-                "false positives": f"{row['false_positives']}",
                 "mean ms": f"{row['mean_ms']:.3g}",
                 "build ms": f"{row['build_ms']:.3g}",
                 "iterations": f"{row['iterations']:g}",
             }
             for row in part.to_dict("records")
         ]
+        notes = [
+            f"{row['solver']}: {counted(row['false_positives'], 'false positive')} (reported as "
+            "solved, but not verified)"
+            for row in part.to_dict("records")
+            if row["false_positives"]
+        ]
         problems = counted(int(part["problems"].iloc[0]), "problem")
-        texts.append(f"{family}, {start} start, {problems}\n{aligned_table(rows)}")
+        title = f"{family}, {start} start, {problems}"
+        texts.append("\n".join([title, aligned_table(rows), *notes]))
     return "\n\n".join(texts)

@@ -12,6 +12,7 @@ from .output import print_result
 if TYPE_CHECKING:
     from ..results.catalogue import FigureCatalogue
     from ..results.folder import ResultsFolder
+    from .progress import ProgressReport
 
 T = TypeVar("T")
 
@@ -23,10 +24,13 @@ class Ending:
     ----------
     folder : ResultsFolder
     output : OutputOptions
+    progress : ProgressReport, optional
     """
 
-    def __init__(self, folder: ResultsFolder, output: OutputOptions) -> None:
-        self._folder, self._output = folder, output
+    def __init__(
+        self, folder: ResultsFolder, output: OutputOptions, progress: ProgressReport | None
+    ) -> None:
+        self._folder, self._output, self._progress = folder, output, progress
         self._failures: list[str] = []
         self._interrupted, self._undrawn = False, True
 
@@ -34,6 +38,8 @@ class Ending:
         """Result of a computation; None if it fails, and after Ctrl-C, which `finish` reports."""
         if self._interrupted:
             return None
+        if self._progress is not None:
+            self._progress.watch(what)
         try:
             return compute()
         except KeyboardInterrupt:
@@ -46,13 +52,18 @@ class Ending:
         return None
 
     def draw(self, catalogue: Callable[[], FigureCatalogue] | None = None) -> None:
-        """Draw the figures, after the record is written, and add their files to it."""
+        """Draw the figures, after the record is written, and add their files to it.
+
+        Does nothing with --no-figures.
+        """
+        if getattr(self._output, "no_figures", False):
+            return
         drawn = self.attempt("drawing", lambda: self._draw(catalogue))
         self._undrawn = drawn is None
         self._folder.extend_record()
 
     def _draw(self, catalogue: Callable[[], FigureCatalogue] | None) -> bool:
-        self._folder.write_figures(None if catalogue is None else catalogue())
+        self._folder.write_figures(None if catalogue is None else catalogue(), self._progress)
         return True
 
     def finish(self, text: str) -> None:

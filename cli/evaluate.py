@@ -12,8 +12,10 @@ import casswarm as csw
 
 from .common import load, named_policies, reported_errors
 from .ending import Ending
-from .options import CommonOptions, ExactOptions, PolicyOptions, option, options, seed_option
-from .output import aligned_table, open_folder, progress_report, say
+from .options import CommonOptions, PolicyOptions, option, options, refuse, seed_option
+from .output import aligned_table, open_folder, say
+from .progress import progress_report
+from .study_options import ExactOptions
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
@@ -55,6 +57,8 @@ def evaluate(
       casswarm evaluate paper-1 --tolerance 1e-6 --aggregation-tol 1e-6
       casswarm evaluate large-swarm --policy leader --runs 2000
     """
+    if sampling.runs is None:
+        refuse("nothing is sampled without --runs", "seed")
     with reported_errors(), progress_report(common.quiet) as progress:
         chosen = load(common)
         from ..planning.plan import guide_solver
@@ -76,7 +80,7 @@ def evaluate(
                 )
                 distributions.append(estimates[-1].enumerated)
         result = _write_tables(folder, distributions, estimates)
-        ending = Ending(folder, common)
+        ending = Ending(folder, common, progress)
         bound = ending.attempt("the success bound", partial(csw.success_bound, chosen))
         result["success_bound"] = None if bound is None else bound.as_dict()
         inputs = {**asdict(exact), **asdict(sampling), "solver": policies.solver}
@@ -110,18 +114,27 @@ def _write_tables(
 
 
 def _text(scenario: csw.Scenario, distributions: list[csw.OutcomeDistribution]) -> str:
+    from ..studies.tables import count_notes
+
     rows = [
         {
             "policy": distribution.policy,
             "success, bounds": "{:.6f} to {:.6f}".format(*distribution.success),
             "survivors": "{:.3f} to {:.3f}".format(*distribution.survivors_mean),
             "states": f"{distribution.states}",
-            "infeasible": f"{distribution.infeasible:.2f}",
-            "solver failures": f"{distribution.failures:.4f}",
         }
         for distribution in distributions
     ]
-    notes = [
+    counts = [
+        {
+            "policy": distribution.policy,
+            "infeasible": distribution.infeasible,
+            "solver_failures": distribution.failures,
+        }
+        for distribution in distributions
+    ]
+    notes = count_notes(counts, "per run on average")
+    notes += [
         f"{distribution.policy}: {distribution.advice}"
         for distribution in distributions
         if not distribution.complete
@@ -131,6 +144,5 @@ def _text(scenario: csw.Scenario, distributions: list[csw.OutcomeDistribution]) 
             f"states closer than {distributions[0].aggregation_tol:g} were aggregated: the bounds "
             "are those of the aggregated chain"
         )
-    title = f"{scenario.name}: exact outcome distribution; counts are means per run"
-    lines = [title, "", aligned_table(rows)]
-    return "\n".join([*lines, "", *notes] if notes else lines)
+    title = f"{scenario.name}: exact outcome distribution"
+    return "\n".join([title, "", aligned_table(rows), *notes])

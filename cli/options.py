@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Literal, get_type_hints
 
 import click
+from click.core import ParameterSource
 
 from .._util.seeds import MAX_SEED
 from . import completion
@@ -56,6 +57,19 @@ def options(command: Command) -> Command:
     for item in reversed(declared):
         parsed = item.metadata["declare"](item.name)(parsed)
     return parsed
+
+
+def refuse(reason: str, *names: str) -> None:
+    """Raise a UsageError if one of these options, which would have no effect, is given."""
+    context = click.get_current_context()
+    given = [
+        f"--{name.replace('_', '-')}"
+        for name in names
+        if context.get_parameter_source(name) is not ParameterSource.DEFAULT
+    ]
+    if given:
+        verb = "does" if len(given) == 1 else "do"
+        raise click.UsageError(f"{', '.join(given)} {verb} not apply: {reason}")
 
 
 def out_option(text: str, **settings: Any) -> Any:
@@ -133,8 +147,36 @@ class FigureOptions:
 
 
 @dataclass(frozen=True)
-class CommonOptions(FigureOptions, ScenarioOptions):
+class DrawingOptions(FigureOptions):
+    """Whether figures are drawn, and how."""
+
+    no_figures: bool = option(
+        "--no-figures", is_flag=True, help="Draw no figures; casswarm plot draws them later."
+    )
+
+    def __post_init__(self) -> None:
+        if self.no_figures:
+            refuse("nothing is drawn with --no-figures", "format", "width", "dpi")
+
+
+@dataclass(frozen=True)
+class CommonOptions(DrawingOptions, ScenarioOptions):
     """Options of every command on a scenario."""
+
+
+@dataclass(frozen=True)
+class VerboseOptions:
+    """How much is said."""
+
+    verbose: bool = option(
+        "--verbose",
+        is_flag=True,
+        help="Print Ipopt's iterations and all log messages, with the names of their loggers.",
+    )
+
+    def __post_init__(self) -> None:
+        if self.verbose:
+            refuse("everything is printed with --verbose", "quiet")
 
 
 @dataclass(frozen=True)
@@ -178,6 +220,10 @@ class PolicyOptions:
         "projected-gradient, the paper's method, the guides are planned by it, too.",
     )
 
+    def __post_init__(self) -> None:
+        if not any(":" in name for name in self.policies):
+            refuse("no policy is your own, module:function", "policy_time_limit")
+
 
 @dataclass(frozen=True)
 class GuideOptions:
@@ -200,63 +246,3 @@ class GuideOptions:
     def values(self) -> dict[str, Any]:
         """Values of the scenario that the options replace."""
         return {f"guide.{item.name}": getattr(self, item.name) for item in fields(self)}
-
-
-@dataclass(frozen=True)
-class ExactOptions:
-    """How far outcome distributions are enumerated."""
-
-    tolerance: float = option(
-        "--tolerance",
-        type=Number(0, 1, max_open=True),
-        default=1e-3,
-        help="Width of the probability bounds.",
-    )
-    max_states: int | None = option(
-        "--max-states",
-        type=click.IntRange(1),
-        help="Maximum number of states to enumerate; bounds may be wider than the tolerance. "
-        "[default: 1000000, or 10000 with more than 12 members]",
-    )
-    aggregation_tol: float = option(
-        "--aggregation-tol",
-        type=Number(0),
-        default=0.0,
-        help="Aggregate states that are closer than this, such as 1e-6. This needs far fewer "
-        "states, but the bounds are proven only at 0.",
-    )
-
-
-@dataclass(frozen=True)
-class StudyOptions:
-    """Workers and checkpoints of a study."""
-
-    workers: int = option(
-        "--workers",
-        type=click.IntRange(1),
-        default=1,
-        help="Number of worker processes (does not affect results).",
-    )
-    dask: str | None = option(
-        "--dask",
-        metavar="ADDRESS",
-        help="Run on the Dask cluster at this address, such as tcp://127.0.0.1:8786. "
-        "Needs the extra: pip install 'casswarm[dask]'.",
-    )
-    resume: bool = option(
-        "--resume",
-        is_flag=True,
-        help="Resume an interrupted study with the same inputs from its folder.",
-    )
-    overwrite: bool = option(
-        "--overwrite", is_flag=True, help="Discard an unfinished study and start over."
-    )
-
-    def __post_init__(self) -> None:
-        if self.resume and self.overwrite:
-            raise click.UsageError("--resume and --overwrite: give one of them")
-
-    @property
-    def if_exists(self) -> Literal["error", "resume", "overwrite"]:
-        """What happens to an unfinished study in the folder."""
-        return "resume" if self.resume else "overwrite" if self.overwrite else "error"

@@ -1,9 +1,9 @@
-"""What commands print: results, progress, and which files were written."""
+"""What commands print: results, and which files were written."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+import textwrap
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,18 +19,28 @@ if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
 
 
-_BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
+WIDTH = 80
+"""Number of characters in a line of what commands print; only a longer word exceeds it."""
 
 
-def aligned(rows: Sequence[tuple[str, ...]]) -> str:
-    """Rows as columns of text, the first to the left and the others to the right."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join(
-        "  ".join(
-            cell.ljust(width) if column == 0 else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
+def aligned(rows: Sequence[tuple[str, ...]], labels: int = 1) -> str:
+    """Rows as columns of text, the first to the left and the others to the right.
+
+    Columns that do not fit in `WIDTH` are in further tables below, after the first `labels` columns
+    again.
+    """
+    columns: list[list[str]] = []
+    for cells in zip(*rows, strict=True):
+        width = max(map(len, cells))
+        columns.append([cell.rjust(width) if columns else cell.ljust(width) for cell in cells])
+    tables = [columns[:labels]]
+    for column in columns[labels:]:
+        wider = [*tables[-1], column]
+        if len(tables[-1]) > labels and len("  ".join(cells[0] for cells in wider)) > WIDTH:
+            tables.append(wider := [*columns[:labels], column])
+        tables[-1] = wider
+    return "\n\n".join(
+        "\n".join("  ".join(row).rstrip() for row in zip(*table, strict=True)) for table in tables
     )
 
 
@@ -39,30 +49,12 @@ def aligned_table(rows: Sequence[Mapping[Any, str]]) -> str:
     return aligned([tuple(rows[0]), *(tuple(row.values()) for row in rows)])
 
 
-@contextmanager
-def progress_report(quiet: bool) -> Iterator[csw.Progress | None]:
-    """Report progress on standard error: with a bar where a total is known, else with a line.
-
-    Yields None where nothing should be reported. Bars are drawn on terminals only.
-    """
-    if quiet:
-        yield None
-        return
-    from tqdm import tqdm
-
-    bars: dict[str, Any] = {}
-    with ExitStack() as stack:
-
-        def report(task: str, done: float, total: float | None) -> None:
-            if total is None and not done:
-                say(task)
-                return
-            if task not in bars:
-                bars[task] = stack.enter_context(tqdm(desc=task, bar_format=_BAR, disable=None))
-            bars[task].total = total
-            bars[task].update(done - bars[task].n)
-
-        yield report
+def wrapped(text: str, indent: int = 2) -> str:
+    """Text whose lines are at most `WIDTH` long; what continues a line is indented."""
+    fit = textwrap.TextWrapper(
+        WIDTH, subsequent_indent=indent * " ", break_long_words=False, break_on_hyphens=False
+    )
+    return "\n".join(fit.fill(line) if len(line) > WIDTH else line for line in text.split("\n"))
 
 
 def say(text: str, quiet: bool = False) -> None:
@@ -85,5 +77,5 @@ def print_result(
     folder: ResultsFolder, content: Mapping[str, Any], text: str, output: OutputOptions
 ) -> None:
     """Print the result, as text or as JSON, and which files were written."""
-    click.echo(json_text(content) if output.as_json else text)
+    click.echo(json_text(content) if output.as_json else wrapped(text))
     say(folder.summary(), output.quiet)

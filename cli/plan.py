@@ -17,9 +17,11 @@ from .._util.text import counted
 from . import completion
 from .common import WrongInput, load, reported_errors
 from .ending import Ending
+from .log import show_log, shown_solvers
 from .number import Number
-from .options import CommonOptions, GuideOptions, option, options
-from .output import open_folder, progress_report
+from .options import CommonOptions, GuideOptions, VerboseOptions, option, options, refuse
+from .output import open_folder
+from .progress import progress_report
 
 if TYPE_CHECKING:
     from ..planning.bounds import CostToGoMap
@@ -75,7 +77,9 @@ class SolveOptions:
 
 @click.command()
 @options
-def plan(common: CommonOptions, planning: PlanOptions, solving: SolveOptions) -> None:
+def plan(
+    common: CommonOptions, planning: PlanOptions, solving: SolveOptions, output: VerboseOptions
+) -> None:
     """Plan the guide of a scenario.
 
     The guide is the path of least risk for a single agent, which the swarm follows. Writes
@@ -90,8 +94,11 @@ def plan(common: CommonOptions, planning: PlanOptions, solving: SolveOptions) ->
       casswarm plan paper-1 --search global --arrival any --gap 0.0001
       casswarm plan paper-1 --solver projected-gradient
       casswarm plan single-agent --map
+      casswarm plan single-agent --verbose
       casswarm plan my-scenario.toml --set guide.a_max=0.3 --json
     """
+    if not solving.certify:
+        refuse("no bound is computed with --no-certify", "gap")
     reference = solving.solver == "projected-gradient"
     if reference and any(value is not None for value in planning.values.values()):
         raise WrongInput(
@@ -103,16 +110,20 @@ def plan(common: CommonOptions, planning: PlanOptions, solving: SolveOptions) ->
         folder = open_folder("plan", chosen, common.out, common)
         if solving.with_map:
             _require_possible_map(chosen)
-        guide = csw.plan(
-            chosen,
-            solving.solver,
-            certify=solving.certify,
-            gap=solving.gap,
-            time_limit=solving.time_limit,
-            progress=progress,
-        )
+        show_log(output.verbose)
+        speaks = output.verbose and solving.solver == "ipopt"
+        with shown_solvers(output.verbose):
+            guide = csw.plan(
+                chosen,
+                solving.solver,
+                certify=solving.certify,
+                gap=solving.gap,
+                time_limit=solving.time_limit,
+                solver_options={"print_level": 5} if speaks else None,
+                progress=progress,
+            )
         _write_guide(folder, guide, solving.solver)
-        ending, baseline, costs = Ending(folder, common), None, None
+        ending, baseline, costs = Ending(folder, common, progress), None, None
         if reference:
             search = partial(_globally_planned, chosen, guide, solving.time_limit)
             baseline = ending.attempt("the global search for comparison", search)

@@ -16,7 +16,8 @@ from .common import load, reported_errors
 from .ending import Ending
 from .number import Number
 from .options import CommonOptions, option, options, seed_option
-from .output import aligned_table, open_folder, progress_report, say
+from .output import aligned_table, open_folder, say
+from .progress import progress_report
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
@@ -74,7 +75,7 @@ def plan_swarm(common: CommonOptions, planning: SwarmPlanOptions) -> None:
         guide = csw.plan(chosen, certify=False, progress=progress)  # for the initial velocities
         swarm_plan = csw.plan_swarm(chosen, **asdict(planning), guide=guide, progress=progress)
         _write_tables(folder, swarm_plan)
-        ending, sampled = Ending(folder, common), None
+        ending, sampled = Ending(folder, common, progress), None
         if swarm_plan.distribution is None:
             say(f"simulating: {_RUNS} runs", common.quiet)
             policy = JointPolicy.from_plan(swarm_plan)

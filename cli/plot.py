@@ -12,6 +12,7 @@ from ..errors import CheckpointError
 from .common import reported_errors
 from .options import FigureOptions, SavedRunOptions, option, options, out_option, quiet_option
 from .output import open_folder, say
+from .progress import progress_report
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ def plot(selection: PlotOptions, figures: FigureOptions) -> None:
       casswarm plot results/simulate-paper-1 --run 3 --figure run-leader --figure formation-leader
       casswarm plot results/compare --width slide --out slides
     """
-    with reported_errors():
+    with reported_errors(), progress_report(selection.quiet) as progress:
         from ..figures import theme
         from ..results.folder import ResultsFolder
 
@@ -59,7 +60,8 @@ def plot(selection: PlotOptions, figures: FigureOptions) -> None:
                 )
         target = open_folder("plot", None, selection.out or folder, figures)
         names = selection.names or tuple(catalogue)
-        target.write_figures({name: draw for name, draw in catalogue.items() if name in names})
+        drawn = {name: draw for name, draw in catalogue.items() if name in names}
+        target.write_figures(drawn, progress)
     if selection.out is None:
         target.extend_record()
     click.echo("\n".join(str(target.path / name) for name in target.files))

@@ -11,7 +11,7 @@ import click
 
 from .._util.text import did_you_mean
 from .common import WrongInput, reported_errors
-from .options import FigureOptions, OutputOptions, option, options, out_option, seed_option
+from .options import DrawingOptions, OutputOptions, option, options, out_option, seed_option
 from .output import aligned_table, open_folder, print_result, say
 
 if TYPE_CHECKING:
@@ -47,7 +47,9 @@ class ReproduceOptions:
 
 @click.command()
 @options
-def reproduce(output: ReproduceOutput, selection: ReproduceOptions, figures: FigureOptions) -> None:
+def reproduce(
+    output: ReproduceOutput, selection: ReproduceOptions, figures: DrawingOptions
+) -> None:
     """Reproduce the paper's tables and figures.
 
     Takes a few minutes. Prints Tables I and II and the results beyond the paper. Writes a CSV file
@@ -60,6 +62,8 @@ def reproduce(output: ReproduceOutput, selection: ReproduceOptions, figures: Fig
       casswarm reproduce --out my-folder --format pdf --width column
       casswarm reproduce --only table-2 --only figures --out my-folder
     """
+    if figures.no_figures and "figures" in selection.only:
+        raise WrongInput("--only figures and --no-figures: give one of them")
     with reported_errors():
         folder = open_folder("reproduce", None, output.out, figures)
         from ..reproduction import page
@@ -75,14 +79,15 @@ def reproduce(output: ReproduceOutput, selection: ReproduceOptions, figures: Fig
             selection.runs,
             selection.seed,
             lambda task: say(f"{time.perf_counter() - started:5.0f} s  {task}", output.quiet),
-            selection.only or None,
+            selection.only or (tuple(TABLES) if figures.no_figures else None),
         )
         for name, table in reproduction.tables.items():
             folder.write_table(name, table)
         result = {name: table.to_dict("records") for name, table in reproduction.tables.items()}
         inputs = {"runs": selection.runs, "only": list(selection.only), "seed": selection.seed}
         folder.write_record(result, inputs)
-        folder.write_figures(reproduction.figures)
+        if not figures.no_figures:
+            folder.write_figures(reproduction.figures)
         if reproduction.complete:
             folder.write_file("README.md", page(reproduction, figures.format))
         folder.extend_record()

@@ -13,7 +13,7 @@ from .._util.text import counted
 from . import completion
 from .common import WrongInput, reported_errors
 from .options import Command, allow_code_option
-from .output import aligned
+from .output import aligned, wrapped
 
 ALLOW_CODE: Callable[[Command], Command] = allow_code_option().metadata["declare"]("allow_code")
 
@@ -27,7 +27,7 @@ def scenarios() -> None:
 def list_() -> None:
     """List the built-in scenarios."""
     for name, description in csw.builtin_scenarios().items():
-        click.echo(f"{name:14s} {description}")
+        click.echo(wrapped(f"{name:14s} {description}", indent=15))
 
 
 @scenarios.command()

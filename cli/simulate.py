@@ -18,12 +18,14 @@ from .options import (
     CommonOptions,
     GuideOptions,
     PolicyOptions,
-    StudyOptions,
     option,
     options,
+    refuse,
     seed_option,
 )
-from .output import aligned_table, open_folder, progress_report, say
+from .output import aligned_table, open_folder, say
+from .progress import progress_report
+from .study_options import StudyOptions
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
@@ -81,12 +83,21 @@ def simulate(
     """
     if sampling.runs is not None and sampling.half_width is not None:
         raise WrongInput("--runs and --half-width: give one of them")
-    with reported_errors(resumes=True), progress_report(common.quiet) as progress:
+    if policies.solver == "projected-gradient":
+        refuse(
+            "projected-gradient starts from the straight line and arrives at the last step",
+            "search",
+            "arrival",
+        )
+    if sampling.report and common.no_figures:
+        raise WrongInput("--report and --no-figures: give one of them, the report shows figures")
+    with reported_errors() as saved, progress_report(common.quiet) as progress:
         chosen = load(common, planning.values)
         from ..planning.plan import guide_solver
 
         chosen_policies = named_policies(policies)
         folder = open_folder("simulate", chosen, common.out, common)
+        saved.folder, saved.since = folder.path, execution.saved_since
         guide = csw.plan(chosen, guide_solver(policies.solver), progress=progress)
         shared: dict[str, Any] = {"guide": guide, "solver": policies.solver}
         runs = sampling.runs or 1000
@@ -118,7 +129,7 @@ def simulate(
             "solver": policies.solver,
         }
         _write_tables(folder, study)
-        ending = Ending(folder, common)
+        ending = Ending(folder, common, progress)
         bound = ending.attempt("the success bound", partial(csw.success_bound, chosen))
         _write_record(folder, study, bound, inputs)
         ending.draw()
@@ -168,18 +179,19 @@ def _write_report(folder: ResultsFolder) -> None:
 
 
 def _text(study: csw.Study) -> str:
-    from ..studies.tables import paired_texts, summary_texts
+    from ..studies.tables import count_notes, paired_texts, summary_texts
 
     lines = [
         f"{study.scenario.name}: {study.guide}",
         "",
         aligned_table(summary_texts(study.summary).to_dict("records")),
+        *count_notes(study.summary.to_dict("records")),
     ]
     if len(study.paired):
         lines += [
             "",
             aligned_table(paired_texts(study.paired).to_dict("records")),
-            "A - B, paired run by run: only A succeeds : only B succeeds; "
-            "variance ratio: paired/independent",
+            "A - B, paired run by run; A : B: runs in which only A, only B succeeds;",
+            "p: McNemar's test; variance: ratio of paired to independent runs",
         ]
     return "\n".join(lines)

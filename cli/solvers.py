@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from .._util.documents import json_text
-from .output import aligned_table
+from .output import aligned_table, wrapped
 
 _MARKS = ("batch", "multipliers", "time_limit")  # capabilities shown as yes or -
 
@@ -40,15 +40,15 @@ def solvers(as_json: bool) -> None:
         | {mark.replace("_", " "): "yes" if row[mark] else "-" for mark in _MARKS}
         for row in listed
     ]
-    table = aligned_table(rows).splitlines()
-    summaries = ["description", *(row["summary"] for row in listed)]
-    click.echo("\n".join(f"{line}  {text}" for line, text in zip(table, summaries, strict=True)))
+    click.echo(aligned_table(rows))
+    click.echo("\n" + _described([(row["name"], row["summary"]) for row in listed]))
     missing = [(row["name"], row["unavailable"]) for row in listed if row["unavailable"]]
     if missing:
-        click.echo("\nNot available in this installation:\n" + _reasons(missing))
-    click.echo("\nNot supported:\n" + _reasons(list(UNSUPPORTED.items())))
+        click.echo("\nNot available in this installation:\n" + _described(missing))
+    click.echo("\nNot supported:\n" + _described(list(UNSUPPORTED.items())))
 
 
-def _reasons(pairs: list[tuple[str, str]]) -> str:
+def _described(pairs: list[tuple[str, str]]) -> str:
     width = max(len(name) for name, _ in pairs)
-    return "\n".join(f"{name:{width}s}  {reason}" for name, reason in pairs)
+    lines = (f"{name:{width}s}  {description}" for name, description in pairs)
+    return wrapped("\n".join(lines), indent=width + 2)

@@ -17,14 +17,15 @@ from .common import Failure, WrongInput, executor, named_policies, reported_erro
 from .ending import Ending
 from .options import (
     CommonOptions,
-    ExactOptions,
     PolicyOptions,
-    StudyOptions,
     option,
     options,
+    refuse,
     seed_option,
 )
-from .output import aligned, open_folder, progress_report
+from .output import aligned, open_folder
+from .progress import progress_report
+from .study_options import ExactOptions, StudyOptions
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
@@ -87,11 +88,16 @@ def sweep(
     """
     if method.exact and method.runs is not None:
         raise WrongInput("--exact and --runs: give one of them")
+    if method.runs is None:
+        refuse("nothing is sampled without --runs", "seed")
+    else:
+        refuse("nothing is enumerated with --runs", "tolerance", "max_states", "aggregation_tol")
     grid = _grid(common.settings)
-    with reported_errors(resumes=True), progress_report(common.quiet) as progress:
+    with reported_errors() as saved, progress_report(common.quiet) as progress:
         chosen = csw.load_scenario(common.scenario, allow_code=common.allow_code)
         chosen_policies = named_policies(policies)
         folder = open_folder("sweep", chosen, common.out, common)
+        saved.folder, saved.since = folder.path, execution.saved_since
         settings: dict[str, Any] = {"runs": method.runs, "seed": method.seed, **asdict(accuracy)}
         settings["solver"] = policies.solver
         with executor(execution) as workers:
@@ -112,7 +118,7 @@ def sweep(
             "workers": execution.workers,
         }
         _write(folder, result, inputs)
-        ending = Ending(folder, common)
+        ending = Ending(folder, common, progress)
         ending.draw()
         ending.finish(_text(result))
     if result.failures == len(result.table):
@@ -209,7 +215,7 @@ def _text(result: csw.Sweep) -> str:
         (*(str(point[key]) for key in result.keys), str(point["policy"]), *_numbers(point, sampled))
         for point in points
     ]
-    lines = [result.scenario.name, "", aligned([header, *rows])]
+    lines = [result.scenario.name, "", aligned([header, *rows], len(result.keys) + 1)]
     for status, what in (("failed", "failed"), ("ok", "have wider bounds than requested")):
         reasons = [
             " ".join(line.strip() for line in point["reason"].splitlines())

@@ -6,11 +6,6 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 
-def counted(count: int, noun: str) -> str:
-    """Number and noun, in the plural unless the number is 1."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
-
-
 def closest(word: str, known: Iterable[str]) -> str | None:
     """The known word that an unknown one most resembles, or None."""
     return next(iter(get_close_matches(word, list(known), 1)), None)
@@ -26,6 +21,12 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     """End of a message about an unknown word: the closest known word, and all known words."""
     words = list(known)
     return f"{suggestion(word, words)} (known: {', '.join(words)})"
+
+
+def counted(count: float, noun: str, plural: str = "") -> str:
+    """Number and noun, in the plural unless the number is one; four digits of a fraction."""
+    number = f"{count:.4g}" if isinstance(count, float) else f"{count}"
+    return f"{number} {noun if count == 1 else plural or f'{noun}s'}"
 
 
 def printable(text: str) -> str:

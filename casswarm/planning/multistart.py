@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..optimization.solution import Solution
-from ..optimization.solvers import Solver
+from ..optimization.solvers import Ipopt, Solver
 from ..optimization.solvers.base import VIOLATION
 from ..problems.guide import GuideTask, guide_instance, guide_nlp
 from ..problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp
@@ -25,6 +26,8 @@ from .solves import solve_by
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
+
+LOG = logging.getLogger(__name__)
 
 STRAIGHT, GRID_PATH = "straight", "grid path"
 """Names of starts: along the straight line, and along a grid path where there are no radars."""
@@ -39,7 +42,7 @@ LONG_HORIZON = 100
 """Number of steps above which a global search uses fewer starts, because solves take longer."""
 
 LONG_SOLVE = 1000
-"""Number of steps from which every solve is reported."""
+"""Number of steps from which every solve is reported; those of general solvers always are."""
 
 REFINE_WITHIN = 1.1
 """Refine the arrival time of homotopy classes whose risk is within this factor of the best."""
@@ -149,21 +152,21 @@ class Multistart:
 
     def _report(self, name: str, detail: str = "") -> None:
         if self.progress is not None:
-            others = {STRAIGHT: "straight line", GRID_PATH: GRID_PATH}
-            start = others.get(name, f"homotopy class {name}")
-            self.progress(f"optimizing {start}{detail}", 0, None)
+            self.progress(f"optimizing {_described(name)}{detail}", 0, None)
 
-    def _report_solve(self, name: str, arrival: int) -> None:
-        """Report a solve that may take more than a second."""
-        if self.scenario.n_steps >= LONG_SOLVE:
-            self._report(name, f", {arrival} of at most {self.scenario.n_steps} steps")
+    def _report_solve(self, name: str, arrival: int, number: str) -> None:
+        """Report a solve that may take more than a second: not one by Ipopt of a usual length."""
+        steps = self.scenario.n_steps
+        if steps >= LONG_SOLVE or self.solver.name != Ipopt.name:
+            detail = f", solve {number} by {self.solver.name}, {arrival} of at most {steps} steps"
+            self._report(name, detail)
 
-    def _solve(self, name: str, start: InitialPath, steps: Iterable[int]) -> Iterator[Candidate]:
+    def _solve(self, name: str, start: InitialPath, steps: Sequence[int]) -> Iterator[Candidate]:
         nlp = guide_nlp(self.scenario.hazard, self.scenario.n_steps)
-        for arrival in steps:
+        for number, arrival in enumerate(steps, 1):
             if self.expired:
                 return
-            self._report_solve(name, arrival)
+            self._report_solve(name, arrival, f"{number} of {len(steps)}")
             guess = start(arrival, self.task.dt)
             scale = 1.0 if name == STRAIGHT else self._scale(guess)
             instance = guide_instance(nlp, self.task, arrival, guess, scale)
@@ -174,6 +177,7 @@ class Multistart:
                 complementarity=solution.residuals.complementarity / scale,
             )
             solution = replace(solution, objective=solution.objective / scale, residuals=residuals)
+            LOG.debug("%s, %d steps: %s", _described(name), arrival, solution)
             velocities = self.task.v_max * nlp.variable("velocities", solution.x)[:arrival]
             yield self._candidate(name, arrival, velocities, solution)
 
@@ -279,6 +283,12 @@ class Multistart:
         if not feasible.size or self.scenario.guide.arrival == "horizon":
             return [horizon]
         return [int(step) for step in feasible]
+
+
+def _described(name: str) -> str:
+    """A start in words, by its name."""
+    others = {STRAIGHT: "straight line", GRID_PATH: GRID_PATH}
+    return others.get(name, f"homotopy class {name}")
 
 
 def _name(path: GridPath) -> str:

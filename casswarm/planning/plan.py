@@ -68,8 +68,8 @@ def plan(
     solver_options : mapping, optional
         Options of the solver, if it is given by name.
     progress : Progress or bool, optional
-        True for progress bars, or a function: see `Progress`. It is called before every start and
-        before the proof.
+        True for progress bars, or a function: see `Progress`. It is called before every start,
+        before every solve that may take long, and before the proof.
 
     Returns
     -------

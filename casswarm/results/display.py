@@ -23,26 +23,27 @@ from ..planning.joint import SwarmPlan
 from ..scenario import Scenario
 from ..studies.simulation import Study
 from ..studies.sweep import Sweep
-from ..studies.tables import summary_texts
+from ..studies.tables import count_notes, summary_texts
 from ..typing import FloatArray, ThemeName
 
 
 class View(NamedTuple):
-    """What a notebook shows above the picture; a mapping is a table of one row."""
+    """What a notebook shows above the picture: a mapping is a table of one row."""
 
     title: str
     table: Mapping[str, Any] | pd.DataFrame
-    note: str = ""
+    notes: str = ""  # lines below the title
 
 
 def html(result: object) -> str:
     """HTML of a result: title, table and picture."""
-    title, table, note = view(result)
+    title, table, notes = view(result)
     frame = table if isinstance(table, pd.DataFrame) else pd.DataFrame([table])
     picture = figure_uri(figure(result, None, "column"), dpi=100)
+    lines = "".join(f"<br>{escape(line)}" for line in notes.splitlines())
     return (
-        f"<p><strong>{escape(title)}</strong>{f'<br>{escape(note)}' if note else ''}</p>"
-        f"{html_table(frame)}"
+        f"<p><strong>{escape(title)}</strong>{lines}</p>"
+        f'<div style="overflow-x: auto">{html_table(frame)}</div>'
         f'<img src="{picture}" alt="{escape(title)}" style="max-width: 100%">'
     )
 
@@ -128,7 +129,8 @@ def _(result: SwarmPlan, scenario: Scenario | None) -> Figure:
 
 @view.register
 def _(result: Study) -> View:
-    return View(f"Simulation of {result.scenario.name}", summary_texts(result.summary))
+    notes = "\n".join(count_notes(result.summary.to_dict("records")))
+    return View(f"Simulation of {result.scenario.name}", summary_texts(result.summary), notes)
 
 
 @picture.register

@@ -20,7 +20,7 @@ import pandas as pd
 from .._util.documents import json_text
 from .._util.files import atomic_write, digest, set_aside
 from ..errors import FolderError
-from ..typing import ThemeName
+from ..typing import Progress, ThemeName
 from .reader import OBJECTS, ResultsReader
 from .record import RECORD, own_record, recorded_files
 from .serialization import pack
@@ -86,17 +86,24 @@ class ResultsFolder(ResultsReader):
         """Write a table as NAME.csv."""
         self.write_file(f"{name}.csv", table.to_csv(index=False))
 
-    def write_figures(self, catalogue: FigureCatalogue | None = None) -> None:
+    def write_figures(
+        self, catalogue: FigureCatalogue | None = None, progress: Progress | None = None
+    ) -> None:
         """Draw figures one by one and write them, each as NAME.png or of another format.
 
         By default those of the command, from the tables and objects that are written already.
+        `progress` is told before each of them how many are drawn.
         """
         from ..figures import save, theme
 
         suffix, width, dpi = self.figure_format
         with theme(width):
-            for name, draw in (self._figures(0) if catalogue is None else catalogue).items():
+            figures = self._figures(0) if catalogue is None else catalogue
+            report = progress or (lambda *_: None)
+            for done, (name, draw) in enumerate(figures.items()):
+                report("drawing figures", done, len(figures))
                 self.write_file(f"{name}.{suffix}", partial(save, draw(), dpi=dpi))
+            report("drawing figures", len(figures), len(figures))
 
     def write_objects(self, **objects: Any) -> None:
         """Save objects, which `objects` reads back; a guide without its candidates."""

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from .._util.documents import figure_uri, render
 from ..figures import theme
-from ..studies.tables import paired_texts, summary_texts
+from ..studies.tables import count_notes, paired_texts, summary_texts
 from . import catalogue
 from .folder import ResultsFolder
 
@@ -38,8 +38,7 @@ def simulation_page(folder: ResultsFolder) -> str:
         runs=int(summary["runs"].min()),
         summary=summary_texts(summary),
         paired=paired_texts(folder.paired),
-        failures=int(summary["solver_failures"].sum()),
-        infeasible=int(summary["infeasible"].sum()),
+        notes=count_notes(summary.to_dict("records")),
         guide=guide,
         bound=folder.objects["success_bound"],
         pictures=pictures,

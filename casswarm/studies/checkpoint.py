@@ -225,6 +225,12 @@ class Checkpoint:
         atomic_write(self._records / "finished", b"")
 
 
+def has_records(folder: Path, since: float = 0.0) -> bool:
+    """Whether a folder holds records that were saved after a time of `time.time`."""
+    records = (path for path in (folder / _FOLDER).glob("*.npz") if not is_partial(path))
+    return any(path.stat().st_mtime >= since for path in records)
+
+
 def _holder(path: Path) -> str:
     """Name of the process that holds the lock, as it wrote it."""
     if path.is_symlink() or not path.is_file():

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from .._util.text import counted
 from ..chain.confidence import Paired, wilson
 from ..chain.distribution import OutcomeDistribution
 from ..chain.monte_carlo import Runs
@@ -214,7 +215,10 @@ def success_text(row: Mapping[Any, Any]) -> str:
 
 
 def summary_texts(summary: pd.DataFrame) -> pd.DataFrame:
-    """The summary for people: probabilities with their intervals, counts, all as text."""
+    """The summary for people: probabilities with their intervals, all as text.
+
+    `count_notes` has the counts.
+    """
     return pd.DataFrame(
         {
             "policy": str(row["policy"]),
@@ -224,9 +228,39 @@ def summary_texts(summary: pd.DataFrame) -> pd.DataFrame:
             "survivors": f"{row['survivors_mean']:.2f}",
             "arrival step": f"{row['arrival_step_mean']:.1f}" if row["successes"] else "-",
         }
-        | {name.replace("_", " "): str(row[name]) for name in COUNTS}
         for row in summary.to_dict("records")
     )
+
+
+_NOTES = {
+    "infeasible": ("infeasible step", "", "no feasible velocity"),
+    "solver_failures": ("solver failure", "", "a fallback velocity was applied"),
+    "fallbacks": ("fallback", "", "Ipopt solved again"),
+    "saturated": ("saturated velocity", "saturated velocities", "projected to the limits"),
+}
+"""Noun, plural and meaning of each of `COUNTS`."""
+
+
+def count_notes(rows: Iterable[Mapping[Any, Any]], unit: str = "") -> list[str]:
+    """What is not zero of the counts `COUNTS`: a line per policy that has any.
+
+    Parameters
+    ----------
+    rows : iterable of mapping
+        Of every policy: its name "policy", and all or some of its counts.
+    unit : str
+        What a count refers to, such as "per run".
+    """
+    notes = []
+    for row in rows:
+        counts = [
+            f"{counted(row[name], noun, plural)}{unit and f' {unit}'} ({meaning})"
+            for name, (noun, plural, meaning) in _NOTES.items()
+            if row.get(name)
+        ]
+        if counts:
+            notes.append(f"{row['policy']}: {', '.join(counts)}")
+    return notes
 
 
 def paired_texts(paired: pd.DataFrame) -> pd.DataFrame:
@@ -236,9 +270,9 @@ def paired_texts(paired: pd.DataFrame) -> pd.DataFrame:
             "difference in success": f"{row['first']} - {row['second']}",
             "": f"{row['difference']:+.4f}",
             "95 % interval": f"{row['difference_low']:+.4f} to {row['difference_high']:+.4f}",
-            "only A : only B": f"{row['first_only']} : {row['second_only']}",
-            "p (McNemar)": f"{row['p_value']:.2g}",
-            "variance ratio": f"{row['variance_ratio']:.2f}" if row["variance_ratio"] >= 0 else "-",
+            "A : B": f"{row['first_only']} : {row['second_only']}",
+            "p": f"{row['p_value']:.2g}",
+            "variance": f"{row['variance_ratio']:.2f}" if row["variance_ratio"] >= 0 else "-",
         }
         for row in paired.to_dict("records")
     )

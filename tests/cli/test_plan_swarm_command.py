@@ -16,7 +16,8 @@ BOUND = re.compile(r"^no policy can exceed (0\.\d+)$", re.M)
 
 def test_plan_swarm_prints_success_and_bound(tmp_path: Path) -> None:
     printed = casswarm(tmp_path, "plan-swarm", *PAIR, "--seed", "3").stdout
-    reported = re.search(r"success (0\.\d+) .*no policy can exceed (0\.\d+)", printed)
+    line = " ".join(printed.split())
+    reported = re.search(r"success (0\.\d+) .*no policy can exceed (0\.\d+)", line)
     assert reported
     assert 0.5 < float(reported[1]) < float(reported[2]) < 1.0
     assert "formation" in printed

@@ -86,6 +86,15 @@ def test_plot_with_scenario_draws_its_landmarks(results, scenario, name):
     assert "radar" in labels[1]
 
 
+def test_display_of_study_notes_counts_below_the_title(scenario, guide):
+    study = csw.simulate(scenario, "constrained", 5, guide=guide)
+    steps = study.summary["infeasible"][0]
+    text = study._repr_html_()
+    assert f"<br>constrained: {steps} infeasible steps (no feasible velocity)" in text
+    assert "saturated" not in text
+    assert '<div style="overflow-x: auto"><table>' in text
+
+
 def test_display_escapes_texts(scenario):
     text = html(scenario.with_values({"description": "<script>"}))
     assert "&lt;script&gt;" in text

@@ -118,7 +118,19 @@ def test_page_of_another_command_raises(tmp_path):
         simulation_page(ResultsFolder.open(tmp_path))
 
 
-@pytest.mark.parametrize("width", [1200, 500])
+def test_page_notes_counts_that_are_not_zero(folder, page):
+    assert "<li>" not in page
+    assert "No step was infeasible" in plain(page)
+    saved = ResultsFolder.open(folder)
+    summary = saved.table("summary")
+    summary.loc[1, ["infeasible", "saturated"]] = 7, 1
+    saved.table = {"summary": summary, "paired": saved.paired}.__getitem__
+    noted = plain(simulation_page(saved))
+    assert "leader: 7 infeasible steps (no feasible velocity), 1 saturated velocity (" in noted
+    assert "No step was infeasible" not in noted
+
+
+@pytest.mark.parametrize("width", [1280, 500])
 def test_page_fits_in_a_browser(page, tmp_path, width):
     script = """
       const rights = Array.from(document.images, (i) => i.getBoundingClientRect().right);

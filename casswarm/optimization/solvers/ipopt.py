@@ -33,6 +33,8 @@ class Ipopt(NlpsolSolver):
         ``bound_push``, ``bound_frac`` and their like for slacks, 0.01 by default.
     mu_init : float, optional
         Initial barrier parameter, 0.1 by default: a smaller one stays nearer to a good guess.
+    print_level : int
+        Ipopt's, from 0: how much it prints on standard output; 5 prints a line per iteration.
     """
 
     tolerance: Positive = 1e-8
@@ -44,6 +46,7 @@ class Ipopt(NlpsolSolver):
     constraint_tolerance: Positive | None = None
     bound_push: Positive | None = None
     mu_init: Positive | None = None
+    print_level: NonNegativeInt = 0
 
     name: ClassVar[str] = "ipopt"
     summary: ClassVar[str] = "interior point, exact derivatives; any problem"
@@ -85,7 +88,7 @@ class Ipopt(NlpsolSolver):
                 "limited_memory_max_history": self.memory,
                 "mu_strategy": self.mu_strategy,
                 "honor_original_bounds": "yes",
-                "print_level": 0,
+                "print_level": self.print_level,
                 "sb": "yes",
             }
         }
