@@ -7,11 +7,10 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Any
 
+from .._util.progress import Bars
 from .output import say
 
-_BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
 _LONG = 10.0  # seconds without a report after which the time is printed; then twice as many
 
 
@@ -23,7 +22,7 @@ class ProgressReport:
     """
 
     def __init__(self) -> None:
-        self._bars: dict[str, Any] = {}
+        self._bars = Bars()
         self._started: set[str] = set()
         self._silent = ""  # the task whose time is printed, if it takes long
         self._since, self._next = time.monotonic(), _LONG
@@ -37,7 +36,7 @@ class ProgressReport:
             self.watch(task)
         elif sys.stderr.isatty():
             self.watch("")
-            self._draw(task, done, total)
+            self._bars(task, done, total)
         else:
             if task not in self._started and total > 1:
                 say(f"{task}: {total:g}")
@@ -49,26 +48,13 @@ class ProgressReport:
         if task != self._silent:
             self._silent, self._since, self._next = task, time.monotonic(), _LONG
 
-    def _draw(self, task: str, done: float, total: float) -> None:
-        from tqdm import tqdm
-
-        if task not in self._bars:
-            self._bars[task] = tqdm(bar_format=_BAR)
-        bar = self._bars[task]
-        bar.total = total
-        counts = f" {done:g} of {total:g}" if total > 1 else ""
-        bar.set_description_str(f"{task}{counts}", refresh=False)
-        bar.update(done - bar.n)
-        if done >= total:
-            bar.close()
-
     @contextmanager
     def running(self) -> Iterator[ProgressReport]:
         """Report while a thread watches for tasks that take long."""
         thread = threading.Thread(target=self._wait, daemon=True)
         thread.start()
         with ExitStack() as stack:
-            stack.callback(lambda: [bar.close() for bar in self._bars.values()])
+            stack.callback(self._bars.close)
             stack.callback(thread.join)
             stack.callback(self._ended.set)
             yield self

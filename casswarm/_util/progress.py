@@ -46,11 +46,18 @@ class Bars:
                 bar_class.write(task, file=sys.stderr)
             return
         if task not in self._bars:
-            self._bars[task] = bar_class(desc=task, bar_format=_FORMAT)
+            self._bars[task] = bar_class(bar_format=_FORMAT)
         bar = self._bars[task]
         bar.total = total
+        counts = f" {done:g} of {total:g}" if total > 1 else ""
+        bar.set_description_str(f"{task}{counts}", refresh=False)
         bar.update(done - bar.n)
         if done >= total:
+            bar.close()
+
+    def close(self) -> None:
+        """Leave the bars as they are."""
+        for bar in self._bars.values():
             bar.close()
 
 

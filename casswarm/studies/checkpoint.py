@@ -125,7 +125,7 @@ class Checkpoint:
     def _begin(self) -> None:
         try:
             earlier = json.loads(self._inputs_file.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             earlier = None
         worth_keeping = earlier is not None and bool(self.names())
         if worth_keeping and self._if_exists == "resume":

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import json
-import math
-import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,38 +18,19 @@ from .._util.parallel import Workers, done_jobs, require_sendable, require_worke
 from .._util.progress import reporter
 from .._util.seeds import require_seed
 from .._util.text import counted
-from ..errors import CasswarmError, ScenarioError
+from ..errors import ScenarioError
 from ..optimization.solvers import make_solver
-from ..planning.guide import Guide
-from ..planning.plan import guide_solver, plan
-from ..policies.base import Policy
 from ..scenario.io import require_scenario
-from ..scenario.variations import DERIVED, whole_numbers, with_parameters
+from ..scenario.variations import DERIVED, whole_numbers
 from ..typing import Progress
 from .checkpoint import Checkpoint, IfExists
-from .evaluation import evaluate
 from .inputs import study_inputs
 from .policy_list import policy_list, policy_name
-from .simulation import PAPER_POLICIES, simulate
-from .tables import distribution_table
+from .simulation import PAPER_POLICIES
+from .sweep_points import COUNTS, SweepPoint, is_computed
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
-
-MEASURES = (
-    "success",
-    "success_low",
-    "success_high",
-    "survivors_mean",
-    "survivors_mean_low",
-    "survivors_mean_high",
-    "infeasible_mean",
-    "solver_failures_mean",
-    "guide_survival",
-)
-"""Numbers of a sweep point; those that do not apply are missing."""
-
-_COUNTS = ("runs", "successes", "states")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -180,7 +158,7 @@ def sweep(
             store = stack.enter_context(Checkpoint(checkpoint, inputs, if_exists))
             saved = {k: store.load_json(name) for k, name in enumerate(names)}
             # sweep points that failed are computed again
-            results = {k: result for k, result in saved.items() if _is_computed(result)}
+            results = {k: result for k, result in saved.items() if is_computed(result)}
         missing = [index for index in range(len(points)) if index not in results]
         if workers != 1 and missing:
             require_sendable({policy_name(point.policy): point for point in points})
@@ -193,7 +171,7 @@ def sweep(
         if store is not None:
             store.finish()
     rows = [point.identity() | results[k]["columns"] for k, point in enumerate(points)]
-    table = pd.DataFrame(rows).astype(dict.fromkeys(_COUNTS, "Int64"))
+    table = pd.DataFrame(rows).astype(dict.fromkeys(COUNTS, "Int64"))
     seconds = [results[k]["seconds"] for k in range(len(points))]
     effort = pd.DataFrame({"point": range(len(points)), "seconds": seconds})
     return Sweep(scenario, tuple(settings), table, effort)
@@ -225,79 +203,3 @@ def _checked_settings(scenario: Scenario, settings: Mapping[str, Sequence[Any]])
                 hint = f"; beyond its keys there are {' and '.join(DERIVED)}"
                 raise ScenarioError(f"{error}{hint}") from error
     return {key: whole_numbers(key, values) for key, values in settings.items()}
-
-
-@dataclass(frozen=True)
-class SweepPoint:
-    """A combination of parameter values and a policy, as a job for a worker.
-
-    `options` are arguments of `simulate` if they have `runs`, else of `evaluate`. Errors that the
-    inputs cause become part of the result.
-    """
-
-    scenario: Scenario
-    values: Mapping[str, Any]
-    policy: str | Policy
-    options: Mapping[str, Any]
-
-    def identity(self) -> dict[str, Any]:
-        """Columns that identify the point."""
-        shown = {
-            key: json.dumps(value) if isinstance(value, (list, tuple, dict)) else value
-            for key, value in self.values.items()
-        }
-        return {**shown, "policy": policy_name(self.policy)}
-
-    def __call__(self) -> dict[str, Any]:
-        """Compute the point: its other columns, and the seconds that it took."""
-        started, sampled = time.perf_counter(), "runs" in self.options
-        row: dict[str, Any] = {"method": "sampled" if sampled else "exact"}
-        row |= dict.fromkeys(MEASURES, math.nan) | dict.fromkeys(_COUNTS) | {"reason": ""}
-        try:
-            scenario = with_parameters(self.scenario, self.values)
-            guide = _guide(scenario, guide_solver(self.options["solver"]))
-            row["guide_survival"] = float(guide.survival)
-            row |= self._sampled(scenario, guide) if sampled else self._exact(scenario, guide)
-            row["status"] = "ok"
-        except (CasswarmError, ValueError, ArithmeticError, RuntimeError, MemoryError) as error:
-            row |= {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
-        return {"columns": row, "seconds": time.perf_counter() - started}
-
-    def _exact(self, scenario: Scenario, guide: Guide) -> dict[str, Any]:
-        distribution = evaluate(scenario, self.policy, guide=guide, **self.options)
-        row = distribution_table([distribution]).to_dict("records")[0]
-        return {name: row[name] for name in (*MEASURES, "states") if name in row} | {
-            "success": distribution.success.midpoint,
-            "survivors_mean": distribution.survivors_mean.midpoint,
-            "reason": distribution.advice,  # empty if the bounds are as narrow as requested
-        }
-
-    def _sampled(self, scenario: Scenario, guide: Guide) -> dict[str, Any]:
-        study = simulate(scenario, self.policy, guide=guide, save_trajectories=0, **self.options)
-        row = study.summary.to_dict("records")[0]
-        same = ("success_low", "success_high", "success", "survivors_mean", "runs", "successes")
-        return {name: row[name] for name in same} | {
-            f"{name}_mean": row[name] / row["runs"] for name in ("infeasible", "solver_failures")
-        }
-
-
-def _is_computed(result: Any) -> bool:
-    """Whether a saved result is one of a sweep point that did not fail."""
-    try:
-        row, numbers = result["columns"], [result["seconds"]]
-        numbers += [row[name] for name in MEASURES]
-        return (
-            row["status"] == "ok"
-            and row.keys() == {"method", "status", "reason", *MEASURES, *_COUNTS}
-            and all(isinstance(row[name], str) for name in ("method", "reason"))
-            and all(isinstance(number, int | float) for number in numbers)
-            and all(row[name] is None or type(row[name]) is int for name in _COUNTS)
-        )
-    except (TypeError, LookupError, AttributeError):
-        return False
-
-
-@lru_cache(maxsize=32)
-def _guide(scenario: Scenario, solver: str) -> Guide:
-    """Guide of a scenario, planned once for all policies."""
-    return plan(scenario, solver, certify=False)

@@ -94,7 +94,13 @@ def _mutated_array(array: np.ndarray, rng: Random) -> np.ndarray:
             value = rng.choice((np.nan, np.inf, -1.0, 1e300, 2.0**40))
             changed.reshape(-1)[rng.randrange(changed.size)] = np.array(value).astype(changed.dtype)
         return changed
-    odd = (changed[..., None], changed[:1], changed.ravel()[:-1], changed.astype(str), changed.T)
+    odd = (
+        changed[..., None],
+        np.atleast_1d(changed)[:1],
+        changed.ravel()[:-1],
+        changed.astype(str),
+        changed.T,
+    )
     return rng.choice((*odd, np.concatenate([changed.ravel()] * 3)))
 
 

@@ -63,6 +63,27 @@ def test_sweep_computes_forged_record_again(tmp_path: Path, text: str) -> None:
     assert json.loads(str(_arrays(record)["json"]))["columns"]["status"] == "ok"
 
 
+@pytest.mark.parametrize("name", ["runs", "success"])
+def test_sweep_computes_record_with_huge_number_again(tmp_path: Path, name: str) -> None:
+    options: dict[str, Any] = {"runs": 3, "checkpoint": tmp_path}
+    whole = csw.sweep(SMALL, {"n": [2]}, [toward], **options)
+    (record,) = (tmp_path / "checkpoint").glob("*.npz")
+    result = json.loads(str(_arrays(record)["json"]))
+    result["columns"][name] = 10**30
+    forge(record, json=np.array(json.dumps(result)))
+    again = csw.sweep(SMALL, {"n": [2]}, [toward], **options, if_exists="resume")
+    assert again.table.equals(whole.table)
+
+
+def test_inputs_nested_too_deeply_are_lost(tmp_path: Path) -> None:
+    options: dict[str, Any] = {"runs": 3, "checkpoint": tmp_path}
+    csw.sweep(SMALL, {"n": [2]}, [toward], **options)
+    (inputs,) = (tmp_path / "checkpoint").glob("*.json")
+    inputs.write_text("[" * 100_000)
+    with pytest.raises(csw.CheckpointError, match="whose inputs are lost"):
+        csw.sweep(SMALL, {"n": [2]}, [toward], **options, if_exists="resume")
+
+
 def _arrays(path: Path) -> dict[str, Any]:
     with np.load(io.BytesIO(path.read_bytes()[HEADER + 32 :])) as saved:
         return dict(saved)
