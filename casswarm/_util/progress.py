@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import sys
 import warnings
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ..typing import Progress
+if TYPE_CHECKING:
+    from ..typing import Progress
 
 
 def reporter(progress: Progress | bool | None) -> Progress | None:

@@ -15,7 +15,8 @@ from ..planning.guide import Guide
 from ..scenario import Scenario
 from ..typing import BoolArray, FloatArray, IntArray
 from .base_map import GREYS, draw_field, pixels, set_extent
-from .style import BLUE, MEMBERS, VERMILION, add_label, marker, scaled
+from .map_labels import add_label
+from .style import BLUE, MEMBERS, VERMILION, marker, scaled
 
 _PIXELS = 80
 _MAX = 1.5  # relative rate up to which the boundary of dangerous regions is interpolated

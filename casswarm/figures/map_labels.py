@@ -1,15 +1,18 @@
-"""Labels of points on a map, clear of its radars, its target, its paths and other labels."""
+"""Labels of points; on a map, clear of its radars, its target, its paths and other labels."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
+from matplotlib.text import Annotation
 
 from ..scenario import Scenario
 from ..typing import FloatArray
-from .style import add_label, current_theme, scaled
+from .style import current_theme, scaled
 
 _OFFSET = 10.0  # points on a page from a point to the middle of its label
 _MAP = 0.62  # about the width of a map, as a fraction of its figure's
@@ -51,3 +54,24 @@ class LabelPlaces:
         offsets = (point + self.distance * directions)[:, None] - self.centers
         gaps = (np.linalg.norm(offsets, axis=2) - self.radii).min(axis=1)
         return np.asarray(directions[int(np.argmax(gaps.round(9)))])
+
+
+def add_label(
+    axes: Axes,
+    text: str,
+    point: Any,
+    offset: tuple[float, float],
+    outlined: bool = False,
+    **options: Any,
+) -> Annotation:
+    """Write small text at an offset, in points on a page, from a point.
+
+    An outline makes it readable on any background. `options` are those of ``Axes.annotate``.
+    """
+    if outlined:
+        outline = withStroke(linewidth=scaled(1.8), foreground="white", alpha=0.85)
+        options["path_effects"] = [outline]
+    place = (scaled(offset[0]), scaled(offset[1]))
+    return axes.annotate(
+        text, point, place, textcoords="offset points", fontsize="small", **options
+    )

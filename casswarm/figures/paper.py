@@ -10,12 +10,12 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from .map_labels import add_label
 from .policy_styles import policy_styles
 from .style import (
     GREY,
     GRID,
     INK,
-    add_label,
     add_title,
     current_theme,
     despine,

@@ -22,8 +22,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.legend import Legend
-from matplotlib.patheffects import withStroke
-from matplotlib.text import Annotation
 
 from ..typing import ThemeName
 
@@ -266,27 +264,6 @@ def marker(
         "markeredgecolor": edge,
         "markeredgewidth": scaled(edge_width),
     }
-
-
-def add_label(
-    axes: Axes,
-    text: str,
-    point: Any,
-    offset: tuple[float, float],
-    outlined: bool = False,
-    **options: Any,
-) -> Annotation:
-    """Write small text at an offset, in points on a page, from a point.
-
-    An outline makes it readable on any background. `options` are those of ``Axes.annotate``.
-    """
-    if outlined:
-        outline = withStroke(linewidth=scaled(1.8), foreground="white", alpha=0.85)
-        options["path_effects"] = [outline]
-    place = (scaled(offset[0]), scaled(offset[1]))
-    return axes.annotate(
-        text, point, place, textcoords="offset points", fontsize="small", **options
-    )
 
 
 def despine(axes: Axes, grid: str = "y") -> None:

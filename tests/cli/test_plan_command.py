@@ -1,6 +1,7 @@
 """casswarm plan as a user runs it."""
 
 import json
+import re
 from types import SimpleNamespace
 
 import pandas as pd
@@ -94,7 +95,7 @@ def test_plan_at_time_limit_of_search_fails_with_it(tmp_path):
 def test_plan_without_certificate_lists_homotopy_classes(tmp_path):
     text = casswarm(tmp_path, "plan", "single-agent", "--no-certify").stdout
     assert "not certified" in text
-    signatures = [line.split()[0] for line in text.splitlines() if line.startswith("  ")]
+    signatures = re.findall(r"^  ([LR]+) ", text, re.MULTILINE)
     assert sorted(signatures) == ["LL", "LR", "RR"]
 
 

@@ -96,7 +96,7 @@ def test_relative_links_of_page_resolve(page: Path) -> None:
 def test_docstring_of_public_name_has_every_parameter(name: str) -> None:
     value = PUBLIC[name]
     text = inspect.getdoc(value) or ""
-    assert missing(value, text) == []
+    assert inspect.ismodule(value) or missing(value, text) == []
     for member, method in inspect.getmembers(value, inspect.isfunction):
         if not member.startswith("_") and method.__module__.startswith("casswarm"):
             assert inspect.getdoc(method), f"{name}.{member} has no docstring"

@@ -160,7 +160,7 @@ def test_swarm_map_numbers_members_where_destroyed() -> None:
     assert "2 of 3 alive after 3 steps" in text_of(fig)
     cross = next(line for line in fig.axes[0].get_lines() if line.get_label() == "destroyed")
     np.testing.assert_allclose(np.ravel(cross.get_data()), RUN.positions[2, 1], atol=1e-6)
-    assert [text.get_text() for text in fig.axes[0].texts] == ["2"]
+    assert [text.get_text() for text in fig.axes[0].texts] == ["1"]
     paths = [patch for patch in fig.axes[0].patches if isinstance(patch, PathPatch)]
     assert [len(patch.get_path()) for patch in paths] == [4, 3, 4]  # up to where it was lost
 
@@ -175,7 +175,7 @@ def test_joint_map_with_long_title_fits() -> None:
 def test_swarm_map_close_losses_share_label() -> None:
     positions = RUN.positions.copy()
     alive = np.array([[True] * 3, [True] * 3, [True, False, True], [True, False, False]])
-    for distance, labels in ((0.02, ["2, 3"]), (2.0, ["2", "3"])):
+    for distance, labels in ((0.02, ["1, 2"]), (2.0, ["1", "2"])):
         positions[3, 2] = positions[2, 1] + [distance, 0.0]
         fig = swarm_map(SCENARIO, RunTrajectory(positions, alive, RUN.leaders))
         assert [text.get_text() for text in fig.axes[0].texts] == labels

@@ -110,7 +110,7 @@ def test_rates_far_away_vanish_without_warnings(hazard: Hazard) -> None:
         ({"radars": ((1.0, 2.0), (3.0,))}, "expected k pairs (x, y) of numbers"),
         ({"radars": (("a", "b"),)}, "expected k pairs (x, y) of numbers"),
         ({"radars": ((0.0, np.nan),)}, "radars must be finite; got ((0.0, nan),)"),
-        ({"strengths": (1.0,)}, "1 strengths for 2 radars; expected one each"),
+        ({"strengths": (1.0,)}, "1 strength for 2 radars; expected one each"),
         ({"strengths": (1.0, 0.0)}, "strengths must be finite and above zero; got (1.0, 0.0)"),
         ({"strengths": (1.0, np.inf)}, "strengths must be finite and above zero"),
         ({"alpha_1": 0.0}, "alpha_1 = 0.0; allowed: a finite number above zero"),

@@ -244,7 +244,7 @@ def test_make_solver_accepts_name_or_solver() -> None:
             {"tolerence": 1e-9},
             "solver 'ipopt' has no option 'tolerence'; did you mean 'tolerance'? "
             "(known: tolerance, max_iter, time_limit, hessian, memory, "
-            "mu_strategy, constraint_tolerance, bound_push, mu_init)",
+            "mu_strategy, constraint_tolerance, bound_push, mu_init, print_level)",
         ),
         (
             "projected-gradient",

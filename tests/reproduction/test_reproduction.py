@@ -246,7 +246,10 @@ def test_charts_draw_saved_tables(guide):
         ),
         comparison_map(FIRST, dict(enumerate(member_guides(FIRST, guide)))),
     ]
-    panels = [[axes for axes in figure.axes if axes.get_visible()] for figure in figures]
+    panels = [
+        [panel for axes in figure.axes if axes.get_visible() for panel in (axes, *axes.child_axes)]
+        for figure in figures
+    ]
     scenarios = beyond_table["scenario"].nunique()
     assert [len(axes) for axes in panels] == [1, scenarios, 2, 2, 4, 2]
     assert sum(len(axes.patches) for axes in panels[1]) == len(beyond_table)

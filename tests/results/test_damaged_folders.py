@@ -41,7 +41,7 @@ def drawn(folder):
 def test_plot_of_table_without_column_is_one_line(folder):
     table = folder / "summary.csv"
     table.write_text(table.read_text().replace("success_low", "low"))
-    done = casswarm(folder.parent, "plot", folder, code=2)
+    done = casswarm(folder.parent, "plot", folder, "--quiet", code=2)
     assert done.stderr.count("\n") == 1
     assert "lack 'success_low': one of them is damaged" in done.stderr
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import threading
 from functools import cache
 from typing import Any
 
@@ -284,8 +285,14 @@ def test_study_repr_is_one_line() -> None:
 
 
 def test_simulate_with_unpicklable_policy_raises() -> None:
-    with pytest.raises(PolicyError, match=r"'<lambda>'.* in a module, or use workers=1"):
-        study([lambda *state: 0 * state[1]], workers=2)
+    lock = threading.Lock()
+
+    def waiting(*state):
+        with lock:
+            return 0 * state[1]
+
+    with pytest.raises(PolicyError, match=r"'waiting'.* does not pickle.*, or use workers=1"):
+        study([waiting], workers=2)
 
 
 def test_simulate_raises_error_of_policy_in_worker() -> None:

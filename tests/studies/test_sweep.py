@@ -265,7 +265,7 @@ def test_sweep_command_draws_lines_and_heat_map(tmp_path: Path) -> None:
 def test_sweep_command_without_success_fails(tmp_path: Path) -> None:
     done = run(tmp_path, "paper-1", "--set", "formation.rho=-1,-2", "--policy", "naive", code=1)
     assert "every sweep point failed" in done.stderr
-    assert "formation.rho is -2" in done.stdout
+    assert "formation.rho is -2" in " ".join(done.stdout.split())
     assert (tmp_path / "results" / "sweep-paper-1" / "sweep.csv").exists()
 
 
