@@ -232,7 +232,8 @@ def _text(scenario: csw.Scenario, guide: csw.Guide, baseline: csw.Guide | None) 
     lines = [
         f"{scenario.name}: {counted(scenario.n, 'member')}, {counted(radars, 'radar')}, "
         f"{counted(scenario.n_steps, 'step')} of {scenario.time.dt:g}",
-        f"{guide}, risk {guide.risk:.4f}",
+        f"{guide}",
+        f"risk {guide.risk:.4f}",
         *_certificate(scenario, guide),
         f"{guide.solution}",
         f"solves: {', '.join(f'{count} {status}' for status, count in counts.items())}",

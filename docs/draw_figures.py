@@ -95,12 +95,15 @@ def draw(folder: Path, source: str) -> None:
     images |= dict([OTHERS[source]]) if source in OTHERS else {}
     names = [word for figure in images for word in ("--figure", figure)]
     dpi = "150" if source in OTHERS else "100"
-    run(folder, "plot", source, *names, *chosen, "--dpi", dpi, "--quiet", "--out", "drawn")
+    drawn = f"drawn-{source}"
+    run(folder, "plot", source, *names, *chosen, "--dpi", dpi, "--quiet", "--out", drawn)
     for figure, image in images.items():
-        shutil.copy(folder / "drawn" / f"{figure}.png", IMAGES / image)
+        shutil.copy(folder / drawn / f"{figure}.png", IMAGES / image)
     if source in ANIMATED:
         options = ["--policy", "leader", *chosen, "--dpi", "90", "--quiet"]
-        run(folder, "animate", source, *options, "--out", str(IMAGES / f"{source}.gif"))
+        image = IMAGES / f"{source}.gif"
+        image.unlink(missing_ok=True)  # casswarm keeps what others wrote
+        run(folder, "animate", source, *options, "--out", str(image))
 
 
 def main() -> None:
