@@ -38,6 +38,10 @@ class RunAnimation(FuncAnimation):
         super().__init__(*args, **options)
         self.frames_per_step = frames_per_step
 
+    def _repr_html_(self) -> str:
+        """Player, which a notebook shows."""
+        return player(self)
+
 
 def animate(
     scenario: Scenario,
@@ -68,8 +72,7 @@ def animate(
     Returns
     -------
     matplotlib.animation.FuncAnimation
-        In a notebook, ``HTML(casswarm.figures.player(animation))`` shows it; so does matplotlib's
-        own ``to_jshtml``, which loads its icons from the network.
+        A notebook shows it in a `player`, where a cell ends with it.
 
     Raises
     ------
