@@ -11,6 +11,8 @@ from contextlib import suppress
 from itertools import count
 from pathlib import Path
 
+from .temporary import is_alive
+
 _PREFIX = ".part-"
 
 
@@ -96,6 +98,14 @@ def require_file(path: Path, max_bytes: int) -> None:
     if status.st_size > max_bytes:
         reason = f"it has {status.st_size:,} bytes, more than the limit of {max_bytes:,}"
         raise OSError(errno.EFBIG, reason, str(path))
+
+
+def remove_partial(path: Path) -> None:
+    """Remove what processes that were killed left of an `atomic_write` of this file."""
+    for part in path.parent.glob(f"{_PREFIX}*"):
+        process, _, name = part.name.removeprefix(_PREFIX).partition("-")
+        if name == path.name and process.isdecimal() and not is_alive(int(process)):
+            part.unlink(missing_ok=True)
 
 
 def is_partial(path: Path) -> bool:

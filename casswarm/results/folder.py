@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from .._util.documents import json_text
-from .._util.files import atomic_write, digest, set_aside
+from .._util.files import atomic_write, digest, remove_partial, set_aside
 from ..errors import FolderError
 from ..typing import Progress, ThemeName
 from .reader import OBJECTS, ResultsReader
@@ -115,6 +115,8 @@ class ResultsFolder(ResultsReader):
     def write_file(self, name: str, content: str | bytes | Callable[[Path], object]) -> None:
         """Write a file of text, bytes, or by a function of a path.
 
+        What a killed process left of the same file is removed.
+
         Raises
         ------
         FolderError
@@ -123,6 +125,7 @@ class ResultsFolder(ResultsReader):
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             atomic_write(self.path / name, content, partial(self._before, name))
+            remove_partial(self.path / name)
         except OSError as error:
             reason = error.strerror or error
             raise FolderError(f"cannot write {self.path / name}: {reason}") from error

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import logging
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -28,6 +31,16 @@ def test_files_of_an_earlier_run_are_replaced_and_removed(tmp_path: Path) -> Non
     written(tmp_path, ("a.csv",), "2")
     assert names(tmp_path) == {"a.csv", "run.json"}
     assert (tmp_path / "a.csv").read_text() == "2"
+
+
+def test_what_a_killed_process_left_of_a_file_is_removed(tmp_path: Path) -> None:
+    killed = subprocess.Popen([sys.executable, "-c", ""])
+    killed.wait()
+    others = f".part-{os.getppid()}-a.csv", f".part-{killed.pid}-notes.txt", ".part-x-a.csv"
+    for name in (f".part-{killed.pid}-a.csv", *others):
+        (tmp_path / name).touch()
+    written(tmp_path, ("a.csv",), "1")
+    assert names(tmp_path) == {"a.csv", "run.json", *others}
 
 
 def test_files_of_another_command_are_kept(tmp_path: Path) -> None:
