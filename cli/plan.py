@@ -240,9 +240,8 @@ def _text(scenario: csw.Scenario, guide: csw.Guide, baseline: csw.Guide | None) 
         *_homotopy_classes(guide),
     ]
     if baseline is not None:
-        lines.append(
-            f"a global search without a_max and margin: {baseline}, risk {baseline.risk:.4f}"
-        )
+        risk = f"risk {baseline.risk:.4f}"
+        lines.append(f"a global search without a_max and margin: {baseline}, {risk}")
     elif not guide.solution.status.success:
         lines.append("the solver did not converge: this is its best iterate, not a minimum")
     else:

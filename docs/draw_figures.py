@@ -100,7 +100,7 @@ def draw(folder: Path, source: str) -> None:
     for figure, image in images.items():
         shutil.copy(folder / drawn / f"{figure}.png", IMAGES / image)
     if source in ANIMATED:
-        options = ["--policy", "leader", *chosen, "--dpi", "90", "--quiet"]
+        options = ["--policy", "leader", *chosen, "--dpi", "68", "--fps", "10", "--quiet"]
         image = IMAGES / f"{source}.gif"
         image.unlink(missing_ok=True)  # casswarm keeps what others wrote
         run(folder, "animate", source, *options, "--out", str(image))
