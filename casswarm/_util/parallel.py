@@ -111,25 +111,18 @@ def packed(value: Any) -> bytes:
 
 
 def _gathered(pool: SubmitsJobs, jobs: dict[int, Callable[[], T]]) -> Iterator[tuple[int, T]]:
-    submit = _submit_packed if isinstance(pool, ProcessPoolExecutor) else _submit
+    by_value = isinstance(pool, ProcessPoolExecutor)  # others pickle in ways of their own
     with blocked():  # inherited by the processes that are started now
-        futures: dict[Future[T], int] = {submit(pool, job): at for at, job in jobs.items()}
+        futures: dict[Future[T], int] = {
+            pool.submit(_call_packed, packed(job)) if by_value else pool.submit(_call, job): at
+            for at, job in jobs.items()
+        }
     try:
         for future in as_completed(futures):
             yield futures[future], future.result()
     finally:
         for future in futures:
             future.cancel()
-
-
-def _submit(pool: SubmitsJobs, job: Callable[[], T]) -> Future[T]:
-    future: Future[T] = pool.submit(_call, job)
-    return future
-
-
-def _submit_packed(pool: SubmitsJobs, job: Callable[[], T]) -> Future[T]:
-    future: Future[T] = pool.submit(_call_packed, packed(job))
-    return future
 
 
 def _call(job: Callable[[], T]) -> T:

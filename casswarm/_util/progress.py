@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -65,6 +66,7 @@ class Bars:
 _FORMAT = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
 
 
+@cache
 def _bar_class() -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that a notebook has no ipywidgets: bars are text then
