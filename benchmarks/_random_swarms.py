@@ -8,7 +8,7 @@ import casswarm as csw
 from casswarm import Scenario, SwarmOutcome
 from casswarm.planning.joint import InitialGuess, JointProblem
 from casswarm.planning.joint.screening import track
-from casswarm.planning.joint.solve import default_solver
+from casswarm.planning.joint.solve import stage_solver
 from casswarm.planning.kinematics import remaining_distance
 from casswarm.problems.joint import JointForm
 from casswarm.problems.joint_instances import JointTask
@@ -98,13 +98,13 @@ def random_guess(task: JointTask, earliest: IntArray, rng: np.random.Generator) 
 
 def settled(problem: JointProblem, guess: InitialGuess) -> SwarmOutcome:
     """The outcome from a guess, continued with the arrival steps that it reaches."""
-    solver = default_solver(problem.form.n, ITERATIONS)
-    outcome = problem.solve(guess, solver)
+    solver = stage_solver("ipopt", problem.scenario.hazard, problem.form, ITERATIONS)
+    (outcome,) = problem.solve([guess], solver)
     for _ in range(3):
         guess = problem.restart(outcome)
         if np.array_equal(guess.arrivals, outcome.arrivals):
             return outcome
-        improved = problem.solve(guess, solver)
+        (improved,) = problem.solve([guess], solver)
         if improved.value <= outcome.value:
             return outcome
         outcome = improved

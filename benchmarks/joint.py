@@ -29,7 +29,7 @@ from casswarm.optimization.solvers import Ipopt
 from casswarm.planning.joint import InitialGuess, JointProblem, PlanDistribution, PlanTree
 from casswarm.policies import JointPolicy, ReplanningPolicy
 from casswarm.problems.joint import JointForm, joint_nlp
-from casswarm.problems.joint_instances import JointTask, joint_instance
+from casswarm.problems.joint_instances import JointTask, joint_instances
 
 SCENARIOS = ("paper-1", "paper-2", "ring", "wall", "crossfire", "gauntlet", "single-agent")
 MEMBERS = {"paper-1": (2, 3, 4, 5, 6, 7, 8, 9, 10), "paper-2": (2, 3, 4, 5, 6, 7, 8)}
@@ -116,7 +116,7 @@ def instance_of(scenario: Scenario) -> tuple[Nlp, np.ndarray, np.ndarray]:
     task = JointTask.from_scenario(scenario, np.zeros((scenario.n, 2)))
     arrivals = np.full(scenario.n, scenario.n_steps)
     velocities = np.full((scenario.n_steps, scenario.n, 2), 0.8)
-    instance = joint_instance(nlp, form, task, arrivals, velocities)
+    instance = joint_instances(nlp, form, task, [arrivals], [velocities])
     return nlp, instance.x0[0], instance.p[0]
 
 
@@ -181,11 +181,11 @@ def by_mean_field(scenario: Scenario, exact: SwarmPlan) -> tuple[float, float]:
     form = JointForm(scenario.n, scenario.n_steps, False)
     task = JointTask.from_scenario(scenario, exact.initial_velocities)
     problem = JointProblem(scenario, task, form)
-    instance = joint_instance(problem.nlp, form, task, exact.arrivals, exact.velocities)
+    instance = joint_instances(problem.nlp, form, task, [exact.arrivals], [exact.velocities])
     odds = float(problem.nlp.evaluate(instance.x0[0], instance.p[0])[0])
     solver = Ipopt(1e-5, 500, hessian="limited-memory", memory=20, constraint_tolerance=1e-8)
     start = InitialGuess("", exact.arrivals, exact.velocities)
-    outcome = problem.solve(start, solver)
+    (outcome,) = problem.solve([start], solver)
     positions = problem.positions(outcome.velocities)
     distribution = PlanDistribution.from_positions(scenario, positions)
     return 1 / (1 + math.exp(odds)), 1 - distribution.failure

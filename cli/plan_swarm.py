@@ -37,7 +37,7 @@ class SwarmPlanOptions:
         "arrivals, or the mean number of survivors.",
     )
     solver: str = option(
-        "--solver", default="ipopt", shell_complete=completion.solvers, help="Solver."
+        "--solver", default="auto", shell_complete=completion.solvers, help="Solver."
     )
     seed: int = seed_option()
     min_distance: float | None = option(

@@ -36,21 +36,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import casadi as ca
 import numpy as np
 
 from .._util.threads import locked_cache
-from ..hazard import Hazard
+from ..hazard import Hazard, KernelHazard
 from ..optimization.problem import Nlp
 from ..typing import Expr
 from .joint_hessian import MAX_MEMBERS, lagrangian_hessian
+from .joint_numeric import CERTAIN, TINY, JointNumeric
 from .subsets import subsets
 
 OBJECTIVES = ("success", "arrivals", "survivors")
-
-_TINY, _CERTAIN = 1e-30, 1e-13
-"""Offsets that keep the log-odds finite at a cost of 0 and of 1."""
 
 
 @dataclass(frozen=True)
@@ -133,14 +132,16 @@ def joint_nlp(hazard: Hazard, form: JointForm) -> Nlp:
         objective=objective,
         constraints=constraints,
     )
+    if form.exact and isinstance(hazard, KernelHazard):
+        program = replace(program, numeric=partial(JointNumeric, program, hazard, n))
     if form.exact and n <= MAX_MEMBERS:
         hessian = lagrangian_hessian(program, step, points, values, _log_odds)
-        return replace(program, hessian=hessian)
+        program = replace(program, hessian=hessian)
     return program
 
 
 def _log_odds(failure: Expr) -> Expr:
-    return ca.log(failure + _TINY) - ca.log(1.0 - failure + _CERTAIN)
+    return ca.log(failure + TINY) - ca.log(1.0 - failure + CERTAIN)
 
 
 def _step(hazard: Hazard, n: int) -> Expr:
@@ -184,8 +185,8 @@ def _mean_field(hazard: Hazard, form: JointForm, p: Mapping[str, Expr], points: 
     survival = survival * ca.sum2(p["arrivals"])  # members that never arrive do not count
     if form.objective != "success":
         return _log_odds(1.0 - ca.sum1(survival) / n)
-    logarithm = ca.sum1(ca.log1p(-survival + _CERTAIN))
-    return logarithm - ca.log(_CERTAIN - ca.expm1(logarithm))
+    logarithm = ca.sum1(ca.log1p(-survival + CERTAIN))
+    return logarithm - ca.log(CERTAIN - ca.expm1(logarithm))
 
 
 def _squares(vectors: Expr) -> Expr:

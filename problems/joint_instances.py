@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -68,13 +69,33 @@ class JointTask:
         )
 
 
-def joint_instance(
-    nlp: Nlp, form: JointForm, task: JointTask, arrivals: IntArray, velocities: FloatArray
+def joint_instances(
+    nlp: Nlp,
+    form: JointForm,
+    task: JointTask,
+    arrivals: Sequence[IntArray],
+    velocities: Sequence[FloatArray],
 ) -> Instances:
-    """Instance with arrival steps `arrivals` (n,), 0 for none, and a guess of (T, n, 2) velocities.
+    """Instances with arrival steps (n,) each, 0 for none, and guesses of (T, n, 2) velocities.
 
     Members of a swarm that has arrived completely by step T stop there.
     """
+    parts = [
+        _instance(nlp, form, task, steps, guess)
+        for steps, guess in zip(arrivals, velocities, strict=True)
+    ]
+
+    def joined(name: str) -> FloatArray:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    return Instances(
+        joined("x0"), joined("p"), joined("lbx"), joined("ubx"), joined("lbg"), joined("ubg")
+    )
+
+
+def _instance(
+    nlp: Nlp, form: JointForm, task: JointTask, arrivals: IntArray, velocities: FloatArray
+) -> Instances:
     n, steps, motion = form.n, form.horizon, task.motion
     length = motion.dt * motion.v_max
     arriving = np.arange(1, steps + 1)[:, None] == arrivals  # (N, n)

@@ -8,6 +8,7 @@ Python, one line each.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -100,12 +101,27 @@ def _operation_name(operation: int) -> str:
 def lower(kernel: Callable[..., Expr], inputs: int, name: str) -> Callable[..., FloatArray]:
     """Elementwise NumPy function of the same expression as `kernel`, of `inputs` scalars."""
     symbols = {f"x{i}": ca.SX.sym(f"x{i}") for i in range(inputs)}
-    source = lower_source(name, symbols, [kernel(*symbols.values())])
-    namespace: dict[str, object] = {"np": np, "inf": np.inf, "nan": np.nan}
+    return _compiled(name, lower_source(name, symbols, [kernel(*symbols.values())]))
+
+
+def _compiled(name: str, source: str) -> Callable[..., Any]:
+    namespace: dict[str, Any] = {"np": np, "inf": np.inf, "nan": np.nan}
     exec(compile(source, f"<kernel {name}>", "exec"), namespace)
-    lowered = namespace[name]
-    assert callable(lowered)
+    lowered: Callable[..., Any] = namespace[name]
     return lowered
+
+
+def lower_derivatives(
+    kernel: Callable[..., Expr], inputs: int, name: str
+) -> Callable[..., tuple[FloatArray, ...]]:
+    """Like `lower`: the value, the gradient, and the upper triangle of the Hessian by rows."""
+    symbols = ca.SX.sym("x", inputs)
+    value = ca.SX(kernel(*ca.vertsplit(symbols)))
+    gradient = ca.gradient(value, symbols)
+    hessian = ca.jacobian(gradient, symbols)
+    upper = [hessian[i, j] for i in range(inputs) for j in range(i, inputs)]
+    arguments = {f"x{i}": symbols[i] for i in range(inputs)}
+    return _compiled(name, lower_source(name, arguments, [value, *ca.vertsplit(gradient), *upper]))
 
 
 def differentiated_source(

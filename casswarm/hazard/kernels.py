@@ -28,7 +28,7 @@ from .._util.threads import locked_cache
 from ..errors import HazardError
 from ..typing import BoolArray, Expr, FloatArray
 from .base import Hazard, checked_radars
-from .codegen import differentiated_source, lower
+from .codegen import differentiated_source, lower, lower_derivatives
 
 _CHUNK_PAIRS = 1 << 19  # pairs evaluated at once: a few arrays of 4 MiB
 _KERNELS = {"source": 1, "density": 1, "collision": 1, "combine": 3}
@@ -202,6 +202,14 @@ def _squared_distances(a: FloatArray, b: FloatArray) -> FloatArray:
 def lowered_kernels(hazard: KernelHazard) -> tuple[Callable[..., FloatArray], ...]:
     """NumPy functions of the four expressions: source, density, collision, combine."""
     return tuple(lower(getattr(hazard, name), inputs, name) for name, inputs in _KERNELS.items())
+
+
+@locked_cache(maxsize=64)
+def lowered_derivatives(hazard: KernelHazard) -> tuple[Callable[..., tuple[FloatArray, ...]], ...]:
+    """NumPy functions of the four expressions with their first and second derivatives."""
+    return tuple(
+        lower_derivatives(getattr(hazard, name), inputs, name) for name, inputs in _KERNELS.items()
+    )
 
 
 @locked_cache(maxsize=64)

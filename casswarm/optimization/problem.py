@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -70,6 +70,9 @@ class Nlp:
     hessian : casadi.Function, optional
         (x, p, lam_f, lam_g) to the upper triangle of the Lagrangian's Hessian, if there is a
         faster method than automatic differentiation.
+    numeric : callable, optional
+        Parameters (B, np) to `casswarm.optimization.solvers.interior_point.problems.
+        NumericProblems`, if there are faster derivatives than those of CasADi's functions.
     """
 
     name: str
@@ -81,6 +84,7 @@ class Nlp:
     compiled: CompiledObjective | None = None
     n_starts: int = 1
     hessian: Expr | None = None
+    numeric: Callable[[FloatArray], Any] | None = None
 
     @locked_property
     def x(self) -> Expr:
@@ -118,6 +122,17 @@ class Nlp:
         """CasADi Function (x, p) to the Jacobian of g, sparse."""
         return self._function("jacobian", [ca.jacobian(self.g, self.x)])
 
+    @locked_property
+    def lagrangian_hessian(self) -> Expr:
+        """CasADi Function (x, p, lam_f, lam_g) to the Lagrangian's Hessian, its upper triangle."""
+        if self.hessian is not None:
+            return self.hessian
+        weight, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.sizes[2])
+        lagrangian = weight * self.objective + ca.dot(multipliers, self.g)
+        upper = ca.triu(ca.hessian(lagrangian, self.x)[0])
+        function = ca.Function("hessian", [self.x, self.p, weight, multipliers], [upper])
+        return function.expand() if self.unroll else function
+
     @one_at_a_time
     def __reduce__(self) -> tuple[Any, ...]:
         # symbols do not pickle, but functions of them do; inlining restores the graph
@@ -127,7 +142,7 @@ class Nlp:
             [self.objective, *self.constraints.values()],
         )
         names = tuple(self.variables), tuple(self.parameters), tuple(self.constraints)
-        hints = self.unroll, self.compiled, self.n_starts, self.hessian
+        hints = self.unroll, self.compiled, self.n_starts, self.hessian, self.numeric
         return _restore, (self.name, function, names, hints)
 
     def _function(self, name: str, outputs: list[Expr]) -> Expr:
@@ -154,6 +169,15 @@ class Nlp:
     def pack_constraints(self, **blocks: ArrayLike) -> FloatArray:
         """Bounds on g of B instances, (B, ng), from arrays by block."""
         return _pack(self.constraints, blocks)
+
+    def parameter_blocks(self, p: FloatArray) -> dict[str, FloatArray]:
+        """Arrays (B, c, r) of all blocks of parameters (B, np)."""
+        sizes = [block.numel() for block in self.parameters.values()]
+        parts = np.split(p, np.cumsum(sizes)[:-1], axis=1)
+        return {
+            name: part.reshape(-1, block.shape[1], block.shape[0])
+            for (name, block), part in zip(self.parameters.items(), parts, strict=True)
+        }
 
     def variable(self, name: str, x: FloatArray) -> FloatArray:
         """Block of x with this name: (..., nx) to (..., c, r)."""

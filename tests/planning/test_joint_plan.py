@@ -28,7 +28,7 @@ from casswarm.planning.joint import PlanDistribution
 from casswarm.planning.plan import initial_velocities
 from casswarm.policies import JointPolicy
 from casswarm.problems.joint import JointForm, joint_nlp
-from casswarm.problems.joint_instances import JointTask, joint_instance
+from casswarm.problems.joint_instances import JointTask, joint_instances
 
 RADARS = [(1.0, 0.9), (2.2, -0.8)]
 
@@ -164,7 +164,7 @@ def test_joint_nlp_objective_is_log_odds_of_cost(objective: str) -> None:
     positions = np.stack([scenario.positions + scenario.time.dt * t * straight for t in range(9)])
     first = scenario.target.contains(positions[1:]).argmax(axis=0) + 1
     assert (first > 1).all()
-    instance = joint_instance(nlp, form, task, first, velocities[: first.max()])
+    instance = joint_instances(nlp, form, task, [first], [velocities[: first.max()]])
     odds = float(nlp.evaluate(instance.x0[0], instance.p[0])[0])
     cost = PlanDistribution.from_positions(scenario, positions[: first.max() + 1]).cost(objective)
     assert odds == pytest.approx(math.log(cost / (1 - cost)), rel=1e-9)
@@ -177,7 +177,7 @@ def test_joint_nlp_gradient_matches_finite_differences() -> None:
         form = JointForm(2, scenario.n_steps, exact)
         nlp = joint_nlp(scenario.hazard, form)
         velocities = np.random.default_rng(1).normal(1.2, 0.4, (8, 2, 2))
-        instance = joint_instance(nlp, form, task, np.array([8, 7]), velocities)
+        instance = joint_instances(nlp, form, task, [np.array([8, 7])], [velocities])
         x, p = instance.x0[0], instance.p[0]
         gradient = np.asarray(nlp.gradient(x, p)[1]).ravel()
         for row in range(0, len(x), 3):
@@ -194,7 +194,7 @@ def test_mean_field_single_member_is_exact() -> None:
     for exact in (True, False):
         form = JointForm(1, scenario.n_steps, exact)
         nlp = joint_nlp(scenario.hazard, form)
-        instance = joint_instance(nlp, form, task, np.array([8]), paths)
+        instance = joint_instances(nlp, form, task, [np.array([8])], [paths])
         odds.append(float(nlp.evaluate(instance.x0[0], instance.p[0])[0]))
     assert odds[0] == pytest.approx(odds[1], rel=1e-9)
 

@@ -10,7 +10,7 @@ import pytest
 
 import casswarm as csw
 from casswarm.problems.joint import JointForm, joint_nlp
-from casswarm.problems.joint_instances import JointTask, joint_instance
+from casswarm.problems.joint_instances import JointTask, joint_instances
 from casswarm.problems.step import Motion
 
 SETTINGS = {
@@ -73,5 +73,5 @@ def point(scenario: csw.Scenario, form: JointForm) -> tuple[np.ndarray, np.ndarr
     )
     velocities = draws.uniform(0.2, 1.6, (form.horizon, 3, 2))
     nlp = joint_nlp(scenario.hazard, form)
-    instance = joint_instance(nlp, form, task, np.array([3, 4, 4]), velocities)
+    instance = joint_instances(nlp, form, task, [np.array([3, 4, 4])], [velocities])
     return instance.x0[0], instance.p[0]

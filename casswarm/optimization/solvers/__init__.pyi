@@ -3,6 +3,7 @@ from .auto import Auto
 from .base import Answer, Capabilities, Solver
 from .batch.interior_point import InteriorPoint
 from .batch.spg import SpectralProjectedGradient
+from .interior_point.solver import FilterInteriorPoint
 from .ipopt import Ipopt
 from .isolated import Isolated
 from .projected_gradient import ProjectedGradient
@@ -20,6 +21,7 @@ __all__ = [
     "Answer",
     "Auto",
     "Capabilities",
+    "FilterInteriorPoint",
     "InteriorPoint",
     "Ipopt",
     "Isolated",

@@ -1,4 +1,4 @@
-"""Families of initial guesses: formations along a single agent's paths, whole or divided."""
+"""Families of initial guesses: formations along a single agent's paths, whole or divided; waves."""
 
 from __future__ import annotations
 
@@ -32,6 +32,8 @@ _SPACINGS = np.concatenate([[0.0], np.geomspace(0.02, 2.0, 41)])
 """Candidate distances of neighbours, in units of the target's radius."""
 
 _DIRECTIONS = 6  # of lattices, over half a turn
+_WAVES = 3  # sines in a random path
+_COMMON, _OWN = 0.3, (0.02, 0.1, 0.3)  # their amplitudes, in distances from start to target
 
 
 def class_paths(scenario: Scenario, guide: Guide) -> dict[str, list[FloatArray]]:
@@ -70,6 +72,26 @@ def families(
                 yield _divided(scenario, task, f"divided {one}, {other}", *pair)
     if own:
         yield _own_paths(scenario, task, paths)
+
+
+def waves(task: JointTask, count: int, rng: np.random.Generator) -> Family:
+    """Straight lines to the target with random waves of all members and of each.
+
+    Arrival steps are those that the speed limit allows all members, in turn.
+    """
+    n, steps = len(task.start), task.steps
+    to_center = task.center - task.start
+    length = np.hypot(*to_center.mean(axis=0))
+    fastest = int(np.ceil(abs(to_center).max() / (task.motion.v_max * task.motion.dt)))
+    last = np.resize(np.arange(min(steps, fastest), steps + 1), count)
+    share = np.minimum(np.arange(1, steps + 1)[:, None] / last, 1.0)[..., None]
+    orders = np.arange(1, _WAVES + 1)
+    common = rng.normal(size=(count, _WAVES, 1, 2)) * _COMMON
+    own = rng.normal(size=(count, _WAVES, n, 2)) * rng.choice(_OWN, (count, 1, 1, 1))
+    sines = np.sin(np.pi * share * orders) / orders
+    bumps = np.einsum("tbw,bwni->tbni", sines, length * (common + own))
+    goals = task.start + share[..., None] * to_center + bumps
+    return Family("waves", np.repeat(last[:, None], n, axis=1), goals)
 
 
 def _formations(scenario: Scenario, task: JointTask, name: str, path: FloatArray) -> Family:

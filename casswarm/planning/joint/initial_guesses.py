@@ -14,14 +14,15 @@ from ...typing import FloatArray
 from ..plan import plan_from
 from .changes import changes
 from .distribution import MAX_EXACT
-from .families import class_paths, families
-from .screening import InitialGuess, screened
+from .families import class_paths, families, waves
+from .screening import InitialGuess, delayed, screened, track
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
 
-INITIAL_GUESSES = ("formations", "own", "perturbed")
-"""Kinds of initial guesses: formations, members' own paths, changes of the best plan."""
+INITIAL_GUESSES = ("formations", "own", "waves", "perturbed")
+"""Kinds of initial guesses: formations, members' own paths, random ones, and changes of the best
+plan."""
 
 _AMPLITUDE = 0.1  # of perturbations, in units of v_max
 _WAVES = 4
@@ -61,14 +62,26 @@ class Guesses:
         return class_paths(scenario, guide)
 
     def first(self, kinds: Sequence[str], count: int) -> list[InitialGuess]:
-        """The best guesses of some of `INITIAL_GUESSES`, before they are optimised.
+        """The best formations and own paths, where they are among the kinds.
 
         Formations where members' own paths do not apply.
         """
         own = "own" in kinds and 1 < self.scenario.n <= MAX_EXACT
-        formations = "formations" in kinds or not own
+        formations = "formations" in kinds or not (own or "waves" in kinds)
+        if not own and not formations:
+            return []
         found = families(self.scenario, self.task, self.paths, formations, own)
         return screened(self.scenario, self.task, self.objective, list(found), count)
+
+    def waves(self, count: int, rng: np.random.Generator) -> list[InitialGuess]:
+        """Random guesses; their cost before they are optimised tells too little to choose."""
+        family = waves(self.task, count, rng)
+        arrivals = delayed(self.task, family.arrivals)
+        velocities = track(self.task, family.goals)
+        return [
+            InitialGuess(family.name, arrivals[k], velocities[: family.last(k), k])
+            for k in range(count)
+        ]
 
     def changed(self, plan: InitialGuess, count: int) -> list[InitialGuess]:
         """The best changes of a plan, before they are optimised; none without an exact cost."""

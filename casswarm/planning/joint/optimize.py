@@ -24,24 +24,17 @@ from .distribution import PlanDistribution
 from .frame import Frame
 from .initial_guesses import INITIAL_GUESSES
 from .plan import SwarmPlan, least_distance
-from .search import MAX_EXACT_FIRST, JointSearch
-from .solve import default_solver, first_arrivals
+from .search import JointSearch
+from .solve import STAGED, first_arrivals
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
-
-ITERATIONS = 15, 20, 200
-"""Iterations of the first solves, of those that continue the best of them, and of those to the end.
-"""
-
-FIRST_ITERATIONS_MEAN_FIELD = 300
-"""Iterations of the first solves of the mean field, which are cheap."""
 
 
 def plan_swarm(
     scenario: Scenario,
     objective: Objective = "success",
-    solver: str | Solver = "ipopt",
+    solver: str | Solver = "auto",
     *,
     initial_guesses: Sequence[str] = INITIAL_GUESSES,
     seed: int = 0,
@@ -61,8 +54,9 @@ def plan_swarm(
         in the target, or alive anywhere, when the run ends: at the first arrival. With
         ``"arrivals"`` members stay outside the target until the common arrival step.
     solver : str or Solver
-        By default Ipopt: with exact second derivatives for up to 6 members, and with a
-        limited-memory Hessian beyond.
+        By default casswarm's own interior-point method with exact second derivatives for up to 8
+        members, if the rates are made of kernels, and else Ipopt: with exact second derivatives for
+        up to 6 members, and with a limited-memory Hessian beyond.
     initial_guesses : sequence of str
         Of ``"formations"`` along a single agent's homotopy classes, ``"own"`` paths of the members
         (for swarms of at most 10), and ``"perturbed"``: changes and perturbations of the best plan.
@@ -77,8 +71,8 @@ def plan_swarm(
         Provides V(-1) if the scenario leaves that to the guide; planned from the scenario by
         default, so that every policy begins with the same velocity.
     solver_options : mapping, optional
-        Options of the solver, if it is given by name; those of ``"ipopt"`` replace the settings
-        chosen by the number of members.
+        Options of the solver, if it is given by name, with which it runs in all stages of the
+        search; without them, ``"auto"`` and ``"ipopt"`` have settings for each stage.
     progress : Progress or bool, optional
         True for progress bars, or a function: see `Progress`. It is called before every solve.
 
@@ -114,9 +108,10 @@ def plan_swarm(
     frame = Frame.of_scenario(scenario, velocities[0])
     framed = frame.scenario_in(scenario)
     task = JointTask.from_scenario(framed, frame.members_to(velocities), min_distance or 0.0)
-    solvers = _solvers(solver, scenario.n, solver_options)
+    if solver not in STAGED or solver_options:
+        solver = make_solver(solver, **dict(solver_options or {}))
     deadline = math.inf if time_limit is None else started + time_limit
-    search = JointSearch(framed, task, objective, solvers, deadline, _renamed(progress, frame))
+    search = JointSearch(framed, task, objective, solver, deadline, _renamed(progress, frame))
     best = frame.outcome_from(search.run(initial_guesses, seed))
     positions = integrate(scenario.positions, best.velocities, scenario.time.dt)
     exact = search.problem.form.exact
@@ -175,16 +170,3 @@ def _require_distance(scenario: Scenario, min_distance: float | None) -> None:
             min_distance=min_distance,
             least_distance=least,
         )
-
-
-def _solvers(
-    solver: str | Solver, n: int, options: Mapping[str, Any] | None
-) -> tuple[Solver, Solver, Solver]:
-    """Solvers of the stages of a search."""
-    if solver != "ipopt" or options:
-        backend = make_solver(solver, **dict(options or {}))
-        return backend, backend, backend
-    first, second, last = ITERATIONS
-    if n > MAX_EXACT_FIRST:
-        first = FIRST_ITERATIONS_MEAN_FIELD
-    return default_solver(n, first), default_solver(n, second), default_solver(n, last)

@@ -21,7 +21,7 @@ from ...typing import FloatArray
 from .distribution import MAX_EXACT, PlanDistribution
 from .plan import SwarmPlan
 from .screening import InitialGuess
-from .solve import JointProblem, default_solver, first_arrivals
+from .solve import JointProblem, first_arrivals, stage_solver
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
@@ -140,7 +140,7 @@ class PlanTree:
             )
         self.scenario, self.objective = scenario, plan.objective
         self.min_distance = plan.min_distance or 0.0
-        self.solver = solver or default_solver(plan.n, ITERATIONS)
+        self.solver = solver
         self.min_probability = min_probability
         self.branches: dict[Path, Branch] = {}
         self._failed: set[Path] = set()
@@ -230,7 +230,8 @@ class PlanTree:
         problem = JointProblem(self.scenario, task, form)
         remaining = branch.remaining(step, members)
         arrivals = first_arrivals(self.scenario, problem.positions(remaining))
-        outcome = problem.solve(InitialGuess("survivors", arrivals, remaining), self.solver)
+        solver = self.solver or stage_solver("auto", self.scenario.hazard, form, ITERATIONS)
+        (outcome,) = problem.solve([InitialGuess("survivors", arrivals, remaining)], solver)
         if not outcome.solution.status.success:
             self._failed.add(path)
         if not outcome.separated or outcome.value <= problem.value(remaining, arrivals):

@@ -74,7 +74,7 @@ def screened(
     guesses: list[InitialGuess] = []
     scores: list[float] = []
     for family in families:
-        arrivals = _delayed(task, family.arrivals[:size])
+        arrivals = delayed(task, family.arrivals[:size])
         velocities = track(task, family.goals[:, :size])
         costs = np.full(len(arrivals), 0.5)
         if limit:
@@ -90,7 +90,7 @@ def screened(
     return [guesses[k] for k in np.argsort(scores, kind="stable")[:count].tolist()]
 
 
-def _delayed(task: JointTask, arrivals: IntArray) -> IntArray:
+def delayed(task: JointTask, arrivals: IntArray) -> IntArray:
     """Arrival steps (B, n), delayed to the first that v_max allows; 0 if it allows none."""
     reach = np.arange(1, task.steps + 1)[:, None, None] * task.motion.dt * task.motion.v_max
     distance = remaining_distance(task.start, task.center, reach)  # (N, n)

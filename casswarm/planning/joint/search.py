@@ -16,10 +16,17 @@ from .distribution import MAX_EXACT
 from .initial_guesses import Guesses
 from .plan import SwarmOutcome
 from .screening import InitialGuess
-from .solve import JointProblem
+from .solve import JointProblem, stage_solver
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
+
+ITERATIONS = 15, 20, 200
+"""Iterations of the first solves, of those that continue the best of them, and of those to the end.
+"""
+
+FIRST_ITERATIONS_MEAN_FIELD = 300
+"""Iterations of the first solves of the mean field, which are cheap."""
 
 MAX_EXACT_FIRST = 7
 """Maximum number of members of swarms whose first solves maximise the exact probability; those of
@@ -28,16 +35,16 @@ larger ones maximise the mean field's."""
 MAX_GUESSES, MAX_GUESSES_LARGE = 9, 6
 """First solves, of swarms of at most `MAX_EXACT_FIRST` members and of larger ones."""
 
-N_CHANGED, N_PERTURBED = 3, 1
-"""Number of changes of the best plan, and of seeded perturbations."""
+N_WAVES, N_CHANGED, N_PERTURBED = 18, 8, 8
+"""Number of random guesses, of changes of the best plan, and of random perturbations."""
 
 ROUNDS = 2
-"""Rounds of changes; the second only if the first found a better plan."""
+"""Rounds of changes and perturbations; each only if the one before found a better plan."""
 
 PROMISING = 0.2
 """Log-odds by which an unfinished solve may be worse than the best to be continued."""
 
-MAX_ADVANCED, MAX_CONTINUED = 4, 2
+MAX_ADVANCED, MAX_CONTINUED = 6, 2
 """Outcomes that are solved further, and that are continued to the end; only one of those if the
 first solves are of another program."""
 
@@ -50,8 +57,9 @@ class JointSearch:
     scenario : Scenario
     task : JointTask
     objective : str
-    solvers : three of Solver
-        Of the first solves, of those that continue the best of them, and of those to the end.
+    solver : str or Solver
+        One of `STAGED`, or the solver of all stages: the first solves, those that continue the best
+        of them, and those to the end.
     deadline : float
         Of `time.perf_counter`; no solve starts after it.
     progress : Progress, optional
@@ -62,7 +70,7 @@ class JointSearch:
         scenario: Scenario,
         task: JointTask,
         objective: str,
-        solvers: tuple[Solver, Solver, Solver],
+        solver: str | Solver,
         deadline: float,
         progress: Progress | None,
     ) -> None:
@@ -73,24 +81,38 @@ class JointSearch:
         )
         # whether the first solves are of the problem itself
         self.same_program = self.problem.form == self.first_problem.form
-        self.solvers, self.deadline, self.progress = solvers, deadline, progress
+        self.solvers = self._stages(solver)
+        self.deadline, self.progress = deadline, progress
         self.guesses = Guesses(scenario, task, objective)
         self.outcomes: list[SwarmOutcome] = []
         self._live: list[SwarmOutcome] = []  # those that no other continues
 
+    def _stages(self, solver: str | Solver) -> list[Solver]:
+        """Solvers of the stages."""
+        if isinstance(solver, Solver):
+            return [solver] * len(ITERATIONS)
+        first = ITERATIONS[0] if self.first_problem.form.exact else FIRST_ITERATIONS_MEAN_FIELD
+        forms = [self.first_problem.form, self.problem.form, self.problem.form]
+        hazard = self.problem.scenario.hazard
+        return [
+            stage_solver(solver, hazard, form, iterations)
+            for form, iterations in zip(forms, (first, *ITERATIONS[1:]), strict=True)
+        ]
+
     def run(self, kinds: Sequence[str], seed: int) -> SwarmOutcome:
         """The best outcome of all starts, of which there is at least one."""
+        rng = np.random.default_rng(seed)
         exact_first = self.problem.form.n <= MAX_EXACT_FIRST
-        for guess in self.guesses.first(kinds, MAX_GUESSES if exact_first else MAX_GUESSES_LARGE):
-            self._solve(guess)
-            if self._late:
-                return self.best
+        guesses = self.guesses.first(kinds, MAX_GUESSES if exact_first else MAX_GUESSES_LARGE)
+        if "waves" in kinds and exact_first:
+            guesses += self.guesses.waves(N_WAVES, rng)
+        self._solve(guesses)
         if self.same_program:
             self._advance()
         for outcome in self._promising(MAX_CONTINUED if self.same_program else 1):
             self._continue(outcome)
         if "perturbed" in kinds:
-            self._perturb(seed)
+            self._perturb(rng)
         return self.best
 
     @property
@@ -100,12 +122,10 @@ class JointSearch:
 
     def _advance(self) -> None:
         """Solve the most promising of the first outcomes further."""
-        for outcome in self._promising(MAX_ADVANCED):
-            if self._late:
-                return
-            if not outcome.solution.status.success:
-                self._live.remove(outcome)
-                self._solve(self.problem.restart(outcome), 1)
+        unfinished = [o for o in self._promising(MAX_ADVANCED) if not o.solution.status.success]
+        if not self._late:
+            self._live = [outcome for outcome in self._live if outcome not in unfinished]
+            self._solve([self.problem.restart(outcome) for outcome in unfinished], 1)
 
     def _promising(self, count: int) -> list[SwarmOutcome]:
         """The last outcomes of all starts with the best objectives, and the one of best value.
@@ -122,40 +142,53 @@ class JointSearch:
     def _late(self) -> bool:
         return time.perf_counter() > self.deadline
 
-    def _perturb(self, seed: int) -> None:
-        """Solve from changes and seeded perturbations of the best outcome."""
-        if self.same_program:
-            for _ in range(ROUNDS):
-                best = self.best
-                for guess in self.guesses.changed(self.problem.restart(best), N_CHANGED):
-                    self._attempt(guess)
-                if self.best is best:
-                    break
-        rng = np.random.default_rng(seed)
-        for _ in range(N_PERTURBED):
-            self._attempt(self.guesses.perturbed(self.problem.restart(self.best), rng))
+    def _perturb(self, rng: np.random.Generator) -> None:
+        """Solve from changes and perturbations of the best outcome, while they improve it."""
+        for _ in range(ROUNDS):
+            best, plan = self.best, self.problem.restart(self.best)
+            guesses = [self.guesses.perturbed(plan, rng) for _ in range(N_PERTURBED)]
+            if self.same_program:
+                guesses += self.guesses.changed(plan, N_CHANGED)
+            self._attempt(guesses)
+            if self.best is best:
+                break
 
-    def _attempt(self, guess: InitialGuess) -> None:
-        """Solve from a guess, and further while it promises to become the best."""
+    def _attempt(self, guesses: Sequence[InitialGuess]) -> None:
+        """Solve from guesses, and those further that promise to become the best."""
         if self._late:
             return
         best = self.best
-        outcome = self._solve(guess)
-        if outcome.value <= best.value and not outcome.solution.status.success:
-            if self._late or _merit(outcome) > best.solution.objective + PROMISING:
-                return
-            outcome = self._solve(self.problem.restart(outcome), 1)
-        if outcome.value > best.value:
-            self._continue(outcome)
+        outcomes = self._solve(guesses)
+        unfinished = [
+            outcome
+            for outcome in outcomes
+            if outcome.value <= best.value
+            and not outcome.solution.status.success
+            and _merit(outcome) <= best.solution.objective + PROMISING
+        ]
+        if not self._late:
+            outcomes += self._solve([self.problem.restart(outcome) for outcome in unfinished], 1)
+        leading = max(outcomes, key=lambda outcome: outcome.value, default=best)
+        if leading.value > best.value:
+            self._continue(leading)
 
-    def _solve(self, guess: InitialGuess, stage: int = 0) -> SwarmOutcome:
-        if self.progress is not None:
-            self.progress(f"optimizing {guess.name}", 0, None)
+    def _solve(self, guesses: Sequence[InitialGuess], stage: int = 0) -> list[SwarmOutcome]:
+        """Solve from guesses, together unless the time is limited; the first at any rate."""
         problem = self.problem if stage else self.first_problem
-        outcome = problem.solve(guess, self.solvers[stage])
-        self.outcomes.append(outcome)
-        self._live.append(outcome)
-        return outcome
+        size = 1 if np.isfinite(self.deadline) else max(1, len(guesses))
+        outcomes: list[SwarmOutcome] = []
+        for first in range(0, len(guesses), size):
+            if first and self._late:
+                break
+            part = guesses[first : first + size]
+            if self.progress is not None:
+                count = f"{len(part)} initial guesses"
+                names = part[0].name if len(part) == 1 else count
+                self.progress(f"optimizing {names}", 0, None)
+            outcomes += problem.solve(part, self.solvers[stage])
+        self.outcomes += outcomes
+        self._live += outcomes
+        return outcomes
 
     def _continue(self, outcome: SwarmOutcome) -> None:
         """Solve from an outcome, with the arrival steps that it reaches, until both agree."""
@@ -165,7 +198,7 @@ class JointSearch:
             settled = same_program and np.array_equal(guess.arrivals, outcome.arrivals)
             if (settled and outcome.solution.status.success) or self._late:
                 return
-            improved = self._solve(guess, 2)
+            (improved,) = self._solve([guess], 2)
             if settled and improved.value <= outcome.value:
                 return
             outcome, same_program = improved, True

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...hazard import Hazard, KernelHazard
 from ...optimization.problem import Nlp
-from ...optimization.solvers import Ipopt, Solver
+from ...optimization.solution import Solution
+from ...optimization.solvers import FilterInteriorPoint, Ipopt, Solver
 from ...problems.joint import JointForm, joint_nlp
 from ...problems.joint_hessian import MAX_MEMBERS
-from ...problems.joint_instances import JointTask, joint_instance
+from ...problems.joint_instances import JointTask, joint_instances
 from ...typing import FloatArray, IntArray
 from ..kinematics import integrate
 from .distribution import MAX_EXACT, PlanDistribution
@@ -22,28 +24,37 @@ from .screening import InitialGuess, track
 if TYPE_CHECKING:
     from ...scenario import Scenario
 
+STAGED = ("auto", "ipopt")
+"""Solvers that have settings for each stage of a search."""
+
+MAX_NEWTON = 8
+"""Maximum number of members for which casswarm's own second derivatives pay off."""
+
 _TIME_LIMIT = 3600.0  # never reached: solves end by iterations, whatever the machine's speed
 
 
-def default_solver(n: int, iterations: int) -> Ipopt:
-    """Ipopt for n members: with exact second derivatives up to `MAX_MEMBERS`, near its start.
+def stage_solver(name: str, hazard: Hazard, form: JointForm, iterations: int) -> Solver:
+    """The solver of a stage of a search: near its start, and to a number of iterations.
 
-    Log-odds to 1e-7 are relative differences in the probability of failure. Beyond, and for the
-    mean field, it has a limited-memory Hessian.
+    With exact second derivatives of small swarms: for ``"auto"`` casswarm's own interior-point
+    method if the rates are made of kernels, else Ipopt. Of larger ones and of the mean field, Ipopt
+    with a limited-memory Hessian. Log-odds to 1e-7 are relative differences in the probability of
+    failure.
     """
-    settings: dict[str, Any] = {
-        "max_iter": iterations,
-        "time_limit": _TIME_LIMIT,
-        "constraint_tolerance": 1e-8,
-    }
-    if n <= MAX_MEMBERS:
-        return Ipopt(tolerance=1e-7, bound_push=1e-4, mu_init=1e-3, **settings)
+    near: dict[str, Any] = {"constraint_tolerance": 1e-8, "max_iter": iterations}
+    exact: dict[str, Any] = {"tolerance": 1e-7, "bound_push": 1e-4, "mu_init": 1e-3}
+    if form.exact and name == "auto" and isinstance(hazard, KernelHazard):
+        if form.n <= MAX_NEWTON:
+            return FilterInteriorPoint(**near, **exact)
+    elif form.exact and form.n <= MAX_MEMBERS:
+        return Ipopt(time_limit=_TIME_LIMIT, **near, **exact)
     return Ipopt(
         tolerance=1e-5,
         hessian="limited-memory",
         memory=20,
         mu_strategy="adaptive",
-        **settings,
+        time_limit=_TIME_LIMIT,
+        **near,
     )
 
 
@@ -69,24 +80,33 @@ class JointProblem:
         """The program, which is built once for all problems of its form."""
         return joint_nlp(self.scenario.hazard, self.form)
 
-    def solve(self, guess: InitialGuess, solver: Solver) -> SwarmOutcome:
-        """The solver's answer from an initial guess, within all limits, and its value."""
-        started = time.perf_counter()
-        form, arrivals = self.form, guess.arrivals
-        if form.outside:  # runs end at the first arrival, so all arrive together
-            arrivals = np.where(arrivals > 0, arrivals.max(), 0)
-        instance = joint_instance(self.nlp, form, self.task, arrivals, guess.velocities)
-        solution = solver.solve(self.nlp, instance)[0]
+    def solve(self, guesses: Sequence[InitialGuess], solver: Solver) -> list[SwarmOutcome]:
+        """The solver's answers from initial guesses, within all limits, and their values."""
+        arrivals = [self._prescribed(guess.arrivals) for guess in guesses]
+        instances = joint_instances(
+            self.nlp, self.form, self.task, arrivals, [guess.velocities for guess in guesses]
+        )
+        solutions = solver.solve(self.nlp, instances)
+        return [
+            self._outcome(guess, prescribed, solution)
+            for guess, prescribed, solution in zip(guesses, arrivals, solutions, strict=True)
+        ]
+
+    def _prescribed(self, arrivals: IntArray) -> IntArray:
+        """Arrival steps of the program, in which all arrive together if runs end with the first."""
+        return np.where(arrivals > 0, arrivals.max(), 0) if self.form.outside else arrivals
+
+    def _outcome(self, guess: InitialGuess, arrivals: IntArray, solution: Solution) -> SwarmOutcome:
         flat = self.nlp.variable("velocities", solution.x)
         last = int(arrivals.max()) if arrivals.all() else self.task.steps
-        velocities = self.task.motion.v_max * flat.reshape(form.horizon, form.n, 2)[:last]
+        velocities = self.task.motion.v_max * flat.reshape(self.form.horizon, self.form.n, 2)[:last]
         if not np.isfinite(velocities).all():
             velocities = guess.velocities[:last]
         velocities = self.feasible(velocities)
         value = self.value(velocities, arrivals)
-        seconds = time.perf_counter() - started
         distance = least_distance(self.positions(velocities)[1:])
         separated = distance >= (1 - DISTANCE_TOL) * self.task.min_distance
+        seconds = solution.build_seconds + solution.solve_seconds
         return SwarmOutcome(guess.name, arrivals, velocities, value, solution, seconds, separated)
 
     def restart(self, outcome: SwarmOutcome) -> InitialGuess:
@@ -141,7 +161,7 @@ class JointProblem:
             positions = self.positions(velocities)
             distribution = PlanDistribution.from_positions(self.scenario, positions)
             return scale * (1.0 - distribution.cost(self.form.objective))
-        instance = joint_instance(self.nlp, self.form, self.task, arrivals, velocities)
+        instance = joint_instances(self.nlp, self.form, self.task, [arrivals], [velocities])
         odds = float(self.nlp.evaluate(instance.x0[0], instance.p[0])[0])
         return scale * float(1.0 / (1.0 + np.exp(odds)))
 

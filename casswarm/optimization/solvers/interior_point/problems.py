@@ -1,0 +1,99 @@
+"""What the method reads of a program: values, derivatives and condensed matrices, as arrays."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from ....typing import Expr, FloatArray, IntArray
+from ...problem import Nlp
+
+
+class Linearisation(Protocol):
+    """Derivatives of b instances at their points: g has the Jacobian J."""
+
+    gradient: FloatArray
+    """Of f, (b, nx)."""
+
+    def times(self, vectors: FloatArray) -> FloatArray:
+        """J v, (b, ng), of vectors v (b, nx)."""
+
+    def transposed_times(self, vectors: FloatArray) -> FloatArray:
+        """J' w, (b, nx), of vectors w (b, ng)."""
+
+    def condensed(self, multipliers: FloatArray, weights: FloatArray) -> FloatArray:
+        """Hessians of f + multipliers' g, plus J' diag(weights) J: (b, nx, nx)."""
+
+
+class NumericProblems(Protocol):
+    """Instances of a program as functions of arrays; `rows` (b,) selects some of them."""
+
+    def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """f (b,) and g (b, ng) at x (b, nx)."""
+
+    def linearise(self, rows: IntArray, x: FloatArray) -> Linearisation:
+        """Derivatives at x (b, nx)."""
+
+
+class CasadiProblems:
+    """Instances of any program, by CasADi's functions.
+
+    Parameters
+    ----------
+    nlp : Nlp
+    p : (B, np)
+    """
+
+    def __init__(self, nlp: Nlp, p: FloatArray) -> None:
+        self.nlp, self.p = nlp, p
+
+    def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `NumericProblems`."""
+        f, g = self.call(self.nlp.evaluate, rows, x)
+        return f[:, 0, 0], g[..., 0]
+
+    def linearise(self, rows: IntArray, x: FloatArray) -> CasadiLinearisation:
+        """See `NumericProblems`."""
+        return CasadiLinearisation(self, rows, x)
+
+    def call(
+        self, function: Expr, rows: IntArray, x: FloatArray, *more: FloatArray
+    ) -> list[FloatArray]:
+        """Outputs (b, r, c) of a function of x, p and more arguments of every instance."""
+        results = [
+            function.call([point, self.p[row], *arguments])
+            for row, point, *arguments in zip(rows, x, *more, strict=True)
+        ]
+        shapes = [(len(rows), *function.size_out(k)) for k in range(function.n_out())]
+        return [
+            np.array([result[k].full() for result in results]).reshape(shape)
+            for k, shape in enumerate(shapes)
+        ]
+
+
+class CasadiLinearisation:
+    """See `Linearisation`."""
+
+    def __init__(self, problems: CasadiProblems, rows: IntArray, x: FloatArray) -> None:
+        self._problems, self._rows, self._x = problems, rows, x
+        nlp = problems.nlp
+        self.gradient = problems.call(nlp.gradient, rows, x)[1][..., 0]
+        self._jacobian = problems.call(nlp.jacobian, rows, x)[0]
+
+    def times(self, vectors: FloatArray) -> FloatArray:
+        """See `Linearisation`."""
+        return np.asarray(np.einsum("bmn,bn->bm", self._jacobian, vectors))
+
+    def transposed_times(self, vectors: FloatArray) -> FloatArray:
+        """See `Linearisation`."""
+        return np.asarray(np.einsum("bmn,bm->bn", self._jacobian, vectors))
+
+    def condensed(self, multipliers: FloatArray, weights: FloatArray) -> FloatArray:
+        """See `Linearisation`."""
+        hessian = self._problems.nlp.lagrangian_hessian
+        ones = np.ones(len(multipliers))
+        upper = self._problems.call(hessian, self._rows, self._x, ones, multipliers)[0]
+        transposed = np.swapaxes(self._jacobian, 1, 2)
+        full = upper + np.swapaxes(np.triu(upper, 1), 1, 2)
+        return np.asarray(full + (transposed * weights[:, None]) @ self._jacobian)

@@ -1,0 +1,167 @@
+"""The joint plan's recursion over sets of living members, compiled.
+
+A set d of n members is a bit mask below m = 2^n. In a step its members are lost independently with
+probabilities q_i(d), so that the expectation E(d) of a function of the survivors is linear in each
+q_i. Its derivatives with respect to one or two of them are expectations, too, in which a member's
+two outcomes are subtracted.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .._util.jit import allocating_kernel, kernel
+from ..typing import FloatArray, IntArray
+
+
+class Scratch(NamedTuple):
+    """What is computed of one set with k members.
+
+    Parameters
+    ----------
+    members, subsets : (n,), (m,) int
+        Its members, and the masks of its 2^k subsets.
+    lost : (n,)
+        Probabilities of its members.
+    values, cube : (m,)
+        A function of its subsets, and a copy that is overwritten.
+    first, second : (n,), (n, n)
+        Derivatives of its expectation.
+    rate, density, collision : (n, 2n)
+        Gradients of its members' probabilities, and of their sums D and C.
+    row : (2n,)
+    curvature : (3, n, n)
+        Factors of second derivatives of S, D and C, over all sets.
+    """
+
+    members: IntArray
+    subsets: IntArray
+    lost: FloatArray
+    values: FloatArray
+    cube: FloatArray
+    first: FloatArray
+    second: FloatArray
+    rate: FloatArray
+    density: FloatArray
+    collision: FloatArray
+    row: FloatArray
+    curvature: FloatArray
+
+
+@allocating_kernel
+def scratch(n: int) -> Scratch:
+    """Arrays for sets of n members."""
+    size, sets = 2 * n, 1 << n
+    vectors, matrices = np.empty((2, n)), np.zeros((3, n, size))
+    return Scratch(
+        np.empty(n, np.int64),
+        np.empty(sets, np.int64),
+        vectors[0],
+        np.empty(sets),
+        np.empty(sets),
+        vectors[1],
+        np.zeros((n, n)),
+        matrices[0],
+        matrices[1],
+        matrices[2],
+        np.empty(size),
+        np.zeros((3, n, n)),
+    )
+
+
+@kernel
+def read_set(d: int, lost: FloatArray, work: Scratch) -> int:
+    """Write members, subsets and probabilities of the set d; return its number of members."""
+    count = 0
+    work.subsets[0] = 0
+    for i in range(lost.shape[1]):
+        if d >> i & 1:
+            for m in range(1 << count):
+                work.subsets[m + (1 << count)] = work.subsets[m] | 1 << i
+            work.members[count] = i
+            work.lost[count] = lost[d, i]
+            count += 1
+    return count
+
+
+@kernel
+def expectation(count: int, i: int, j: int, work: Scratch) -> float:
+    """E of `values`, or its derivative in the probabilities of the members i and j; -1 for none."""
+    cube, half = work.cube, 1 << count
+    for m in range(half):
+        cube[m] = work.values[m]
+    for s in range(count - 1, -1, -1):
+        half >>= 1
+        if s in (i, j):
+            for m in range(half):
+                cube[m] -= cube[m + half]
+        else:
+            q = work.lost[s]
+            for m in range(half):
+                cube[m] = cube[m + half] + q * (cube[m] - cube[m + half])
+    return cube[0]  # type: ignore[no-any-return]
+
+
+@kernel
+def outcomes(mass: float, count: int, work: Scratch) -> None:
+    """Write to `values` the probabilities of all subsets after a step, times a mass."""
+    values = work.values
+    values[0] = mass
+    for s in range(count):
+        q = work.lost[s]
+        for m in range(1 << s):
+            values[m + (1 << s)] = values[m] * (1.0 - q)
+            values[m] *= q
+
+
+@allocating_kernel
+def sweep(
+    lost: FloatArray, continues: FloatArray, costs: FloatArray, last_cost: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """F_0 (b, m), masses before and functions after every step (b, T, m), of b recursions.
+
+    lost are probabilities (b, T, m, n); continues, costs (b, T, m); last_cost (b, m).
+    """
+    batch, steps, sets, n = lost.shape
+    work, value = scratch(n), last_cost.copy()
+    masses, after = np.zeros((batch, steps, sets)), np.empty((batch, steps, sets))
+    for k in range(batch):
+        backward(lost[k], continues[k], costs[k], value[k], after[k], work)
+        masses[k, 0, sets - 1] = 1.0
+        forward(lost[k], continues[k], masses[k], work)
+    return value, masses, after
+
+
+@kernel
+def backward(
+    lost: FloatArray,
+    continues: FloatArray,
+    costs: FloatArray,
+    value: FloatArray,
+    after: FloatArray,
+    work: Scratch,
+) -> None:
+    """Write the functions after every step; `value` begins as the last cost, and ends as F_0."""
+    for t in range(len(lost) - 1, -1, -1):
+        for d in range(value.size):
+            after[t, d] = costs[t, d] + continues[t, d] * value[d]
+        for d in range(value.size):
+            count = read_set(d, lost[t], work)
+            for m in range(1 << count):
+                work.values[m] = after[t, work.subsets[m]]
+            value[d] = expectation(count, -1, -1, work)
+
+
+@kernel
+def forward(lost: FloatArray, continues: FloatArray, masses: FloatArray, work: Scratch) -> None:
+    """Write the masses before every step but the first."""
+    for t in range(len(lost) - 1):
+        for d in range(masses.shape[1]):
+            if masses[t, d] > 0.0:
+                count = read_set(d, lost[t], work)
+                outcomes(masses[t, d], count, work)
+                for m in range(1 << count):
+                    survivors = work.subsets[m]
+                    masses[t + 1, survivors] += work.values[m] * continues[t, survivors]

@@ -1,0 +1,72 @@
+"""The joint plan's compiled derivatives agree with CasADi's, for every form of the program."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+import casswarm as csw
+from casswarm.optimization.problem import Instances, Nlp
+from casswarm.optimization.solvers.interior_point.problems import CasadiProblems
+from casswarm.problems.joint import JointForm, joint_nlp
+from casswarm.problems.joint_instances import JointTask, joint_instances
+
+STEPS = 5
+NEAR_RADARS = np.array([6.0, 2.5])
+
+
+def posed(name: str, n: int, objective: str, separated: bool, seed: int) -> tuple[Nlp, Instances]:
+    """Two instances of n members of a scenario at random velocities."""
+    rng = np.random.default_rng(seed)
+    near = {
+        "swarm.positions": (NEAR_RADARS + rng.uniform(-0.6, 0.6, (n, 2))).tolist(),
+        "target.center": (NEAR_RADARS + 1.5).tolist(),
+        "time.t_f": 0.33 * STEPS + 0.1,
+    }
+    scenario = csw.load_scenario(name).with_values(near)
+    form = JointForm(n, STEPS, True, objective, separated)
+    nlp = joint_nlp(scenario.hazard, form)
+    task = JointTask.from_scenario(scenario, rng.normal(size=(n, 2)), 0.1 * separated)
+    arrivals = [rng.integers(3, STEPS + 1, n), np.full(n, STEPS - 1)]
+    guesses = [rng.uniform(-0.5, 1.5, (STEPS, n, 2)) for _ in arrivals]
+    return nlp, joint_instances(nlp, form, task, arrivals, guesses)
+
+
+@pytest.mark.parametrize("name", ["paper-1", "paper-2"])
+@pytest.mark.parametrize("objective", ["success", "arrivals", "survivors"])
+@given(n=st.integers(1, 4), separated=st.booleans(), seed=st.integers(0, 2**32 - 1))
+def test_values_and_derivatives_equal_casadis(
+    name: str, objective: str, n: int, separated: bool, seed: int
+) -> None:
+    nlp, batch = posed(name, n, objective, separated, seed)
+    assert nlp.numeric is not None
+    compiled, casadis = nlp.numeric(batch.p), CasadiProblems(nlp, batch.p)
+    rows, rng = np.arange(len(batch)), np.random.default_rng(seed)
+    assume(abs(compiled.evaluate(rows, batch.x0)[0]).max() < 10)  # else 1 - F is rounding error
+    for ours, theirs in zip(
+        compiled.evaluate(rows, batch.x0), casadis.evaluate(rows, batch.x0), strict=True
+    ):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9)
+    one, other = compiled.linearise(rows, batch.x0), casadis.linearise(rows, batch.x0)
+    close(one.gradient, other.gradient)
+    variables = rng.normal(size=batch.x0.shape)
+    multipliers, weights = rng.normal(size=(2, *batch.lbg.shape))
+    close(one.times(variables), other.times(variables))
+    close(one.transposed_times(multipliers), other.transposed_times(multipliers))
+    close(one.condensed(multipliers, weights), other.condensed(multipliers, weights))
+
+
+def close(ours: np.ndarray, theirs: np.ndarray) -> None:
+    np.testing.assert_allclose(ours, theirs, rtol=1e-7, atol=1e-9 * (1 + abs(theirs).max()))
+
+
+def test_instances_are_independent() -> None:
+    nlp, batch = posed("paper-2", 3, "success", True, 7)
+    assert nlp.numeric is not None
+    problems = nlp.numeric(batch.p)
+    together = problems.linearise(np.arange(2), batch.x0)
+    for row in range(2):
+        alone = problems.linearise(np.array([row]), batch.x0[row : row + 1])
+        assert (alone.gradient == together.gradient[row : row + 1]).all()
