@@ -178,7 +178,12 @@ def costs(
         The column that says which runs succeeded; the cost of others is infinite.
     """
     part = table[(table["family"] == family) & (table["start"] == start)]
-    cost = part[column].clip(lower=1e-9).where(part[success] & part[column].notna(), np.inf)
+    cost = (
+        part[column]
+        .astype(float)
+        .clip(lower=1e-9)
+        .where(part[success] & part[column].notna(), np.inf)
+    )
     wide = part.assign(cost=cost).pivot(index="problem", columns="solver", values="cost")
     solvers = part.loc[part["applicable"], "solver"].unique()
     return wide.reindex(index=part["problem"].unique(), columns=solvers).fillna(np.inf)

@@ -41,7 +41,8 @@ OTHERWISE: dict[tuple[str, int], tuple[Outcome, str]] = {
     **{(s, 20): ("several", SEVERAL) for s in GENERAL if s not in ("alpaqa", "sqp")},
     **{(s, 33): ("several", SEVERAL) for s in ("sqp", "uno", "sleqp", "alpaqa", "slsqp")},
     **{(s, 13): ("near", DEGENERATE) for s in ("auto", "ipopt", "uno")},
-    **{(s, 13): ("fails", DEGENERATE) for s in ("sqp", "sleqp", "alpaqa", "slsqp")},
+    **{(s, 13): ("fails", DEGENERATE) for s in ("sqp", "sleqp", "alpaqa")},
+    ("slsqp", 13): ("near or fails", f"{DEGENERATE}; depends on the version of SciPy"),
     **{(s, 100): ("edge", ROUNDING) for s in ("sleqp", "slsqp")},
     ("sqp", 26): ("fails", "flat to the fourth order: its limit of iterations comes first"),
     ("slsqp", 38): ("edge", "stops by the objective's change, which is badly scaled here"),
@@ -83,6 +84,8 @@ def test_solver_finds_published_optimum_or_listed_outcome(solver: str, number: i
     distance = apart(solution.objective, case.objective)
     if outcome == "fails":
         assert not solution.status.success, "this cell works: take it off the list"
+    elif outcome == "near or fails":
+        assert not solution.status.success or DIGITS < distance < 1e-2
     elif outcome == "near":
         assert solution.status.success
         assert DIGITS < distance < 1e-2
