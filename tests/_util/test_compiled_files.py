@@ -62,7 +62,8 @@ def test_damaged_file_is_replaced(cache, suffix, damage):
     for path in damaged:
         path.write_bytes(damage(path.read_bytes()))
     hits, _ = run_compiled(cache)
-    assert hits == (HEALTHY if suffix == "py" else "0 0")
+    # a module that is written again is new to old versions of Numba, which compare times
+    assert hits in ((HEALTHY, "0 0") if suffix == "py" else ("0 0",))
     assert run_compiled(cache)[0] == HEALTHY
 
 
