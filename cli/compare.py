@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,6 +61,13 @@ class CompareOptions:
         help="Number of problems of every kind in a family. "
         "[default: 3 of guides and formations, 1 of quick]",
     )
+    copies: int = option(
+        "--copies",
+        type=click.IntRange(0),
+        default=0,
+        help="Number of perturbed copies of every problem: other initial guesses, orders and units. "
+        "They show how much the result depends on such details; the time grows with 1 + COPIES.",
+    )
     seed: int = seed_option()
     time_limit: float = option(
         "--time-limit",
@@ -77,9 +85,11 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
 
     Reports success rate, speed and reliability. Each solver runs in a process of its own: one that
     crashes or hangs is a row of the tables. Every solution is verified by residuals recomputed from
-    the problem. Prints a summary and writes report.html and report.md, the tables runs.csv (a row
-    per problem, start and solver), summary.csv, problems.csv and failures.csv, profiles as figures
-    (in report.html always PNG), and run.json; with --no-figures no report, which shows them.
+    the problem. Solvers are ranked by mean time, with 95 % intervals and the probability of each
+    rank from resampling the problems. Prints a summary and writes report.html and report.md, the
+    tables runs.csv (a row per problem, copy, start and solver), summary.csv, ranking.csv,
+    sensitivity.csv, problems.csv and failures.csv, profiles as figures (in report.html always PNG),
+    and run.json; with --no-figures no report, which shows them.
 
     Results are saved incrementally: repeat an interrupted command with the same options to continue
     it. The default takes five to ten minutes.
@@ -89,6 +99,7 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
       casswarm compare --family quick
       casswarm compare
       casswarm compare --family formations --solver spectral --solver ipopt --problems 10
+      casswarm compare --family quick --problems 5 --copies 3
     """
     with reported_errors() as saved, progress_report(output.quiet) as progress:
         from ..comparison import DEFAULT
@@ -101,6 +112,7 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
                 selection.families or DEFAULT,
                 selection.solvers or None,
                 problems=selection.problems,
+                copies=selection.copies,
                 seed=selection.seed,
                 time_limit=selection.time_limit,
                 checkpoint=folder.path,
@@ -117,7 +129,7 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
         if report is not None:
             ending.draw(partial(drawn_figures, report.figures))
             ending.attempt("the report", partial(_write_pages, folder, report))
-        ending.finish(_text(comparison.summary))
+        ending.finish(_text(comparison.summary.merge(comparison.ranking)))
 
 
 def _write_tables(folder: ResultsFolder, comparison: csw.Comparison) -> None:
@@ -128,6 +140,7 @@ def _write_tables(folder: ResultsFolder, comparison: csw.Comparison) -> None:
         folder.write_table(name, table)
     result = {
         "summary": tables["summary"].to_dict("records"),
+        "ranking": tables["ranking"].to_dict("records"),
         "failures": tables["failures"].to_dict("records"),
     }
     folder.write_record(result, comparison.inputs)
@@ -150,16 +163,27 @@ def _write_pages(folder: ResultsFolder, report: Report) -> None:
     folder.extend_record()
 
 
+def _percent(value: float) -> str:
+    return "" if isnan(value) else f"{100 * value:.0f} %"
+
+
+def _between(low: float, high: float) -> str:
+    return "" if isnan(low) else f"{low:.3g} to {high:.3g}"
+
+
 def _text(summary: pd.DataFrame) -> str:
-    """A table for every family and start."""
+    """A table for every family and start, of a summary with ranks."""
     texts = []
     for (family, start), part in summary.groupby(["family", "start"], sort=False):
         rows = [
             {
                 "solver": str(row["solver"]),
-                "solved": f"{100 * row['solved']:.0f} %",
-                "best known": f"{100 * row['best_known']:.0f} %",
+                "solved": _percent(row["solved"]),
+                "best known": _percent(row["best_known"]),
                 "mean ms": f"{row['mean_ms']:.3g}",
+                "95 %": _between(row["mean_ms_low"], row["mean_ms_high"]),
+                "rank": f"{row['rank']:g}",
+                "probability": _percent(row["probability"]),
                 "build ms": f"{row['build_ms']:.3g}",
                 "iterations": f"{row['iterations']:g}",
             }

@@ -99,6 +99,7 @@ def run(problem, solver, reported="solved", objective=1.0, seconds=0.1, **others
     return {
         "family": "f",
         "problem": problem,
+        "copy": 0,
         "start": "cold",
         "solver": solver,
         "reported_status": reported,
@@ -109,6 +110,7 @@ def run(problem, solver, reported="solved", objective=1.0, seconds=0.1, **others
         "violated_row": "",
         "stationarity": 0.0,
         "complementarity": 0.0,
+        "relative_error": 0.0,
         "iterations": 5,
         "evaluations": 6,
         "build_seconds": 0.01,
