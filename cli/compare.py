@@ -65,8 +65,8 @@ class CompareOptions:
         "--copies",
         type=click.IntRange(0),
         default=0,
-        help="Number of perturbed copies of every problem: other initial guesses, orders and units. "
-        "They show how much the result depends on such details; the time grows with 1 + COPIES.",
+        help="Number of perturbed copies of every problem: other initial guesses, orders and "
+        "units, on which a result should not depend. The time grows with 1 + COPIES.",
     )
     seed: int = seed_option()
     time_limit: float = option(

@@ -219,7 +219,7 @@ def _bands(
         for column in values.T
     ]
     low, high = (
-        pd.DataFrame(np.array(part).T.reshape(len(points), -1), points, costs.columns)
+        pd.DataFrame(np.column_stack(part), points, costs.columns)
         for part in zip(*bands, strict=True)
     )
     return low, high
