@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -22,8 +22,6 @@ from .output import aligned_table, open_folder
 from .progress import progress_report
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from ..comparison.report import Report
     from ..results.folder import ResultsFolder
 
@@ -129,7 +127,7 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
         if report is not None:
             ending.draw(partial(drawn_figures, report.figures))
             ending.attempt("the report", partial(_write_pages, folder, report))
-        ending.finish(_text(comparison.summary.merge(comparison.ranking)))
+        ending.finish(_text(comparison))
 
 
 def _write_tables(folder: ResultsFolder, comparison: csw.Comparison) -> None:
@@ -167,25 +165,26 @@ def _percent(value: float) -> str:
     return "" if isnan(value) else f"{100 * value:.0f} %"
 
 
-def _between(low: float, high: float) -> str:
-    return "" if isnan(low) else f"{low:.3g} to {high:.3g}"
+def _text(comparison: csw.Comparison) -> str:
+    """A table for every family and start."""
+    from ..comparison.report import milliseconds
 
+    def interval(row: dict[Any, Any]) -> str:
+        ends = row["mean_ms_low"], row["mean_ms_high"]
+        return "" if isnan(ends[0]) else " to ".join(map(milliseconds, ends))
 
-def _text(summary: pd.DataFrame) -> str:
-    """A table for every family and start, of a summary with ranks."""
     texts = []
+    summary = comparison.ranking.merge(comparison.summary.drop(columns="mean_ms"))
     for (family, start), part in summary.groupby(["family", "start"], sort=False):
         rows = [
             {
                 "solver": str(row["solver"]),
                 "solved": _percent(row["solved"]),
                 "best known": _percent(row["best_known"]),
-                "mean ms": f"{row['mean_ms']:.3g}",
-                "95 %": _between(row["mean_ms_low"], row["mean_ms_high"]),
+                "mean ms": milliseconds(row["mean_ms"]),
+                "95 %": interval(row),
                 "rank": f"{row['rank']:g}",
                 "probability": _percent(row["probability"]),
-                "build ms": f"{row['build_ms']:.3g}",
-                "iterations": f"{row['iterations']:g}",
             }
             for row in part.to_dict("records")
         ]

@@ -18,6 +18,9 @@ from ..typing import FloatArray
 from .bootstrap import LEVEL, cluster_means, rank_probabilities, ranks, resampled_means
 from .verification import SHIFT, costs
 
+FEWEST = 4
+"""Number of problems below which resampling them says nothing about others."""
+
 PENALTY = 10.0
 """Factor of the time limit at which failures count in one of the variants."""
 
@@ -37,8 +40,8 @@ def ranking(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:
     DataFrame
         Columns: family, start, solver; mean_ms, and mean_ms_low and mean_ms_high, its 95 %
         interval; rank; probability, of this rank; rank_low and rank_high, the ranks between which
-        the solver is with 95 %. Of a single problem there is nothing to resample: the intervals and
-        probabilities are NaN.
+        the solver is with 95 %. Intervals and probabilities are NaN where there are fewer than
+        `FEWEST` problems.
     """
     parts = [
         rank_solvers(costs(table, str(family), str(start), "solve_seconds"), time_limit).assign(
@@ -76,7 +79,7 @@ def rank_solvers(
     means = logs.mean(axis=0)
     rank = ranks(means[None])[0]
     low = high = probability = rank_low = rank_high = np.full(len(means), np.nan)
-    if len(logs) > 1:
+    if len(logs) >= FEWEST:
         resampled = resampled_means(logs)
         low, high = np.quantile(resampled, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0)
         held = rank_probabilities(resampled)

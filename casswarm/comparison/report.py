@@ -17,7 +17,7 @@ from ..optimization.solvers import SOLVERS
 from .benchmark import MAX_SOLVES
 from .bootstrap import RESAMPLES
 from .problems import FAMILIES
-from .ranking import sensitivity
+from .ranking import FEWEST, sensitivity
 from .report_figures import figures, groups, tag
 from .run import Comparison
 from .verification import SHIFT, by_problem, failures, not_applicable
@@ -80,8 +80,9 @@ def make_report(comparison: Comparison) -> Report:
         "shift_ms": 1e3 * SHIFT,
         "max_solves": MAX_SOLVES,
         "resamples": RESAMPLES,
+        "fewest": FEWEST,
         "own_problems": any(family in FAMILIES for family in comparison.problems["family"]),
-        "answers": [_answer(*group, tables["ranking"]) for group in groups(comparison)],
+        "answers": [_answer(*group, tables) for group in groups(comparison)],
         "problem_count": len(comparison.problems),
         "run_count": len(runs),
         "false_positives": int(comparison.summary["false_positives"].sum()),
@@ -125,7 +126,7 @@ def report_tables(comparison: Comparison) -> dict[str, pd.DataFrame]:
 def _overview(comparison: Comparison) -> pd.DataFrame:
     """Fraction solved and mean time: a row per solver, a column per family and start."""
     table = comparison.summary
-    text = table["solved"].map(_percent) + ", " + table["mean_ms"].map(_ms) + " ms"
+    text = table["solved"].map(_percent) + ", " + table["mean_ms"].map(milliseconds) + " ms"
     group = table["family"] + ", " + table["start"]
     wide = table.assign(text=text, group=group).pivot(
         index="solver", columns="group", values="text"
@@ -153,21 +154,24 @@ def _of_group(table: pd.DataFrame, family: str, start: str) -> pd.DataFrame:
     return table[(table["family"] == family) & (table["start"] == start)]
 
 
-def _answer(family: str, start: str, ranking: pd.DataFrame) -> str:
-    """The fastest solver of a group, and how sure that is, in words."""
-    part = _of_group(ranking, family, start).to_dict("records")
-    first, others = part[0], part[1:]
+def _answer(family: str, start: str, tables: Mapping[str, pd.DataFrame]) -> str:
+    """The fastest and the most reliable solvers of a group, and how sure that is, in words."""
+    first, *others = _of_group(tables["ranking"], family, start).to_dict("records")
     text = f"{_heading(family, start)}: {first['solver']} is the fastest, "
-    text += f"{_ms(first['mean_ms'])} ms on average{_interval(first, ' (95 %: {} ms)')}"
+    text += f"{milliseconds(first['mean_ms'])} ms on average{_interval(first, ' (95 %: {} ms)')}"
     if not others:
         return f"{text}; no other solver is applicable."
     second = others[0]
-    text += f", before {second['solver']} with {_ms(second['mean_ms'])} ms"
+    text += f", before {second['solver']} with {milliseconds(second['mean_ms'])} ms"
     text += _interval(second, " ({} ms)")
     if np.isnan(first["probability"]):
-        return f"{text}. On a single problem, that says nothing about others."
-    sure = _percent(first["probability"])
-    return f"{text}. It holds the first rank in {sure} of the resamples of the problems."
+        text += ". So few problems say nothing about others."
+    else:
+        sure = _percent(first["probability"])
+        text += f". It has the first rank in {sure} of the bootstrap samples of the problems."
+    solved = _of_group(tables["summary"], family, start).set_index("solver")["solved"]
+    best = ", ".join(solved.index[solved == solved.max()])
+    return f"{text} Most often solved, {_percent(solved.max())}: {best}."
 
 
 def _heading(family: str, start: str) -> str:
@@ -177,7 +181,7 @@ def _heading(family: str, start: str) -> str:
 def _interval(row: Mapping[Any, Any], form: str) -> str:
     """Text of the interval of a mean time; empty if there is none."""
     low, high = row["mean_ms_low"], row["mean_ms_high"]
-    return form.format(f"{_ms(low)} to {_ms(high)}") if np.isfinite(low) else ""
+    return form.format(f"{milliseconds(low)} to {milliseconds(high)}") if np.isfinite(low) else ""
 
 
 def _group(family: str, start: str, tables: Mapping[str, pd.DataFrame]) -> dict[str, Any]:
@@ -198,7 +202,7 @@ def _group(family: str, start: str, tables: Mapping[str, pd.DataFrame]) -> dict[
                 "solver": part["solver"],
                 "probability": part["probability"].map(_probability),
                 "ranks, 95 %": list(map(_between, part["rank_low"], part["rank_high"])),
-                "mean time, ms": part["mean_ms"].map(_ms),
+                "mean time, ms": part["mean_ms"].map(milliseconds),
                 "95 % interval": [_interval(row, "{}") for row in part.to_dict("records")],
                 "build, ms": [_number(value, ".3g") for value in part["build_ms"]],
                 "iterations": [_number(value or np.nan, "g") for value in part["iterations"]],
@@ -264,8 +268,8 @@ def _percent(value: float) -> str:
     return f"{100 * value:.0f} %"
 
 
-def _ms(value: float) -> str:
-    """Three digits, without a power of ten."""
+def milliseconds(value: float) -> str:
+    """Text of a time: three digits, without a power of ten."""
     return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
 

@@ -123,7 +123,8 @@ def band_chart(
         panel.step(x, curves[:, column], where="post", color=color, lw=scaled(1.8))
         panel.set_title(str(name), color=color)
         _logarithmic(panel, x)
-        panel.tick_params(labelbottom=column + columns >= len(profile.columns))
+    for panel in axes[-columns:]:  # the last of each column
+        panel.tick_params(labelbottom=True)
     fig.supxlabel(xlabel, fontsize="medium")
     fig.supylabel("fraction of problems", fontsize="medium")
     add_title(fig, title)

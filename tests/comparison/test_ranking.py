@@ -92,9 +92,9 @@ def test_rank_solvers_counts_failures_and_slow_runs_at_the_limit() -> None:
     assert rank_solvers(seconds, 2.0, 20.0)["mean_ms"].tolist() == pytest.approx([2e4, 2e4])
 
 
-def test_rank_solvers_of_a_single_problem_has_no_probability() -> None:
-    copies = pd.DataFrame({"a": [0.1, 0.2], "b": [0.3, 0.3]}, index=["p", "p"])
-    ranked = rank_solvers(copies, 2.0)
+def test_rank_solvers_of_few_problems_has_no_probability() -> None:
+    seconds = pd.DataFrame({"a": np.full(6, 0.1), "b": np.full(6, 0.3)}, index=list("ppqqrr"))
+    ranked = rank_solvers(seconds, 2.0)
     assert ranked["rank"].tolist() == [1, 2]
     assert ranked[["probability", "mean_ms_low", "rank_high"]].isna().all(axis=None)
 
