@@ -64,7 +64,7 @@ def resampled_means(values: ArrayLike, resamples: int = RESAMPLES, seed: int = 0
     (resamples, K)
     """
     array = np.asarray(values, dtype=float)
-    return _drawn(len(array), len(array), resamples, seed) @ array / len(array)
+    return np.asarray(_drawn(len(array), len(array), resamples, seed) @ array / len(array))
 
 
 def fraction_band(

@@ -67,7 +67,8 @@ class Reformulation:
         nx, _, ng = nlp.sizes
 
         def scales(number: int) -> FloatArray:
-            return 2.0 ** rng.integers(-SCALE_EXPONENT, SCALE_EXPONENT, number, endpoint=True)
+            exponents = rng.integers(-SCALE_EXPONENT, SCALE_EXPONENT, number, endpoint=True)
+            return np.asarray(2.0**exponents)
 
         return cls(
             rng.permutation(nx), rng.permutation(ng), scales(nx), scales(ng), float(scales(1)[0])

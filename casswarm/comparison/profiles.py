@@ -195,7 +195,8 @@ def _ratios(costs: pd.DataFrame) -> FloatArray:
     """Costs relative to the least of each row; infinite for failures."""
     values = _checked(costs)
     best = values.min(axis=1, keepdims=True)
-    return np.divide(values, best, out=np.full_like(values, np.inf), where=np.isfinite(values))
+    finite = np.isfinite(values)
+    return np.asarray(np.divide(values, best, out=np.full_like(values, np.inf), where=finite))
 
 
 def _budgets(costs: pd.DataFrame, units: ArrayLike) -> FloatArray:

@@ -44,7 +44,7 @@ def ranking(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:
         `FEWEST` problems.
     """
     parts = [
-        rank_solvers(costs(table, str(family), str(start), "solve_seconds"), time_limit).assign(
+        rank_solvers(costs(table, family, start, "solve_seconds"), time_limit).assign(
             family=family, start=start
         )
         for family, start in _groups(table)
@@ -109,7 +109,7 @@ def sensitivity(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:
     rows = []
     for family, start in _groups(table):
         leader = None
-        for criterion, ranked in _variants(table, str(family), str(start), time_limit):
+        for criterion, ranked in _variants(table, family, start, time_limit):
             first = ranked.iloc[0]
             leader = leader or first["solver"]
             rows.append(
@@ -148,11 +148,12 @@ def _variants(
         yield "without copies", rank_solvers(originals, time_limit)
 
 
-def _groups(table: pd.DataFrame) -> Iterator[tuple[object, object]]:
+def _groups(table: pd.DataFrame) -> Iterator[tuple[str, str]]:
     """Families and starts to which some solver applies."""
     applicable = table[table["applicable"]]
     pairs = applicable[["family", "start"]].drop_duplicates()
-    yield from pairs.itertuples(index=False, name=None)
+    for family, start in pairs.itertuples(index=False, name=None):
+        yield str(family), str(start)
 
 
 def _milliseconds(log_seconds: FloatArray) -> FloatArray:
