@@ -83,7 +83,7 @@ def performance_bands(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Pointwise 95 % bootstrap bands of a performance profile, low and high.
 
-    They show how far a profile of as many other problems of this kind could differ.
+    They are confidence bands for the profile of all problems of this kind.
 
     Parameters
     ----------
