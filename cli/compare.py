@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -21,8 +22,6 @@ from .output import aligned_table, open_folder
 from .progress import progress_report
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from ..comparison.report import Report
     from ..results.folder import ResultsFolder
 
@@ -60,6 +59,13 @@ class CompareOptions:
         help="Number of problems of every kind in a family. "
         "[default: 3 of guides and formations, 1 of quick]",
     )
+    copies: int = option(
+        "--copies",
+        type=click.IntRange(0),
+        default=0,
+        help="Number of perturbed copies of every problem: other initial guesses, orders and "
+        "units, on which a result should not depend. The time grows with 1 + COPIES.",
+    )
     seed: int = seed_option()
     time_limit: float = option(
         "--time-limit",
@@ -77,9 +83,11 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
 
     Reports success rate, speed and reliability. Each solver runs in a process of its own: one that
     crashes or hangs is a row of the tables. Every solution is verified by residuals recomputed from
-    the problem. Prints a summary and writes report.html and report.md, the tables runs.csv (a row
-    per problem, start and solver), summary.csv, problems.csv and failures.csv, profiles as figures
-    (in report.html always PNG), and run.json; with --no-figures no report, which shows them.
+    the problem. Solvers are ranked by mean time, with 95 % intervals and the probability of each
+    rank from resampling the problems. Prints a summary and writes report.html and report.md, the
+    tables runs.csv (a row per problem, copy, start and solver), summary.csv, ranking.csv,
+    sensitivity.csv, problems.csv and failures.csv, profiles as figures (in report.html always PNG),
+    and run.json; with --no-figures no report, which shows them.
 
     Results are saved incrementally: repeat an interrupted command with the same options to continue
     it. The default takes five to ten minutes.
@@ -89,6 +97,7 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
       casswarm compare --family quick
       casswarm compare
       casswarm compare --family formations --solver spectral --solver ipopt --problems 10
+      casswarm compare --family quick --problems 5 --copies 3
     """
     with reported_errors() as saved, progress_report(output.quiet) as progress:
         from ..comparison import DEFAULT
@@ -101,6 +110,7 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
                 selection.families or DEFAULT,
                 selection.solvers or None,
                 problems=selection.problems,
+                copies=selection.copies,
                 seed=selection.seed,
                 time_limit=selection.time_limit,
                 checkpoint=folder.path,
@@ -117,7 +127,7 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
         if report is not None:
             ending.draw(partial(drawn_figures, report.figures))
             ending.attempt("the report", partial(_write_pages, folder, report))
-        ending.finish(_text(comparison.summary))
+        ending.finish(_text(comparison))
 
 
 def _write_tables(folder: ResultsFolder, comparison: csw.Comparison) -> None:
@@ -128,6 +138,7 @@ def _write_tables(folder: ResultsFolder, comparison: csw.Comparison) -> None:
         folder.write_table(name, table)
     result = {
         "summary": tables["summary"].to_dict("records"),
+        "ranking": tables["ranking"].to_dict("records"),
         "failures": tables["failures"].to_dict("records"),
     }
     folder.write_record(result, comparison.inputs)
@@ -150,18 +161,30 @@ def _write_pages(folder: ResultsFolder, report: Report) -> None:
     folder.extend_record()
 
 
-def _text(summary: pd.DataFrame) -> str:
+def _percent(value: float) -> str:
+    return "" if isnan(value) else f"{100 * value:.0f} %"
+
+
+def _text(comparison: csw.Comparison) -> str:
     """A table for every family and start."""
+    from ..comparison.report import milliseconds
+
+    def interval(row: dict[Any, Any]) -> str:
+        ends = row["mean_ms_low"], row["mean_ms_high"]
+        return "" if isnan(ends[0]) else " to ".join(map(milliseconds, ends))
+
     texts = []
+    summary = comparison.ranking.merge(comparison.summary.drop(columns="mean_ms"))
     for (family, start), part in summary.groupby(["family", "start"], sort=False):
         rows = [
             {
                 "solver": str(row["solver"]),
-                "solved": f"{100 * row['solved']:.0f} %",
-                "best known": f"{100 * row['best_known']:.0f} %",
-                "mean ms": f"{row['mean_ms']:.3g}",
-                "build ms": f"{row['build_ms']:.3g}",
-                "iterations": f"{row['iterations']:g}",
+                "solved": _percent(row["solved"]),
+                "best known": _percent(row["best_known"]),
+                "mean ms": milliseconds(row["mean_ms"]),
+                "95 %": interval(row),
+                "rank": f"{row['rank']:g}",
+                "probability": _percent(row["probability"]),
             }
             for row in part.to_dict("records")
         ]

@@ -8,9 +8,10 @@ import timeit
 from typing import Any
 
 from ..errors import SolverError
+from ..optimization.kkt import relative_error
 from ..optimization.problem import Instances, Nlp
 from ..optimization.solvers import Answer, Isolated
-from .problems import Problem
+from .perturbation import ProblemCopy
 from .verification import NOT_APPLICABLE
 
 MAX_SOLVES = 5
@@ -20,30 +21,37 @@ EXTRA_SECONDS = 0.3
 """Time for solves after the first one, if that took at most ten times as long."""
 
 
-def benchmark(problem: Problem, start: str, label: str, solver: Isolated) -> dict[str, Any]:
-    """Row of one solver on one problem from one start, as plain values.
+def benchmark(copy: ProblemCopy, start: str, label: str, solver: Isolated) -> dict[str, Any]:
+    """Row of one solver on one copy of a problem from one start, as plain values.
 
-    Columns: family, problem, start, solver; reported_status, and status (reported_status, unless
-    that is a success and the answer is not finite or violates the constraints); message, the
-    solver's own; objective; violation, absolute, and violated_row, its row; stationarity and
-    complementarity, relative to the problem's scale; iterations; evaluations; build_seconds;
+    Answers are mapped back to the original problem, and verified there.
+
+    Columns: family, problem, copy, start, solver; reported_status, and status (reported_status,
+    unless that is a success and the answer is not finite or violates the constraints); message,
+    the solver's own; objective; violation, absolute, and violated_row, its row; stationarity and
+    complementarity, relative to the problem's scale; relative_error, from
+    `casswarm.optimization.kkt.relative_error`; iterations; evaluations; build_seconds;
     solve_seconds, the median of `solves` solves, and time_ratio, the slowest over the fastest;
     objective_scale; gradient_seconds, the time of an evaluation of objective and gradient.
     """
+    problem, posed = copy.problem, copy.starts[start]
     nlp, instance = problem.nlp, problem.starts[start]
     length, value = instance.scale[0].tolist()
+    reference = next(iter(problem.starts.values())).x0[0]  # the same for all starts and copies
     row: dict[str, Any] = {
         "family": problem.family,
         "problem": problem.name,
+        "copy": copy.number,
         "start": start,
         "solver": label,
     }
     try:
-        build, (answer,) = solver.timed_answers(nlp, instance)
+        build, (answer,) = solver.timed_answers(copy.nlp, posed)
     except SolverError as error:
         return row | _no_answer(str(error), value)
-    solution = solver.verified(nlp, instance, answer, build)
-    times = _solve_times(solver, nlp, instance, answer)
+    times = _solve_times(solver, copy.nlp, posed, answer)
+    restored = copy.restored(answer)
+    solution = solver.verified(nlp, instance, restored, build)
     residuals = solution.residuals
     return row | {
         "reported_status": str(answer.status),
@@ -54,6 +62,9 @@ def benchmark(problem: Problem, start: str, label: str, solver: Isolated) -> dic
         "violated_row": residuals.violated_row,
         "stationarity": residuals.stationarity * length / value,
         "complementarity": residuals.complementarity / value,
+        "relative_error": relative_error(
+            nlp, instance, solution.x, restored.multipliers, reference
+        ),
         "iterations": int(solution.iterations),
         "evaluations": int(solution.evaluations),
         "build_seconds": build,
@@ -67,12 +78,13 @@ def benchmark(problem: Problem, start: str, label: str, solver: Isolated) -> dic
 
 def _no_answer(message: str, objective_scale: float) -> dict[str, Any]:
     """Row of a solver that does not support the problem."""
-    numbers = ("objective", "violation", "stationarity", "complementarity", "build_seconds")
+    numbers = ("objective", "violation", "stationarity", "complementarity", "relative_error")
+    seconds = ("build_seconds", "solve_seconds", "time_ratio", "gradient_seconds")
     return {
         "reported_status": NOT_APPLICABLE,
         "status": NOT_APPLICABLE,
         "message": message,
-        **dict.fromkeys((*numbers, "solve_seconds", "time_ratio", "gradient_seconds"), math.nan),
+        **dict.fromkeys((*numbers, *seconds), math.nan),
         **dict.fromkeys(("iterations", "evaluations", "solves"), 0),
         "violated_row": "",
         "objective_scale": objective_scale,

@@ -1,8 +1,8 @@
 """Performance profiles, data profiles and means of benchmark results.
 
-All functions take costs as a table with a row per problem and a column per solver, in which
-failures are infinite. A profile is a table with a row per point at which some curve rises and a
-column per solver: the fraction of problems at or below that point.
+All functions take costs as a table with a row per problem, or copy of it, and a column per solver,
+in which failures are infinite. A profile is a table with a row per point at which some curve rises
+and a column per solver: the fraction of problems at or below that point.
 
 - E. D. Dolan, J. J. More, Benchmarking optimization software with performance profiles,
   Math. Program. 91 (2002) 201-213.
@@ -22,6 +22,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from ..typing import FloatArray
+from .bootstrap import RESAMPLES, cluster_means, fraction_band
 
 
 def performance_profile(costs: pd.DataFrame) -> pd.DataFrame:
@@ -47,10 +48,7 @@ def performance_profile(costs: pd.DataFrame) -> pd.DataFrame:
     ValueError
         Costs that are NaN, zero or negative, or no problem.
     """
-    values = _checked(costs)
-    best = values.min(axis=1, keepdims=True)
-    ratios = np.divide(values, best, out=np.full_like(values, np.inf), where=np.isfinite(values))
-    return _fractions(ratios, costs, "tau", [1.0])
+    return _fractions(_ratios(costs), costs, "tau", [1.0])
 
 
 def data_profile(costs: pd.DataFrame, units: ArrayLike = 1.0) -> pd.DataFrame:
@@ -77,11 +75,66 @@ def data_profile(costs: pd.DataFrame, units: ArrayLike = 1.0) -> pd.DataFrame:
     ValueError
         Costs or units that are NaN, zero or negative, or no problem.
     """
-    values = _checked(costs)
-    scale = np.broadcast_to(np.asarray(units, dtype=float), len(values))
-    if not (np.isfinite(scale).all() and (scale > 0).all()):
-        raise ValueError("units must be finite and above zero")
-    return _fractions(values / scale[:, None], costs, "kappa")
+    return _fractions(_budgets(costs, units), costs, "kappa")
+
+
+def performance_bands(
+    costs: pd.DataFrame, resamples: int = RESAMPLES, seed: int = 0
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Pointwise 95 % bootstrap bands of a performance profile, low and high.
+
+    They are confidence bands for the profile of all problems of this kind.
+
+    Parameters
+    ----------
+    costs : DataFrame
+        As in `performance_profile`. Rows with the same index are copies of one problem, which are
+        resampled together: see `casswarm.comparison.bootstrap.fraction_band`.
+    resamples, seed : int
+
+    Returns
+    -------
+    low, high : DataFrame
+        With the index and columns of the profile.
+    """
+    profile = performance_profile(costs)
+    return _bands(_ratios(costs), costs, profile.index, resamples, seed)
+
+
+def data_bands(
+    costs: pd.DataFrame, units: ArrayLike = 1.0, resamples: int = RESAMPLES, seed: int = 0
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The same of a data profile; `units` as in `data_profile`."""
+    profile = data_profile(costs, units)
+    return _bands(_budgets(costs, units), costs, profile.index, resamples, seed)
+
+
+def quality_profile(times: pd.DataFrame, qualities: pd.DataFrame) -> pd.DataFrame:
+    """Quality of the objectives that are reached within a time, for problems with many minima.
+
+    Parameters
+    ----------
+    times : DataFrame
+        Time at which each solver has its answer, infinite if it has none; a row per problem, a
+        column per solver.
+    qualities : DataFrame
+        Quality of these answers between 0 and 1, such as 1 - gap to the best known objective; rows
+        and columns as in `times`.
+
+    Returns
+    -------
+    DataFrame
+        Index seconds, a column per solver: mean over the problems of the quality of the answer, 0
+        before there is one.
+    """
+    values = _checked(times)
+    weights = np.where(np.isfinite(values), qualities[times.columns].to_numpy(dtype=float), 0.0)
+    points = np.unique(values[np.isfinite(values)])
+    means = {
+        solver: np.where(mine[:, None] <= points, weight[:, None], 0.0).mean(axis=0)
+        for solver, mine, weight in zip(times.columns, values.T, weights.T, strict=True)
+    }
+    return pd.DataFrame(means, pd.Index(points, name="seconds"), times.columns)
 
 
 def pairwise_profiles(costs: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:
@@ -136,6 +189,41 @@ def _fractions(
         for solver, column in zip(costs.columns, values.T, strict=True)
     }
     return pd.DataFrame(fractions, pd.Index(points, name=name), costs.columns)
+
+
+def _ratios(costs: pd.DataFrame) -> FloatArray:
+    """Costs relative to the least of each row; infinite for failures."""
+    values = _checked(costs)
+    best = values.min(axis=1, keepdims=True)
+    finite = np.isfinite(values)
+    return np.asarray(np.divide(values, best, out=np.full_like(values, np.inf), where=finite))
+
+
+def _budgets(costs: pd.DataFrame, units: ArrayLike) -> FloatArray:
+    """Costs in units of each row."""
+    values = _checked(costs)
+    scale = np.broadcast_to(np.asarray(units, dtype=float), len(values))
+    if not (np.isfinite(scale).all() and (scale > 0).all()):
+        raise ValueError("units must be finite and above zero")
+    return np.asarray(values / scale[:, None])
+
+
+def _bands(
+    values: FloatArray, costs: pd.DataFrame, points: pd.Index, resamples: int, seed: int
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    bands = [
+        fraction_band(
+            cluster_means(column[:, None] <= points.to_numpy(), costs.index),
+            resamples=resamples,
+            seed=seed,
+        )
+        for column in values.T
+    ]
+    low, high = (
+        pd.DataFrame(np.column_stack(part), points, costs.columns)
+        for part in zip(*bands, strict=True)
+    )
+    return low, high
 
 
 def _checked(costs: pd.DataFrame) -> FloatArray:

@@ -1,9 +1,9 @@
-"""Report of a comparison of solvers: tables, profiles, and how to read them."""
+"""Report of a comparison of solvers as a study: question, answer, set-up, results, sensitivity."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,13 +13,14 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from .._util.documents import data_uri, figure_uri, render
-from ..figures import pair_chart, profile_chart, win_chart
 from ..optimization.solvers import SOLVERS
 from .benchmark import MAX_SOLVES
+from .bootstrap import RESAMPLES
 from .problems import FAMILIES
-from .profiles import data_profile, pairwise_profiles, pairwise_wins, performance_profile
+from .ranking import FEWEST, sensitivity
+from .report_figures import figures, groups, tag
 from .run import Comparison
-from .verification import SHIFT, by_problem, costs, failures, not_applicable
+from .verification import SHIFT, by_problem, failures, not_applicable
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,7 @@ class Report:
 
 
 def make_report(comparison: Comparison) -> Report:
-    """Report of a comparison: problems, solvers, machine; tables, profiles, failures."""
+    """Report of a comparison: question, answer, set-up, results, what would change them."""
     runs, inputs = comparison.runs, comparison.inputs
     tables = report_tables(comparison)
     ratios = runs["time_ratio"].dropna()
@@ -78,6 +79,10 @@ def make_report(comparison: Comparison) -> Report:
         "tolerances": comparison.tolerances,
         "shift_ms": 1e3 * SHIFT,
         "max_solves": MAX_SOLVES,
+        "resamples": RESAMPLES,
+        "fewest": FEWEST,
+        "own_problems": any(family in FAMILIES for family in comparison.problems["family"]),
+        "answers": [_answer(*group, tables) for group in groups(comparison)],
         "problem_count": len(comparison.problems),
         "run_count": len(runs),
         "false_positives": int(comparison.summary["false_positives"].sum()),
@@ -95,7 +100,7 @@ def make_report(comparison: Comparison) -> Report:
             ]
         ),
         "not_applicable": not_applicable(runs).to_dict("records"),
-        "groups": [_group(*group) for group in _groups(comparison)],
+        "groups": [_group(*group, tables) for group in groups(comparison)],
         "failures": _failures(tables["failures"], list(inputs["solvers"])),
         "by_problem": _by_problem(tables["problems"]),
     }
@@ -108,66 +113,11 @@ def report_tables(comparison: Comparison) -> dict[str, pd.DataFrame]:
     return {
         "runs": runs,
         "summary": comparison.summary,
+        "ranking": comparison.ranking,
+        "sensitivity": sensitivity(runs, float(comparison.inputs["time_limit"])),
         "problems": by_problem(runs),
         "failures": failures(runs),
     }
-
-
-def figures(comparison: Comparison) -> dict[str, Figure]:
-    """The report's figures by name."""
-    return {
-        name: figure
-        for group in _groups(comparison)
-        for name, figure in _group_figures(comparison, *group)
-    }
-
-
-def _groups(comparison: Comparison) -> Iterator[tuple[str, str, pd.DataFrame]]:
-    """Families and starts, each with its part of the summary."""
-    for (family, start), part in comparison.summary.groupby(["family", "start"], sort=False):
-        yield str(family), str(start), part
-
-
-def _tag(family: str, start: str) -> str:
-    return f"{family}-{start}".replace(" ", "-")
-
-
-# --- figures
-
-
-def _group_figures(
-    comparison: Comparison, family: str, start: str, part: pd.DataFrame
-) -> Iterator[tuple[str, Figure]]:
-    runs, order, tag = comparison.runs, list(comparison.inputs["solvers"]), _tag(family, start)
-    number = int(part["problems"].iloc[0])
-    title = f"{family}, {start} start, {number} problem{'s' if number > 1 else ''}"
-    times = costs(runs, family, start, "solve_seconds")
-    best_times = costs(runs, family, start, "solve_seconds", "best_known")
-    best_label = (
-        f"solved, and within {comparison.tolerances.objective:g} of the best known objective"
-    )
-    profiles = {
-        "solved (reported and verified)": performance_profile(times),
-        best_label: performance_profile(best_times),
-    }
-    label = "factor of the fastest solver's time"
-    heading = f"{title}: performance profiles of solve time"
-    yield f"profile-{tag}", profile_chart(profiles, label, heading, order)
-
-    group = runs[(runs["family"] == family) & (runs["start"] == start)]
-    units = group.groupby("problem")["gradient_seconds"].median().reindex(times.index)
-    profiles = {
-        "evaluations of the objective": data_profile(costs(runs, family, start, "evaluations")),
-        "time, in evaluations of objective and gradient": data_profile(times, units.to_numpy()),
-    }
-    yield f"data-{tag}", profile_chart(profiles, "budget", f"{title}: data profiles", order)
-
-    if len(times.columns) > 1:
-        best = _fastest(part)
-        pairs = {pair: p for pair, p in pairwise_profiles(times).items() if best in pair}
-        yield f"pairs-{tag}", pair_chart(pairs, f"{title}: {best} and every other solver", order)
-        heading = f"{title}: fraction of problems on which a solver is faster"
-        yield f"wins-{tag}", win_chart(pairwise_wins(times), heading)
 
 
 # --- tables
@@ -176,7 +126,7 @@ def _group_figures(
 def _overview(comparison: Comparison) -> pd.DataFrame:
     """Fraction solved and mean time: a row per solver, a column per family and start."""
     table = comparison.summary
-    text = table["solved"].map(_percent) + ", " + table["mean_ms"].map(_ms) + " ms"
+    text = table["solved"].map(_percent) + ", " + table["mean_ms"].map(milliseconds) + " ms"
     group = table["family"] + ", " + table["start"]
     wide = table.assign(text=text, group=group).pivot(
         index="solver", columns="group", values="text"
@@ -200,31 +150,83 @@ def _families(problems: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def _group(family: str, start: str, part: pd.DataFrame) -> dict[str, Any]:
-    fastest, best = _fastest(part), part.sort_values(["best_known", "solved"], ascending=False)
-    solved, mean = part.loc[part["solver"] == fastest, ["solved", "mean_ms"]].iloc[0]
-    verification = ["solver", "true_positives", "false_positives", "missed", "unsolved"]
+def _of_group(table: pd.DataFrame, family: str, start: str) -> pd.DataFrame:
+    return table[(table["family"] == family) & (table["start"] == start)]
+
+
+def _answer(family: str, start: str, tables: Mapping[str, pd.DataFrame]) -> str:
+    """The fastest and the most reliable solvers of a group, and how sure that is, in words."""
+    first, *others = _of_group(tables["ranking"], family, start).to_dict("records")
+    text = f"{_heading(family, start)}: {first['solver']} is the fastest, "
+    text += f"{milliseconds(first['mean_ms'])} ms on average{_interval(first, ' (95 %: {} ms)')}"
+    if not others:
+        return f"{text}; no other solver is applicable."
+    second = others[0]
+    text += f", before {second['solver']} with {milliseconds(second['mean_ms'])} ms"
+    text += _interval(second, " ({} ms)")
+    if np.isnan(first["probability"]):
+        text += ". So few problems say nothing about others."
+    else:
+        sure = _percent(first["probability"])
+        text += f". It has the first rank in {sure} of the bootstrap samples of the problems."
+    solved = _of_group(tables["summary"], family, start).set_index("solver")["solved"]
+    best = ", ".join(solved.index[solved == solved.max()])
+    return f"{text} Most often solved, {_percent(solved.max())}: {best}."
+
+
+def _heading(family: str, start: str) -> str:
+    return f"{family[:1].upper()}{family[1:]}, {start} start"
+
+
+def _interval(row: Mapping[Any, Any], form: str) -> str:
+    """Text of the interval of a mean time; empty if there is none."""
+    low, high = row["mean_ms_low"], row["mean_ms_high"]
+    return form.format(f"{milliseconds(low)} to {milliseconds(high)}") if np.isfinite(low) else ""
+
+
+def _group(family: str, start: str, tables: Mapping[str, pd.DataFrame]) -> dict[str, Any]:
+    ranking = _of_group(tables["ranking"], family, start)
+    part = ranking.merge(_of_group(tables["summary"], family, start).drop(columns="mean_ms"))
+    best = part.sort_values(["best_known", "solved"], ascending=False, kind="stable").iloc[0]
+    changes = _of_group(tables["sensitivity"], family, start)
     return {
-        "heading": f"{family.capitalize()}, {start} start",
-        "tag": _tag(family, start),
-        "fastest": fastest,
+        "heading": _heading(family, start),
+        "tag": tag(family, start),
+        "fastest": part["solver"].iloc[0],
         "pairs": len(part) > 1,
-        "headline": f"Least mean time: {fastest}, {_ms(mean)} ms, with {_percent(solved)} solved. "
-        f"Most often at the best known objective: {best['solver'].iloc[0]}, "
-        f"{_percent(best['best_known'].iloc[0])}.",
+        "headline": "Most often at the best known objective: "
+        f"{best['solver']}, {_percent(best['best_known'])}.",
         "table": pd.DataFrame(
             {
+                "rank": part["rank"].map("{:g}".format),
                 "solver": part["solver"],
-                "solved": part["solved"].map(_percent),
-                "best known": part["best_known"].map(_percent),
-                "mean time, ms": part["mean_ms"].map(_ms),
+                "probability": part["probability"].map(_probability),
+                "ranks, 95 %": list(map(_between, part["rank_low"], part["rank_high"])),
+                "mean time, ms": part["mean_ms"].map(milliseconds),
+                "95 % interval": [_interval(row, "{}") for row in part.to_dict("records")],
                 "build, ms": [_number(value, ".3g") for value in part["build_ms"]],
                 "iterations": [_number(value or np.nan, "g") for value in part["iterations"]],
                 "evaluations": [_number(value, "g") for value in part["evaluations"]],
             }
         ),
-        "verification": part[verification].rename(columns=_spaced),
+        "verification": pd.DataFrame(
+            {"solver": part["solver"]}
+            | {_spaced(name): part[name].map(_percent) for name in _TESTS}
+            | {_spaced(name): part[name] for name in _COUNTS}
+        ),
+        "changes": pd.DataFrame(
+            {
+                "criterion": changes["criterion"],
+                "first": changes["first"],
+                "probability": changes["probability"].map(_probability),
+                f"rank of {part['solver'].iloc[0]}": changes["rank"].map("{:g}".format),
+            }
+        ),
     }
+
+
+_TESTS = ("solved", "low_accuracy", "high_accuracy", "best_known")
+_COUNTS = ("true_positives", "false_positives", "missed", "unsolved")
 
 
 def _failures(table: pd.DataFrame, solvers: list[str]) -> pd.DataFrame | None:
@@ -244,25 +246,30 @@ def _by_problem(table: pd.DataFrame) -> pd.DataFrame:
     return shown.rename(columns={"fastest_ms": "ms"}).rename(columns=_spaced)
 
 
-def _fastest(part: pd.DataFrame) -> str:
-    return str(part.sort_values("mean_ms")["solver"].iloc[0])
-
-
 def _range(column: pd.Series) -> str:
-    low, high = column.min(), column.max()
-    return f"{low}" if low == high else f"{low} to {high}"
+    return _between(column.min(), column.max())
 
 
 def _spaced(name: str) -> str:
     return name.replace("_", " ")
 
 
+def _probability(value: float) -> str:
+    return _percent(value) if np.isfinite(value) else ""
+
+
+def _between(low: float, high: float) -> str:
+    if not np.isfinite(low):
+        return ""
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
+
+
 def _percent(value: float) -> str:
     return f"{100 * value:.0f} %"
 
 
-def _ms(value: float) -> str:
-    """Three digits, without a power of ten."""
+def milliseconds(value: float) -> str:
+    """Text of a time: three digits, without a power of ten."""
     return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
 

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
 from itertools import product
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,9 @@ from ..optimization.solvers import SOLVERS, Isolated, Solver, make_solver
 from ..studies.checkpoint import Checkpoint, IfExists, file_name
 from ..typing import Progress
 from .benchmark import benchmark
+from .perturbation import ProblemCopy, problem_copies
 from .problems import Problem, make_problems
+from .ranking import ranking
 from .verification import Tolerances, summary, verify
 
 DEFAULT = ("guides", "formations")
@@ -44,13 +47,13 @@ class Comparison(Displayed):
     Parameters
     ----------
     runs : DataFrame
-        A row per (problem, start, solver): see `casswarm.comparison.benchmark.benchmark` and
+        A row per (problem, copy, start, solver): see `casswarm.comparison.benchmark.benchmark` and
         `casswarm.comparison.verification.verify`.
     problems : DataFrame
         A row per problem: family, problem, its traits and its size.
     inputs : dict
-        All that determines the runs and their verification: families, seed, solvers, time limit,
-        machine, versions, a fingerprint of every problem, and tolerances, as plain values.
+        All that determines the runs and their verification: families, seed, copies, solvers, time
+        limit, machine, versions, a fingerprint of every problem, and tolerances, as plain values.
     """
 
     runs: pd.DataFrame
@@ -66,6 +69,11 @@ class Comparison(Displayed):
     def summary(self) -> pd.DataFrame:
         """Summary by (family, start, solver); see `casswarm.comparison.verification.summary`."""
         return summary(self.runs, float(self.inputs["time_limit"]))
+
+    @cached_property
+    def ranking(self) -> pd.DataFrame:
+        """Ranks by (family, start, solver); see `casswarm.comparison.ranking.ranking`."""
+        return ranking(self.runs, float(self.inputs["time_limit"]))
 
     def __repr__(self) -> str:
         solvers, problems = len(self.inputs["solvers"]), self.runs["problem"].nunique()
@@ -84,6 +92,7 @@ def compare(
     solvers: str | Solver | Sequence[str | Solver] | Mapping[str, str | Solver] | None = None,
     *,
     problems: int | None = None,
+    copies: int = 0,
     seed: int = 0,
     time_limit: float = TIME_LIMIT,
     tolerances: Tolerances | None = None,
@@ -106,8 +115,13 @@ def compare(
         compares the same solver with different options.
     problems : int, optional
         Number of problems of every kind in a family; each has its own default.
+    copies : int
+        Number of perturbed copies of every problem, solved beside the problem itself: other
+        initial guesses, orders and units, of which answers should not depend. See
+        `casswarm.comparison.perturbation`. The time grows with 1 + copies: none by default, 2 to 5
+        for results to be published.
     seed : int
-        From 0 to 2^64 - 1. The same seed gives the same problems.
+        From 0 to 2^64 - 1. The same seed gives the same problems and copies.
     time_limit : float
         Seconds for building and solving a problem once. Solvers that have a time limit of their
         own get nine tenths of it, so that they can report their status; the process of a solver
@@ -139,12 +153,15 @@ def compare(
     seed, progress = require_seed(seed), reporter(progress)
     if not time_limit > 0:
         raise ComparisonError(f"time_limit = {time_limit!r}; allowed: above zero")
+    if not isinstance(copies, Integral) or copies < 0:
+        raise ComparisonError(f"copies = {copies!r}; allowed: whole numbers from 0")
     families = [families] if isinstance(families, str | Problem) else list(families)
     limited = {label: _limited(s, time_limit) for label, s in _solvers(solvers).items()}
     posed = _problems(families, problems, seed, progress)
     inputs = {
         "families": [family for family in families if isinstance(family, str)],
         "problems_each": problems,
+        "copies": int(copies),
         "seed": seed,
         "time_limit": time_limit,
         "solvers": {label: repr(solver) for label, solver in limited.items()},
@@ -164,7 +181,9 @@ def compare(
     store = nullcontext() if checkpoint is None else Checkpoint(Path(checkpoint), inputs, if_exists)
     try:
         with store as records:
-            rows = _benchmarks(posed, isolated, records, progress)
+            rows = _benchmarks(
+                list(problem_copies(posed, copies, seed)), isolated, records, progress
+            )
     finally:
         for solver in isolated.values():
             solver.close()
@@ -176,29 +195,27 @@ def compare(
 
 
 def _benchmarks(
-    problems: Sequence[Problem],
+    copies: Sequence[ProblemCopy],
     solvers: Mapping[str, Isolated],
     checkpoint: Checkpoint | None,
     progress: Progress | None,
 ) -> list[dict[str, Any]]:
     """Rows of all runs: saved ones, and the others in turn, so that solvers share the noise."""
     runs = [
-        (problem, start, label)
-        for problem in problems
-        for start, label in product(problem.starts, solvers)
+        (copy, start, label) for copy in copies for start, label in product(copy.starts, solvers)
     ]
     rows: list[dict[str, Any]] = []
     build_seconds: dict[tuple[str, int], float] = {}  # a solver builds a program once
-    for problem, start, label in runs:
+    for copy, start, label in runs:
         if progress is not None:
             progress("comparing", len(rows), len(runs))
-        name = file_name(f"{problem.name}-{start}-{label}")
+        name = file_name(f"{copy.problem.name}-{copy.number}-{start}-{label}")
         row = None if checkpoint is None else checkpoint.load_json(name)
         if row is None:
             solvers[label].start()
-            row = benchmark(problem, start, label, solvers[label])
+            row = benchmark(copy, start, label, solvers[label])
             row["build_seconds"] = build_seconds.setdefault(
-                (label, id(problem.nlp)), row["build_seconds"]
+                (label, id(copy.nlp)), row["build_seconds"]
             )
             if checkpoint is not None:
                 checkpoint.save_json(name, row)

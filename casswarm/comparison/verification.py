@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -17,6 +17,9 @@ from .profiles import shifted_geometric_mean
 NOT_APPLICABLE = "not applicable"
 """Status of a run whose solver does not support the problem, which is no failure."""
 
+Success: TypeAlias = Literal["solved", "best_known", "feasible", "low_accuracy", "high_accuracy"]
+"""Columns of `verify` that say which runs succeeded."""
+
 SHIFT = 1e-3
 """Shift of the geometric means of times, in seconds."""
 
@@ -24,6 +27,11 @@ SHIFT = 1e-3
 @dataclass(frozen=True)
 class Tolerances:
     """What counts as solved; all bound residuals that are recomputed from the problem.
+
+    Answers are tested in two ways: by absolute residuals, which decide whether a problem is solved,
+    and by `casswarm.optimization.kkt.relative_error`, which does not depend on units, at two
+    tolerances. 1e-4 is enough for most uses. 1e-7 is what Newton-like methods reach with default
+    options: they stop at 1e-8 in units of their own, so that less would test their options.
 
     Parameters
     ----------
@@ -36,12 +44,16 @@ class Tolerances:
     objective : float
         Gap to the best known objective up to which an answer counts as best known, relative to
         that objective (or to a thousandth of the objective's scale, if it is smaller).
+    low_accuracy, high_accuracy : float
+        Largest relative errors of the two scale-invariant tests.
     """
 
     violation: float = VIOLATION
     stationarity: float = 1e-4
     complementarity: float = 1e-4
     objective: float = 1e-4
+    low_accuracy: float = 1e-4
+    high_accuracy: float = 1e-7
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -56,31 +68,38 @@ def verify(runs: pd.DataFrame, tolerances: Tolerances) -> pd.DataFrame:
     Parameters
     ----------
     runs : DataFrame
-        A row per (problem, start, solver): see `casswarm.comparison.benchmark.benchmark`.
+        A row per (problem, copy, start, solver): see `casswarm.comparison.benchmark.benchmark`.
     tolerances : Tolerances
 
     Returns
     -------
     DataFrame
         With further columns: applicable; reported_success (the solver's own status is a success);
-        verified (the residuals are within the tolerances); solved (both); best_objective (smallest
-        objective of any feasible answer to the problem, of any solver and start); gap, relative;
-        best_known (solved, and the gap is within its tolerance); reason (why not solved).
+        feasible (no constraint is violated by more than its tolerance); verified (all residuals are
+        within the tolerances); solved (reported and verified); low_accuracy and high_accuracy
+        (reported, and the relative error is within these tolerances); best_objective (smallest
+        objective of any feasible answer to the problem, of any solver, start and copy); gap,
+        relative; quality (1 - gap of feasible answers, at least 0, and 0 of others); best_known
+        (solved, and the gap is within its tolerance); reason (why not solved).
     """
     table = runs.copy()
     table["applicable"] = table["status"] != NOT_APPLICABLE
     table["reported_success"] = table["reported_status"].isin([Status.SOLVED, Status.ACCEPTABLE])
-    feasible = table["violation"] <= tolerances.violation
+    table["feasible"] = table["violation"] <= tolerances.violation
     table["verified"] = (
-        feasible
+        table["feasible"]
         & (table["stationarity"] <= tolerances.stationarity)
         & (table["complementarity"] <= tolerances.complementarity)
     )
     table["solved"] = table["reported_success"] & table["verified"]
-    objectives = table["objective"].where(feasible)
+    for name in ("low_accuracy", "high_accuracy"):
+        close = table["relative_error"] <= getattr(tolerances, name)
+        table[name] = table["reported_success"] & close
+    objectives = table["objective"].where(table["feasible"])
     table["best_objective"] = objectives.groupby(table["problem"]).transform("min")
     scale = np.maximum(table["best_objective"].abs(), 1e-3 * table["objective_scale"])
     table["gap"] = (table["objective"] - table["best_objective"]) / scale
+    table["quality"] = (1.0 - table["gap"]).clip(lower=0.0).where(table["feasible"], 0.0)
     table["best_known"] = table["solved"] & (table["gap"] <= tolerances.objective)
     table["reason"] = [_reason(row, tolerances) for row in table.to_dict("records")]
     return table
@@ -89,11 +108,12 @@ def verify(runs: pd.DataFrame, tolerances: Tolerances) -> pd.DataFrame:
 def summary(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:
     """Summary by (family, start, solver), of solvers that apply to some of the family's problems.
 
-    Columns: problems; applicable; the counts true_positives (reported as solved, and verified),
-    false_positives (reported as solved, but not verified), missed (verified, but not reported) and
-    unsolved; solved and best_known as fractions of all problems; mean_ms, the shifted geometric
-    mean of the solve time with failures counted at `time_limit` seconds; build_ms, iterations and
-    evaluations, medians over the solved problems.
+    Columns: problems; runs, of the problems and their copies; of the runs, the counts applicable,
+    true_positives (reported as solved, and verified), false_positives (reported as solved, but not
+    verified), missed (verified, but not reported) and unsolved; solved, low_accuracy, high_accuracy
+    and best_known as fractions of all runs; mean_ms, the shifted geometric mean of the solve time
+    with failures counted at `time_limit` seconds; build_ms, iterations and evaluations, medians
+    over the solved runs.
     """
     rows = []
     for (family, start, solver), part in table.groupby(["family", "start", "solver"], sort=False):
@@ -107,13 +127,16 @@ def summary(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:
                 "family": family,
                 "start": start,
                 "solver": solver,
-                "problems": len(part),
+                "problems": part["problem"].nunique(),
+                "runs": len(part),
                 "applicable": int(part["applicable"].sum()),
                 "true_positives": int((reported & verified).sum()),
                 "false_positives": int((reported & ~verified).sum()),
                 "missed": int((~reported & verified).sum()),
                 "unsolved": int((~reported & ~verified).sum()),
                 "solved": float(part["solved"].mean()),
+                "low_accuracy": float(part["low_accuracy"].mean()),
+                "high_accuracy": float(part["high_accuracy"].mean()),
                 "best_known": float(part["best_known"].mean()),
                 "mean_ms": 1e3 * float(shifted_geometric_mean(times, SHIFT)),
                 "build_ms": 1e3 * float(solved["build_seconds"].median()),
@@ -125,7 +148,7 @@ def summary(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:
 
 
 def by_problem(table: pd.DataFrame) -> pd.DataFrame:
-    """Summary by (family, problem, start): how many solvers solved it, and the fastest."""
+    """Summary by (family, problem, start): how many runs solved it, and the fastest."""
     keys = ["family", "problem", "start"]
     counts = table.groupby(keys, sort=False).agg(
         applicable=("applicable", "sum"),
@@ -163,9 +186,11 @@ def costs(
     family: str,
     start: str,
     column: str,
-    success: Literal["solved", "best_known"] = "solved",
+    success: Success = "solved",
 ) -> pd.DataFrame:
-    """Costs for profiles: a row per problem, a column per solver that applies to the family.
+    """Costs for profiles: a row per run, a column per solver that applies to the family.
+
+    The index has the problem's name, for each of its copies.
 
     Parameters
     ----------
@@ -174,19 +199,25 @@ def costs(
     family, start : str
     column : str
         The cost, such as solve_seconds or evaluations; at least 1e-9.
-    success : {"solved", "best_known"}
+    success : {"solved", "best_known", "feasible", "low_accuracy", "high_accuracy"}
         The column that says which runs succeeded; the cost of others is infinite.
     """
+    cost = table[column].astype(float).clip(lower=1e-9)
+    cost = cost.where(table[success] & table[column].notna(), np.inf)
+    return by_solver(table.assign(cost=cost), family, start, "cost").fillna(np.inf)
+
+
+def by_solver(table: pd.DataFrame, family: str, start: str, column: str) -> pd.DataFrame:
+    """A column of `verify`'s table as in `costs`, a column per solver that applies; NaN if absent.
+
+    The rows are in the order in which the problems and copies appear.
+    """
     part = table[(table["family"] == family) & (table["start"] == start)]
-    cost = (
-        part[column]
-        .astype(float)
-        .clip(lower=1e-9)
-        .where(part[success] & part[column].notna(), np.inf)
-    )
-    wide = part.assign(cost=cost).pivot(index="problem", columns="solver", values="cost")
+    cases = part[["problem", "copy"]].drop_duplicates()
+    wide = part.pivot(index=["problem", "copy"], columns="solver", values=column)
     solvers = part.loc[part["applicable"], "solver"].unique()
-    return wide.reindex(index=part["problem"].unique(), columns=solvers).fillna(np.inf)
+    rows = wide.reindex(index=pd.MultiIndex.from_frame(cases), columns=solvers)
+    return rows.droplevel("copy")
 
 
 def _reason(row: Mapping[Any, Any], tolerances: Tolerances) -> str:

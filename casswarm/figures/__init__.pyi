@@ -4,7 +4,8 @@ from .formations import formation_chart
 from .maps import comparison_map, cost_to_go_map, guide_map, joint_map, swarm_map
 from .output import save
 from .paper import convergence_chart, infeasible_chart, sensitivity_chart, table_2_chart
-from .performance_profiles import pair_chart, profile_chart, win_chart
+from .performance_profiles import band_chart, pair_chart, profile_chart, win_chart
+from .rankings import ranking_chart
 from .style import THEMES, theme
 from .success import difference_chart, success_chart
 from .sweeps import mpc_chart, sweep_heat_map, sweep_lines
@@ -13,6 +14,7 @@ __all__ = [
     "THEMES",
     "animate",
     "arrival_chart",
+    "band_chart",
     "comparison_map",
     "convergence_chart",
     "cost_to_go_map",
@@ -26,6 +28,7 @@ __all__ = [
     "player",
     "population_chart",
     "profile_chart",
+    "ranking_chart",
     "save",
     "save_gif",
     "sensitivity_chart",

@@ -35,9 +35,13 @@ _DECADES = 20  # maximum number of powers of two on an axis
 
 @themed
 def profile_chart(
-    profiles: Mapping[str, pd.DataFrame], xlabel: str, title: str = "", order: Sequence[str] = ()
+    profiles: Mapping[str, pd.DataFrame],
+    xlabel: str,
+    title: str = "",
+    order: Sequence[str] = (),
+    ylabel: str = "fraction of problems",
 ) -> Figure:
-    """Performance or data profiles side by side, with a label at the end of every curve.
+    """Performance, data or quality profiles side by side, labelled at the end of every curve.
 
     Parameters
     ----------
@@ -47,6 +51,7 @@ def profile_chart(
     xlabel, title : str
     order : sequence of str
         All solvers, so that each has the same style in all figures.
+    ylabel : str
     """
     theme = current_theme()
     across = 1 if theme.narrow else len(profiles)
@@ -56,7 +61,7 @@ def profile_chart(
     for panel, (name, profile) in zip(axes, profiles.items(), strict=True):
         _curves(panel, profile, names)
         panel.set_title(wrap(name, 0.72 / across))
-        panel.set(xlabel=xlabel, ylabel="fraction of problems")
+        panel.set(xlabel=xlabel, ylabel=ylabel)
         panel.label_outer()
     add_title(fig, title)
     return fig
@@ -75,6 +80,52 @@ def pair_chart(
         _curves(panel, profile, names, labels=False)
         panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), borderpad=0.1, labelspacing=0.2)
     fig.supxlabel("time relative to the faster of the two", fontsize="medium")
+    fig.supylabel("fraction of problems", fontsize="medium")
+    add_title(fig, title)
+    return fig
+
+
+@themed
+def band_chart(
+    profile: pd.DataFrame,
+    bands: tuple[pd.DataFrame, pd.DataFrame],
+    xlabel: str,
+    title: str = "",
+    order: Sequence[str] = (),
+) -> Figure:
+    """A profile with error bands: a panel per solver, in which the others are grey.
+
+    Parameters
+    ----------
+    profile : DataFrame
+        As in `profile_chart`.
+    bands : DataFrame, DataFrame
+        Lower and upper ends, of the same shape.
+    xlabel, title : str
+    order : sequence of str
+        All solvers, so that each has the same colour in all figures.
+    """
+    theme = current_theme()
+    columns = min(2 if theme.narrow else 3, len(profile.columns))
+    rows = -(-len(profile.columns) // columns)
+    aspect = (0.75 if columns > 1 else 0.5) / columns * rows + 0.06
+    fig, axes = panels(len(profile.columns), columns, aspect, sharex=True, sharey=True)
+    names = list(order) or list(profile.columns)
+    ends = [_steps(table) for table in (profile, *bands)]
+    for column, (panel, name) in enumerate(zip(axes, profile.columns, strict=True)):
+        (x, curves), (_, low), (_, high) = ends
+        color = solver_style(names.index(str(name)))["color"]
+        for other in np.delete(curves, column, axis=1).T:
+            panel.step(x, other, where="post", color=GREY, lw=scaled(0.6), alpha=0.6)
+        panel.fill_between(
+            x, low[:, column], high[:, column], step="post", color=color, alpha=0.25, lw=0
+        )
+        panel.step(x, curves[:, column], where="post", color=color, lw=scaled(1.8))
+        panel.set_title(str(name), color=color)
+        _logarithmic(panel, x)
+    for panel in axes[-columns:]:  # the last of each column
+        panel.tick_params(labelbottom=True)
+    fig.supxlabel(xlabel, fontsize="medium")
     fig.supylabel("fraction of problems", fontsize="medium")
     add_title(fig, title)
     return fig
@@ -101,36 +152,51 @@ def win_chart(wins: pd.DataFrame, title: str = "") -> Figure:
 
 def _curves(axes: Axes, profile: pd.DataFrame, names: Sequence[str], labels: bool = True) -> None:
     """Draw a step curve per solver."""
-    points, fractions = profile.index.to_numpy(dtype=float), profile.to_numpy(dtype=float)
-    if not len(points):
-        points, fractions = np.ones(1), np.zeros((1, len(profile.columns)))
-    start = 0.93 * points[0]
-    end = max(2.0 * points[0], 1.3 * min(points[-1], points[0] * 2.0**_DECADES))
-    x = np.concatenate([[start], points, [max(end, points[-1])]])
+    x, fractions = _steps(profile)
     for column, name in enumerate(profile.columns):
         number = names.index(name)
         axes.step(
             x,
-            np.concatenate([[0.0], fractions[:, column], fractions[-1:, column]]),
+            fractions[:, column],
             where="post",
             # later curves are narrower, so that curves below them remain visible
             linewidth=scaled(2.8 - 1.7 * column / max(1, len(profile.columns) - 1)),
             # fractions of the axes, which differ between curves
             markevery=(0.03 + 0.021 * (number % 9), 0.19),
             label=name,
-            **_style(number),
+            **solver_style(number),
         )
-    axes.set_xscale("log", base=2)
-    axes.xaxis.set_major_locator(LogLocator(base=2, numticks=8))
-    axes.xaxis.set_major_formatter(FuncFormatter(_power))
-    axes.set(xlim=(start, end), ylim=(-0.02, 1.03))
-    despine(axes)
+    _logarithmic(axes, x)
     if labels and len(profile):
         _end_labels(axes, profile, names)
 
 
-def _style(number: int) -> dict[str, Any]:
-    """Colour, dashes and marker of a solver: no two of the first 56 are the same."""
+def _steps(profile: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
+    """Abscissas (K + 2,) and heights (K + 2, S) of a profile's curves, from zero on."""
+    points, fractions = profile.index.to_numpy(dtype=float), profile.to_numpy(dtype=float)
+    if not len(points):
+        points, fractions = np.ones(1), np.zeros((1, len(profile.columns)))
+    end = max(_axis_end(points[0], points[-1]), points[-1])
+    x = np.concatenate([[0.93 * points[0]], points, [end]])
+    return x, np.vstack([np.zeros_like(fractions[:1]), fractions, fractions[-1:]])
+
+
+def _axis_end(first: float, last: float) -> float:
+    """End of an axis with curves that rise between two points."""
+    return max(2.0 * first, 1.3 * min(last, first * 2.0**_DECADES))
+
+
+def _logarithmic(axes: Axes, x: FloatArray) -> None:
+    """Axes of fractions over the abscissas of `_steps`."""
+    axes.set_xscale("log", base=2)
+    axes.xaxis.set_major_locator(LogLocator(base=2, numticks=8))
+    axes.xaxis.set_major_formatter(FuncFormatter(_power))
+    axes.set(xlim=(x[0], _axis_end(x[1], x[-2])), ylim=(-0.02, 1.03))
+    despine(axes)
+
+
+def solver_style(number: int) -> dict[str, Any]:
+    """Colour, dashes and marker of solver `number`: no two of the first 56 are the same."""
     return {
         "color": _COLORS[number % len(_COLORS)],
         "linestyle": _DASHES[number % len(_DASHES)],
@@ -150,7 +216,7 @@ def _end_labels(axes: Axes, profile: pd.DataFrame, names: Sequence[str]) -> None
     options: dict[str, Any] = {"transform": axes.transAxes, "clip_on": False}
     for column, y in zip(order, heights, strict=True):
         name = str(profile.columns[column])
-        style = _style(names.index(name))
+        style = solver_style(names.index(name))
         axes.plot([1.05, 1.09, 1.13], [y] * 3, markevery=[1], **options, **style)
         axes.text(1.15, y, name, va="center", fontsize="small", color=style["color"], **options)
         axes.plot([1.0, 1.045], [ends[column], y], color="#BBBBBB", lw=scaled(0.7), **options)

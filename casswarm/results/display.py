@@ -173,7 +173,7 @@ def _(result: Comparison) -> View:
 
 @picture.register
 def _(result: Comparison, _: Scenario | None) -> Figure:
-    from ..comparison.report import figures
+    from ..comparison.report_figures import figures
 
     return next(iter(figures(result).values()))
 

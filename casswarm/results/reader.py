@@ -260,11 +260,12 @@ class ResultsReader:
         from . import catalogue
 
         if self.command == "compare":
-            from ..comparison import Comparison, report
+            from ..comparison import Comparison
+            from ..comparison.report_figures import figures
 
             inputs, no_problems = dict(self.part("inputs")), pd.DataFrame()  # for no figure
             comparison = Comparison(self.table("runs"), no_problems, inputs)
-            return catalogue.drawn_figures(report.figures(comparison))
+            return catalogue.drawn_figures(figures(comparison))
         scenario, objects = self.scenario, self.objects
         if self.command == "plan":
             return catalogue.plan_figures(scenario, **objects)

@@ -11,7 +11,7 @@ import pytest
 from commands import CASSWARM, casswarm
 
 OPTIONS = ("compare", "--family", "quick", "--solver", "ipopt", "--solver", "spectral")
-OPTIONS += ("--time-limit", "30")  # where the machine is busy
+OPTIONS += ("--time-limit", "30", "--copies", "1")  # the limit is for a busy machine
 
 
 @pytest.fixture(scope="module")
@@ -36,9 +36,10 @@ def test_compare_continues_after_ctrl_c(compared):
     folder, saved, error, _ = compared
     assert "repeat the same command" in error
     assert "Traceback" not in error
-    assert 0 < saved < 20
+    assert 0 < saved < 40
     runs = pd.read_csv(folder / "results" / "compare" / "runs.csv")
-    assert len(runs[["problem", "start", "solver"]].drop_duplicates()) == len(runs) == 20
+    keys = ["problem", "copy", "start", "solver"]
+    assert len(runs[keys].drop_duplicates()) == len(runs) == 40
 
 
 def test_compare_prints_table_per_family_and_start(compared):
@@ -46,6 +47,22 @@ def test_compare_prints_table_per_family_and_start(compared):
     for title in ("guides, cold", "guides, warm", "formations, cold", "formations, warm"):
         assert f"{title} start" in out
     assert "spectral" not in out.split("formations")[0]  # not applicable to guides
+    assert out.count("ipopt") == 4
+    assert out.count("spectral") == 2  # a row per solver that is applicable
+    assert " rank " in out
+    assert "probability" in out
+
+
+def test_compare_ranks_every_applicable_solver(compared):
+    results = compared[0] / "results" / "compare"
+    ranking = pd.read_csv(results / "ranking.csv")
+    assert len(ranking) == 6
+    formations = ranking[ranking["family"] == "formations"]
+    assert formations["probability"].between(0, 1).all()
+    assert (formations["mean_ms_low"] <= formations["mean_ms"]).all()
+    assert ranking.loc[ranking["family"] == "guides", "probability"].isna().all()  # one problem
+    sensitivity = pd.read_csv(results / "sensitivity.csv")
+    assert "without copies" in set(sensitivity["criterion"])
 
 
 def test_compare_folder_contains_tables_figures_and_report(compared):
@@ -54,15 +71,16 @@ def test_compare_folder_contains_tables_figures_and_report(compared):
     names = {path.name for path in results.iterdir()}
     assert names - {"checkpoint"} == set(record["files"])
     assert {"runs.csv", "summary.csv", "problems.csv", "failures.csv"} <= names
+    assert {"ranking.csv", "sensitivity.csv"} <= names
     assert {"report.md", "report.html"} <= names
     assert "profile-formations-cold.png" in names
     assert record["inputs"]["seed"] == 0
     assert record["inputs"]["machine"]["cores"] >= 1
     assert "casadi" in record["versions"]
     runs = pd.read_csv(results / "runs.csv")
-    assert len(runs) == 20
+    assert len(runs) == 40
     applicable = runs[runs["applicable"]]
-    assert len(applicable) == 18
+    assert len(applicable) == 36
     assert (applicable["violation"] <= 1e-6).all()
     assert applicable["solved"].all()
 
@@ -80,7 +98,8 @@ def test_compare_report_is_self_contained(compared):
     results = compared[0] / "results" / "compare"
     text = (results / "report.md").read_text()
     for message in (
-        "5 problems, 2 solvers, 20 runs",
+        "5 problems, 2 solvers, 40 runs",
+        "Every problem is also posed in 1 perturbed copy",
         "Ipopt(tolerance=1e-08",
         "spectral cannot take guide[10]",
         "A solver has solved a problem if",
@@ -108,6 +127,7 @@ def test_compare_rejects_folder_of_other_inputs(compared):
         (("--family", "guide"), "did you mean 'guides'?"),
         (("--solver", "ipop"), "did you mean 'ipopt'?"),
         (("--time-limit", "0"), "--time-limit"),
+        (("--copies", "-1"), "--copies"),
     ],
 )
 def test_compare_invalid_option_exits_with_2(tmp_path, options, message):

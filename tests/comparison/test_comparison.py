@@ -11,7 +11,6 @@ from known_problems import active_box, hs_1, hs_35, nearest_in_box
 
 import casswarm as csw
 from casswarm.comparison import Problem, make_problems
-from casswarm.comparison.profiles import pairwise_profiles, pairwise_wins, performance_profile
 from casswarm.comparison.report import make_report
 from casswarm.comparison.verification import (
     Tolerances,
@@ -22,7 +21,6 @@ from casswarm.comparison.verification import (
     verify,
 )
 from casswarm.errors import ComparisonError, SolverError
-from casswarm.figures import pair_chart, profile_chart, win_chart
 from casswarm.optimization.solvers import Ipopt, ProjectedGradient
 
 # --- problems
@@ -80,6 +78,10 @@ def test_compare_rejects_invalid_arguments(quick):
         csw.compare([quick[0], quick[0]], ["ipopt"])
     with pytest.raises(ComparisonError, match="has 2 instances as its cold start"):
         Problem("two", "boxes", *nearest_in_box(np.zeros((2, 2)))[:1], {"cold": two()})
+    with pytest.raises(ComparisonError, match="copies = -1; allowed: whole numbers from 0"):
+        csw.compare([quick[0]], ["ipopt"], copies=-1)
+    with pytest.raises(ComparisonError, match=r"copies = 1\.5"):
+        csw.compare([quick[0]], ["ipopt"], copies=1.5)
     with pytest.raises(ComparisonError, match="time_limit = 0"):
         csw.compare([quick[0]], ["ipopt"], time_limit=0)
     with pytest.raises(SolverError, match="did you mean 'ipopt'"):
@@ -99,6 +101,7 @@ def run(problem, solver, reported="solved", objective=1.0, seconds=0.1, **others
     return {
         "family": "f",
         "problem": problem,
+        "copy": 0,
         "start": "cold",
         "solver": solver,
         "reported_status": reported,
@@ -109,6 +112,7 @@ def run(problem, solver, reported="solved", objective=1.0, seconds=0.1, **others
         "violated_row": "",
         "stationarity": 0.0,
         "complementarity": 0.0,
+        "relative_error": 0.0,
         "iterations": 5,
         "evaluations": 6,
         "build_seconds": 0.01,
@@ -252,9 +256,17 @@ def test_compare_counts_early_stop_as_false_positive(known):
 
 def test_report_contains_every_solver(known):
     report = make_report(known[0])
-    assert set(report.tables) == {"runs", "summary", "problems", "failures"}
-    assert set(report.figures) == {f"{k}-known-cold" for k in ("profile", "data", "pairs", "wins")}
+    names = {"runs", "summary", "ranking", "sensitivity", "problems", "failures"}
+    assert set(report.tables) == names
+    kinds = ("ranking", "profile", "profile-bands", "data", "data-bands", "quality", "pairs")
+    assert set(report.figures) == {f"{kind}-known-cold" for kind in (*kinds, "wins")}
     text = report.markdown()
+    headings = [line.lstrip("# ") for line in text.splitlines() if line.startswith("## ")]
+    assert headings[:4] == ["Question", "Answer", "Set-up", "Results: Known, cold start"]
+    assert "What would change the result" in headings
+    assert "Known, cold start: " in text
+    assert "So few problems say nothing about others. Most often solved, 100 %: ipopt." in text
+    assert "those that planning and simulation pose" not in text  # of user-defined problems
     assert "gradient is not applicable to 1 run of known" in text
     assert "user-defined" in text
     page = report.html()
@@ -264,20 +276,20 @@ def test_report_contains_every_solver(known):
     assert labels == {"ipopt", "hasty", "gradient"}
 
 
-# --- figures
-
-
-def test_profile_charts_draw_given_values():
-    table = pd.DataFrame({"a": [1.0, 2.0, np.inf], "b": [2.0, 1.0, 4.0]})
-    fig = profile_chart({"one": performance_profile(table)}, "factor", "title", ["b", "a"])
-    curve = next(line for line in fig.axes[0].lines if line.get_label() == "a")
-    assert curve.get_ydata().tolist()[1:] == [1 / 3, 2 / 3, 2 / 3]
-    assert len(pair_chart(pairwise_profiles(table)).axes) == 1
-    matrix = win_chart(pairwise_wins(table))
-    assert [t.get_text() for t in matrix.axes[0].texts] == ["33 %", "67 %"]
-
-
-def test_profile_chart_without_solved_problem_is_drawn(tmp_path):
-    nothing = pd.DataFrame({"a": [np.inf], "b": [np.inf]})
-    fig = profile_chart({"one": performance_profile(nothing)}, "factor")
-    fig.savefig(tmp_path / "nothing.png")
+def test_compare_verifies_copies_on_the_original():
+    """A copy of the same seed is the same, and finds the optimum of its original."""
+    case = hs_35()
+    problem = Problem("hs-35", "known", case.nlp, {"cold": case.instance})
+    comparison, again = (
+        csw.compare(problem, "ipopt", copies=2, seed=3, time_limit=20.0) for _ in range(2)
+    )
+    runs = comparison.runs
+    assert runs["copy"].tolist() == [0, 1, 2]
+    assert runs["high_accuracy"].all()
+    assert runs["objective"].to_list() == pytest.approx([case.objective] * 3, abs=1e-7)
+    assert runs["objective"].tolist() == again.runs["objective"].tolist()
+    assert comparison.inputs["copies"] == 2
+    text = make_report(comparison).markdown()
+    assert "Every problem is also posed in 2 perturbed copies" in text
+    assert "without copies" in text
+    assert "known, cold start, 1 problem and 2 copies of each" in text

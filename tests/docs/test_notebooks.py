@@ -36,7 +36,7 @@ assert fastest["spectral"] + fastest["projected-gradient"] > 0.9, "the left end 
 mean = times.where(np.isfinite(times)).mean()
 assert mean["spectral"] < mean["ipopt"], "evaluations are not time"
 assert set(failures(runs)["solver"]) >= {{"projected-gradient"}}
-assert "## Summary" in report.markdown()
+assert "## Answer" in report.markdown()
 print("done", len(runs))
 """
 

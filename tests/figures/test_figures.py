@@ -28,6 +28,7 @@ from casswarm.chain.trajectories import RunTrajectory
 from casswarm.figures import (
     THEMES,
     arrival_chart,
+    band_chart,
     comparison_map,
     cost_to_go_map,
     difference_chart,
@@ -36,6 +37,7 @@ from casswarm.figures import (
     joint_map,
     population_chart,
     profile_chart,
+    ranking_chart,
     save,
     success_chart,
     survival_chart,
@@ -48,6 +50,16 @@ from casswarm.figures.policy_styles import POLICIES, policy_styles
 from casswarm.planning.bounds import CostToGoMap
 
 PROFILE = pd.DataFrame({"fast": [0.5, 1.0], "slow": [0.0, 0.5]}, index=[1.0, 4.0])
+RANKING = pd.DataFrame(
+    {
+        "solver": ["fast", "projected-gradient"],
+        "mean_ms": [1.5, 400.0],
+        "mean_ms_low": [1.0, np.nan],
+        "mean_ms_high": [2.0, np.nan],
+        "rank": [1.0, 2.0],
+        "probability": [0.93, np.nan],
+    }
+)
 COSTS = CostToGoMap(
     0,
     np.array([-2.0, -2.0]),
@@ -71,6 +83,8 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "many lines": lambda: sweep_lines(sweep_table(), "n", "mine", ["rho"]),
     "heat map": lambda: sweep_heat_map(sweep_table(), ["n", "rho"], "mine"),
     "profile": lambda: profile_chart({"a": PROFILE, "b": PROFILE}, "factor", "mine"),
+    "bands": lambda: band_chart(PROFILE, (0.5 * PROFILE, PROFILE), "factor", "mine"),
+    "ranking": lambda: ranking_chart(RANKING, "mine"),
 }
 
 

@@ -39,6 +39,11 @@ STUDIES: dict[str, tuple[str, ...]] = {
 _NEW = {"simulate": [[], ["--workers", "2"]], "sweep": [[], ["--workers", "2"]], "compare": [[]]}
 _SLOW = {"simulate": "0.3", "sweep": "0.1", "compare": "0"}  # seconds of a decision
 _SIGNALS = (signal.SIGKILL,) * 4 + (signal.SIGINT, signal.SIGTERM)
+_TIMED = {  # tables that depend on durations throughout
+    "simulate": {"effort.csv"},
+    "sweep": {"effort.csv"},
+    "compare": {"summary.csv", "ranking.csv", "sensitivity.csv"},
+}
 _TIMES = ("seconds", "time", "solves", "fastest")
 """Parts of names of columns of durations, and what depends on them, which no two runs share."""
 
@@ -82,7 +87,7 @@ def tables(folder: Path, command: str) -> dict[str, str]:
     """Tables of a results folder as text, without durations."""
     found = {}
     for path in sorted(folder.glob("*.csv")):
-        if path.name == "effort.csv" or (command == "compare" and path.name == "summary.csv"):
+        if path.name in _TIMED[command]:
             continue
         table = pd.read_csv(path, dtype=str, keep_default_na=False)
         timed = [name for name in table if any(part in name for part in _TIMES)]

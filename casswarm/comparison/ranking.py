@@ -1,0 +1,168 @@
+"""Ranks of solvers with error bars, and what would change them.
+
+The score of a solver is its shifted geometric mean solve time, in which failures count as the time
+limit. The problems are resampled, with all copies of a problem together (see
+`casswarm.comparison.bootstrap`), and the probability of a rank is the fraction of resamples in
+which the solver has it. It says how sure the order of the solvers is for problems of this kind; it
+knows nothing of other problems, machines or options.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from ..typing import FloatArray
+from .bootstrap import LEVEL, cluster_means, rank_probabilities, ranks, resampled_means
+from .verification import SHIFT, costs
+
+FEWEST = 4
+"""Number of problems below which resampling them says nothing about others."""
+
+PENALTY = 10.0
+"""Factor of the time limit at which failures count in one of the variants."""
+
+
+def ranking(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:
+    """Ranks by (family, start, solver), the best first.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `casswarm.comparison.verification.verify`.
+    time_limit : float
+        Seconds, at which failures count.
+
+    Returns
+    -------
+    DataFrame
+        Columns: family, start, solver; mean_ms, and mean_ms_low and mean_ms_high, its 95 %
+        interval; rank; probability, of this rank; rank_low and rank_high, the ranks between which
+        the solver is with 95 %. Intervals and probabilities are NaN where there are fewer than
+        `FEWEST` problems.
+    """
+    parts = [
+        rank_solvers(costs(table, family, start, "solve_seconds"), time_limit).assign(
+            family=family, start=start
+        )
+        for family, start in _groups(table)
+    ]
+    ranked = pd.concat(parts, ignore_index=True)
+    return ranked[["family", "start", *ranked.columns.drop(["family", "start"])]]
+
+
+def rank_solvers(
+    seconds: pd.DataFrame, time_limit: float, failure: float | None = None
+) -> pd.DataFrame:
+    """Ranks of solvers by their shifted geometric mean time.
+
+    Parameters
+    ----------
+    seconds : DataFrame
+        A row per run, infinite for failures, with the problem's name as index; a column per
+        solver.
+    time_limit : float
+        Slower runs are failures.
+    failure : float, optional
+        Seconds at which failures count; by default the time limit.
+
+    Returns
+    -------
+    DataFrame
+        The columns of `ranking` from solver on.
+    """
+    values = seconds.to_numpy(dtype=float)
+    counted = np.where(values <= time_limit, values, failure or time_limit)
+    logs = cluster_means(np.log(counted + SHIFT), seconds.index)
+    means = logs.mean(axis=0)
+    rank = ranks(means[None])[0]
+    low = high = probability = rank_low = rank_high = np.full(len(means), np.nan)
+    if len(logs) >= FEWEST:
+        resampled = resampled_means(logs)
+        low, high = np.quantile(resampled, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0)
+        held = rank_probabilities(resampled)
+        probability = held[np.arange(len(rank)), np.floor(rank).astype(int) - 1]
+        rank_low, rank_high = _quantiles(held)
+    ranked = pd.DataFrame(
+        {
+            "solver": seconds.columns,
+            "mean_ms": _milliseconds(means),
+            "mean_ms_low": _milliseconds(low),
+            "mean_ms_high": _milliseconds(high),
+            "rank": rank,
+            "probability": probability,
+            "rank_low": rank_low,
+            "rank_high": rank_high,
+        }
+    )
+    return ranked.sort_values("rank", kind="stable", ignore_index=True)
+
+
+def sensitivity(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:
+    """First solver by other criteria: what would change the ranking.
+
+    Columns: family, start; criterion; first, the solver of rank 1 by it, and probability, of that
+    rank; rank, by this criterion, of the solver that is the first by mean solve time.
+    """
+    rows = []
+    for family, start in _groups(table):
+        leader = None
+        for criterion, ranked in _variants(table, family, start, time_limit):
+            first = ranked.iloc[0]
+            leader = leader or first["solver"]
+            rows.append(
+                {
+                    "family": family,
+                    "start": start,
+                    "criterion": criterion,
+                    "first": first["solver"],
+                    "probability": first["probability"],
+                    "rank": ranked.loc[ranked["solver"] == leader, "rank"].iloc[0],
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def _variants(
+    table: pd.DataFrame, family: str, start: str, time_limit: float
+) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Criteria, and the ranks by them; the first is that of `ranking`."""
+    seconds = costs(table, family, start, "solve_seconds")
+    yield "mean solve time", rank_solvers(seconds, time_limit)
+    total = table.assign(total=table["build_seconds"] + table["solve_seconds"])
+    yield "with building", rank_solvers(costs(total, family, start, "total"), time_limit)
+    yield "a quarter of the time limit", rank_solvers(seconds, time_limit / 4)
+    penalty = rank_solvers(seconds, time_limit, PENALTY * time_limit)
+    yield f"failures count as {PENALTY:g} time limits", penalty
+    for success, criterion in (
+        ("best_known", "best known objective required"),
+        ("low_accuracy", "solved to low accuracy"),
+        ("high_accuracy", "solved to high accuracy"),
+    ):
+        times = costs(table, family, start, "solve_seconds", success)  # type: ignore[arg-type]
+        yield criterion, rank_solvers(times, time_limit)
+    if table["copy"].any():
+        originals = costs(table[table["copy"] == 0], family, start, "solve_seconds")
+        yield "without copies", rank_solvers(originals, time_limit)
+
+
+def _groups(table: pd.DataFrame) -> Iterator[tuple[str, str]]:
+    """Families and starts to which some solver applies."""
+    applicable = table[table["applicable"]]
+    pairs = applicable[["family", "start"]].drop_duplicates()
+    for family, start in pairs.itertuples(index=False, name=None):
+        yield str(family), str(start)
+
+
+def _milliseconds(log_seconds: FloatArray) -> FloatArray:
+    return np.asarray(1e3 * (np.exp(log_seconds) - SHIFT))
+
+
+def _quantiles(held: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Ranks between which every solver is with 95 %, from its probabilities of all ranks."""
+    cumulative = held.cumsum(axis=1)
+    low = (cumulative < (1 - LEVEL) / 2).sum(axis=1)
+    high = (cumulative < (1 + LEVEL) / 2 - 1e-12).sum(axis=1)
+    return 1.0 + low, 1.0 + high

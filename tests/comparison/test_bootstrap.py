@@ -1,0 +1,117 @@
+"""Bootstrap of problems: known answers, invariances, and coverage on synthetic data."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from casswarm.comparison.bootstrap import (
+    cluster_means,
+    fraction_band,
+    rank_probabilities,
+    ranks,
+    resampled_means,
+)
+
+
+def test_cluster_means_keep_order_of_appearance() -> None:
+    values = [[1.0, 0.0], [5.0, 1.0], [3.0, 1.0]]
+    assert cluster_means(values, ["q", "p", "q"]).tolist() == [[2.0, 0.5], [5.0, 1.0]]
+
+
+def test_resampled_means_have_the_standard_error_of_the_mean() -> None:
+    values = np.random.default_rng(1).normal(size=(50, 1))
+    drawn = resampled_means(values, resamples=4000)
+    assert drawn.mean() == pytest.approx(values.mean(), abs=0.01)
+    assert drawn.std() == pytest.approx(values.std() / np.sqrt(50), rel=0.05)
+
+
+def test_resampled_means_depend_on_seed_only() -> None:
+    values = np.arange(6.0)[:, None]
+    np.testing.assert_array_equal(resampled_means(values), resampled_means(values))
+    assert not np.array_equal(resampled_means(values), resampled_means(values, seed=1))
+
+
+# --- bands
+
+
+def test_fraction_band_contains_the_mean_and_is_monotone() -> None:
+    rng = np.random.default_rng(2)
+    values = (rng.uniform(size=(15, 1)) <= np.linspace(0, 1, 40)).astype(float)
+    low, high = fraction_band(values)
+    mean = values.mean(axis=0)
+    assert (low <= mean).all()
+    assert (mean <= high).all()
+    assert (np.diff(low) >= 0).all()
+    assert (np.diff(high) >= 0).all()
+
+
+def test_fraction_band_of_all_solved_is_not_of_zero_width() -> None:
+    # Clopper and Pearson: 9 of 9 give 66 % at least
+    low, high = fraction_band(np.ones((9, 1)))
+    assert high[0] == 1.0
+    assert 0.55 <= low[0] <= 0.8
+
+
+def test_fraction_band_shrinks_as_inverse_root_of_problems() -> None:
+    half = np.tile([[0.0], [1.0]], (50, 1))
+    widths = [np.ptp(fraction_band(np.tile(half, (times, 1)))) for times in (1, 4, 16)]
+    assert widths[0] / widths[1] == pytest.approx(2, rel=0.15)
+    assert widths[1] / widths[2] == pytest.approx(2, rel=0.15)
+
+
+def test_fraction_band_is_not_narrowed_by_equal_copies() -> None:
+    once = np.random.default_rng(3).integers(0, 2, (20, 3)).astype(float)
+    problems = np.arange(20)
+    copied = cluster_means(np.repeat(once, 5, axis=0), np.repeat(problems, 5))
+    np.testing.assert_array_equal(fraction_band(copied), fraction_band(once))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fraction", [0.1, 0.5, 0.9])
+@pytest.mark.parametrize("problems", [10, 40])
+def test_fraction_band_covers_the_truth_nominally(fraction: float, problems: int) -> None:
+    """Copies of a problem share its difficulty, as Beta(3 f, 3 (1 - f)): they are dependent."""
+    rng = np.random.default_rng([4, problems])
+    covered = []
+    for _ in range(400):
+        chance = rng.beta(3 * fraction, 3 * (1 - fraction), problems)
+        solved = rng.binomial(4, chance) / 4
+        low, high = fraction_band(solved[:, None], resamples=500)
+        covered.append(low[0] <= fraction <= high[0])
+    assert 0.91 <= np.mean(covered) <= 1.0
+
+
+# --- ranks
+
+
+def test_ranks_share_ties() -> None:
+    assert ranks([[3.0, 1.0, 3.0, 7.0]]).tolist() == [[2.5, 1.0, 2.5, 4.0]]
+
+
+def test_rank_probabilities_of_dominant_solver_are_one() -> None:
+    slow = np.random.default_rng(5).uniform(1, 2, (12, 1))
+    held = rank_probabilities(resampled_means(np.hstack([slow, slow - 0.5])))
+    np.testing.assert_array_equal(held, [[0, 1], [1, 0]])
+
+
+def test_rank_probabilities_of_equal_solvers_are_halves() -> None:
+    scores = np.random.default_rng(6).uniform(size=(12, 1))
+    held = rank_probabilities(resampled_means(np.hstack([scores, scores, scores + 1])))
+    np.testing.assert_allclose(held, [[0.5, 0.5, 0], [0.5, 0.5, 0], [0, 0, 1]])
+
+
+def test_rank_probabilities_of_solvers_equal_in_distribution_average_one_half() -> None:
+    rng = np.random.default_rng(7)
+    first = [
+        rank_probabilities(resampled_means(rng.normal(size=(20, 2)), resamples=200))[0, 0]
+        for _ in range(300)
+    ]
+    assert np.mean(first) == pytest.approx(0.5, abs=0.06)
+    assert np.std(first) == pytest.approx(np.sqrt(1 / 12), abs=0.06)  # like uniform p-values
+
+
+def test_rank_probabilities_sum_to_one_both_ways() -> None:
+    held = rank_probabilities(resampled_means(np.random.default_rng(8).normal(size=(9, 5))))
+    np.testing.assert_allclose(held.sum(axis=0), 1)
+    np.testing.assert_allclose(held.sum(axis=1), 1)

@@ -1,0 +1,206 @@
+"""Ranks of solvers from tables of runs, and profiles with bands."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from casswarm.comparison.profiles import (
+    data_bands,
+    data_profile,
+    performance_bands,
+    performance_profile,
+    quality_profile,
+)
+from casswarm.comparison.ranking import rank_solvers, ranking, sensitivity
+from casswarm.comparison.verification import Tolerances, by_solver, costs, summary, verify
+
+INF = np.inf
+NAMES = [f"p{k}" for k in range(12)]
+
+
+def times(**columns: object) -> pd.DataFrame:
+    return pd.DataFrame(columns, index=pd.Index(NAMES, name="problem"))
+
+
+def run(
+    problem: str, copy: int, solver: str, seconds: float, error: float = 0.0, objective: float = 1.0
+) -> dict[str, object]:
+    return {
+        "family": "f",
+        "problem": problem,
+        "copy": copy,
+        "start": "cold",
+        "solver": solver,
+        "reported_status": "solved",
+        "status": "solved",
+        "message": "",
+        "objective": objective,
+        "violation": 0.0,
+        "violated_row": "",
+        "stationarity": 0.0,
+        "complementarity": 0.0,
+        "relative_error": error,
+        "iterations": 1,
+        "evaluations": 1,
+        "build_seconds": 1.0 if solver == "quick" else 0.0,
+        "solve_seconds": seconds,
+        "objective_scale": 1.0,
+    }
+
+
+@pytest.fixture(scope="module")
+def table() -> pd.DataFrame:
+    """quick is faster but builds longer, and is less exact; its objective of p0 is worse."""
+    rows = [
+        row
+        for problem in NAMES
+        for copy in range(3)
+        for row in (
+            run(problem, copy, "exact", 0.2, 1e-9),
+            run(problem, copy, "quick", 0.1, 1e-5, 1.5 if problem == "p0" else 1.0),
+        )
+    ]
+    return verify(pd.DataFrame(rows), Tolerances())
+
+
+# --- ranks
+
+
+def test_rank_solvers_of_dominant_solver_is_certain() -> None:
+    ranked = rank_solvers(times(slow=np.full(12, 0.4), fast=np.linspace(0.1, 0.2, 12)), 2.0)
+    assert ranked["solver"].tolist() == ["fast", "slow"]
+    assert ranked["rank"].tolist() == [1, 2]
+    assert ranked["probability"].tolist() == [1, 1]
+    assert ranked[["rank_low", "rank_high"]].to_numpy().tolist() == [[1, 1], [2, 2]]
+    slow = ranked.iloc[1]
+    assert slow[["mean_ms", "mean_ms_low", "mean_ms_high"]].tolist() == pytest.approx([400] * 3)
+
+
+def test_rank_solvers_that_are_equal_share_their_ranks() -> None:
+    seconds = np.linspace(0.1, 0.2, 12)
+    ranked = rank_solvers(times(a=seconds, b=seconds), 2.0)
+    assert ranked["rank"].tolist() == [1.5, 1.5]
+    assert ranked["probability"].tolist() == pytest.approx([0.5, 0.5])
+    assert ranked[["rank_low", "rank_high"]].to_numpy().tolist() == [[1, 2], [1, 2]]
+
+
+def test_rank_solvers_counts_failures_and_slow_runs_at_the_limit() -> None:
+    seconds = times(a=np.full(12, INF), b=np.full(12, 5.0))
+    assert rank_solvers(seconds, 2.0)["mean_ms"].tolist() == pytest.approx([2000, 2000])
+    assert rank_solvers(seconds, 2.0, 20.0)["mean_ms"].tolist() == pytest.approx([2e4, 2e4])
+
+
+def test_rank_solvers_of_few_problems_has_no_probability() -> None:
+    seconds = pd.DataFrame({"a": np.full(6, 0.1), "b": np.full(6, 0.3)}, index=list("ppqqrr"))
+    ranked = rank_solvers(seconds, 2.0)
+    assert ranked["rank"].tolist() == [1, 2]
+    assert ranked[["probability", "mean_ms_low", "rank_high"]].isna().all(axis=None)
+
+
+def test_rank_solvers_interval_shrinks_with_problems_not_with_copies() -> None:
+    seconds = np.random.default_rng(0).lognormal(-2, 1, 12)
+    once = rank_solvers(times(a=seconds), 10.0)
+    copied = rank_solvers(pd.DataFrame({"a": np.repeat(seconds, 4)}, np.repeat(NAMES, 4)), 10.0)
+    more = pd.DataFrame({"a": np.tile(seconds, 16)}, [f"p{k}" for k in range(12 * 16)])
+    pd.testing.assert_frame_equal(copied, once)
+    widths = [
+        np.log(ranked["mean_ms_high"] / ranked["mean_ms_low"]).iloc[0]
+        for ranked in (once, rank_solvers(more, 10.0))
+    ]
+    assert widths[0] / widths[1] == pytest.approx(4, rel=0.15)
+
+
+def test_ranking_has_a_row_per_group_and_solver(table: pd.DataFrame) -> None:
+    ranked = ranking(table, 2.0)
+    assert ranked[["family", "start", "solver", "rank"]].to_numpy().tolist() == [
+        ["f", "cold", "quick", 1.0],
+        ["f", "cold", "exact", 2.0],
+    ]
+    pd.testing.assert_frame_equal(ranked, ranking(table, 2.0))
+
+
+def test_sensitivity_names_what_changes_the_first_rank(table: pd.DataFrame) -> None:
+    changed = sensitivity(table, 2.0).set_index("criterion")
+    assert changed["first"].to_dict() == {
+        "mean solve time": "quick",
+        "with building": "exact",
+        "a quarter of the time limit": "quick",
+        "failures count as 10 time limits": "quick",
+        "best known objective required": "quick",
+        "solved to low accuracy": "quick",
+        "solved to high accuracy": "exact",
+        "without copies": "quick",
+    }
+    assert changed.loc["with building", "rank"] == 2
+    assert changed.loc["mean solve time", "probability"] == 1
+
+
+# --- verification
+
+
+def test_verify_tests_relative_error_at_two_tolerances(table: pd.DataFrame) -> None:
+    quick = table[table["solver"] == "quick"]
+    assert quick["low_accuracy"].all()
+    assert not quick["high_accuracy"].any()
+    strict = verify(table, Tolerances(low_accuracy=1e-6))
+    assert not strict.loc[strict["solver"] == "quick", "low_accuracy"].any()
+
+
+def test_verify_quality_is_one_at_the_best_and_less_by_the_gap(table: pd.DataFrame) -> None:
+    qualities = by_solver(table, "f", "cold", "quality")
+    assert qualities["exact"].tolist() == [1.0] * 36
+    assert qualities["quick"].tolist() == [0.5] * 3 + [1.0] * 33
+
+
+def test_summary_counts_problems_and_runs(table: pd.DataFrame) -> None:
+    counts = summary(table, 2.0).set_index("solver")
+    assert counts.loc["quick", ["problems", "runs", "true_positives"]].tolist() == [12, 36, 36]
+    assert counts.loc["quick", ["low_accuracy", "high_accuracy"]].tolist() == [1, 0]
+
+
+def test_costs_of_copies_share_the_problem_as_index(table: pd.DataFrame) -> None:
+    seconds = costs(table, "f", "cold", "solve_seconds")
+    assert seconds.index.tolist() == [name for name in NAMES for _ in range(3)]
+
+
+# --- profiles with bands
+
+
+def test_bands_contain_their_profiles() -> None:
+    rng = np.random.default_rng(1)
+    seconds = times(a=rng.lognormal(size=12), b=rng.lognormal(size=12), c=np.full(12, INF))
+    for profile, (low, high) in (
+        (performance_profile(seconds), performance_bands(seconds)),
+        (data_profile(seconds, 2.0), data_bands(seconds, 2.0)),
+    ):
+        assert low.index.equals(profile.index)
+        assert low.columns.equals(profile.columns)
+        assert (low <= profile).all(axis=None)
+        assert (profile <= high).all(axis=None)
+        assert (high["c"] < 0.5).all()
+
+
+def test_bands_of_copies_are_those_of_their_problems() -> None:
+    seconds = times(a=np.linspace(1, 2, 12), b=np.linspace(2, 1, 12))
+    copied = seconds.loc[seconds.index.repeat(3)]
+    for once, thrice in zip(performance_bands(seconds), performance_bands(copied), strict=True):
+        pd.testing.assert_frame_equal(once, thrice)
+
+
+def test_bands_without_a_solved_problem_are_drawn_from_nothing() -> None:
+    nothing = times(a=np.full(12, INF))
+    low, high = performance_bands(nothing)
+    assert low.loc[1.0, "a"] == 0
+    assert 0 < high.loc[1.0, "a"] < 0.5
+    assert all(band.empty for band in data_bands(nothing))
+
+
+def test_quality_profile_equals_hand_calculation() -> None:
+    seconds = pd.DataFrame({"a": [1.0, 4.0], "b": [2.0, INF]})
+    quality = pd.DataFrame({"a": [1.0, 0.5], "b": [0.8, 0.9]})
+    profile = quality_profile(seconds, quality)
+    assert profile.index.tolist() == [1, 2, 4]
+    assert profile["a"].tolist() == [0.5, 0.5, 0.75]
+    assert profile["b"].tolist() == [0, 0.4, 0.4]
