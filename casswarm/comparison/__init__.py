@@ -1,6 +1,7 @@
 """Comparison of solvers: benchmark problems, runs, verification, profiles and a report."""
 
-from .problems import FAMILIES, Problem, make_problems
+from .problem import Problem
+from .problems import FAMILIES, make_problems
 from .run import DEFAULT, Comparison, compare
 from .verification import Tolerances
 

@@ -10,7 +10,7 @@ from typing import Any
 from ..errors import SolverError
 from ..optimization.problem import Instances, Nlp
 from ..optimization.solvers import Answer, Isolated
-from .problems import Problem
+from .problem import Problem
 from .verification import NOT_APPLICABLE
 
 MAX_SOLVES = 5

@@ -6,7 +6,6 @@ problem to casswarm's own solver and records some of them.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
@@ -25,6 +24,7 @@ from ..planning.plan import plan, plan_from
 from ..scenario import Scenario
 from ..studies.simulation import simulate
 from ..typing import FloatArray, Progress
+from .problem import Problem
 
 HORIZONS = (30, 100, 300)
 """Numbers of steps of the guides, each of ten units of time."""
@@ -34,56 +34,6 @@ SIZES = {5: (20, 0.05), 20: (6, 0.12), 50: (2, 0.25)}
 
 NOISE = 0.05
 """Standard deviation by which a guide's warm start is off the solution, in steps at v_max."""
-
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """A benchmark problem and its initial guesses. Problems pickle.
-
-    Parameters
-    ----------
-    name : str
-    family : str
-        Problems of a family, and of a kind of start, share tables and profiles.
-    nlp : Nlp
-    starts : mapping of str to Instances
-        A single instance for every kind of start, such as cold and warm; they differ only in x0.
-    traits : mapping
-        Plain values that describe the problem, for tables.
-    """
-
-    name: str
-    family: str
-    nlp: Nlp
-    starts: Mapping[str, Instances]
-    traits: Mapping[str, object] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        for start, instances in self.starts.items():
-            if len(instances) != 1:
-                raise ComparisonError(
-                    f"problem {self.name!r} has {len(instances)} instances as its {start} start; "
-                    "expected one"
-                )
-
-    def as_row(self) -> dict[str, object]:
-        """Family, name, traits and size, as a table row."""
-        variables, _, constraints = self.nlp.sizes
-        row = {"family": self.family, "problem": self.name, **self.traits}
-        row.setdefault("variables", variables)
-        row.setdefault("constraints", constraints)
-        return row
-
-    def fingerprint(self) -> str:
-        """Hash of its numbers and of its functions at the starts: equal for equal problems."""
-        digest = hashlib.sha256(f"{self.name} {self.family} {self.nlp.name}".encode())
-        for start, instances in self.starts.items():
-            digest.update(start.encode())
-            for part in ("x0", "p", "lbx", "ubx", "lbg", "ubg"):
-                digest.update(np.ascontiguousarray(getattr(instances, part)).tobytes())
-            values = self.nlp.evaluate(instances.x0[0], instances.p[0])
-            digest.update(b"".join(np.asarray(value).tobytes() for value in values))
-        return digest.hexdigest()[:16]
 
 
 def make_problems(

@@ -24,7 +24,8 @@ from ..optimization.solvers import SOLVERS, Isolated, Solver, make_solver
 from ..studies.checkpoint import Checkpoint, IfExists, file_name
 from ..typing import Progress
 from .benchmark import benchmark
-from .problems import Problem, make_problems
+from .problem import Problem
+from .problems import make_problems
 from .verification import Tolerances, summary, verify
 
 DEFAULT = ("guides", "formations")
