@@ -112,7 +112,7 @@ def _require_finite(nlp: Nlp, instance: Instances, where: str) -> None:
         raise ProblemError(f"{where}: x0 is not finite")
     values = nlp.evaluate(instance.x0[0], instance.p[0])
     names = chain(["the objective"], nlp.row_names)
-    for name, value in zip(names, np.ravel(ca.vertcat(*values)), strict=True):
+    for name, value in zip(names, np.asarray(ca.vertcat(*values)).ravel(), strict=True):
         if not np.isfinite(value):
             raise ProblemError(f"{where}: {name} is {value:g} at x0, and has to be finite")
 

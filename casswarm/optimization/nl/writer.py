@@ -20,6 +20,8 @@ from ...typing import Expr, FloatArray
 from ..problem import Instances, Nlp
 from .operators import TEMPLATES
 
+_LINEAR = (ca.OP_ASSIGN, ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE)
+
 
 def nl_text(nlp: Nlp, instance: Instances) -> str:
     """Text of a .nl file of an instance; its parameters are replaced by their values.
@@ -104,11 +106,14 @@ class _Body(NamedTuple):
                 f"{nlp.name} cannot be written as .nl: it has an operation that is not one of "
                 f"scalars ({reason})"
             ) from error
-        jacobian = ca.jacobian(values, x)
-        constants, slopes = ca.Function("origin", [x], [ca.densify(values), jacobian])(0)
-        constant, slope = np.ravel(constants), np.array(slopes.nonzeros())
-        rows, columns = (np.array(part, dtype=int) for part in jacobian.sparsity().get_triplet())
-        curved = np.array(ca.which_depends(values, x, 2, True), dtype=bool) | ~np.isfinite(constant)
+        function = ca.Function("nl", [x], [ca.densify(values)])
+        # that of the derivatives lacks the variables of steps, such as those of x > 1
+        sparsity = function.jac_sparsity(0, 0)
+        slopes = ca.Function("slopes", [x], [ca.jacobian(values, x)])(0)
+        slope = np.array(ca.project(slopes, sparsity).nonzeros())
+        constant = np.asarray(function(0)).ravel()
+        rows, columns = (np.array(part, dtype=int) for part in sparsity.get_triplet())
+        curved = np.array(_nonlinear(function)) | ~np.isfinite(constant)
         curved[rows[~np.isfinite(slope)]] = True
         terms: list[tuple[list[int], list[float]]] = [([], []) for _ in curved]
         for row, column, value in zip(rows, columns, slope, strict=True):
@@ -119,14 +124,13 @@ class _Body(NamedTuple):
         )
         # a linear row of the format has no constant term
         with_body = np.flatnonzero(curved[1:] | (constant[1:] != 0))
-        bent = np.flatnonzero(ca.which_depends(nonlinear, x, 1, False))
         return cls(
             x,
             nonlinear,
             _Terms(terms[1:]),
             _Terms(terms[:1]),
             rows=int(with_body.max(initial=-1)) + 1,
-            columns=int(bent.max(initial=-1)) + 1,
+            columns=int(columns[curved[rows]].max(initial=-1)) + 1,
             nonlinear_objective=bool(curved[0]),
         )
 
@@ -182,6 +186,28 @@ def _number(value: float) -> str:
 
 
 # --- expressions
+
+
+def _nonlinear(function: Expr) -> list[bool]:
+    """Whether every result of a function of SX is nonlinear, by its operations.
+
+    Derivatives would not tell: those of a step, such as x > 1, are zero.
+    """
+    degrees: dict[int, int] = {}  # 0 of constants, 1 of linear terms, 2 of all others
+    results = [0] * function.numel_out(0)
+    for operation, read, written, _ in instructions(function):
+        if operation == ca.OP_OUTPUT:
+            results[written[1]] = degrees[read[0]]
+            continue
+        if operation in (ca.OP_CONST, ca.OP_INPUT):
+            degree = int(operation == ca.OP_INPUT)
+        else:
+            of = [degrees[i] for i in read]
+            kept = operation in _LINEAR or (operation == ca.OP_MUL and min(of) == 0)
+            kept = kept or (operation == ca.OP_DIV and of[1] == 0)
+            degree = max(of) if kept or max(of) == 0 else 2
+        degrees[written[0]] = degree
+    return [degree == 2 for degree in results]
 
 
 @dataclass(eq=False)
