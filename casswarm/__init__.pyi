@@ -1,7 +1,15 @@
 from . import figures
 from .chain.distribution import OutcomeDistribution
 from .chain.stratified import Estimate
-from .comparison import Comparison, Problem, Tolerances, compare
+from .comparison import (
+    Comparison,
+    Problem,
+    Tolerances,
+    compare,
+    formation_problems,
+    guide_problems,
+    read_problems,
+)
 from .errors import (
     CasswarmError,
     CheckpointError,
@@ -84,11 +92,14 @@ __all__ = [
     "estimate",
     "evaluate",
     "figures",
+    "formation_problems",
+    "guide_problems",
     "load_scenario",
     "make_policy",
     "make_solver",
     "plan",
     "plan_swarm",
+    "read_problems",
     "runs_needed",
     "save_scenario",
     "simulate",

@@ -16,7 +16,7 @@ from .._util.documents import data_uri, figure_uri, render
 from ..figures import pair_chart, profile_chart, win_chart
 from ..optimization.solvers import SOLVERS
 from .benchmark import MAX_SOLVES
-from .problems import FAMILIES
+from .problems import DESCRIPTIONS
 from .profiles import data_profile, pairwise_profiles, pairwise_wins, performance_profile
 from .run import Comparison
 from .verification import SHIFT, by_problem, costs, failures, not_applicable
@@ -84,6 +84,7 @@ def make_report(comparison: Comparison) -> Report:
         "time_ratios": (ratios.median(), ratios.quantile(0.9)) if len(ratios) else None,
         "overview": _overview(comparison),
         "families": _families(comparison.problems),
+        "random": bool(comparison.problems["family"].isin(list(DESCRIPTIONS)).any()),
         "solvers": pd.DataFrame(
             [
                 {
@@ -129,7 +130,7 @@ def _groups(comparison: Comparison) -> Iterator[tuple[str, str, pd.DataFrame]]:
 
 
 def _tag(family: str, start: str) -> str:
-    return f"{family}-{start}".replace(" ", "-")
+    return re.sub(r"[^\w.-]", "-", f"{family}-{start}")
 
 
 # --- figures
@@ -193,11 +194,26 @@ def _families(problems: pd.DataFrame) -> pd.DataFrame:
                 "problems": len(part),
                 "variables": _range(part["variables"]),
                 "constraints": _range(part["constraints"]),
-                "description": FAMILIES[str(family)][2] if family in FAMILIES else "user-defined",
+                "description": _description(str(family), part),
             }
             for family, part in problems.groupby("family", sort=False)
         ]
     )
+
+
+def _description(family: str, part: pd.DataFrame) -> str:
+    """What the problems of a family are, and the values of their traits."""
+    traits = part.dropna(axis=1, how="all").drop(
+        columns=["family", "problem", "variables", "constraints"]
+    )
+    values = [f"{_spaced(str(name))}: {_values(column)}" for name, column in traits.items()]
+    return "; ".join([DESCRIPTIONS.get(family, "user-defined"), *values])
+
+
+def _values(column: pd.Series) -> str:
+    """The different values in a column, in order."""
+    distinct = column.dropna().unique()
+    return ", ".join(f"{value:g}" if isinstance(value, float) else str(value) for value in distinct)
 
 
 def _group(family: str, start: str, part: pd.DataFrame) -> dict[str, Any]:

@@ -2,31 +2,31 @@
 
 from __future__ import annotations
 
-import os
-import platform
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from importlib.metadata import version
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pandas as pd
 
 from .._util.display import Displayed
 from .._util.progress import reporter
 from .._util.seeds import require_seed
-from .._util.text import counted
+from .._util.text import counted, did_you_mean
+from .._util.user_modules import code_hash
 from ..errors import ComparisonError
 from ..optimization.solvers import SOLVERS, Isolated, Solver, make_solver
 from ..studies.checkpoint import Checkpoint, IfExists, file_name
 from ..typing import Progress
 from .benchmark import benchmark
+from .environment import environment
 from .problem import Problem
 from .problems import make_problems
-from .verification import Tolerances, summary, verify
+from .profiles import performance_profile
+from .verification import Tolerances, costs, summary, verify
 
 DEFAULT = ("guides", "formations")
 """Families that are compared by default."""
@@ -35,7 +35,6 @@ TIME_LIMIT = 2.0
 """Default time limit in seconds: several times what Ipopt needs for the largest problem."""
 
 _OWN_FRACTION = 0.9  # of the time limit, so that a solver can stop by itself and report its status
-_LIBRARIES = ("casswarm", "casadi", "numpy", "scipy", "numba")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,6 +67,41 @@ class Comparison(Displayed):
         """Summary by (family, start, solver); see `casswarm.comparison.verification.summary`."""
         return summary(self.runs, float(self.inputs["time_limit"]))
 
+    def profile(
+        self,
+        family: str | None = None,
+        start: str | None = None,
+        success: Literal["solved", "best_known"] = "solved",
+    ) -> pd.DataFrame:
+        """Performance profile of solve times on the problems of a family, from a kind of start.
+
+        Parameters
+        ----------
+        family, start : str, optional
+            By default the first ones.
+        success : {"solved", "best_known"}
+            Whether solving is enough, or the best known objective is needed.
+
+        Returns
+        -------
+        DataFrame
+            Fraction of problems, a column per solver: see
+            `casswarm.comparison.profiles.performance_profile`. The method `plot` draws it.
+
+        Raises
+        ------
+        ComparisonError
+            No such family, or no such start of its problems.
+        """
+        for column, value in (("family", family), ("start", start)):
+            known = self.runs[column].unique().tolist()
+            if value is not None and value not in known:
+                raise ComparisonError(f"{column} {value!r} is unknown{did_you_mean(value, known)}")
+        family = self.runs["family"].iloc[0] if family is None else family
+        part = self.runs[self.runs["family"] == family]
+        start = part["start"].iloc[0] if start is None else start
+        return performance_profile(costs(self.runs, family, start, "solve_seconds", success))
+
     def __repr__(self) -> str:
         solvers, problems = len(self.inputs["solvers"]), self.runs["problem"].nunique()
         solved = int(self.runs["solved"].sum())
@@ -81,10 +115,10 @@ class Comparison(Displayed):
 
 
 def compare(
-    families: str | Problem | Sequence[str | Problem] = DEFAULT,
+    problems: str | Problem | Sequence[str | Problem] = DEFAULT,
     solvers: str | Solver | Sequence[str | Solver] | Mapping[str, str | Solver] | None = None,
     *,
-    problems: int | None = None,
+    count: int | None = None,
     seed: int = 0,
     time_limit: float = TIME_LIMIT,
     tolerances: Tolerances | None = None,
@@ -92,7 +126,7 @@ def compare(
     if_exists: IfExists = "error",
     progress: Progress | bool | None = None,
 ) -> Comparison:
-    """Compare solvers on families of problems, each solver in a process of its own.
+    """Compare solvers on problems, each solver in a process of its own.
 
     A solver that raises, hangs or kills its process gets a row that says so, and the comparison
     continues. Every answer is verified in this process by residuals recomputed from the problem. A
@@ -100,13 +134,14 @@ def compare(
 
     Parameters
     ----------
-    families : str, Problem, or sequence of these
-        Names of `casswarm.comparison.FAMILIES`, or problems of your own.
+    problems : str, Problem, or sequence of these
+        Names of `casswarm.comparison.FAMILIES`, or problems of your own: see `Problem`,
+        `formation_problems`, `guide_problems` and `read_problems`.
     solvers : str, Solver, sequence of these, or mapping of label to these, optional
         By default all of `casswarm.optimization.solvers.SOLVERS` that can run here. A mapping
         compares the same solver with different options.
-    problems : int, optional
-        Number of problems of every kind in a family; each has its own default.
+    count : int, optional
+        Number of problems of every kind in a named family; each has its own default.
     seed : int
         From 0 to 2^64 - 1. The same seed gives the same problems.
     time_limit : float
@@ -140,25 +175,20 @@ def compare(
     seed, progress = require_seed(seed), reporter(progress)
     if not time_limit > 0:
         raise ComparisonError(f"time_limit = {time_limit!r}; allowed: above zero")
-    families = [families] if isinstance(families, str | Problem) else list(families)
+    listed = [problems] if isinstance(problems, str | Problem) else list(problems)
     limited = {label: _limited(s, time_limit) for label, s in _solvers(solvers).items()}
-    posed = _problems(families, problems, seed, progress)
+    posed = _problems(listed, count, seed, progress)
     inputs = {
-        "families": [family for family in families if isinstance(family, str)],
-        "problems_each": problems,
+        "families": [family for family in listed if isinstance(family, str)],
+        "count": count,
         "seed": seed,
         "time_limit": time_limit,
         "solvers": {label: repr(solver) for label, solver in limited.items()},
+        "solver_code": _code(limited),
         "unavailable": _unavailable(),
         "problems": {problem.name: problem.fingerprint() for problem in posed},
         # times of different machines or versions do not belong in one table
-        "machine": {
-            "processor": _processor(),
-            "cores": os.cpu_count(),
-            "system": platform.platform(),
-            "python": platform.python_version(),
-        },
-        "versions": {name: version(name) for name in _LIBRARIES},
+        **environment(),
     }
     tolerances = Tolerances() if tolerances is None else tolerances
     isolated = {label: Isolated(solver, time_limit) for label, solver in limited.items()}
@@ -211,6 +241,12 @@ def _benchmarks(
     return rows
 
 
+def _code(solvers: Mapping[str, Solver]) -> dict[str, str]:
+    """Hashes of the files that define solvers of the user's, by label."""
+    hashes = {label: code_hash(type(solver)) for label, solver in solvers.items()}
+    return {label: value for label, value in hashes.items() if value}
+
+
 def _unavailable() -> dict[str, str]:
     """Known solvers that cannot run in this installation, and why."""
     reasons = {name: solver.unavailable() for name, solver in SOLVERS.items()}
@@ -258,12 +294,3 @@ def _require_distinct(kind: str, names: Sequence[str], advice: str = "") -> None
         raise ComparisonError(f"{kind}s of the same name: {', '.join(repeated)}{advice}")
     if not names:
         raise ComparisonError(f"no {kind} given")
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(names, "") or platform.processor() or platform.machine()
