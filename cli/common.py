@@ -161,6 +161,8 @@ def named_solver(name: str) -> csw.Solver:
     try:
         found = _user_object(name)
         solver = found() if isinstance(found, type) else found
+    except ImportError as error:
+        raise SolverError(f"solver {name!r}: {error}", solver=name) from error
     except USER_ERRORS as error:
         raise SolverError(f"solver {name!r}: {failure_text(error)}", solver=name) from error
     if not isinstance(solver, csw.Solver):

@@ -137,9 +137,10 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
         folder = open_folder("compare", None, output.out, figures)
         saved.folder = folder.path
         try:
+            solvers = list(map(named_solver, selection.solvers)) or None
             comparison = csw.compare(
                 _problems(selection, output.quiet),
-                list(map(named_solver, selection.solvers)) or None,
+                solvers,
                 count=selection.count,
                 seed=selection.seed,
                 time_limit=selection.time_limit,
@@ -170,7 +171,8 @@ def _problems(selection: CompareOptions, quiet: bool) -> list[str | csw.Problem]
         scenario = csw.load_scenario(name, allow_code=selection.allow_code)
         count = selection.count or 3
         posed += csw.guide_problems(scenario, count, selection.seed)
-        posed += csw.formation_problems(scenario, policies, count, seed=selection.seed)
+        if scenario.n > 1:  # a lone agent has no formation
+            posed += csw.formation_problems(scenario, policies, count, seed=selection.seed)
     posed += csw.read_problems(selection.problems, lambda e: say(f"left out: {e}", quiet))
     return posed or list(DEFAULT)
 

@@ -45,7 +45,7 @@ solvers = {
     "spectral": "spectral",
     "projected-gradient": ProjectedGradient(max_iter=500),
 }
-comparison = csw.compare(["quick"], solvers, problems=2, time_limit=10)
+comparison = csw.compare(["quick"], solvers, count=2, time_limit=10)
 comparison.summary
 
 # %% [markdown]

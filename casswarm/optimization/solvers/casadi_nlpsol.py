@@ -62,13 +62,15 @@ class NlpsolSolver(Solver):
     @classmethod
     def unavailable(cls) -> str:
         """Why the plugin cannot run in this installation of CasADi; empty if it can."""
-        if has_plugin(cls.plugin):
-            return ""
-        return f"the nlpsol plugin {cls.plugin!r} is not in this casadi ({version('casadi')})"
+        return missing_plugin(cls.plugin)
+
+    def status(self, message: str, stats: Mapping[str, Any]) -> Status:
+        """Status of a solve by the plugin's message and CasADi's statistics."""
+        return self.statuses.get(message) or self._limit(stats)
 
     def prepare(self, nlp: Nlp) -> None:
         """See `Solver.prepare`."""
-        reason = self.unavailable()
+        reason = missing_plugin(self.plugin)
         if reason:
             raise SolverError(f"{self.name} cannot run here: {reason}")
         _compiled(self, nlp)
@@ -104,7 +106,7 @@ class NlpsolSolver(Solver):
             raise KeyboardInterrupt
         return Answer(
             x=length * np.asarray(out["x"]).ravel(),
-            status=self.statuses.get(message) or self._limit(stats),
+            status=self.status(message, stats),
             message=message,
             iterations=int(stats.get("iter_count", 0)),
             evaluations=sum(int(stats.get(f"n_call_{name}", 0)) for name in self.counts),
@@ -130,6 +132,13 @@ class NlpsolSolver(Solver):
 def has_plugin(plugin: str) -> bool:
     """Whether this installation of CasADi can load an nlpsol plugin."""
     return bool(ca.has_nlpsol(plugin))
+
+
+def missing_plugin(plugin: str) -> str:
+    """Why a plugin cannot run in this installation of CasADi; empty if it can."""
+    if has_plugin(plugin):
+        return ""
+    return f"the nlpsol plugin {plugin!r} is not in this casadi ({version('casadi')})"
 
 
 def _stats(function: Any) -> dict[str, Any]:
