@@ -13,7 +13,7 @@ import numpy as np
 from .._util.text import did_you_mean
 from ..errors import ProblemError
 from ..optimization.problem import Instances, Nlp
-from ..typing import Expr, FloatArray
+from ..typing import FloatArray
 
 START = "given"
 """Name of the start of a problem that has a single one."""

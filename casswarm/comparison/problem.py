@@ -21,6 +21,7 @@ from .conversion import START, from_dictionary, from_stack, require_solvable
 if TYPE_CHECKING:
     import casadi as ca
 
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """A problem to compare solvers on, and its initial guesses. Problems pickle.

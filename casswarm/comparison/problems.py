@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import product
-from typing import ClassVar
 
 import numpy as np
 
 from .._util.seeds import require_seed
 from .._util.text import did_you_mean
 from ..errors import ComparisonError
-from ..optimization.feasible_sets.planar import PlanarSets
-from ..optimization.problem import Instances, Nlp
-from ..optimization.solution import BatchSolution
-from ..optimization.solvers import Answer, Auto, Ipopt, Solver
+from ..optimization.solvers import Auto, Ipopt
 from ..planning.plan import plan, plan_from
 from ..scenario import Scenario
 from ..studies.simulation import simulate
@@ -28,6 +23,7 @@ HORIZONS = (30, 100, 300)
 
 SIZES = {5: (20, 0.05), 20: (6, 0.12), 50: (2, 0.25)}
 """Runs that the states come from, and rho, by the number of members."""
+
 
 def make_problems(
     family: str,

@@ -32,6 +32,7 @@ class Recorder(Solver):
     summary: ClassVar[str] = "records the problems of another solver"
 
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        """See `Solver.run`."""
         answers = self.inner.timed_answers(nlp, instances)[1]
         self.records.append((nlp, instances, np.stack([answer.x for answer in answers])))
         return answers

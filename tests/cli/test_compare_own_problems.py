@@ -35,7 +35,9 @@ def folder(tmp_path):
 def test_compare_solves_files_with_own_solver(folder):
     options = ("--solver", "ipopt", "--solver", "my_module:Mine", "--time-limit", 60)
     done = casswarm(folder, "compare", "--problems", "files", *options, "--no-figures")
-    assert "left out: files/cut.nl, line 2: the file ends too early: is it truncated?" in done.stderr
+    assert (
+        "left out: files/cut.nl, line 2: the file ends too early: is it truncated?" in done.stderr
+    )
     assert "files, given start, 2 problems" in done.stdout
     runs = pd.read_csv(folder / "results" / "compare" / "runs.csv")
     assert sorted(set(runs["solver"])) == ["ipopt", "mine"]

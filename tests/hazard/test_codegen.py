@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from casswarm.errors import HazardError
 from casswarm._util.instructions import operation_name
+from casswarm.errors import HazardError
 from casswarm.hazard import codegen
 from casswarm.hazard.codegen import lower, lower_source
 

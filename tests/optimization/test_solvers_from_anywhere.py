@@ -56,6 +56,7 @@ def test_minimize_passes_functions_bounds_and_constraints() -> None:
         for part in constraints:
             given.setdefault("values", []).append(np.round(part["fun"](x), 4).tolist())
             assert part["jac"](x).shape == (1, 4)
+        assert x0.tolist() == [1, 5, 5, 1]
         assert bounds.lb.tolist() == [1] * 4
         assert jac(x).shape == (4,)
         return SimpleNamespace(x=x, success=True, message=b"bytes", fun=fun(x))

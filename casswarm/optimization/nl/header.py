@@ -30,12 +30,12 @@ class Header:
 def read_header(lines: Lines) -> Header:
     """Read the header, and refuse what is not supported by a ProblemError that names it."""
     if not lines.following().startswith("g"):
-        lines.refuse("is no .nl file: its first line does not begin with g")
+        raise lines.refusal("is no .nl file: its first line does not begin with g")
     rows = [_counts(lines) for _ in range(_LINES - 1)]
     variables, constraints, objectives = _first(rows[0], 3)
     _refuse_unsupported(lines, rows)
     if max(variables, constraints) > len(lines):
-        lines.refuse(
+        raise lines.refusal(
             f"has {len(lines)} lines, too few for {variables} variables and {constraints} "
             "constraints: is it truncated?"
         )
@@ -46,15 +46,17 @@ def _refuse_unsupported(lines: Lines, rows: list[list[int]]) -> None:
     """Raise for parts of the format that cannot be read; `rows` are the lines after the first."""
     discrete = sum(rows[5])
     if discrete:
-        lines.refuse(f"has {discrete} integer variables; only continuous ones are supported")
+        raise lines.refusal(f"has {discrete} integer variables; only continuous ones are supported")
     if _first(rows[0], 3)[2] > 1:
-        lines.refuse(f"has {rows[0][2]} objectives; only one is supported")
+        raise lines.refusal(f"has {rows[0][2]} objectives; only one is supported")
     if any(rows[0][5:6]):
-        lines.refuse(f"has {rows[0][5]} logical constraints, which are not supported")
+        raise lines.refusal(f"has {rows[0][5]} logical constraints, which are not supported")
     if any(rows[1][2:4]):
-        lines.refuse(f"has {sum(rows[1][2:4])} complementarity conditions, which are not supported")
+        raise lines.refusal(
+            f"has {sum(rows[1][2:4])} complementarity conditions, which are not supported"
+        )
     if any(rows[4][1:2]):
-        lines.refuse(f"imports {rows[4][1]} functions of a library, which is not supported")
+        raise lines.refusal(f"imports {rows[4][1]} functions of a library, which is not supported")
 
 
 def _counts(lines: Lines) -> list[int]:

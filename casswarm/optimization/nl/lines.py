@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NoReturn
 
 from ..._util.files import require_file
 from ...errors import ProblemError
@@ -33,11 +32,13 @@ class Lines:
         except OSError as error:
             raise ProblemError(f"{path}: {error.strerror or error}", file=path) from error
         if content[:1] == b"b":
-            self.refuse("is in the binary format; write it as text (option g of AMPL and Pyomo)")
+            raise self.refusal(
+                "is in the binary format; write it as text (option g of AMPL and Pyomo)"
+            )
         try:
             text = content.decode("ascii")
-        except UnicodeDecodeError:
-            self.refuse("is no .nl file: it has bytes that are not ASCII")
+        except UnicodeDecodeError as error:
+            raise self.refusal("is no .nl file: it has bytes that are not ASCII") from error
         self._lines = text.splitlines()
 
     def __len__(self) -> int:
@@ -53,7 +54,7 @@ class Lines:
     def following(self) -> str:
         """The next line, without its comment; a ProblemError at the end of the file."""
         if self.number == len(self._lines):
-            self.refuse("ends too early: is it truncated?")
+            raise self.refusal("ends too early: is it truncated?")
         self.number += 1
         return self._lines[self.number - 1].partition("#")[0].strip()
 
@@ -70,16 +71,18 @@ class Lines:
             values = []
         if not text or (counts and len(values) not in counts):
             expected = " or ".join(map(str, counts)) or "some"
-            self.refuse(f"has {text!r} where {expected} numbers are expected")
+            raise self.refusal(f"has {text!r} where {expected} numbers are expected")
         return values
 
     def integer(self, text: str, limit: int) -> int:
         """A whole number from 0 to `limit` - 1 in this line."""
         if not (text.isdigit() and len(text) < 12 and int(text) < limit):
-            self.refuse(f"has {text!r} where a whole number from 0 to {limit - 1} is expected")
+            raise self.refusal(
+                f"has {text!r} where a whole number from 0 to {limit - 1} is expected"
+            )
         return int(text)
 
-    def refuse(self, reason: str) -> NoReturn:
-        """Raise a ProblemError that names the file, the line and the reason."""
+    def refusal(self, reason: str) -> ProblemError:
+        """Error that names the file, the line and the reason."""
         where = f", line {self.number}" if self.number else ""
-        raise ProblemError(f"{self.path}{where}: the file {reason}", file=self.path)
+        return ProblemError(f"{self.path}{where}: the file {reason}", file=self.path)

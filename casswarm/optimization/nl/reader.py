@@ -75,19 +75,17 @@ class _Reader:
         while not lines.ended:
             line = lines.following()
             if line[:1] == "F":
-                lines.refuse("imports a function of a library, which is not supported")
+                raise lines.refusal("imports a function of a library, which is not supported")
             if line[:1] == "L":
-                lines.refuse("has a logical constraint, which is not supported")
+                raise lines.refusal("has a logical constraint, which is not supported")
             if line[:1] not in segments:
-                lines.refuse(f"has {line[:20]!r} where a segment should begin")
+                raise lines.refusal(f"has {line[:20]!r} where a segment should begin")
             segments[line[0]](line)
         self._require_complete()
 
     def program(self, name: str) -> tuple[Nlp, Instances]:
         """The problem and its instance."""
-        rows = [
-            self.rows[i] + self.linear.get(("J", i), 0) for i in range(self.header.constraints)
-        ]
+        rows = [self.rows[i] + self.linear.get(("J", i), 0) for i in range(self.header.constraints)]
         objective = self.objectives.get(0, ca.SX(0)) + self.linear.get(("G", 0), 0)
         objective = -objective if self.maximise else objective
         nlp = Nlp.from_expressions(name, self.x, ca.SX(0, 1), objective, ca.vertcat(*rows))
@@ -109,7 +107,7 @@ class _Reader:
         for what, (announced, found) in counts.items():
             if announced != found:
                 reason = f"announces {announced} {what} and has {found}: is it truncated?"
-                self.lines.refuse(reason)
+                raise self.lines.refusal(reason)
 
     # --- segments
 
@@ -125,7 +123,7 @@ class _Reader:
         first, lines = self.header.variables, len(self.lines)
         index, terms, _ = self._integers(line[1:], first + lines, lines, 10**9)
         if index in self.values:
-            self.lines.refuse(f"defines v{index} twice")
+            raise self.lines.refusal(f"defines v{index} twice")
         linear = self._terms(terms)
         self.values[index] = self._expression() + linear
 
@@ -145,9 +143,9 @@ class _Reader:
         for _ in range(count):
             kind, *values = self.lines.numbers(1, 2, 3, 4)
             if kind == 5:
-                self.lines.refuse("has a complementarity condition, which is not supported")
+                raise self.lines.refusal("has a complementarity condition, which is not supported")
             if kind not in range(5) or len(values) != (2, 1, 1, 0, 1)[int(kind)]:
-                self.lines.refuse("has bounds of a kind that the format does not know")
+                raise self.lines.refusal("has bounds of a kind that the format does not know")
             low = values[0] if kind in (0, 2, 4) else -np.inf
             high = values[-1] if kind in (0, 1, 4) else np.inf
             bounds.append((low, high))
@@ -155,9 +153,9 @@ class _Reader:
     def _suffix(self, line: str) -> None:
         words = line[1:].split()
         if len(words) != 3:
-            self.lines.refuse(f"has {line!r} where a suffix with its name is expected")
+            raise self.lines.refusal(f"has {line!r} where a suffix with its name is expected")
         if words[2] in _SOS:
-            self.lines.refuse(f"has special ordered sets (suffix {words[2]}); not supported")
+            raise self.lines.refusal(f"has special ordered sets (suffix {words[2]}); not supported")
         for _ in range(self.lines.integer(words[1], len(self.lines))):
             self.lines.numbers(2)
 
@@ -174,7 +172,7 @@ class _Reader:
     def _integers(self, text: str, *limits: int) -> list[int]:
         words = text.split()
         if len(words) != len(limits):
-            self.lines.refuse(f"has {text!r} where {len(limits)} whole numbers are expected")
+            raise self.lines.refusal(f"has {text!r} where {len(limits)} whole numbers are expected")
         return [self.lines.integer(word, limit) for word, limit in zip(words, limits, strict=True)]
 
     def _pair(self) -> tuple[int, float]:
@@ -210,13 +208,15 @@ class _Reader:
         if word[:1] == "v":
             index = self.lines.integer(word[1:], 10**9)
             if index not in self.values:
-                self.lines.refuse(f"uses {word}, which is neither a variable nor defined before")
+                raise self.lines.refusal(
+                    f"uses {word}, which is neither a variable nor defined before"
+                )
             return self.values[index]
         if word[:1] in ("n", "s", "l"):
             return ca.SX(self.lines.parsed(word[1:], 1)[0])
         if word[:1] == "f":
-            self.lines.refuse("calls an imported function, which is not supported")
-        self.lines.refuse(f"has {word[:20]!r} where an expression is expected")
+            raise self.lines.refusal("calls an imported function, which is not supported")
+        raise self.lines.refusal(f"has {word[:20]!r} where an expression is expected")
 
     def _operator(self, word: str) -> tuple[Operator, int]:
         """Function of an operator, and the number of its arguments."""
@@ -232,4 +232,4 @@ class _Reader:
             if count:
                 return LISTS[number], count
         what = UNSUPPORTED.get(number, "which the format does not know")
-        self.lines.refuse(f"has the operator o{number} ({what}), which is not supported")
+        raise self.lines.refusal(f"has the operator o{number} ({what}), which is not supported")

@@ -57,6 +57,6 @@ class NlpSol(NlpsolSolver):
         """See `NlpsolSolver.plugin_options`."""
         return dict(self.options)
 
-    def status(self, message: str, stats: Mapping[str, Any]) -> Status:
+    def status(self, stats: Mapping[str, Any]) -> Status:
         """See `NlpsolSolver.status`."""
         return _UNIFIED.get(str(stats["unified_return_status"]), Status.FAILED)

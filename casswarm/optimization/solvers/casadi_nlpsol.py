@@ -64,9 +64,9 @@ class NlpsolSolver(Solver):
         """Why the plugin cannot run in this installation of CasADi; empty if it can."""
         return missing_plugin(cls.plugin)
 
-    def status(self, message: str, stats: Mapping[str, Any]) -> Status:
-        """Status of a solve by the plugin's message and CasADi's statistics."""
-        return self.statuses.get(message) or self._limit(stats)
+    def status(self, stats: Mapping[str, Any]) -> Status:
+        """Status of a solve by CasADi's statistics."""
+        return self.statuses.get(_message(stats)) or self._limit(stats)
 
     def prepare(self, nlp: Nlp) -> None:
         """See `Solver.prepare`."""
@@ -101,12 +101,12 @@ class NlpsolSolver(Solver):
             return Answer(instances.x0[i], Status.FAILED, _reason(error), 0, 0, seconds)
         seconds = time.perf_counter() - started
         stats = _stats(function)
-        message = str(stats.get("return_status", stats["unified_return_status"]))
+        message = _message(stats)
         if message == INTERRUPTED:
             raise KeyboardInterrupt
         return Answer(
             x=length * np.asarray(out["x"]).ravel(),
-            status=self.status(message, stats),
+            status=self.status(stats),
             message=message,
             iterations=int(stats.get("iter_count", 0)),
             evaluations=sum(int(stats.get(f"n_call_{name}", 0)) for name in self.counts),
@@ -147,6 +147,11 @@ def _stats(function: Any) -> dict[str, Any]:
         return dict(function.stats())
     except RuntimeError:
         return dict.fromkeys(("return_status", "unified_return_status"), NO_STATUS)
+
+
+def _message(stats: Mapping[str, Any]) -> str:
+    """The plugin's own status, or CasADi's unified one if it has none."""
+    return str(stats.get("return_status", stats["unified_return_status"]))
 
 
 def _reason(error: RuntimeError) -> str:

@@ -26,15 +26,13 @@ class ScipySolver(Solver):
     capabilities: ClassVar[Capabilities] = Capabilities(time_limit=True)
 
     @abstractmethod
-    def minimise(self, functions: Functions, bounds: Any, rows: list[Any]) -> Any:
+    def minimise(self, functions: Functions, bounds: Any) -> Any:
         """Result of a solve, as a `scipy.optimize.OptimizeResult`.
 
         Parameters
         ----------
         functions : Functions
         bounds : scipy.optimize.Bounds
-        rows : list of scipy.optimize.NonlinearConstraint
-            Empty if there are no constraints.
         """
 
     def status(self, result: Any) -> Status:
@@ -51,7 +49,7 @@ class ScipySolver(Solver):
 
     @one_at_a_time  # filters of warnings are the process's
     def _solve(self, nlp: Nlp, instance: Instances) -> Answer:
-        from scipy.optimize import Bounds, NonlinearConstraint  # slow to import, and seldom needed
+        from scipy.optimize import Bounds  # slow to import, and seldom needed
 
         started = time.perf_counter()
         functions = Functions(nlp, instance, started + self.time_limit)
@@ -63,14 +61,11 @@ class ScipySolver(Solver):
         if not (instance.lbx <= instance.ubx).all() or not np.isfinite(functions.x0).all():
             message = "bounds cross, or bounds or start are not finite"
             return answer(functions.last, Status.FAILED, message)
-        rows = NonlinearConstraint(
-            functions.rows, instance.lbg[0], instance.ubg[0], functions.jacobian
-        )
         bounds = Bounds(instance.lbx[0], instance.ubx[0])
         try:
             with warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")  # the answer's status reports what they warn of
-                result = self.minimise(functions, bounds, [rows] if instance.lbg.size else [])
+                result = self.minimise(functions, bounds)
         except _OutOfTimeError:
             message = f"no answer in {self.time_limit:g} s"
             return answer(functions.last, Status.TIME_LIMIT, message)
@@ -107,17 +102,19 @@ class Slsqp(ScipySolver):
         "Iteration limit reached": Status.ITERATION_LIMIT,
     }
 
-    def minimise(self, functions: Functions, bounds: Any, rows: list[Any]) -> Any:
+    def minimise(self, functions: Functions, bounds: Any) -> Any:
         """See `ScipySolver.minimise`."""
-        from scipy.optimize import minimize  # slow to import, and seldom needed
+        from scipy.optimize import NonlinearConstraint, minimize  # slow to import
 
+        lower, upper = functions.instance.lbg[0], functions.instance.ubg[0]
+        rows = NonlinearConstraint(functions.rows, lower, upper, functions.jacobian)
         return minimize(
             functions.objective,
             functions.x0,
             method="SLSQP",
             jac=functions.gradient,
             bounds=bounds,
-            constraints=rows,
+            constraints=[rows] if lower.size else [],
             options={"ftol": self.tolerance, "maxiter": self.max_iter},
         )
 
@@ -160,7 +157,7 @@ class Minimize(ScipySolver):
         """The function's name."""
         return getattr(self.function, "__name__", type(self.function).__name__)
 
-    def minimise(self, functions: Functions, bounds: Any, rows: list[Any]) -> Any:
+    def minimise(self, functions: Functions, bounds: Any) -> Any:
         """See `ScipySolver.minimise`."""
         return self.function(
             functions.objective,
