@@ -207,7 +207,8 @@ def _description(family: str, part: pd.DataFrame) -> str:
         columns=["family", "problem", "variables", "constraints"]
     )
     values = [f"{_spaced(str(name))}: {_values(column)}" for name, column in traits.items()]
-    return "; ".join([DESCRIPTIONS.get(family, "user-defined"), *values])
+    known = [DESCRIPTIONS[family]] if family in DESCRIPTIONS else []
+    return "; ".join([*known, *values]) or "user-defined"
 
 
 def _values(column: pd.Series) -> str:

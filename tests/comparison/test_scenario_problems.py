@@ -66,7 +66,7 @@ def test_comparison_profile_and_report_of_own_problems(formations, tmp_path: Pat
     with pytest.raises(csw.ComparisonError, match="start 'hot' is unknown"):
         comparison.profile(start="hot")
     text = make_report(comparison).markdown()
-    assert "user-defined; scenario: wall; members: 5; policy: leader" in text
+    assert "| scenario: wall; members: 5; policy: leader" in text
     assert "random scenarios" not in text
 
 
