@@ -130,14 +130,20 @@ def _starts(nlp: Nlp, arguments: Mapping[str, Any], name: str) -> dict[str, Inst
         )
     if parameters and "p" not in arguments:
         raise ProblemError(f"problem {name!r} has parameters without values; give p")
-    sizes = {"x0": variables, "p": parameters, "lbx": variables, "ubx": variables}
+    sizes = {"p": parameters, "lbx": variables, "ubx": variables}
     sizes |= {"lbg": constraints, "ubg": constraints}
+    vectors = {
+        key: _vector(name, key, arguments.get(key, _DEFAULTS[key]), size)
+        for key, size in sizes.items()
+    }
     starts = {
         start: Instances(
-            **{
-                key: _vector(name, key, (arguments | {"x0": guess}).get(key, default), sizes[key])
-                for key, default in _DEFAULTS.items()
-            }
+            _vector(name, "x0", guess, variables),
+            vectors["p"],
+            vectors["lbx"],
+            vectors["ubx"],
+            vectors["lbg"],
+            vectors["ubg"],
         )
         for start, guess in guesses.items()
     }

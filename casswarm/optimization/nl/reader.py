@@ -91,8 +91,8 @@ class _Reader:
         nlp = Nlp.from_expressions(name, self.x, ca.SX(0, 1), objective, ca.vertcat(*rows))
         lbx, ubx = np.array(self.x_bounds).reshape(-1, 2).T
         lbg, ubg = np.array(self.g_bounds).reshape(-1, 2).T
-        parts = (self.x0, np.empty(0), lbx, ubx, lbg, ubg)
-        return nlp, Instances(*(part[None] for part in parts))
+        bounds = lbx[None], ubx[None], lbg[None], ubg[None]
+        return nlp, Instances(self.x0[None], np.empty((1, 0)), *bounds)
 
     def _require_complete(self) -> None:
         header = self.header

@@ -56,7 +56,8 @@ def nl_text(nlp: Nlp, instance: Instances) -> str:
     return "\n".join(lines) + "\n"
 
 
-class _Terms(NamedTuple):
+@dataclass(frozen=True)
+class _Terms:
     """Linear terms: for every row, its variables and their coefficients, zero if nonlinear."""
 
     rows: list[tuple[list[int], list[float]]]
