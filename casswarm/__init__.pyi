@@ -1,7 +1,15 @@
 from . import figures
 from .chain.distribution import OutcomeDistribution
 from .chain.stratified import Estimate
-from .comparison import Comparison, Problem, Tolerances, compare
+from .comparison import (
+    Comparison,
+    Problem,
+    Tolerances,
+    compare,
+    formation_problems,
+    guide_problems,
+    read_problems,
+)
 from .errors import (
     CasswarmError,
     CheckpointError,
@@ -11,6 +19,7 @@ from .errors import (
     PlanningError,
     PolicyCallError,
     PolicyError,
+    ProblemError,
     ScenarioError,
     SolverError,
     WorkerError,
@@ -57,6 +66,7 @@ __all__ = [
     "PolicyCallError",
     "PolicyError",
     "Problem",
+    "ProblemError",
     "Progress",
     "Residuals",
     "Saturation",
@@ -82,11 +92,14 @@ __all__ = [
     "estimate",
     "evaluate",
     "figures",
+    "formation_problems",
+    "guide_problems",
     "load_scenario",
     "make_policy",
     "make_solver",
     "plan",
     "plan_swarm",
+    "read_problems",
     "runs_needed",
     "save_scenario",
     "simulate",

@@ -55,6 +55,13 @@ class SolverError(CasswarmError, ValueError):
     """A solver that is unknown, misconfigured, or cannot take the problem it was given."""
 
 
+class ProblemError(CasswarmError, ValueError):
+    """An optimisation problem that cannot be posed, or read from a file or written to one.
+
+    The attribute `file` is the path, where there is one.
+    """
+
+
 class PlanningError(CasswarmError, RuntimeError):
     """No guide was found; the message counts the outcomes of all starts."""
 

@@ -15,6 +15,7 @@ import click
 import casswarm as csw
 
 from .._util.text import printable
+from .._util.user_code import USER_ERRORS, failure_text
 from .._util.user_folders import module_file
 from .._util.user_modules import load as load_code
 from ..errors import (
@@ -23,6 +24,7 @@ from ..errors import (
     PlanningError,
     PolicyCallError,
     PolicyError,
+    SolverError,
     WorkerError,
 )
 from .options import CommonOptions, PolicyOptions
@@ -142,12 +144,36 @@ def named_policies(options: PolicyOptions) -> list[Any]:
 
 
 def _imported(name: str, time_limit: float | None) -> Any:
-    here = Path.cwd()
     try:
-        policy = load_code(name, here if module_file(name, here) else None)
+        policy = _user_object(name)
     except ImportError as error:
         raise PolicyError(f"policy {name!r}: {error}", policy=name) from error
     return csw.as_policy(policy, name.partition(":")[2], time_limit)
+
+
+def named_solver(name: str) -> csw.Solver:
+    """Solver of a name, or of ``module:Class`` in the current folder or an installed module.
+
+    An object of such a class, ``module:object``, is a solver with the options it was made with.
+    """
+    if ":" not in name:
+        return csw.make_solver(name)
+    try:
+        found = _user_object(name)
+        solver = found() if isinstance(found, type) else found
+    except ImportError as error:
+        raise SolverError(f"solver {name!r}: {error}", solver=name) from error
+    except USER_ERRORS as error:
+        raise SolverError(f"solver {name!r}: {failure_text(error)}", solver=name) from error
+    if not isinstance(solver, csw.Solver):
+        raise SolverError(f"solver {name!r} is not derived from casswarm.Solver", solver=name)
+    return solver
+
+
+def _user_object(name: str) -> Any:
+    """What ``module:name`` names, of a module in the current folder or an installed one."""
+    here = Path.cwd()
+    return load_code(name, here if module_file(name, here) else None)
 
 
 async def _answer(address: str) -> None:

@@ -14,11 +14,21 @@ import casswarm as csw
 
 from .._util.text import counted
 from . import completion
-from .common import Failure, reported_errors
+from .common import Failure, named_solver, reported_errors
 from .ending import Ending
 from .number import Number
-from .options import DrawingOptions, OutputOptions, option, options, out_option, seed_option
-from .output import aligned_table, open_folder
+from .options import (
+    DrawingOptions,
+    OutputOptions,
+    allow_code_option,
+    argument,
+    option,
+    options,
+    out_option,
+    refuse,
+    seed_option,
+)
+from .output import aligned_table, open_folder, say
 from .progress import progress_report
 
 if TYPE_CHECKING:
@@ -39,25 +49,44 @@ class CompareOutput(OutputOptions):
 class CompareOptions:
     """Problems and solvers."""
 
+    scenarios: tuple[str, ...] = argument(
+        nargs=-1, metavar="[SCENARIO]...", shell_complete=completion.scenarios
+    )
     families: tuple[str, ...] = option(
         "--family",
         multiple=True,
         metavar="NAME",
-        help="Family of problems: guides, formations, or quick for a short comparison. "
-        "Repeatable. [default: guides and formations]",
+        help="Family of random problems: guides, formations, or quick for a short comparison. "
+        "Repeatable. [default: guides and formations, if no other problems are given]",
+    )
+    problems: tuple[Path, ...] = option(
+        "--problems",
+        multiple=True,
+        metavar="PATH",
+        type=click.Path(path_type=Path),
+        help="File in AMPL's .nl format, or folder of such files. Repeatable.",
+    )
+    policies: tuple[str, ...] = option(
+        "--policy",
+        multiple=True,
+        metavar="NAME",
+        shell_complete=completion.policies,
+        help="Policy whose formation problems in the scenarios are solved. Repeatable. "
+        "[default: leader, constrained]",
     )
     solvers: tuple[str, ...] = option(
         "--solver",
         multiple=True,
         metavar="NAME",
         shell_complete=completion.solvers,
-        help="Solver to compare; casswarm solvers lists them. Repeatable. [default: all]",
+        help="Solver to compare; casswarm solvers lists them. Your own as module:Class. "
+        "Repeatable. [default: all]",
     )
-    problems: int | None = option(
-        "--problems",
+    count: int | None = option(
+        "--count",
         type=click.IntRange(1),
-        help="Number of problems of every kind in a family. "
-        "[default: 3 of guides and formations, 1 of quick]",
+        help="Number of problems of every kind in a family, or of guides and of states for every "
+        "policy of a scenario. [default: 3, of quick 1]",
     )
     copies: int = option(
         "--copies",
@@ -74,12 +103,22 @@ class CompareOptions:
         help="Time limit for building and solving a problem once, in seconds; a slower solver is "
         "stopped.",
     )
+    allow_code: bool = allow_code_option()
+
+    def __post_init__(self) -> None:
+        if not self.scenarios:
+            refuse("no scenario is given", "policies", "allow_code")
+        if self.problems and not (self.scenarios or self.families):
+            refuse("all problems are those of files", "count")
 
 
 @click.command()
 @options
 def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOptions) -> None:
-    """Compare solvers on problems from real runs.
+    """Compare solvers on problems from real runs, or on your own.
+
+    The problems are those that planning and simulating the SCENARIOs pose to their solver, those of
+    files in AMPL's .nl format, or those of random scenarios.
 
     Reports success rate, speed and reliability. Each solver runs in a process of its own: one that
     crashes or hangs is a row of the tables. Every solution is verified by residuals recomputed from
@@ -96,20 +135,22 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
     Examples:
       casswarm compare --family quick
       casswarm compare
-      casswarm compare --family formations --solver spectral --solver ipopt --problems 10
-      casswarm compare --family quick --problems 5 --copies 3
+      casswarm compare --family formations --solver spectral --solver ipopt --count 10
+      casswarm compare --family quick --count 5 --copies 3
+      casswarm compare mine.toml ring --solver ipopt --solver my_module:MySolver
+      casswarm compare --problems my-problems/ --solver ipopt --solver slsqp
     """
     with reported_errors() as saved, progress_report(output.quiet) as progress:
-        from ..comparison import DEFAULT
         from ..results.catalogue import drawn_figures
 
         folder = open_folder("compare", None, output.out, figures)
         saved.folder = folder.path
         try:
+            solvers = list(map(named_solver, selection.solvers)) or None
             comparison = csw.compare(
-                selection.families or DEFAULT,
-                selection.solvers or None,
-                problems=selection.problems,
+                _problems(selection, output.quiet),
+                solvers,
+                count=selection.count,
                 copies=selection.copies,
                 seed=selection.seed,
                 time_limit=selection.time_limit,
@@ -128,6 +169,22 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
             ending.draw(partial(drawn_figures, report.figures))
             ending.attempt("the report", partial(_write_pages, folder, report))
         ending.finish(_text(comparison))
+
+
+def _problems(selection: CompareOptions, quiet: bool) -> list[str | csw.Problem]:
+    """Families by name, and problems of scenarios and files; files of folders can be left out."""
+    from ..comparison import DEFAULT
+
+    posed: list[str | csw.Problem] = list(selection.families)
+    policies = selection.policies or ("leader", "constrained")
+    for name in selection.scenarios:
+        scenario = csw.load_scenario(name, allow_code=selection.allow_code)
+        count = selection.count or 3
+        posed += csw.guide_problems(scenario, count, selection.seed)
+        if scenario.n > 1:  # a lone agent has no formation
+            posed += csw.formation_problems(scenario, policies, count, seed=selection.seed)
+    posed += csw.read_problems(selection.problems, lambda e: say(f"left out: {e}", quiet))
+    return posed or list(DEFAULT)
 
 
 def _write_tables(folder: ResultsFolder, comparison: csw.Comparison) -> None:

@@ -60,12 +60,16 @@ def options(command: Command) -> Command:
 
 
 def refuse(reason: str, *names: str) -> None:
-    """Raise a UsageError if one of these options, which would have no effect, is given."""
+    """Raise a UsageError if one of these options, which would have no effect, is given.
+
+    `names` are those of the fields that the options set.
+    """
     context = click.get_current_context()
     given = [
-        f"--{name.replace('_', '-')}"
-        for name in names
-        if context.get_parameter_source(name) is not ParameterSource.DEFAULT
+        parameter.opts[0]
+        for parameter in context.command.params
+        if parameter.name in names
+        and context.get_parameter_source(parameter.name) is not ParameterSource.DEFAULT
     ]
     if given:
         verb = "does" if len(given) == 1 else "do"

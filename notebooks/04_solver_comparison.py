@@ -20,6 +20,8 @@
 
 # %%
 # %matplotlib inline
+from dataclasses import dataclass
+
 import casswarm as csw
 from casswarm.comparison.profiles import (
     data_profile,
@@ -45,7 +47,7 @@ solvers = {
     "spectral": "spectral",
     "projected-gradient": ProjectedGradient(max_iter=500),
 }
-comparison = csw.compare(["quick"], solvers, problems=2, time_limit=10)
+comparison = csw.compare(["quick"], solvers, count=2, time_limit=10)
 comparison.summary
 
 # %% [markdown]
@@ -122,6 +124,32 @@ win_chart(pairwise_wins(times), "formations, cold start")
 # %%
 evaluations = costs(comparison.runs, "formations", "cold", "evaluations")
 profile_chart({"formations, cold start": data_profile(evaluations)}, "evaluations")
+
+# %% [markdown]
+# ## Problems of one's own
+#
+# The formation problems of two scenarios, a solver that is defined here, and a profile. Problems of
+# CasADi, Opti and AMPL's `.nl` files are compared in the same way: see
+# [Your own problems](../docs/own-problems.md).
+
+
+# %%
+@dataclass(frozen=True)
+class Hasty(Ipopt):
+    tolerance: float = 1e-4
+    name = "hasty"
+
+
+problems = [
+    problem
+    for name in ("ring", "wall")
+    for problem in csw.formation_problems(csw.load_scenario(name), count=2)
+]
+own = csw.compare(problems, ["ipopt", "slsqp", "projected-gradient", Hasty()], time_limit=10)
+own.plot()
+
+# %%
+own.profile("wall formations", "warm")
 
 # %% [markdown]
 # ## A report

@@ -1,7 +1,22 @@
 """Comparison of solvers: benchmark problems, runs, verification, profiles and a report."""
 
-from .problems import FAMILIES, Problem, make_problems
-from .run import DEFAULT, Comparison, compare
+from .files import read_problems
+from .problem import Problem
+from .problems import FAMILIES, make_problems
+from .result import Comparison
+from .run import DEFAULT, compare
+from .scenario_problems import formation_problems, guide_problems
 from .verification import Tolerances
 
-__all__ = ["DEFAULT", "FAMILIES", "Comparison", "Problem", "Tolerances", "compare", "make_problems"]
+__all__ = [
+    "DEFAULT",
+    "FAMILIES",
+    "Comparison",
+    "Problem",
+    "Tolerances",
+    "compare",
+    "formation_problems",
+    "guide_problems",
+    "make_problems",
+    "read_problems",
+]

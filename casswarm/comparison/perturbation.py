@@ -28,7 +28,7 @@ from .._util.threads import one_at_a_time
 from ..optimization.problem import Instances, Nlp
 from ..optimization.solvers import Answer
 from ..typing import FloatArray, IntArray
-from .problems import Problem
+from .problem import Problem
 
 START_NOISE = 0.05
 """Standard deviation of the initial guesses, relative to the larger of |x0| and the length unit."""

@@ -1,89 +1,28 @@
-"""Benchmark problems: those that planning and simulation pose to their solver.
-
-A recording solver is passed to `plan` and `simulate` on random scenarios; it delegates every
-problem to casswarm's own solver and records some of them.
-"""
+"""Benchmark problems: those that planning and simulation pose on random scenarios."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import product
-from typing import ClassVar
 
 import numpy as np
 
 from .._util.seeds import require_seed
 from .._util.text import did_you_mean
 from ..errors import ComparisonError
-from ..optimization.feasible_sets.planar import PlanarSets
-from ..optimization.problem import Instances, Nlp
-from ..optimization.solution import BatchSolution
-from ..optimization.solvers import Answer, Auto, Ipopt, Solver
+from ..optimization.solvers import Auto, Ipopt
 from ..planning.plan import plan, plan_from
 from ..scenario import Scenario
 from ..studies.simulation import simulate
 from ..typing import FloatArray, Progress
+from .problem import Problem
+from .recorder import Recorder, formation_starts, guide_starts
 
 HORIZONS = (30, 100, 300)
 """Numbers of steps of the guides, each of ten units of time."""
 
 SIZES = {5: (20, 0.05), 20: (6, 0.12), 50: (2, 0.25)}
 """Runs that the states come from, and rho, by the number of members."""
-
-NOISE = 0.05
-"""Standard deviation by which a guide's warm start is off the solution, in steps at v_max."""
-
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """A benchmark problem and its initial guesses. Problems pickle.
-
-    Parameters
-    ----------
-    name : str
-    family : str
-        Problems of a family, and of a kind of start, share tables and profiles.
-    nlp : Nlp
-    starts : mapping of str to Instances
-        A single instance for every kind of start, such as cold and warm; they differ only in x0.
-    traits : mapping
-        Plain values that describe the problem, for tables.
-    """
-
-    name: str
-    family: str
-    nlp: Nlp
-    starts: Mapping[str, Instances]
-    traits: Mapping[str, object] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        for start, instances in self.starts.items():
-            if len(instances) != 1:
-                raise ComparisonError(
-                    f"problem {self.name!r} has {len(instances)} instances as its {start} start; "
-                    "expected one"
-                )
-
-    def as_row(self) -> dict[str, object]:
-        """Family, name, traits and size, as a table row."""
-        variables, _, constraints = self.nlp.sizes
-        row = {"family": self.family, "problem": self.name, **self.traits}
-        row.setdefault("variables", variables)
-        row.setdefault("constraints", constraints)
-        return row
-
-    def fingerprint(self) -> str:
-        """Hash of its numbers and of its functions at the starts: equal for equal problems."""
-        digest = hashlib.sha256(f"{self.name} {self.family} {self.nlp.name}".encode())
-        for start, instances in self.starts.items():
-            digest.update(start.encode())
-            for part in ("x0", "p", "lbx", "ubx", "lbg", "ubg"):
-                digest.update(np.ascontiguousarray(getattr(instances, part)).tobytes())
-            values = self.nlp.evaluate(instances.x0[0], instances.p[0])
-            digest.update(b"".join(np.asarray(value).tobytes() for value in values))
-        return digest.hexdigest()[:16]
 
 
 def make_problems(
@@ -115,10 +54,10 @@ def make_problems(
     if family not in FAMILIES:
         raise ComparisonError(f"family {family!r} is unknown{did_you_mean(family, FAMILIES)}")
     seed = require_seed(seed)
-    generate, default = FAMILIES[family][:2]
+    generate, default = FAMILIES[family]
     count = default if count is None else count
     if count < 1:
-        raise ComparisonError(f"problems = {count}; allowed: whole numbers from 1")
+        raise ComparisonError(f"count = {count}; allowed: whole numbers from 1")
     made: list[Problem] = []
     for problem in generate(count, seed):
         if progress is not None:
@@ -142,12 +81,10 @@ def _guide(name: str, radars: FloatArray, horizon: int, rng: np.random.Generator
     scenario = _scenario(
         name, [(0.0, 0.0)], radars, {"kind": "saturation", "alpha_1": 4.0}, dt, 2.0 * dt**2
     ).with_values({"guide.arrival": "horizon"})
-    recorder = _Recorder(Ipopt())
+    recorder = Recorder(Ipopt())
     plan_from(scenario, scenario.guide_start, recorder, search="local")
     nlp, instances, x = recorder.records[0]
-    near = np.where(np.isfinite(x), x, instances.x0)
-    near = near + NOISE * rng.normal(size=near.shape)
-    starts = {"cold": instances, "warm": instances.with_x0(near)}
+    starts = guide_starts(instances, x, rng)
     traits = {"radars": len(radars), "horizon": horizon}
     return Problem(name, "guides", nlp, starts, traits)
 
@@ -163,28 +100,16 @@ def _formations(
         scenario = _swarm(n, rho, _field(rng, int(rng.integers(2, 7))))
         guide = plan(scenario, search="local", check=False)
         for rate, policy in product(_RATES, ("leader", "constrained")):
-            recorder = _Recorder(Auto())
+            recorder = Recorder(Auto())
             variant = scenario.with_values({f"hazard.{k}": v for k, v in _RATES[rate].items()})
             simulate(
                 variant, [policy], runs, seed, guide=guide, solver=recorder, save_trajectories=0
             )
             for number, (nlp, instances) in enumerate(recorder.sample(count, rng)):
-                zero = np.zeros_like(instances.x0)  # the paper's initial guess
-                starts = {"cold": instances.with_x0(zero), "warm": _from_previous(nlp, instances)}
+                starts = formation_starts(nlp, instances)
                 traits = {"members": n, "policy": policy, "rate": rate}
                 name = f"{policy}-{n}-{rate}-{number}"
                 yield Problem(name, "formations", nlp, starts, traits)
-
-
-def _from_previous(nlp: Nlp, instances: Instances) -> Instances:
-    """The instances from the previous velocities, projected onto the feasible set."""
-    sets = instances.feasible_set
-    assert isinstance(sets, PlanarSets)
-    sizes = [block.numel() for block in nlp.parameters.values()]
-    first = sum(sizes[: list(nlp.parameters).index("previous_velocities")])
-    previous_velocities = instances.p[:, first : first + instances.x0.shape[1]]
-    points = sets.project(previous_velocities.reshape(*sets.shape, 2))
-    return instances.with_x0(points.reshape(instances.x0.shape))
 
 
 _RATES: dict[str, dict[str, object]] = {
@@ -238,53 +163,20 @@ def _scenario(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Recorder(Solver):
-    """Delegates to another solver, and records every problem with the answer's x."""
-
-    inner: Solver
-    records: list[tuple[Nlp, Instances, FloatArray]] = field(default_factory=list)
-
-    name: ClassVar[str] = "recorder"
-    summary: ClassVar[str] = "records the problems of another solver"
-
-    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        answers = self.inner.timed_answers(nlp, instances)[1]
-        self.records.append((nlp, instances, np.stack([answer.x for answer in answers])))
-        return answers
-
-    def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
-        """See `Solver.solve_batch`."""
-        batch = self.inner.solve_batch(nlp, instances)
-        self.records.append((nlp, instances, batch.x))
-        return batch
-
-    def sample(self, count: int, rng: np.random.Generator) -> Iterator[tuple[Nlp, Instances]]:
-        """Single instances of steps that are spread over the runs."""
-        steps = np.linspace(0, len(self.records), count + 2)[1:-1].astype(int)
-        for step in steps:
-            nlp, instances, _ = self.records[step]
-            row = int(rng.integers(len(instances)))
-            yield nlp, instances[row : row + 1]
-
-
 def _quick(count: int, seed: int) -> Iterator[Problem]:
     yield from _guides(count, seed, (10,))
     yield from _formations(count, seed, {3: (4, 0.05)})
 
 
-FAMILIES: dict[str, tuple[Callable[..., Iterator[Problem]], int, str]] = {
-    "guides": (
-        _guides,
-        3,
-        "paths of a single agent among 2 to 6 random radars, 30, 100 and 300 steps",
-    ),
-    "formations": (
-        _formations,
-        3,
-        "states of 5, 20 and 50 members in simulated runs; two policies, with and without "
-        "collisions",
-    ),
-    "quick": (_quick, 1, "one guide of 10 steps and four states of 3 members, for a first look"),
+FAMILIES: dict[str, tuple[Callable[..., Iterator[Problem]], int]] = {
+    "guides": (_guides, 3),
+    "formations": (_formations, 3),
+    "quick": (_quick, 1),
 }
-"""Generator, default number and description of the problems of every family."""
+"""Generator and default number of the problems of every family."""
+
+DESCRIPTIONS = {
+    "guides": "paths of a single agent among random radars",
+    "formations": "states of simulated runs among random radars",
+}
+"""What the problems of a random family are."""

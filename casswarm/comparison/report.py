@@ -16,10 +16,10 @@ from .._util.documents import data_uri, figure_uri, render
 from ..optimization.solvers import SOLVERS
 from .benchmark import MAX_SOLVES
 from .bootstrap import RESAMPLES
-from .problems import FAMILIES
+from .problems import DESCRIPTIONS
 from .ranking import FEWEST, sensitivity
 from .report_figures import figures, groups, tag
-from .run import Comparison
+from .result import Comparison
 from .verification import SHIFT, by_problem, failures, not_applicable
 
 
@@ -81,7 +81,6 @@ def make_report(comparison: Comparison) -> Report:
         "max_solves": MAX_SOLVES,
         "resamples": RESAMPLES,
         "fewest": FEWEST,
-        "own_problems": any(family in FAMILIES for family in comparison.problems["family"]),
         "answers": [_answer(*group, tables) for group in groups(comparison)],
         "problem_count": len(comparison.problems),
         "run_count": len(runs),
@@ -89,6 +88,7 @@ def make_report(comparison: Comparison) -> Report:
         "time_ratios": (ratios.median(), ratios.quantile(0.9)) if len(ratios) else None,
         "overview": _overview(comparison),
         "families": _families(comparison.problems),
+        "random": bool(comparison.problems["family"].isin(list(DESCRIPTIONS)).any()),
         "solvers": pd.DataFrame(
             [
                 {
@@ -143,11 +143,27 @@ def _families(problems: pd.DataFrame) -> pd.DataFrame:
                 "problems": len(part),
                 "variables": _range(part["variables"]),
                 "constraints": _range(part["constraints"]),
-                "description": FAMILIES[str(family)][2] if family in FAMILIES else "user-defined",
+                "description": _description(str(family), part),
             }
             for family, part in problems.groupby("family", sort=False)
         ]
     )
+
+
+def _description(family: str, part: pd.DataFrame) -> str:
+    """What the problems of a family are, and the values of their traits."""
+    traits = part.dropna(axis=1, how="all").drop(
+        columns=["family", "problem", "variables", "constraints"]
+    )
+    values = [f"{_spaced(str(name))}: {_values(column)}" for name, column in traits.items()]
+    known = [DESCRIPTIONS[family]] if family in DESCRIPTIONS else []
+    return "; ".join([*known, *values]) or "user-defined"
+
+
+def _values(column: pd.Series) -> str:
+    """The different values in a column, in order."""
+    distinct = column.dropna().unique()
+    return ", ".join(f"{value:g}" if isinstance(value, float) else str(value) for value in distinct)
 
 
 def _of_group(table: pd.DataFrame, family: str, start: str) -> pd.DataFrame:

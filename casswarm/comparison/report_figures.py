@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import pandas as pd
@@ -18,7 +19,7 @@ from .profiles import (
     performance_profile,
     quality_profile,
 )
-from .run import Comparison
+from .result import Comparison
 from .verification import by_solver, costs
 
 
@@ -39,7 +40,7 @@ def groups(comparison: Comparison) -> Iterator[tuple[str, str]]:
 
 def tag(family: str, start: str) -> str:
     """End of the names of a group's figures."""
-    return f"{family}-{start}".replace(" ", "-")
+    return re.sub(r"[^\w.-]", "-", f"{family}-{start}")
 
 
 def _group_figures(comparison: Comparison, family: str, start: str) -> Iterator[tuple[str, Figure]]:

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import platform
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, replace
-from functools import cached_property
-from importlib.metadata import version
+from dataclasses import asdict, replace
 from itertools import product
 from numbers import Integral
 from pathlib import Path
@@ -16,19 +12,20 @@ from typing import Any
 
 import pandas as pd
 
-from .._util.display import Displayed
 from .._util.progress import reporter
 from .._util.seeds import require_seed
-from .._util.text import counted
+from .._util.user_modules import code_hash
 from ..errors import ComparisonError
 from ..optimization.solvers import SOLVERS, Isolated, Solver, make_solver
 from ..studies.checkpoint import Checkpoint, IfExists, file_name
 from ..typing import Progress
 from .benchmark import benchmark
+from .environment import environment
 from .perturbation import ProblemCopy, problem_copies
-from .problems import Problem, make_problems
-from .ranking import ranking
-from .verification import Tolerances, summary, verify
+from .problem import Problem
+from .problems import make_problems
+from .result import Comparison
+from .verification import Tolerances, verify
 
 DEFAULT = ("guides", "formations")
 """Families that are compared by default."""
@@ -37,61 +34,13 @@ TIME_LIMIT = 2.0
 """Default time limit in seconds: several times what Ipopt needs for the largest problem."""
 
 _OWN_FRACTION = 0.9  # of the time limit, so that a solver can stop by itself and report its status
-_LIBRARIES = ("casswarm", "casadi", "numpy", "scipy", "numba")
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Comparison(Displayed):
-    """Result of comparing solvers.
-
-    Parameters
-    ----------
-    runs : DataFrame
-        A row per (problem, copy, start, solver): see `casswarm.comparison.benchmark.benchmark` and
-        `casswarm.comparison.verification.verify`.
-    problems : DataFrame
-        A row per problem: family, problem, its traits and its size.
-    inputs : dict
-        All that determines the runs and their verification: families, seed, copies, solvers, time
-        limit, machine, versions, a fingerprint of every problem, and tolerances, as plain values.
-    """
-
-    runs: pd.DataFrame
-    problems: pd.DataFrame
-    inputs: dict[str, Any]
-
-    @property
-    def tolerances(self) -> Tolerances:
-        """What counts as solved."""
-        return Tolerances(**self.inputs["tolerances"])
-
-    @cached_property
-    def summary(self) -> pd.DataFrame:
-        """Summary by (family, start, solver); see `casswarm.comparison.verification.summary`."""
-        return summary(self.runs, float(self.inputs["time_limit"]))
-
-    @cached_property
-    def ranking(self) -> pd.DataFrame:
-        """Ranks by (family, start, solver); see `casswarm.comparison.ranking.ranking`."""
-        return ranking(self.runs, float(self.inputs["time_limit"]))
-
-    def __repr__(self) -> str:
-        solvers, problems = len(self.inputs["solvers"]), self.runs["problem"].nunique()
-        solved = int(self.runs["solved"].sum())
-        return (
-            f"<Comparison of {counted(solvers, 'solver')} on {counted(problems, 'problem')}: "
-            f"{solved} of {counted(len(self.runs), 'run')} solved>"
-        )
-
-    def __str__(self) -> str:
-        return self.summary.to_string(index=False)
 
 
 def compare(
-    families: str | Problem | Sequence[str | Problem] = DEFAULT,
+    problems: str | Problem | Sequence[str | Problem] = DEFAULT,
     solvers: str | Solver | Sequence[str | Solver] | Mapping[str, str | Solver] | None = None,
     *,
-    problems: int | None = None,
+    count: int | None = None,
     copies: int = 0,
     seed: int = 0,
     time_limit: float = TIME_LIMIT,
@@ -100,7 +49,7 @@ def compare(
     if_exists: IfExists = "error",
     progress: Progress | bool | None = None,
 ) -> Comparison:
-    """Compare solvers on families of problems, each solver in a process of its own.
+    """Compare solvers on problems, each solver in a process of its own.
 
     A solver that raises, hangs or kills its process gets a row that says so, and the comparison
     continues. Every answer is verified in this process by residuals recomputed from the problem. A
@@ -108,13 +57,14 @@ def compare(
 
     Parameters
     ----------
-    families : str, Problem, or sequence of these
-        Names of `casswarm.comparison.FAMILIES`, or problems of your own.
+    problems : str, Problem, or sequence of these
+        Names of `casswarm.comparison.FAMILIES`, or problems of your own: see `Problem`,
+        `formation_problems`, `guide_problems` and `read_problems`.
     solvers : str, Solver, sequence of these, or mapping of label to these, optional
         By default all of `casswarm.optimization.solvers.SOLVERS` that can run here. A mapping
         compares the same solver with different options.
-    problems : int, optional
-        Number of problems of every kind in a family; each has its own default.
+    count : int, optional
+        Number of problems of every kind in a named family; each has its own default.
     copies : int
         Number of perturbed copies of every problem, solved beside the problem itself: other
         initial guesses, orders and units, of which answers should not depend. See
@@ -155,26 +105,21 @@ def compare(
         raise ComparisonError(f"time_limit = {time_limit!r}; allowed: above zero")
     if not isinstance(copies, Integral) or copies < 0:
         raise ComparisonError(f"copies = {copies!r}; allowed: whole numbers from 0")
-    families = [families] if isinstance(families, str | Problem) else list(families)
+    listed = [problems] if isinstance(problems, str | Problem) else list(problems)
     limited = {label: _limited(s, time_limit) for label, s in _solvers(solvers).items()}
-    posed = _problems(families, problems, seed, progress)
+    posed = _problems(listed, count, seed, progress)
     inputs = {
-        "families": [family for family in families if isinstance(family, str)],
-        "problems_each": problems,
+        "families": [family for family in listed if isinstance(family, str)],
+        "count": count,
         "copies": int(copies),
         "seed": seed,
         "time_limit": time_limit,
         "solvers": {label: repr(solver) for label, solver in limited.items()},
+        "solver_code": _code(limited),
         "unavailable": _unavailable(),
         "problems": {problem.name: problem.fingerprint() for problem in posed},
         # times of different machines or versions do not belong in one table
-        "machine": {
-            "processor": _processor(),
-            "cores": os.cpu_count(),
-            "system": platform.platform(),
-            "python": platform.python_version(),
-        },
-        "versions": {name: version(name) for name in _LIBRARIES},
+        **environment(),
     }
     tolerances = Tolerances() if tolerances is None else tolerances
     isolated = {label: Isolated(solver, time_limit) for label, solver in limited.items()}
@@ -227,6 +172,12 @@ def _benchmarks(
     return rows
 
 
+def _code(solvers: Mapping[str, Solver]) -> dict[str, str]:
+    """Hashes of the files that define solvers of the user's, by label."""
+    hashes = {label: code_hash(type(solver)) for label, solver in solvers.items()}
+    return {label: value for label, value in hashes.items() if value}
+
+
 def _unavailable() -> dict[str, str]:
     """Known solvers that cannot run in this installation, and why."""
     reasons = {name: solver.unavailable() for name, solver in SOLVERS.items()}
@@ -274,12 +225,3 @@ def _require_distinct(kind: str, names: Sequence[str], advice: str = "") -> None
         raise ComparisonError(f"{kind}s of the same name: {', '.join(repeated)}{advice}")
     if not names:
         raise ComparisonError(f"no {kind} given")
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(names, "") or platform.processor() or platform.machine()

@@ -13,6 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from .._util.instructions import instructions, operation_name
 from ..errors import HazardError
 from ..typing import Expr, FloatArray
 
@@ -70,12 +71,10 @@ def lower_source(name: str, inputs: dict[str, Expr], outputs: Sequence[Expr]) ->
     scalar = [symbol.is_scalar() for symbol in inputs.values()]
     names = list(inputs)
     lines = [f"def {name}({', '.join(names)}):"]
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        read, written = function.instruction_input(k), function.instruction_output(k)
+    for operation, read, written, constant in instructions(function):
         target = f"w{written[0]}"
         if operation == ca.OP_CONST:
-            value = repr(float(function.instruction_constant(k)))
+            value = repr(constant)
         elif operation == ca.OP_INPUT:
             value = names[read[0]] + ("" if scalar[read[0]] else f"[{read[1]}]")
         elif operation == ca.OP_OUTPUT:
@@ -84,18 +83,13 @@ def lower_source(name: str, inputs: dict[str, Expr], outputs: Sequence[Expr]) ->
             value = _OPERATIONS[operation].format(*(f"w{i}" for i in read))
         else:
             raise HazardError(
-                f"kernel {name!r} uses CasADi's {_operation_name(operation)}, which cannot be "
+                f"kernel {name!r} uses CasADi's {operation_name(operation)}, which cannot be "
                 "evaluated over arrays; write the kernel without it"
             )
         lines.append(f"    {target} = {value}")
     lines += [f"    y{i} = 0.0" for i, y in enumerate(outputs) if ca.SX(y).nnz() == 0]
     lines.append(f"    return {', '.join(f'y{i}' for i in range(len(outputs)))}")
     return "\n".join(lines) + "\n"
-
-
-def _operation_name(operation: int) -> str:
-    names = (name for name in dir(ca) if name.startswith("OP_"))
-    return next((name for name in names if getattr(ca, name) == operation), str(operation))
 
 
 def lower(kernel: Callable[..., Expr], inputs: int, name: str) -> Callable[..., FloatArray]:

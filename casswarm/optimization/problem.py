@@ -86,6 +86,27 @@ class Nlp:
     hessian: Expr | None = None
     numeric: Callable[[FloatArray], Any] | None = None
 
+    @classmethod
+    @one_at_a_time
+    def from_expressions(cls, name: str, x: Expr, p: Expr, f: Expr, g: Expr) -> Nlp:
+        """Program of CasADi expressions: columns of symbols x, p, and f, g, all SX or all MX.
+
+        Its blocks are called x, p and g. Expressions of SX are evaluated as scalar operations.
+
+        Raises
+        ------
+        RuntimeError
+            CasADi's: x or p are not symbols, or f or g depend on other symbols.
+        """
+        unroll = isinstance(f, ca.SX) or isinstance(g, ca.SX)
+        function = ca.Function("program", [x, p], [ca.densify(f), ca.densify(ca.vec(g))])
+        variables = ca.MX.sym("x", x.numel())
+        parameters = ca.MX.sym("p", p.numel()) if p.numel() else ca.MX(0, 1)
+        objective, rows = function.call([variables, parameters], not unroll, False)
+        blocks = {"p": parameters} if p.numel() else {}
+        constraints = {"g": rows} if rows.numel() else {}
+        return cls(name, {"x": variables}, blocks, objective, constraints, unroll=unroll)
+
     @locked_property
     def x(self) -> Expr:
         """All variables, a column."""

@@ -36,7 +36,7 @@ assert tables[0].equals(tables[1])
 class Renamed(csw.solvers.Ipopt):
     name = "renamed"
 
-table = csw.compare("quick", [Renamed()], problems=1).runs
+table = csw.compare("quick", [Renamed()], count=1).runs
 assert set(table["solver"]) == {"renamed"} and table["solved"].all(), table
 """,
 }

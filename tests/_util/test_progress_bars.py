@@ -15,7 +15,7 @@ CALLS = {
         SCENARIO, {"formation.rho": [0.1]}, ["naive"], runs=5, progress=progress
     ),
     "plan_swarm": lambda progress: csw.plan_swarm(SCENARIO, progress=progress),
-    "compare": lambda progress: csw.compare("quick", ["ipopt"], problems=1, progress=progress),
+    "compare": lambda progress: csw.compare("quick", ["ipopt"], count=1, progress=progress),
 }
 
 

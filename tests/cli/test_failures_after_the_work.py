@@ -70,7 +70,7 @@ def test_figures_interrupted_after_record_are_drawn_by_plot(tmp_path, arguments)
 
 
 def test_error_while_drawing_keeps_comparison(tmp_path):
-    options = ("--family", "quick", "--problems", "1", "--solver", "spectral")
+    options = ("--family", "quick", "--count", "1", "--solver", "spectral")
     failing(tmp_path, "figures", "bug", "compare", *options)
     _, record = results(tmp_path)
     assert {"runs.csv", "summary.csv", "run.json"} <= set(record["files"])

@@ -18,7 +18,7 @@ COMMANDS = [
     ("evaluate", "paper-1", "--policy", "constrained", "--max-states", 100),
     ("evaluate", "paper-1", "--policy", "leader", "--max-states", 20, "--runs", 20),
     ("sweep", "paper-1", *GRID, "--policy", "naive", "--runs", 5),
-    ("compare", "--family", "quick", "--problems", 1, "--solver", "sqp", "--time-limit", 60),
+    ("compare", "--family", "quick", "--count", 1, "--solver", "sqp", "--time-limit", 60),
     ("solvers",),
     ("scenarios", "list"),
 ]

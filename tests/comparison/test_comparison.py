@@ -66,7 +66,7 @@ def test_formation_problems_have_free_members(quick):
 def test_compare_rejects_invalid_arguments(quick):
     with pytest.raises(ComparisonError, match="did you mean 'guides'"):
         make_problems("guidess")
-    with pytest.raises(ComparisonError, match="problems = 0; allowed"):
+    with pytest.raises(ComparisonError, match="count = 0; allowed"):
         make_problems("guides", 0)
     with pytest.raises(ComparisonError, match="did you mean 'quick'"):
         csw.compare("quik")

@@ -23,7 +23,7 @@ COMMANDS = (
     "evaluate single-agent",
     "evaluate paper-1 --policy leader --max-states 50 --runs 10",
     "sweep single-agent --set n=1,2 --policy leader",
-    "compare --family quick --problems 1 --time-limit 5 --solver spectral",
+    "compare --family quick --count 1 --time-limit 5 --solver spectral",
 )
 
 

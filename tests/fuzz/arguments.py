@@ -13,7 +13,7 @@ from casswarm.cli import main
 _FREE = ("--help", "--quiet", "--allow-code", "--dask", "--map")
 """Options that are left out: they print little, need a network, or ask for a minute of work."""
 
-_COSTLY = ("--runs", "--save-trajectories", "--max-states", "--problems")
+_COSTLY = ("--runs", "--save-trajectories", "--max-states", "--count")
 _COSTLY += ("--half-width", "--workers", "--time-limit")
 """Options whose large valid values ask for much work: they get small and invalid ones only."""
 

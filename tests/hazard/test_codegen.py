@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from casswarm._util.instructions import operation_name
 from casswarm.errors import HazardError
 from casswarm.hazard import codegen
 from casswarm.hazard.codegen import lower, lower_source
@@ -87,7 +88,7 @@ def test_all_operations_are_compared() -> None:
     assert {*UNARY, *BINARY, ca.OP_ASSIGN} == set(codegen._OPERATIONS)
 
 
-@pytest.mark.parametrize("operation", UNARY, ids=codegen._operation_name)
+@pytest.mark.parametrize("operation", UNARY, ids=operation_name)
 def test_unary_operation_equals_casadi(operation: int) -> None:
     kernel, limits = UNARY[operation]
     assert operation in operations(kernel, 1)
@@ -100,7 +101,7 @@ def test_unary_operation_equals_casadi(operation: int) -> None:
     check()
 
 
-@pytest.mark.parametrize("operation", BINARY, ids=codegen._operation_name)
+@pytest.mark.parametrize("operation", BINARY, ids=operation_name)
 def test_binary_operation_equals_casadi(operation: int) -> None:
     kernel, limits = BINARY[operation]
     assert operation in operations(kernel, 2)

@@ -26,7 +26,7 @@ RESULTS = {
     "Sweep": lambda scenario, guide: csw.sweep(
         scenario, {"formation.rho": [0.1, 0.2]}, ["naive"], runs=5
     ),
-    "Comparison": lambda scenario, guide: csw.compare("quick", ["ipopt"], problems=1),
+    "Comparison": lambda scenario, guide: csw.compare("quick", ["ipopt"], count=1),
 }
 WORDS = {
     "Scenario": "5",

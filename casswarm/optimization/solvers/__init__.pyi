@@ -1,4 +1,5 @@
 from .alpaqa import Alpaqa
+from .any_nlpsol import NlpSol
 from .auto import Auto
 from .base import Answer, Capabilities, Solver
 from .batch.interior_point import InteriorPoint
@@ -8,7 +9,7 @@ from .ipopt import Ipopt
 from .isolated import Isolated
 from .projected_gradient import ProjectedGradient
 from .registry import SOLVERS, make_solver
-from .scipy import Slsqp
+from .scipy import Minimize, Slsqp
 from .sleqp import Sleqp
 from .sqp import Sqp
 from .uno import Uno
@@ -25,6 +26,8 @@ __all__ = [
     "InteriorPoint",
     "Ipopt",
     "Isolated",
+    "Minimize",
+    "NlpSol",
     "ProjectedGradient",
     "Sleqp",
     "Slsqp",

@@ -62,13 +62,15 @@ class NlpsolSolver(Solver):
     @classmethod
     def unavailable(cls) -> str:
         """Why the plugin cannot run in this installation of CasADi; empty if it can."""
-        if has_plugin(cls.plugin):
-            return ""
-        return f"the nlpsol plugin {cls.plugin!r} is not in this casadi ({version('casadi')})"
+        return missing_plugin(cls.plugin)
+
+    def status(self, stats: Mapping[str, Any]) -> Status:
+        """Status of a solve by CasADi's statistics."""
+        return self.statuses.get(_message(stats)) or self._limit(stats)
 
     def prepare(self, nlp: Nlp) -> None:
         """See `Solver.prepare`."""
-        reason = self.unavailable()
+        reason = missing_plugin(self.plugin)
         if reason:
             raise SolverError(f"{self.name} cannot run here: {reason}")
         _compiled(self, nlp)
@@ -99,12 +101,12 @@ class NlpsolSolver(Solver):
             return Answer(instances.x0[i], Status.FAILED, _reason(error), 0, 0, seconds)
         seconds = time.perf_counter() - started
         stats = _stats(function)
-        message = str(stats.get("return_status", stats["unified_return_status"]))
+        message = _message(stats)
         if message == INTERRUPTED:
             raise KeyboardInterrupt
         return Answer(
             x=length * np.asarray(out["x"]).ravel(),
-            status=self.statuses.get(message) or self._limit(stats),
+            status=self.status(stats),
             message=message,
             iterations=int(stats.get("iter_count", 0)),
             evaluations=sum(int(stats.get(f"n_call_{name}", 0)) for name in self.counts),
@@ -132,12 +134,24 @@ def has_plugin(plugin: str) -> bool:
     return bool(ca.has_nlpsol(plugin))
 
 
+def missing_plugin(plugin: str) -> str:
+    """Why a plugin cannot run in this installation of CasADi; empty if it can."""
+    if has_plugin(plugin):
+        return ""
+    return f"the nlpsol plugin {plugin!r} is not in this casadi ({version('casadi')})"
+
+
 def _stats(function: Any) -> dict[str, Any]:
     """Statistics of the last call; CasADi raises where a plugin has left its status empty."""
     try:
         return dict(function.stats())
     except RuntimeError:
         return dict.fromkeys(("return_status", "unified_return_status"), NO_STATUS)
+
+
+def _message(stats: Mapping[str, Any]) -> str:
+    """The plugin's own status, or CasADi's unified one if it has none."""
+    return str(stats.get("return_status", stats["unified_return_status"]))
 
 
 def _reason(error: RuntimeError) -> str:

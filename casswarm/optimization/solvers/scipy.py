@@ -1,11 +1,12 @@
-"""SciPy's SLSQP, with exact derivatives and a time limit."""
+"""SciPy's SLSQP and functions like SciPy's minimize, with exact derivatives and a time limit."""
 
 from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,8 +19,66 @@ from .base import Answer, Capabilities, Solver, error_text
 from .options import Positive, PositiveInt
 
 
+class ScipySolver(Solver):
+    """Base of solvers that take functions of arrays, as in `scipy.optimize`."""
+
+    time_limit: float
+    capabilities: ClassVar[Capabilities] = Capabilities(time_limit=True)
+
+    @abstractmethod
+    def minimise(self, functions: Functions, bounds: Any) -> Any:
+        """Result of a solve, as a `scipy.optimize.OptimizeResult`.
+
+        Parameters
+        ----------
+        functions : Functions
+        bounds : scipy.optimize.Bounds
+        """
+
+    def status(self, result: Any) -> Status:
+        """Status of a result."""
+        return Status.SOLVED if result.success else Status.FAILED
+
+    def prepare(self, nlp: Nlp) -> None:
+        """See `Solver.prepare`."""
+        _ = nlp.evaluate, nlp.gradient, nlp.jacobian
+
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        """See `Solver.run`."""
+        return [self._solve(nlp, instances[i : i + 1]) for i in range(len(instances))]
+
+    @one_at_a_time  # filters of warnings are the process's
+    def _solve(self, nlp: Nlp, instance: Instances) -> Answer:
+        from scipy.optimize import Bounds  # slow to import, and seldom needed
+
+        started = time.perf_counter()
+        functions = Functions(nlp, instance, started + self.time_limit)
+
+        def answer(x: FloatArray, status: Status, message: str, iterations: int = 0) -> Answer:
+            seconds = time.perf_counter() - started
+            return Answer(x, status, message, iterations, functions.evaluations, seconds)
+
+        if not (instance.lbx <= instance.ubx).all() or not np.isfinite(functions.x0).all():
+            message = "bounds cross, or bounds or start are not finite"
+            return answer(functions.last, Status.FAILED, message)
+        bounds = Bounds(instance.lbx[0], instance.ubx[0])
+        try:
+            with warnings.catch_warnings(), np.errstate(all="ignore"):
+                warnings.simplefilter("ignore")  # the answer's status reports what they warn of
+                result = self.minimise(functions, bounds)
+        except _OutOfTimeError:
+            message = f"no answer in {self.time_limit:g} s"
+            return answer(functions.last, Status.TIME_LIMIT, message)
+        except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
+            return answer(functions.last, Status.FAILED, error_text(error))
+        message = getattr(result, "message", "")
+        message = message.decode(errors="replace") if isinstance(message, bytes) else str(message)
+        iterations = int(getattr(result, "nit", 0))
+        return answer(np.asarray(result.x, float), self.status(result), message, iterations)
+
+
 @dataclass(frozen=True)
-class Slsqp(Solver):
+class Slsqp(ScipySolver):
     """SLSQP (Kraft, DFVLR-FB 88-28, 1988): BFGS and least-squares subproblems, dense.
 
     Parameters
@@ -37,65 +96,84 @@ class Slsqp(Solver):
 
     name: ClassVar[str] = "slsqp"
     summary: ClassVar[str] = "SciPy's dense SQP with BFGS, exact gradients; any problem"
-    capabilities: ClassVar[Capabilities] = Capabilities(time_limit=True)
     # by OptimizeResult.message; an incompatible quadratic subproblem proves nothing
     statuses: ClassVar[dict[str, Status]] = {
         "Optimization terminated successfully": Status.SOLVED,
         "Iteration limit reached": Status.ITERATION_LIMIT,
     }
 
-    def prepare(self, nlp: Nlp) -> None:
-        """See `Solver.prepare`."""
-        _ = nlp.evaluate, nlp.gradient, nlp.jacobian
+    def minimise(self, functions: Functions, bounds: Any) -> Any:
+        """See `ScipySolver.minimise`."""
+        from scipy.optimize import NonlinearConstraint, minimize  # slow to import
 
-    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        """See `Solver.run`."""
-        return [self._solve(nlp, instances[i : i + 1]) for i in range(len(instances))]
-
-    @one_at_a_time  # filters of warnings are the process's
-    def _solve(self, nlp: Nlp, instance: Instances) -> Answer:
-        # slow to import, and seldom needed
-        from scipy.optimize import Bounds, NonlinearConstraint, minimize
-
-        started = time.perf_counter()
-        functions = _Functions(nlp, instance, started + self.time_limit)
-
-        def answer(x: FloatArray, status: Status, message: str, iterations: int = 0) -> Answer:
-            seconds = time.perf_counter() - started
-            return Answer(x, status, message, iterations, functions.evaluations, seconds)
-
-        if not (instance.lbx <= instance.ubx).all() or not np.isfinite(functions.x0).all():
-            message = "bounds cross, or bounds or start are not finite"
-            return answer(functions.last, Status.FAILED, message)
-        rows = NonlinearConstraint(
-            functions.rows, instance.lbg[0], instance.ubg[0], functions.jacobian
+        lower, upper = functions.instance.lbg[0], functions.instance.ubg[0]
+        rows = NonlinearConstraint(functions.rows, lower, upper, functions.jacobian)
+        return minimize(
+            functions.objective,
+            functions.x0,
+            method="SLSQP",
+            jac=functions.gradient,
+            bounds=bounds,
+            constraints=[rows] if lower.size else [],
+            options={"ftol": self.tolerance, "maxiter": self.max_iter},
         )
-        try:
-            with warnings.catch_warnings(), np.errstate(all="ignore"):
-                warnings.simplefilter("ignore")  # the answer's status reports what they warn of
-                result = minimize(
-                    functions.objective,
-                    functions.x0,
-                    method="SLSQP",
-                    jac=functions.gradient,
-                    bounds=Bounds(instance.lbx[0], instance.ubx[0]),
-                    constraints=[rows] if instance.lbg.size else [],
-                    options={"ftol": self.tolerance, "maxiter": self.max_iter},
-                )
-        except _OutOfTimeError:
-            message = f"no answer in {self.time_limit:g} s"
-            return answer(functions.last, Status.TIME_LIMIT, message)
-        except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
-            return answer(functions.last, Status.FAILED, error_text(error))
-        status = self.statuses.get(result.message, Status.FAILED)
-        return answer(np.asarray(result.x, float), status, str(result.message), int(result.nit))
+
+    def status(self, result: Any) -> Status:
+        """See `ScipySolver.status`."""
+        return self.statuses.get(result.message, Status.FAILED)
+
+
+@dataclass(frozen=True, eq=False)
+class Minimize(ScipySolver):
+    """Any function that is called like `scipy.optimize.minimize`.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(fun, x0, jac=..., bounds=..., constraints=..., **options)`` returns an object
+        with x and success, and perhaps message and nit. Bounds are a `scipy.optimize.Bounds`,
+        and constraints dictionaries with type ("eq" or "ineq"), fun and jac, as in SciPy.
+    options : mapping
+        Further arguments of the function, such as ``{"method": "COBYQA"}``.
+    time_limit : float
+        Wall time of one solve, in seconds, after which an evaluation of the objective ends it.
+
+    Examples
+    --------
+    >>> import casswarm as csw
+    >>> from scipy.optimize import minimize
+    >>> csw.solvers.Minimize(minimize, {"method": "trust-constr"}).name
+    'minimize'
+    """
+
+    function: Callable[..., Any]
+    options: Mapping[str, Any] = field(default_factory=dict)
+    time_limit: Positive = 60.0
+
+    summary: ClassVar[str] = "a function like SciPy's minimize; any problem"
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """The function's name."""
+        return getattr(self.function, "__name__", type(self.function).__name__)
+
+    def minimise(self, functions: Functions, bounds: Any) -> Any:
+        """See `ScipySolver.minimise`."""
+        return self.function(
+            functions.objective,
+            functions.x0,
+            jac=functions.gradient,
+            bounds=bounds,
+            constraints=functions.dictionaries(),
+            **self.options,
+        )
 
 
 class _OutOfTimeError(Exception):
     """Raised in an evaluation and caught around the minimiser, which has no time limit."""
 
 
-class _Functions:
+class Functions:
     """The functions of a single instance; f and g are evaluated together, once at a point.
 
     After the deadline, an evaluation of the objective raises `_OutOfTimeError`.
@@ -126,6 +204,25 @@ class _Functions:
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Jacobian of g at x, (ng, nx)."""
         return np.asarray(self.nlp.jacobian(x, self.instance.p[0]))
+
+    def dictionaries(self) -> list[dict[str, Any]]:
+        """The constraints as equations and inequalities, in SciPy's older form."""
+        lower, upper = self.instance.lbg[0], self.instance.ubg[0]
+        equal = lower == upper
+        parts = (
+            ("eq", 1.0, equal, lower),
+            ("ineq", 1.0, ~equal & np.isfinite(lower), lower),
+            ("ineq", -1.0, ~equal & np.isfinite(upper), upper),
+        )
+        return [
+            {
+                "type": kind,
+                "fun": lambda x, s=sign, r=rows, b=bound: s * (self.rows(x) - b)[r],
+                "jac": lambda x, s=sign, r=rows: s * self.jacobian(x)[r],
+            }
+            for kind, sign, rows, bound in parts
+            if rows.any()
+        ]
 
     def _evaluate(self, x: FloatArray) -> Any:
         if self._values is None or not np.array_equal(x, self.last):

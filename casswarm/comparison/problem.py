@@ -1,0 +1,192 @@
+"""Problems that solvers are compared on, made from those of other tools and written for them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._util.files import atomic_write
+from .._util.text import counted
+from ..errors import ComparisonError, ProblemError
+from ..optimization.nl.reader import read_nl
+from ..optimization.nl.writer import nl_text
+from ..optimization.problem import Instances, Nlp
+from .conversion import START, from_dictionary, from_stack, require_solvable
+
+if TYPE_CHECKING:
+    import casadi as ca
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A problem to compare solvers on, and its initial guesses. Problems pickle.
+
+    `Problem.from_casadi`, `Problem.from_opti` and `Problem.from_nl` make problems of your own;
+    `guide_problems` and `formation_problems` those of a scenario.
+
+    Parameters
+    ----------
+    name : str
+    family : str
+        Problems of a family, and of a kind of start, share tables and profiles.
+    nlp : Nlp
+    starts : mapping of str to Instances
+        A single instance for every kind of start, such as cold and warm; they differ only in x0.
+    traits : mapping
+        Plain values that describe the problem, for tables.
+    """
+
+    name: str
+    family: str
+    nlp: Nlp
+    starts: Mapping[str, Instances]
+    traits: Mapping[str, object] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for start, instances in self.starts.items():
+            if len(instances) != 1:
+                raise ComparisonError(
+                    f"problem {self.name!r} has {len(instances)} instances as its {start} start; "
+                    "expected one"
+                )
+
+    @classmethod
+    def from_casadi(
+        cls, nlp: Mapping[str, Any], name: str = "problem", family: str = "own", **arguments: Any
+    ) -> Problem:
+        """Problem of a dictionary as `casadi.nlpsol` takes it.
+
+        Parameters
+        ----------
+        nlp : mapping
+            Expressions x, f, g and p, all SX or all MX; f, g and p can be left out.
+        name, family : str
+        **arguments
+            x0, p, lbx, ubx, lbg and ubg, as the function takes them that `casadi.nlpsol` returns: a
+            scalar holds for all entries. By default x0 is zero and bounds are infinite; of lbg and
+            ubg, at least one is needed where there is a g. Several initial guesses are a mapping of
+            their names to them, such as ``x0={"near": ..., "far": ...}``.
+
+        Raises
+        ------
+        ProblemError
+            An expression or a number is missing, unknown, of the wrong size or NaN; bounds cross;
+            no variable is free; or f or g is not finite at an initial guess.
+
+        Examples
+        --------
+        >>> import casadi as ca
+        >>> import casswarm as csw
+        >>> x = ca.SX.sym("x", 2)
+        >>> nlp = {"x": x, "f": ca.sumsqr(x), "g": x[0] + x[1]}
+        >>> csw.Problem.from_casadi(nlp, "sum", x0=1, lbg=1)
+        <Problem sum of the family own: 2 variables, 1 constraint>
+        """
+        program, starts = from_dictionary(nlp, arguments, name)
+        return cls(name, family, program, starts)
+
+    @classmethod
+    def from_opti(cls, opti: ca.Opti, name: str = "problem", family: str = "own") -> Problem:
+        """Problem of an Opti stack of CasADi, with its initial guess and values of parameters.
+
+        Bounds on single variables are rows of g, as everywhere in Opti.
+
+        Parameters
+        ----------
+        opti : casadi.Opti
+        name, family : str
+
+        Raises
+        ------
+        ProblemError
+            As in `from_casadi`; or a parameter has no value, or a variable is an integer.
+        """
+        program, starts = from_stack(opti, name)
+        return cls(name, family, program, starts)
+
+    @classmethod
+    def from_nl(cls, path: str | Path, name: str | None = None, family: str = "nl") -> Problem:
+        """Problem of a text file in AMPL's .nl format.
+
+        A maximum becomes a minimum of the negative objective. Multipliers of the initial guess,
+        and suffixes that are no conditions, are not used.
+
+        Parameters
+        ----------
+        path : str or Path
+        name : str, optional
+            By default that of the file, without its ending.
+        family : str
+
+        Raises
+        ------
+        ProblemError
+            The file cannot be read, is damaged or truncated, or uses what is not supported: integer
+            variables, several objectives, complementarity conditions, special ordered sets, logical
+            constraints, piecewise-linear terms, imported functions, or the binary format; or its
+            problem is refused as in `from_casadi`.
+        """
+        path = Path(path)
+        program, instance = read_nl(path, name or path.stem)
+        try:
+            require_solvable(program, {START: instance}, name or path.stem)
+        except ProblemError as error:
+            raise ProblemError(f"{path}: {error}", file=path) from error
+        return cls(name or path.stem, family, program, {START: instance})
+
+    def to_nl(self, path: str | Path, start: str | None = None) -> None:
+        """Write the problem to a text file in AMPL's .nl format, which many solvers read.
+
+        Parameters are replaced by their values. The order of variables and constraints stays, so
+        more than necessary are declared as nonlinear.
+
+        Parameters
+        ----------
+        path : str or Path
+            An existing file is replaced.
+        start : str, optional
+            Which of the initial guesses is written; by default the first.
+
+        Raises
+        ------
+        ProblemError
+            The problem has no such start, or uses a function that the format does not have.
+        OSError
+            The file cannot be written.
+        """
+        start = next(iter(self.starts)) if start is None else start
+        if start not in self.starts:
+            known = ", ".join(self.starts)
+            raise ProblemError(f"problem {self.name!r} has no start {start!r}; it has {known}")
+        atomic_write(Path(path), nl_text(self.nlp, self.starts[start]))
+
+    def __repr__(self) -> str:
+        variables, _, constraints = self.nlp.sizes
+        return (
+            f"<Problem {self.name} of the family {self.family}: {counted(variables, 'variable')}, "
+            f"{counted(constraints, 'constraint')}>"
+        )
+
+    def as_row(self) -> dict[str, object]:
+        """Family, name, traits and size, as a table row."""
+        variables, _, constraints = self.nlp.sizes
+        row = {"family": self.family, "problem": self.name, **self.traits}
+        row.setdefault("variables", variables)
+        row.setdefault("constraints", constraints)
+        return row
+
+    def fingerprint(self) -> str:
+        """Hash of its numbers and of its functions at the starts: equal for equal problems."""
+        digest = hashlib.sha256(f"{self.name} {self.family} {self.nlp.name}".encode())
+        for start, instances in self.starts.items():
+            digest.update(start.encode())
+            for part in ("x0", "p", "lbx", "ubx", "lbg", "ubg"):
+                digest.update(np.ascontiguousarray(getattr(instances, part)).tobytes())
+            values = self.nlp.evaluate(instances.x0[0], instances.p[0])
+            digest.update(b"".join(np.asarray(value).tobytes() for value in values))
+        return digest.hexdigest()[:16]

@@ -1,0 +1,98 @@
+"""The result of a comparison of solvers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import pandas as pd
+
+from .._util.display import Displayed
+from .._util.text import counted, did_you_mean
+from ..errors import ComparisonError
+from .profiles import performance_profile
+from .ranking import ranking
+from .verification import Tolerances, costs, summary
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Displayed):
+    """Result of comparing solvers.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        A row per (problem, copy, start, solver): see `casswarm.comparison.benchmark.benchmark` and
+        `casswarm.comparison.verification.verify`.
+    problems : DataFrame
+        A row per problem: family, problem, its traits and its size.
+    inputs : dict
+        All that determines the runs and their verification: families, seed, copies, solvers, time
+        limit, machine, versions, a fingerprint of every problem, and tolerances, as plain values.
+    """
+
+    runs: pd.DataFrame
+    problems: pd.DataFrame
+    inputs: dict[str, Any]
+
+    @property
+    def tolerances(self) -> Tolerances:
+        """What counts as solved."""
+        return Tolerances(**self.inputs["tolerances"])
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """Summary by (family, start, solver); see `casswarm.comparison.verification.summary`."""
+        return summary(self.runs, float(self.inputs["time_limit"]))
+
+    @cached_property
+    def ranking(self) -> pd.DataFrame:
+        """Ranks by (family, start, solver); see `casswarm.comparison.ranking.ranking`."""
+        return ranking(self.runs, float(self.inputs["time_limit"]))
+
+    def profile(
+        self,
+        family: str | None = None,
+        start: str | None = None,
+        success: Literal["solved", "best_known"] = "solved",
+    ) -> pd.DataFrame:
+        """Performance profile of solve times on the problems of a family, from a kind of start.
+
+        Parameters
+        ----------
+        family, start : str, optional
+            By default the first ones.
+        success : {"solved", "best_known"}
+            Whether solving is enough, or the best known objective is needed.
+
+        Returns
+        -------
+        DataFrame
+            Fraction of problems, a column per solver: see
+            `casswarm.comparison.profiles.performance_profile`. The method `plot` draws it.
+
+        Raises
+        ------
+        ComparisonError
+            No such family, or no such start of its problems.
+        """
+        for column, value in (("family", family), ("start", start)):
+            known = self.runs[column].unique().tolist()
+            if value is not None and value not in known:
+                raise ComparisonError(f"{column} {value!r} is unknown{did_you_mean(value, known)}")
+        family = self.runs["family"].iloc[0] if family is None else family
+        part = self.runs[self.runs["family"] == family]
+        start = part["start"].iloc[0] if start is None else start
+        return performance_profile(costs(self.runs, family, start, "solve_seconds", success))
+
+    def __repr__(self) -> str:
+        solvers, problems = len(self.inputs["solvers"]), self.runs["problem"].nunique()
+        solved = int(self.runs["solved"].sum())
+        return (
+            f"<Comparison of {counted(solvers, 'solver')} on {counted(problems, 'problem')}: "
+            f"{solved} of {counted(len(self.runs), 'run')} solved>"
+        )
+
+    def __str__(self) -> str:
+        return self.summary.to_string(index=False)

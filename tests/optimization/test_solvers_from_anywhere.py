@@ -1,0 +1,88 @@
+"""Any plugin of CasADi, and any function like SciPy's minimize, as a solver."""
+
+from __future__ import annotations
+
+import pickle
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hock_schittkowski import published
+from known_problems import hs_35, hs_71
+from scipy.optimize import minimize
+
+from casswarm.errors import SolverError
+from casswarm.optimization.solution import Status
+from casswarm.optimization.solvers import Ipopt, Minimize, NlpSol
+
+SOLVERS = {
+    "plugin": NlpSol("ipopt", {"ipopt": {"tol": 1e-9, "print_level": 0}}),
+    "slsqp": Minimize(minimize, {"method": "SLSQP"}),
+}
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize("number", [14, 18, 35, 43, 71])
+def test_solver_finds_published_optimum(name: str, number: int) -> None:
+    case, solver = published(number), pickle.loads(pickle.dumps(SOLVERS[name]))
+    solution = solver.solve(case.nlp, case.instance)[0]
+    assert solution.status is Status.SOLVED
+    assert solution.objective == pytest.approx(case.objective, rel=1e-5)
+    assert solution.solver == ("ipopt" if name == "plugin" else "minimize")
+
+
+def test_nlpsol_status_is_that_of_casadi() -> None:
+    case = hs_71()
+    options = {"ipopt": {"max_iter": 1, "print_level": 0}}
+    solution = NlpSol("ipopt", options).solve(case.nlp, case.instance)[0]
+    assert solution.status is Status.ITERATION_LIMIT
+
+
+def test_nlpsol_rejects_unknown_plugin_and_option() -> None:
+    case = hs_35()
+    with pytest.raises(SolverError, match="nosuch cannot run here: the nlpsol plugin 'nosuch'"):
+        NlpSol("nosuch").solve(case.nlp, case.instance)
+    with pytest.raises(SolverError, match="cannot solve HS 35"):
+        NlpSol("ipopt", {"nosuch": 1}).solve(case.nlp, case.instance)
+
+
+def test_minimize_passes_functions_bounds_and_constraints() -> None:
+    case = hs_71()
+    given = {}
+
+    def inspect(fun, x0, jac, bounds, constraints, **options):
+        given.update(options, kinds=[part["type"] for part in constraints])
+        x = case.x
+        for part in constraints:
+            given.setdefault("values", []).append(np.round(part["fun"](x), 4).tolist())
+            assert part["jac"](x).shape == (1, 4)
+        assert x0.tolist() == [1, 5, 5, 1]
+        assert bounds.lb.tolist() == [1] * 4
+        assert jac(x).shape == (4,)
+        return SimpleNamespace(x=x, success=True, message=b"bytes", fun=fun(x))
+
+    solution = Minimize(inspect, {"extra": 3}).solve(case.nlp, case.instance)[0]
+    assert given == {"extra": 3, "kinds": ["eq", "ineq"], "values": [[0], [0]]}
+    assert (solution.status, solution.message) == (Status.SOLVED, "bytes")
+    assert (solution.iterations, solution.solver) == (0, "inspect")
+
+
+def test_minimize_failure_and_time_limit_are_statuses() -> None:
+    case = hs_35()
+
+    def endless(fun, x0, **_):
+        while True:
+            fun(x0)
+
+    solution = Minimize(endless, time_limit=0.05).solve(case.nlp, case.instance)[0]
+    assert solution.status is Status.TIME_LIMIT
+    solution = Minimize(lambda *_, **__: 1 / 0).solve(case.nlp, case.instance)[0]
+    assert solution.status is Status.FAILED
+    assert "ZeroDivisionError" in solution.message
+
+
+def test_plugin_by_name_equals_its_class() -> None:
+    case = hs_71()
+    named = SOLVERS["plugin"].solve(case.nlp, case.instance)[0]
+    own = Ipopt(tolerance=1e-9).solve(case.nlp, case.instance)[0]
+    np.testing.assert_allclose(named.x, own.x, rtol=1e-6)
