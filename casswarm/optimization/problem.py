@@ -143,17 +143,6 @@ class Nlp:
         """CasADi Function (x, p) to the Jacobian of g, sparse."""
         return self._function("jacobian", [ca.jacobian(self.g, self.x)])
 
-    @locked_property
-    def lagrangian_hessian(self) -> Expr:
-        """CasADi Function (x, p, lam_f, lam_g) to the Lagrangian's Hessian, its upper triangle."""
-        if self.hessian is not None:
-            return self.hessian
-        weight, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.sizes[2])
-        lagrangian = weight * self.objective + ca.dot(multipliers, self.g)
-        upper = ca.triu(ca.hessian(lagrangian, self.x)[0])
-        function = ca.Function("hessian", [self.x, self.p, weight, multipliers], [upper])
-        return function.expand() if self.unroll else function
-
     @one_at_a_time
     def __reduce__(self) -> tuple[Any, ...]:
         # symbols do not pickle, but functions of them do; inlining restores the graph

@@ -292,11 +292,11 @@ def test_compare_resumes_where_it_stopped(tmp_path):
         ({"time_limit": 5.0}, "time_limit: 10.0 there, 5.0 now"),
         ({"solvers": [Ipopt(tolerance=1e-4)]}, "Ipopt(tolerance=0.0001"),
         ({"solvers": {"ipopt": Ipopt(), "other": Ipopt()}}, "solvers.other: nothing there"),
-        ({"families": problems(1)}, "problems.goal-1: "),
+        ({"problems": problems(1)}, "problems.goal-1: "),
     ],
 )
 def test_compare_rejects_checkpoint_of_other_inputs(tmp_path, changed, difference):
-    usual = {"families": problems(), "solvers": ["ipopt"], "seed": 0, "time_limit": 10.0}
+    usual = {"problems": problems(), "solvers": ["ipopt"], "seed": 0, "time_limit": 10.0}
     csw.compare(**usual, checkpoint=tmp_path)
     with pytest.raises(CheckpointError) as caught:
         csw.compare(**usual | changed, checkpoint=tmp_path, if_exists="resume")

@@ -113,7 +113,11 @@ def test_documented_outcomes_equal_tested_ones() -> None:
     head, _, *rows = [line.strip("| ").split(" | ") for line in lines if _in_grid(line)]
     assert [int(row[0]) for row in rows] == list(NUMBERS)
     assert set(head[3:]) == set(GENERAL) - {"auto"}
-    allowed = {"=": ("published", "several", "edge"), "other": ("several",), "fails": ("fails",)}
+    allowed = {
+        "=": ("published", "several", "edge"),
+        "other": ("several",),
+        "fails": ("fails", "near or fails"),
+    }
     for number, *_, cells in [(int(row[0]), row[3:]) for row in rows]:
         for solver, cell in zip(head[3:], cells, strict=True):
             outcome, _ = OTHERWISE.get((solver, number), ("published", ""))

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import casadi as ca
 import numpy as np
 
+from ...._util.threads import locked_cache
 from ....typing import Expr, FloatArray, IntArray
 from ...problem import Nlp
 
@@ -91,9 +93,21 @@ class CasadiLinearisation:
 
     def condensed(self, multipliers: FloatArray, weights: FloatArray) -> FloatArray:
         """See `Linearisation`."""
-        hessian = self._problems.nlp.lagrangian_hessian
+        hessian = lagrangian_hessian(self._problems.nlp)
         ones = np.ones(len(multipliers))
         upper = self._problems.call(hessian, self._rows, self._x, ones, multipliers)[0]
         transposed = np.swapaxes(self._jacobian, 1, 2)
         full = upper + np.swapaxes(np.triu(upper, 1), 1, 2)
         return np.asarray(full + (transposed * weights[:, None]) @ self._jacobian)
+
+
+@locked_cache(maxsize=64)
+def lagrangian_hessian(nlp: Nlp) -> Expr:
+    """CasADi Function (x, p, lam_f, lam_g) to the Lagrangian's Hessian, its upper triangle."""
+    if nlp.hessian is not None:
+        return nlp.hessian
+    weight, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.sizes[2])
+    lagrangian = weight * nlp.objective + ca.dot(multipliers, nlp.g)
+    upper = ca.triu(ca.hessian(lagrangian, nlp.x)[0])
+    function = ca.Function("hessian", [nlp.x, nlp.p, weight, multipliers], [upper])
+    return function.expand() if nlp.unroll else function
