@@ -21,7 +21,7 @@ from .solve import JointProblem, stage_solver
 if TYPE_CHECKING:
     from ...scenario import Scenario
 
-ITERATIONS = 15, 20, 200
+ITERATIONS = 20, 25, 200
 """Iterations of the first solves, of those that continue the best of them, and of those to the end.
 """
 
@@ -35,7 +35,7 @@ larger ones maximise the mean field's."""
 MAX_GUESSES, MAX_GUESSES_LARGE = 9, 6
 """First solves, of swarms of at most `MAX_EXACT_FIRST` members and of larger ones."""
 
-N_WAVES, N_CHANGED, N_PERTURBED = 18, 8, 8
+N_WAVES, N_CHANGED, N_PERTURBED = 24, 8, 6
 """Number of random guesses, of changes of the best plan, and of random perturbations."""
 
 ROUNDS = 2
@@ -44,7 +44,7 @@ ROUNDS = 2
 PROMISING = 0.2
 """Log-odds by which an unfinished solve may be worse than the best to be continued."""
 
-MAX_ADVANCED, MAX_CONTINUED = 6, 2
+MAX_ADVANCED, MAX_CONTINUED = 8, 2
 """Outcomes that are solved further, and that are continued to the end; only one of those if the
 first solves are of another program."""
 
