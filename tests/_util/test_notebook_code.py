@@ -42,7 +42,9 @@ assert set(table["solver"]) == {"renamed"} and table["solved"].all(), table
 }
 
 
-@pytest.mark.parametrize("name", CELLS)
+@pytest.mark.parametrize(
+    "name", ["policy", *(pytest.param(k, marks=pytest.mark.slow) for k in CELLS if k != "policy")]
+)
 def test_code_of_a_cell_runs_in_other_processes(name, tmp_path):
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", HEAD + CELLS[name]],

@@ -22,7 +22,10 @@ def attack(monkeypatch: pytest.MonkeyPatch) -> Any:
         del sys.modules[name]
 
 
-@pytest.mark.parametrize("claim", ["risk", "success", "enumeration", "limits", "joint", "files"])
+JOINT = pytest.param("joint", marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("claim", ["risk", "success", "enumeration", "limits", JOINT, "files"])
 def test_claim_on_fixed_draws_holds(attack: Any, claim: str) -> None:
     record = attack.search([claim], seed=10, draws=1)[claim]
     assert record.draws == 1

@@ -123,12 +123,14 @@ def test_animate_returns_a_matplotlib_animation():
         csw.animate(SCENARIO, RUN, steps_per_second=0)
 
 
+@pytest.mark.slow
 def test_notebook_shows_an_animation_in_a_player():
     shown = csw.animate(SCENARIO, RUN, GUIDE)._repr_html_()
     assert shown.count("data:image/png;base64,") == FRAMES + 1  # the first from the start
     assert "<html" not in shown
 
 
+@pytest.mark.slow
 def test_animate_without_guide_or_leaders_writes_all_frames(tmp_path):
     no_leaders = type(RUN)(RUN.positions, RUN.alive, np.full(3, -1))
     path = save_gif(csw.animate(SCENARIO, no_leaders), tmp_path / "run.gif", 40)
@@ -174,6 +176,7 @@ def test_player_plays_in_a_browser(page, tmp_path):
     assert [image[0] > 100 for image in outcome["images"]] == [True]
 
 
+@pytest.mark.slow
 def test_player_with_frames_between_steps_counts_steps(tmp_path):
     page = player(csw.animate(SCENARIO, RUN, GUIDE), 30, page=True)
     assert page.count("data:image/png;base64,") == FRAMES + 1

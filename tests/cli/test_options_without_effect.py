@@ -32,7 +32,10 @@ DRAWING = [
     ("simulate", "single-agent", "--runs", "3", "--policy", "naive"),
     ("evaluate", "single-agent", "--policy", "naive"),
     ("sweep", "single-agent", "--set", "formation.rho=0.1,0.2", "--policy", "naive"),
-    ("compare", "--family", "quick", "--count", "1", "--solver", "spectral"),
+    pytest.param(
+        ("compare", "--family", "quick", "--count", "1", "--solver", "spectral"),
+        marks=pytest.mark.slow,
+    ),
 ]
 
 

@@ -332,6 +332,7 @@ def test_plan_swarm_custom_hazard_matches_evaluate() -> None:
     assert "CustomHazard does not provide" in str(best)
 
 
+@pytest.mark.slow
 def test_plan_swarm_large_swarm_uses_mean_field() -> None:
     rng = np.random.default_rng(4)
     positions = [tuple(map(float, position)) for position in rng.uniform(-0.4, 0.4, (12, 2))]

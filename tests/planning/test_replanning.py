@@ -100,6 +100,7 @@ def test_replanning_is_independent_of_call_order(planned: tuple[Scenario, SwarmP
             np.testing.assert_array_equal(one[0], together[row])
 
 
+@pytest.mark.slow
 def test_replanning_is_independent_of_batches(planned: tuple[Scenario, SwarmPlan]) -> None:
     scenario, _ = planned
     studies = [

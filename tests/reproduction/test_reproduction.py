@@ -142,7 +142,14 @@ def test_saved_table_2_is_in_the_papers_order_and_intervals():
     assert (table["method_high"].shift() < table["method_low"])[1:].all()
 
 
-@pytest.mark.parametrize("name", ["I: alley", "I: ring", "II: the paper's, local guide"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "I: alley",
+        pytest.param("I: ring", marks=pytest.mark.slow),
+        "II: the paper's, local guide",
+    ],
+)
 def test_beyond_equals_saved_table(name):
     saved = checked_in("beyond").set_index(["scenario", "policy"]).loc[name]
     made = beyond({name: variants()[name]}, silent, states=5000, runs=500).set_index("policy")

@@ -190,7 +190,7 @@ def test_evaluate_population_agrees_with_runs(guide):
             assert low <= interval.high
 
 
-@pytest.mark.parametrize("policy", ["leader", "constrained"])
+@pytest.mark.parametrize("policy", ["leader", pytest.param("constrained", marks=pytest.mark.slow)])
 def test_evaluate_aggregation_stays_within_bounds(guide, policy):
     exact = evaluate(PAPER, policy, 3e-3, guide=guide)
     assert exact.proven

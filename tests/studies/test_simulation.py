@@ -232,7 +232,7 @@ def test_wilson_interval_equals_published_values(
 # --- progress and errors
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_simulate_progress_reaches_total_for_every_policy(workers: int) -> None:
     reports: list[tuple[str, int, int]] = []
     study(runs=30, workers=workers, progress=lambda *news: reports.append(news))
