@@ -130,7 +130,7 @@ profile_chart({"formations, cold start": data_profile(evaluations)}, "evaluation
 #
 # The formation problems of two scenarios, a solver that is defined here, and a profile. Problems of
 # CasADi, Opti and AMPL's `.nl` files are compared in the same way: see
-# [Your own problems](../docs/own-problems.md).
+# `docs/own-problems.md`.
 
 
 # %%
