@@ -76,8 +76,6 @@ def _from_previous(nlp: Nlp, instances: Instances) -> Instances:
     """The instances from the previous velocities, projected onto the feasible set."""
     sets = instances.feasible_set
     assert isinstance(sets, PlanarSets)
-    sizes = [block.numel() for block in nlp.parameters.values()]
-    first = sum(sizes[: list(nlp.parameters).index("previous_velocities")])
-    previous_velocities = instances.p[:, first : first + instances.x0.shape[1]]
+    previous_velocities = nlp.parameter_blocks(instances.p)["previous_velocities"]
     points = sets.project(previous_velocities.reshape(*sets.shape, 2))
     return instances.with_x0(points.reshape(instances.x0.shape))

@@ -107,8 +107,7 @@ class KernelHazard(Hazard):
     @property
     def collides(self) -> bool:
         """Whether members endanger each other, which makes formation problems multimodal."""
-        kernel = ca.SX(self.collision(ca.SX.sym("squared_distance")))
-        return not kernel.is_zero()
+        return _collides(self)
 
     @property
     def gathers(self) -> bool:
@@ -196,6 +195,12 @@ def _squared_distances(a: FloatArray, b: FloatArray) -> FloatArray:
     east = a[:, :, None, 0] - b[:, None, :, 0]
     north = a[:, :, None, 1] - b[:, None, :, 1]
     return east * east + north * north
+
+
+@locked_cache(maxsize=64)
+def _collides(hazard: KernelHazard) -> bool:
+    kernel = ca.SX(hazard.collision(ca.SX.sym("squared_distance")))
+    return not kernel.is_zero()
 
 
 @locked_cache(maxsize=64)

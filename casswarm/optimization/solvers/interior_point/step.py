@@ -72,7 +72,17 @@ class Trial:
 
 @dataclass(eq=False)
 class Search:
-    """The line search of all instances, which halves steps until the filter accepts a point."""
+    """The line search of all instances, which halves steps until the filter accepts a point.
+
+    Parameters
+    ----------
+    problems : NumericProblems
+    iterates : Iterates
+    line : LineSearch
+    systems : CondensedSystems
+    primal : (b, ng)
+        g - s at the iterates.
+    """
 
     problems: NumericProblems
     iterates: Iterates
@@ -80,11 +90,15 @@ class Search:
     systems: CondensedSystems
     primal: FloatArray
 
+    def __post_init__(self) -> None:
+        now = self.iterates
+        self.new = now.y.copy(), now.f.copy(), now.g.copy()
+        self.keep = np.minimum(0.01, now.mu)
+        self.length = np.ones(len(now.mu))
+
     def run(self, step: FloatArray, rows: IntArray) -> tuple[BoolArray, IntArray]:
         """Search for some instances: whether each has moved, and its number of evaluations."""
         now, bounds = self.iterates, self.iterates.bounds
-        self.new = now.y.copy(), now.f.copy(), now.g.copy()
-        self.keep = np.minimum(0.01, now.mu)
         self.length = first = bounds.longest_step(now.y, step, self.keep)
         moved, evaluations = np.zeros(first.size, bool), np.zeros(first.size, np.int64)
         initial = True
