@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -20,6 +21,7 @@ from casswarm.errors import SolverError
 from casswarm.optimization.problem import Instances, Nlp
 from casswarm.optimization.solution import Residuals, Status
 from casswarm.optimization.solvers import SOLVERS, Answer, Solver, make_solver
+from casswarm.optimization.solvers.base import failed
 
 NAMES = list(SOLVERS)
 GENERAL = [name for name in NAMES if SOLVERS[name].capabilities.problems == "any"]
@@ -143,6 +145,31 @@ def test_ctrl_c_stops_every_solver() -> None:
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == [f"{name} stopped" for name in GENERAL]
+
+
+@dataclass(frozen=True)
+class Suppressing(Solver):
+    """A solver whose code loses an interrupt, as compiled conversions of arguments may."""
+
+    raised: type[Exception] | None
+
+    name: ClassVar[str] = "suppressing"
+    summary: ClassVar[str] = "suppresses Ctrl-C"
+
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:  # noqa: ARG002
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            if self.raised is not None:
+                raise self.raised("masks the interrupt") from None
+        return failed(instances, "no interrupt reached the caller")
+
+
+@pytest.mark.parametrize("raised", [None, TypeError])
+def test_suppressed_ctrl_c_stops_solve(raised: type[Exception] | None) -> None:
+    nlp, instance = active_box().nlp, active_box().instance
+    with pytest.raises(KeyboardInterrupt):
+        Suppressing(raised).solve(nlp, instance)
 
 
 @dataclass(frozen=True)

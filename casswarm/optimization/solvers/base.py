@@ -10,6 +10,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from ..._util.interrupts import interruptible
 from ..._util.user_code import USER_ERRORS
 from ...errors import CasswarmError, SolverError
 from ...typing import FloatArray
@@ -136,11 +137,12 @@ class Solver(ABC):
         SolverError
             The backend cannot solve this kind of problem, or does not answer every instance.
         """
-        seconds, answers = self.timed_answers(nlp, instances)
-        return [
-            self.verified(nlp, instances[i : i + 1], answer, seconds)
-            for i, answer in enumerate(answers)
-        ]
+        with interruptible():  # CasADi's calls before and after a solve can lose an interrupt
+            seconds, answers = self.timed_answers(nlp, instances)
+            return [
+                self.verified(nlp, instances[i : i + 1], answer, seconds)
+                for i, answer in enumerate(answers)
+            ]
 
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
         """Like `solve`, for thousands of instances: arrays instead of objects."""
