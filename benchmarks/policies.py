@@ -29,7 +29,8 @@ import casswarm as csw
 import casswarm.policies
 from casswarm import Guide, Scenario
 from casswarm.figures import success_chart
-from casswarm.results.folder import FigureFormat, ResultsFolder
+from casswarm.results.drawing import FigureFormat
+from casswarm.results.folder import ResultsFolder
 
 WIDE = 0.01  # bounds that are wider are replaced by an interval from RUNS runs
 RUNS = 4000

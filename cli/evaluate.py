@@ -65,6 +65,8 @@ def evaluate(
 
         chosen_policies = named_policies(policies)
         folder = open_folder("evaluate", chosen, common.out, common)
+        if not common.no_figures:
+            folder.prepare_figures()
         solver = guide_solver(policies.solver)
         guide = csw.plan(chosen, solver, certify=False, progress=progress)
         shared: dict[str, Any] = {**asdict(exact), "guide": guide, "solver": policies.solver}

@@ -67,7 +67,8 @@ def open_folder(
     command: str, scenario: csw.Scenario | None, out: Path | None, figures: FigureOptions
 ) -> ResultsFolder:
     """Folder for the results of a command, with figures as the options ask for them."""
-    from ..results.folder import FigureFormat, ResultsFolder
+    from ..results.drawing import FigureFormat
+    from ..results.folder import ResultsFolder
 
     figure_format = FigureFormat(figures.format, figures.width, figures.dpi)
     return ResultsFolder.create(command, scenario, out, figure_format)

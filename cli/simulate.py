@@ -97,6 +97,8 @@ def simulate(
 
         chosen_policies = named_policies(policies)
         folder = open_folder("simulate", chosen, common.out, common)
+        if not common.no_figures:
+            folder.prepare_figures()
         saved.folder, saved.since = folder.path, execution.saved_since
         guide = csw.plan(chosen, guide_solver(policies.solver), progress=progress)
         shared: dict[str, Any] = {"guide": guide, "solver": policies.solver}

@@ -7,6 +7,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.patches import Circle
+from matplotlib.ticker import FixedLocator
 from matplotlib.transforms import ScaledTranslation
 
 from ..chain.trajectories import RunTrajectory
@@ -82,7 +83,8 @@ class Closeup:
         corner = np.full(2, half)
         set_extent(axes, -corner, corner)
         tick = float(f"{0.7 * half:.1g}")
-        axes.set(xticks=[-tick, 0, tick], yticks=[-tick, 0, tick])
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(FixedLocator([-tick, 0, tick]))
         self.nodes = pixels(-corner, corner, _PIXELS)
         # at 1 there is no protection; above, members endanger each other
         unit, norm = np.ones((_PIXELS, _PIXELS)), Normalize(0.0, 1.0)

@@ -137,7 +137,12 @@ def settings(chosen: Theme) -> dict[Any, Any]:
         key: value * chosen.line_scale if isinstance(value, float) else value
         for key, value in sheet.items()
     }
-    return scaled_numbers | {"font.size": chosen.font_size, "legend.handlelength": 2.4}
+    fixed = {
+        "font.size": chosen.font_size,
+        "legend.handlelength": 2.4,
+        "axes.titley": 1.0,  # not moved above the ticks, which takes the layout of all of them
+    }
+    return scaled_numbers | fixed
 
 
 def scaled(size: float = 1.0) -> float:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -20,7 +20,8 @@ import pandas as pd
 from .._util.documents import json_text
 from .._util.files import atomic_write, digest, remove_partial, set_aside
 from ..errors import FolderError
-from ..typing import Progress, ThemeName
+from ..typing import Progress
+from .drawing import FigureFormat, FigureProcess, drawn_files
 from .reader import OBJECTS, ResultsReader
 from .record import RECORD, own_record, recorded_files
 from .serialization import pack
@@ -34,14 +35,6 @@ LOG = logging.getLogger(__name__)
 _LIBRARIES = ("casadi", "numpy", "scipy", "pandas", "matplotlib")
 
 
-class FigureFormat(NamedTuple):
-    """File format of figures: suffix, width in the theme's words, dots per inch."""
-
-    suffix: str = "png"
-    width: ThemeName = "page"
-    dpi: int = 200
-
-
 @dataclass(eq=False)
 class ResultsFolder(ResultsReader):
     """Folder with the results of a command, to write (`create`) or to read (`open`).
@@ -53,6 +46,7 @@ class ResultsFolder(ResultsReader):
 
     figure_format: FigureFormat = field(default_factory=FigureFormat)
     _started: float = field(default_factory=time.perf_counter, init=False)
+    _helper: FigureProcess | None = field(default=None, init=False)
 
     @classmethod
     def create(
@@ -86,6 +80,10 @@ class ResultsFolder(ResultsReader):
         """Write a table as NAME.csv."""
         self.write_file(f"{name}.csv", table.to_csv(index=False))
 
+    def prepare_figures(self) -> None:
+        """Start a process that helps `write_figures`, during the work that comes before."""
+        self._helper = FigureProcess.if_useful()
+
     def write_figures(
         self, catalogue: FigureCatalogue | None = None, progress: Progress | None = None
     ) -> None:
@@ -94,16 +92,15 @@ class ResultsFolder(ResultsReader):
         By default those of the command, from the tables and objects that are written already.
         `progress` is told before each of them how many are drawn.
         """
-        from ..figures import save, theme
-
-        suffix, width, dpi = self.figure_format
-        with theme(width):
+        chosen = self.figure_format
+        try:
             figures = self._figures(0) if catalogue is None else catalogue
-            report = progress or (lambda *_: None)
-            for done, (name, draw) in enumerate(figures.items()):
-                report("drawing figures", done, len(figures))
-                self.write_file(f"{name}.{suffix}", partial(save, draw(), dpi=dpi))
-            report("drawing figures", len(figures), len(figures))
+            for name, content in drawn_files(figures, chosen, self._helper, progress):
+                self.write_file(f"{name}.{chosen.suffix}", content)
+        finally:
+            if self._helper is not None:
+                self._helper.close()
+                self._helper = None
 
     def write_objects(self, **objects: Any) -> None:
         """Save objects, which `objects` reads back; a guide without its candidates."""

@@ -4,7 +4,7 @@ import importlib
 
 PLACES = {
     "bound": ("casswarm.planning.bounds.success_bound", "_bound"),
-    "figures": ("casswarm.figures", "save"),
+    "figures": ("casswarm.figures.output", "file_content"),
     "map": ("casswarm.planning.bounds.value_function", "costs_to_go"),
 }
 ERRORS = {

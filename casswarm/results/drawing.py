@@ -1,0 +1,163 @@
+"""Files of figures, drawn in this process and another one at the same time."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from functools import partial
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
+from threading import Thread
+from typing import TYPE_CHECKING, NamedTuple
+
+from .._util.interrupts import begin_child, blocked
+from .._util.parallel import packed
+from .._util.user_code import USER_ERRORS
+from ..typing import Progress, ThemeName
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from .catalogue import FigureCatalogue
+
+_READY, _FAILED = b"ready", b""
+
+
+class FigureFormat(NamedTuple):
+    """File format of figures: suffix, width in the theme's words, dots per inch."""
+
+    suffix: str = "png"
+    width: ThemeName = "page"
+    dpi: int = 200
+
+    def file_content(self, draw: Callable[[], Figure]) -> bytes:
+        """Content of the file of a figure, drawn in the theme of this width."""
+        from ..figures import theme
+        from ..figures.output import file_content
+
+        with theme(self.width):
+            return file_content(draw(), self.suffix, self.dpi)
+
+
+class FigureProcess:
+    """Another process that draws figures, in the order in which it is given them.
+
+    Its imports take as long as several figures, so it is started while there is other work. It ends
+    with this process, however that ends.
+    """
+
+    def __init__(self) -> None:
+        context = get_context("spawn")  # threads of compiled libraries do not survive a fork
+        self._connection, theirs = context.Pipe()
+        self._process = context.Process(target=_draw_requested, args=(theirs,), daemon=True)
+        with blocked():  # inherited by the process
+            self._process.start()
+        theirs.close()
+        self._answers: SimpleQueue[bytes] = SimpleQueue()
+        # read at once, for a process waits until somebody reads what it sends
+        Thread(target=self._read, daemon=True).start()
+        self._ready = self._lost = False
+        self._names: deque[str] = deque()  # of figures that it has not drawn yet
+        self._files: dict[str, bytes] = {}
+
+    @classmethod
+    def if_useful(cls) -> FigureProcess | None:
+        """A process, if there is a core for it."""
+        return cls() if (os.cpu_count() or 1) > 1 else None
+
+    @property
+    def waiting(self) -> int:
+        """Number of figures that it has not drawn yet."""
+        while not self._answers.empty():
+            self._note(self._answers.get())
+        return len(self._names)
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it could begin another figure; never again after one that it could not draw."""
+        return self.waiting < 2 and self._ready and not self._lost
+
+    def begin(self, name: str, draw: Callable[[], Figure], figure_format: FigureFormat) -> None:
+        """Begin a figure."""
+        self._names.append(name)
+        try:
+            self._connection.send_bytes(packed(partial(figure_format.file_content, draw)))
+        except (pickle.PicklingError, AttributeError, TypeError, OSError):
+            self._lost = True
+
+    def file_content(self, name: str) -> bytes | None:
+        """Content of the file of a figure, as soon as it is drawn; None if it cannot be."""
+        while not self._lost and name in self._names:
+            self._note(self._answers.get())
+        return self._files.get(name)
+
+    def close(self) -> None:
+        """End the process, whatever it does."""
+        self._process.terminate()
+        self._process.join()
+
+    def _read(self) -> None:
+        """Queue answers until the process ends."""
+        with suppress(EOFError, OSError):
+            while True:
+                self._answers.put(self._connection.recv_bytes())
+        self._answers.put(_FAILED)
+
+    def _note(self, answer: bytes) -> None:
+        if answer == _READY:
+            self._ready = True
+        elif answer == _FAILED:
+            self._lost = True
+        else:
+            self._files[self._names.popleft()] = answer
+
+
+def drawn_files(
+    catalogue: FigureCatalogue,
+    figure_format: FigureFormat,
+    helper: FigureProcess | None = None,
+    progress: Progress | None = None,
+) -> Iterator[tuple[str, bytes]]:
+    """Yield the name of every figure, in the catalogue's order, and the content of its file.
+
+    The helper draws from the last one backwards. What it cannot draw is drawn here, so errors are
+    those without it. `progress` is told before each figure how many are drawn.
+    """
+    report = progress or (lambda *_: None)
+    left, theirs = deque(catalogue), deque[str]()
+    while left:
+        waiting = helper.waiting if helper else 0
+        report("drawing figures", len(catalogue) - len(left) - waiting, len(catalogue))
+        if helper is not None and len(left) > 1 and helper.is_free:
+            theirs.appendleft(left.pop())
+            helper.begin(theirs[0], catalogue[theirs[0]], figure_format)
+        else:
+            name = left.popleft()
+            yield name, figure_format.file_content(catalogue[name])
+    for name in theirs:
+        content = helper.file_content(name) if helper else None
+        yield name, content or figure_format.file_content(catalogue[name])
+    report("drawing figures", len(catalogue), len(catalogue))
+
+
+def _draw_requested(connection: Connection) -> None:
+    """Draw figures until a failure or the end of the other process."""
+    begin_child()
+    from . import catalogue  # noqa: F401  (what takes long before the first figure)
+
+    answer = _READY
+    while answer != _FAILED:
+        connection.send_bytes(answer)
+        try:
+            draw = pickle.loads(connection.recv_bytes())
+        except EOFError:
+            return
+        try:
+            answer = draw()
+        except USER_ERRORS:
+            answer = _FAILED
+    connection.send_bytes(_FAILED)
