@@ -14,6 +14,12 @@ from hypothesis import strategies as st
 from casswarm.optimization.problem import Instances, Nlp
 from casswarm.optimization.solution import Status
 from casswarm.optimization.solvers import FilterInteriorPoint, Ipopt
+from casswarm.optimization.solvers.interior_point.compiled_problems import (
+    numeric_problems,
+    program_tapes,
+)
+from casswarm.optimization.solvers.interior_point.engine import minimise
+from casswarm.optimization.solvers.interior_point.iterates import Options
 
 SOLVER = FilterInteriorPoint()
 NO_MULTIPLIERS = 13
@@ -66,6 +72,47 @@ def test_answers_do_not_depend_on_the_rest_of_the_batch(seed: int, count: int) -
         (alone,) = SOLVER.solve(VALLEY, batch[row : row + 1])
         assert (alone.x == together[row].x).all()
         assert alone.iterations == together[row].iterations
+
+
+def test_answers_do_not_depend_on_how_many_advance_together() -> None:
+    batch, options = instances(7, 40), Options(1e-8, 1e-8, 0.1, 0.01, 100)
+    problems = numeric_problems(VALLEY, batch.p)
+    few, many = (minimise(problems, batch, options, width) for width in (3, 40))
+    assert (few.x == many.x).all()
+    assert (few.iterations == many.iterations).all()
+    assert few.message == many.message
+
+
+@pytest.mark.parametrize("number", [15, 39, 71])
+def test_batch_is_verified_and_the_rest_goes_to_the_fallback(number: int) -> None:
+    known = published(number)
+    x0 = known.instance.x0 + np.linspace(-0.2, 0.2, 9)[:, None]
+    one = known.instance
+    batch = Instances(x0, one.p, one.lbx, one.ubx, one.lbg, one.ubg)
+    alone = SOLVER.solve_batch(known.nlp, batch)
+    solver = FilterInteriorPoint(fallback=Ipopt())
+    helped = solver.solve_batch(known.nlp, batch)
+    assert helped.success.all()
+    assert (helped.used_fallback == ~alone.success).all()
+    for row, solution in enumerate(SOLVER.solve(known.nlp, batch)):
+        assert alone.success[row] == solution.status.success
+        assert alone.objective[row] == pytest.approx(solution.objective, rel=1e-12)
+        assert alone.violation[row] == pytest.approx(solution.residuals.violation, abs=1e-12)
+        if alone.success[row]:
+            largest = max(solution.residuals.stationarity, solution.residuals.complementarity)
+            assert alone.stationarity[row] == pytest.approx(largest, rel=1e-6, abs=1e-10)
+    used = [solution.message.startswith("by ipopt") for solution in solver.solve(known.nlp, batch)]
+    assert used == helped.used_fallback.tolist()
+
+
+def test_operations_that_are_not_scalar_are_evaluated_by_casadi() -> None:
+    grid = np.linspace(-3.0, 3.0, 31)
+    table = ca.interpolant("table", "bspline", [grid], (grid - 1) ** 2)
+    nlp, batch = parabola(table, lbx=-2.0, ubx=2.0)
+    assert program_tapes(nlp) is None
+    (solution,) = SOLVER.solve(nlp, batch)
+    assert solution.status is Status.SOLVED
+    assert solution.x[0] == pytest.approx(1.0, abs=1e-6)
 
 
 def test_batch_agrees_with_ipopt() -> None:

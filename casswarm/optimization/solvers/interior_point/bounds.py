@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -34,6 +34,11 @@ class Bounds:
     def __getitem__(self, rows: BoolArray | IntArray) -> Bounds:
         return Bounds(self.lower[rows], self.upper[rows], self.fixed[rows])
 
+    def joined(self, other: Bounds) -> Bounds:
+        """These bounds, then those of another batch."""
+        pairs = ((getattr(self, part.name), getattr(other, part.name)) for part in fields(self))
+        return Bounds(*map(np.concatenate, pairs))
+
     def inside(self, y: FloatArray, push: float) -> FloatArray:
         """Points moved inside, by `push` relative to a bound, or to the width where it is less."""
         with np.errstate(invalid="ignore"):
@@ -46,14 +51,18 @@ class Bounds:
 
     def gaps(self, y: FloatArray) -> FloatArray:
         """Distances to both bounds, (b, 2, k); infinite where there is none."""
-        return np.stack([y - self.lower, self.upper - y], axis=1)
+        gaps = np.empty((len(y), 2, y.shape[1]))
+        np.subtract(y, self.lower, out=gaps[:, 0])
+        np.subtract(self.upper, y, out=gaps[:, 1])
+        return gaps
 
     def log_barrier(self, y: FloatArray) -> FloatArray:
         """Minus the sum of the logarithms of all gaps, (b,)."""
-        gaps = self.gaps(y)
-        with np.errstate(divide="ignore"):  # a point on its bound has an infinite barrier
-            logarithms = np.log(gaps, out=np.zeros_like(gaps), where=np.isfinite(gaps))
-        return -np.asarray(logarithms.sum(axis=(1, 2)))
+        from .bounds_kernels import log_barrier
+
+        barrier = np.empty(len(y))
+        log_barrier(y, self.lower, self.upper, barrier)
+        return barrier
 
     def longest_step(self, y: FloatArray, step: FloatArray, keep: FloatArray) -> FloatArray:
         """Largest lengths (b,) up to 1 after which every gap keeps a fraction `keep` (b,)."""
@@ -61,7 +70,9 @@ class Bounds:
 
 
 def longest(positive: FloatArray, change: FloatArray, keep: FloatArray) -> FloatArray:
-    """Largest lengths (b,) up to 1 of a change that leaves a fraction `keep` of all numbers."""
-    allowed = (keep[:, None, None] - 1.0) * positive
-    lengths = np.divide(allowed, change, out=np.full(change.shape, np.inf), where=change < 0.0)
-    return np.asarray(np.minimum(1.0, lengths.min(axis=(1, 2), initial=np.inf)))
+    """Largest lengths (b,) up to 1 of changes (b, 2, k) that leave a fraction of all numbers."""
+    from .bounds_kernels import longest as longest_of
+
+    lengths = np.empty(len(positive))
+    longest_of(positive.reshape(len(keep), -1), change.reshape(len(keep), -1), keep, lengths)
+    return lengths

@@ -35,6 +35,14 @@ class Filter:
     def __getitem__(self, rows: BoolArray) -> Filter:
         return Filter(self.entries[rows], self.scale[rows])
 
+    def joined(self, other: Filter) -> Filter:
+        """These filters, then those of another batch."""
+        size = max(self.entries.shape[1], other.entries.shape[1])
+        entries = np.full((len(self.scale) + len(other.scale), size, 2), np.inf)
+        entries[: len(self.scale), : self.entries.shape[1]] = self.entries
+        entries[len(self.scale) :, : other.entries.shape[1]] = other.entries
+        return Filter(entries, np.concatenate([self.scale, other.scale]))
+
     def clear(self, rows: BoolArray) -> None:
         """Forget all entries of some filters, for a new barrier function."""
         self.entries[rows] = np.inf

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from .filter import Filter
 from .problems import Linearisation, NumericProblems
 
 _SOLVED = 10.0  # residual of a barrier problem that counts as solved, in units of mu
-_LARGE = 100.0  # mean multiplier from which residuals are relative to it
 
 
 @dataclass(frozen=True)
@@ -61,10 +61,21 @@ class Iterates:
     def __getitem__(self, keep: BoolArray) -> Iterates:
         return Iterates(*(getattr(self, field.name)[keep] for field in fields(self)))
 
+    def joined(self, other: Iterates) -> Iterates:
+        """These iterates, then those of another batch."""
+        parts: dict[str, Any] = {}
+        for name in (field.name for field in fields(self)):
+            one, two = getattr(self, name), getattr(other, name)
+            together = isinstance(one, Bounds | Filter)
+            parts[name] = one.joined(two) if together else np.concatenate([one, two])
+        return Iterates(**parts)
+
     @classmethod
-    def start(cls, problems: NumericProblems, instances: Instances, options: Options) -> Iterates:
-        """The initial guesses, moved inside their bounds."""
-        rows = np.arange(len(instances))
+    def start(
+        cls, problems: NumericProblems, every: Instances, rows: IntArray, options: Options
+    ) -> Iterates:
+        """The initial guesses of some instances, moved inside their bounds."""
+        instances = every[rows]
         mu = np.full(rows.size, options.mu_init)
         box = Bounds.of(instances.lbx, instances.ubx)
         x = np.clip(instances.x0, instances.lbx, instances.ubx)
@@ -87,46 +98,39 @@ class Residuals:
     ----------
     gradient : (b, k)
         Of f + lam' (g - s), in x and s.
-    dual, primal : (b, k), (b, ng)
-        Of the first and of the third equation.
-    products : (b, 2, k)
-        Multipliers times gaps, NaN where there is no bound.
-    scale : (b,)
-        What dual residuals and products are relative to.
+    primal : (b, ng)
+        g - s.
+    largest : (b, 5)
+        See `step_kernels.residuals`.
     """
 
     gradient: FloatArray
-    dual: FloatArray
     primal: FloatArray
-    products: FloatArray
-    scale: FloatArray
+    largest: FloatArray
 
     @classmethod
     def of(cls, at: Linearisation, iterates: Iterates) -> Residuals:
         """Residuals of some iterates, linearised there."""
-        z, lam, fixed = iterates.z, iterates.lam, iterates.bounds.fixed
+        from .step_kernels import residuals
+
+        y, z, lam, bounds = iterates.y, iterates.z, iterates.lam, iterates.bounds
         gradient = np.hstack([at.gradient + at.transposed_times(lam), -lam])
-        dual = np.where(fixed, 0.0, gradient - z[:, 0] + z[:, 1])
-        gaps = iterates.bounds.gaps(iterates.y)
-        products = np.multiply(z, gaps, out=np.full(z.shape, np.nan), where=np.isfinite(gaps))
-        total = abs(lam).sum(axis=1) + z.sum(axis=(1, 2))
-        mean = total / (lam.shape[1] + 2 * z.shape[2])
-        primal = iterates.g - iterates.y[:, at.gradient.shape[1] :]
-        return cls(gradient, dual, primal, products, np.maximum(_LARGE, mean) / _LARGE)
+        primal = iterates.g - y[:, at.gradient.shape[1] :]
+        largest = np.empty((len(y), 5))
+        limits = bounds.lower, bounds.upper, bounds.fixed
+        residuals((y, z, lam), limits, gradient, primal, largest)
+        return cls(gradient, primal, largest)
 
     def error(self, mu: FloatArray | float) -> FloatArray:
         """Largest residual (b,) of the equations with barrier parameters mu."""
-        away = abs(self.products - np.reshape(mu, (-1, 1, 1)))
-        complementarity = np.fmax.reduce(away, axis=(1, 2), initial=0.0)
-        dual = abs(self.dual).max(axis=1, initial=0.0)
-        return np.asarray(
-            np.maximum(np.maximum(dual, complementarity) / self.scale, self.violation)
-        )
+        dual, least, most, violation, scale = self.largest.T
+        complementarity = np.maximum(most - mu, mu - least)
+        return np.asarray(np.maximum(np.maximum(dual, complementarity) / scale, violation))
 
     @property
     def violation(self) -> FloatArray:
         """Largest entries (b,) of g - s."""
-        return np.asarray(abs(self.primal).max(axis=1, initial=0.0))
+        return np.asarray(self.largest[:, 3])
 
 
 @dataclass(eq=False)

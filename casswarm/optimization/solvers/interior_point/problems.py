@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from ...._util.threads import locked_cache
 from ....typing import Expr, FloatArray, IntArray
 from ...problem import Nlp
+from .factors import Factors
 
 
 class Linearisation(Protocol):
@@ -26,6 +27,18 @@ class Linearisation(Protocol):
 
     def condensed(self, multipliers: FloatArray, weights: FloatArray) -> FloatArray:
         """Hessians of f + multipliers' g, plus J' diag(weights) J: (b, nx, nx)."""
+
+
+@runtime_checkable
+class Factorises(Protocol):
+    """A linearisation that factorises its condensed matrices itself."""
+
+    def factors(self, multipliers: FloatArray, weights: FloatArray, last: FloatArray) -> Factors:
+        """Factors of the matrices of `Linearisation.condensed`, plus weights of the variables.
+
+        `weights` (b, nx + ng) are those of the variables and of g; `last` (b,) the shifts that were
+        last needed.
+        """
 
 
 class NumericProblems(Protocol):

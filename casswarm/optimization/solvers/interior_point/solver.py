@@ -4,18 +4,29 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache, partial
-from typing import Any, ClassVar
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
 
 from ...problem import Instances, Nlp
-from ..base import Answer, Capabilities, Solver
-from ..options import NonNegativeInt, Positive
+from ...solution import BatchSolution
+from ..base import VIOLATION, Answer, Capabilities, Solver
+from ..options import Allowed, NonNegativeInt, Positive
+from .compiled_problems import numeric_problems, program_tapes
 from .engine import minimise
 from .iterates import Options, Results
-from .problems import CasadiProblems
+from .lanes import LANES
 
-_ENTRIES = 1 << 22  # of the matrices of instances that are solved together
+_ENTRIES = 1 << 16  # of x and g of the instances that advance together, which fit in a cache
+_DENSE = 1 << 22  # of their matrices, where those are dense
+_WIDEST = 8 * LANES
+
+Fallback = Annotated[
+    Solver | None,
+    Allowed(lambda value: value is None or isinstance(value, Solver), "a Solver, or None"),
+]
 
 
 @dataclass(frozen=True)
@@ -23,8 +34,9 @@ class FilterInteriorPoint(Solver):
     """Primal-dual interior point with a filter line search; all instances advance together.
 
     The method of Ipopt (Waechter, Biegler, Math. Program. 106(1), 2006), without its scaling and
-    restoration phase, with exact second derivatives and dense matrices: for programs of up to some
-    hundred variables.
+    restoration phase, with exact second derivatives: for programs of up to some hundred variables.
+    Derivatives and Cholesky factors are lists of scalar operations, which compiled loops do for 64
+    instances at a time; programs with operations that are not scalar are evaluated by CasADi.
 
     Parameters
     ----------
@@ -37,6 +49,9 @@ class FilterInteriorPoint(Solver):
         Initial barrier parameter: a smaller one stays nearer to a good guess.
     bound_push : float
         Relative distance by which the initial guess is moved away from its bounds.
+    fallback : Solver, optional
+        Solves, from their initial guesses, the instances that are not solved, such as those that
+        would need a restoration phase.
     """
 
     tolerance: Positive = 1e-8
@@ -44,23 +59,46 @@ class FilterInteriorPoint(Solver):
     max_iter: NonNegativeInt = 500
     mu_init: Positive = 0.1
     bound_push: Positive = 0.01
+    fallback: Fallback = None
 
     name: ClassVar[str] = "interior-point"
     summary: ClassVar[str] = "interior point over batches, exact derivatives; any problem"
     capabilities: ClassVar[Capabilities] = Capabilities(batch=True, multipliers=True)
 
+    def prepare(self, nlp: Nlp) -> None:
+        """See `Solver.prepare`."""
+        if nlp.numeric is None:
+            program_tapes(nlp)
+
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        """Solve batches of instances whose matrices fit in a cache."""
-        size = max(1, _ENTRIES // max(1, nlp.sizes[0]) ** 2)
-        answers: list[Answer] = []
-        with _blas_threads().limit(limits=1, user_api="blas"):
-            for first in range(0, len(instances), size):
-                answers += self._answers(nlp, instances[first : first + size])
+        """See `Solver.run`."""
+        results, seconds = self._results(nlp, instances)
+        each = seconds / max(1, len(instances))
+        answers = [_answer(results, i, each) for i in range(len(instances))]
+        left = [i for i, answer in enumerate(answers) if not answer.status.success]
+        if self.fallback is not None and left:
+            again = self.fallback.timed_answers(nlp, instances[np.array(left)])[1]
+            for i, answer in zip(left, again, strict=True):
+                message = f"by {self.fallback.name}: {answer.message}"
+                answers[i] = replace(answer, message=message, seconds=answer.seconds + each)
         return answers
 
-    def _answers(self, nlp: Nlp, instances: Instances) -> list[Answer]:
-        started = time.perf_counter()
-        problems = (nlp.numeric or partial(CasadiProblems, nlp))(instances.p)
+    def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
+        """Solve every instance; residuals are recomputed for all of them at once.
+
+        Stationarity is the larger of the Lagrangian's gradient and of complementarity, in
+        `Instances.scale`. `BatchSolution.used_fallback` marks those that the fallback solved.
+        """
+        results, seconds = self._results(nlp, instances)
+        solution = _verified(nlp, instances, results, seconds)
+        left = np.flatnonzero(~solution.success)
+        if self.fallback is None or not left.size:
+            return solution
+        again = self.fallback.solve_batch(nlp, instances[left])
+        return solution.with_rows(left, replace(again, used_fallback=np.ones(left.size, bool)))
+
+    def _results(self, nlp: Nlp, instances: Instances) -> tuple[Results, float]:
+        """Results of all instances, and seconds."""
         options = Options(
             self.tolerance,
             self.constraint_tolerance,
@@ -68,21 +106,63 @@ class FilterInteriorPoint(Solver):
             self.bound_push,
             self.max_iter,
         )
-        results = minimise(problems, instances, options)
-        seconds = (time.perf_counter() - started) / len(instances)
-        return [self._answer(results, i, seconds) for i in range(len(instances))]
+        started = time.perf_counter()
+        with _blas_threads().limit(limits=1, user_api="blas"):
+            results = minimise(numeric_problems(nlp, instances.p), instances, options, _width(nlp))
+        return results, time.perf_counter() - started
 
-    @staticmethod
-    def _answer(results: Results, i: int, seconds: float) -> Answer:
-        return Answer(
-            results.x[i],
-            results.status[i],
-            results.message[i],
-            int(results.iterations[i]),
-            int(results.evaluations[i]),
-            seconds,
-            (results.lam_x[i], results.lam_g[i]),
-        )
+
+def _width(nlp: Nlp) -> int:
+    """How many instances advance together: whole lanes, or fewer where matrices are dense."""
+    variables, _, rows = nlp.sizes
+    tapes = program_tapes(nlp) if nlp.numeric is None else None
+    if tapes is None or tapes.system is None:
+        return max(1, min(_WIDEST, _DENSE // max(1, variables) ** 2))
+    lanes = _ENTRIES // (variables + rows + 1) // LANES
+    return int(np.clip(lanes * LANES, LANES, _WIDEST))
+
+
+def _answer(results: Results, i: int, seconds: float) -> Answer:
+    return Answer(
+        results.x[i],
+        results.status[i],
+        results.message[i],
+        int(results.iterations[i]),
+        int(results.evaluations[i]),
+        seconds,
+        (results.lam_x[i], results.lam_g[i]),
+    )
+
+
+def _verified(nlp: Nlp, instances: Instances, results: Results, seconds: float) -> BatchSolution:
+    """Results with residuals recomputed from the problem."""
+    problems, rows = numeric_problems(nlp, instances.p), np.arange(len(instances))
+    x, lam_x, lam_g = results.x, results.lam_x, results.lam_g
+    objective, g = problems.evaluate(rows, x)
+    at = problems.linearise(rows, x)
+    values = np.hstack([x, g])
+    below = np.hstack([instances.lbx, instances.lbg]) - values
+    above = values - np.hstack([instances.ubx, instances.ubg])
+    violation = np.maximum(below, above).max(axis=1, initial=0.0)
+    gradient = abs(at.gradient + at.transposed_times(lam_g) + lam_x).max(axis=1, initial=0.0)
+    lam = np.hstack([lam_x, lam_g])
+    with np.errstate(invalid="ignore"):  # a row without a bound has the multiplier zero
+        products = np.where(lam == 0.0, 0.0, abs(lam * np.where(lam > 0.0, above, below)))
+    length, value = instances.scale.T
+    stationarity = np.maximum(length / value * gradient, products.max(axis=1, initial=0.0) / value)
+    finite = np.isfinite(objective) & np.isfinite(stationarity)
+    success = [status.success for status in results.status] & (violation <= VIOLATION) & finite
+    messages = [f"{s}: {m}" for s, m in zip(results.status, results.message, strict=True)]
+    return BatchSolution(
+        x=x,
+        objective=objective,
+        success=success,
+        violation=violation,
+        stationarity=stationarity,
+        used_fallback=np.zeros(len(instances), bool),
+        seconds=seconds,
+        messages=np.array(messages, dtype=object),
+    )
 
 
 @cache

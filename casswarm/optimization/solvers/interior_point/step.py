@@ -7,16 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ....typing import BoolArray, FloatArray, IntArray
-from .bounds import longest
 from .filter import LineSearch
 from .iterates import Iterates, Residuals
 from .newton import CondensedSystems
 from .problems import Linearisation, NumericProblems
 
-_EQUALITY = 1e8  # weight of rows of g with equal bounds, instead of an infinite one
-_FIXED = 1e20  # weight of variables with equal bounds
 _SHORTEST = 1e-10  # step length, relative to the first, at which a search ends
-_NEAR = 1e10  # factor by which a multiplier may differ from mu / gap
 
 
 def advance(
@@ -27,28 +23,27 @@ def advance(
     active: BoolArray,
 ) -> tuple[BoolArray, IntArray]:
     """Move active iterates by one step: whether each moved, and its number of evaluations."""
-    bounds, mu, size = iterates.bounds, iterates.mu[:, None], at.gradient.shape[1]
-    inverse = 1.0 / bounds.gaps(iterates.y)
-    barrier = mu * (inverse[:, 1] - inverse[:, 0])
-    weights = (iterates.z * inverse).sum(axis=1)
-    weights[bounds.fixed] = _EQUALITY
-    weights[:, :size][bounds.fixed[:, :size]] = _FIXED
+    from .step_kernels import barrier_terms
+
+    y, bounds, size = iterates.y, iterates.bounds, at.gradient.shape[1]
+    barrier, weights = np.empty_like(y), np.empty_like(y)
+    limits = bounds.lower, bounds.upper, bounds.fixed
+    barrier_terms((y, iterates.z, iterates.mu), limits, size, barrier, weights)
     gradient = np.where(bounds.fixed, 0.0, residuals.gradient + barrier)
     systems = CondensedSystems(at, weights, gradient, bounds.fixed)
     shifts = systems.factorise(iterates.lam, iterates.shift)
     iterates.shift = np.where(shifts > 0.0, shifts, iterates.shift)
     step, multipliers = systems.direction(residuals.primal)
-    slopes = barrier.copy()
-    slopes[:, :size] += at.gradient
+    barrier[:, :size] += at.gradient
     line = LineSearch(
         iterates.filter,
         abs(residuals.primal).sum(axis=1),
         iterates.f + iterates.mu * bounds.log_barrier(iterates.y),
-        np.where(bounds.fixed, 0.0, slopes * step).sum(axis=1),
+        np.where(bounds.fixed, 0.0, barrier * step).sum(axis=1),
     )
     search = Search(problems, iterates, line, systems, residuals.primal)
     moved, evaluations = search.run(step, np.flatnonzero(active & np.isfinite(shifts)))
-    search.finish(step, multipliers, inverse, moved)
+    search.finish(step, multipliers, moved)
     return moved, evaluations
 
 
@@ -144,21 +139,12 @@ class Search:
             evaluations[rows] = 1
         return evaluations
 
-    def finish(
-        self, step: FloatArray, multipliers: FloatArray, inverse: FloatArray, moved: BoolArray
-    ) -> None:
-        """Move the multipliers of the instances that have moved, and write all new values.
+    def finish(self, step: FloatArray, multipliers: FloatArray, moved: BoolArray) -> None:
+        """Move the multipliers of the instances that have moved, and write all new values."""
+        from .step_kernels import move_multipliers
 
-        `inverse` are the inverse gaps before the step, (b, 2, k).
-        """
-        now, bounds = self.iterates, self.iterates.bounds
-        mu, z = now.mu[:, None, None], now.z
+        now, limits = self.iterates, (self.iterates.bounds.lower, self.iterates.bounds.upper)
         y, f, g = self.new
-        signed = np.stack([-step, step], axis=1)
-        change = (mu + z * signed) * inverse - z
-        length = longest(z, change, self.keep)[:, None, None]
-        ideal = mu / bounds.gaps(y)
-        z = np.clip(z + length * change, ideal / _NEAR, ideal * _NEAR)
-        now.z = np.where(moved[:, None, None], z, now.z)
+        move_multipliers((now.y, y, now.mu), limits, step, self.keep, moved, now.z)
         now.lam = now.lam + np.where(moved, self.length, 0.0)[:, None] * multipliers
         now.y, now.f, now.g = y, f, g

@@ -1,0 +1,124 @@
+"""Any program in batches: casswarm's interior point against a loop of Ipopt, on one core.
+
+Run in a checkout, with the installed package::
+
+    OPENBLAS_NUM_THREADS=1 python benchmarks/programs.py            # two minutes
+    OPENBLAS_NUM_THREADS=1 python benchmarks/programs.py --quick    # fewer instances
+    python benchmarks/programs.py published                         # one table
+
+Prints Markdown tables: CPU microseconds per instance of `FilterInteriorPoint` with Ipopt as its
+fallback, and of `Ipopt` on some of the same instances, both verified; the ratio; the shares solved
+with a violation of at most 1e-6; and how many instances went to the fallback. Parameters and
+initial guesses are random.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from _timing import arguments, print_table, timed
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
+
+from backend_cases import guide
+from hock_schittkowski import STATEMENTS, published
+from window_cases import both, window
+
+from casswarm.optimization.problem import Instances, Nlp
+from casswarm.optimization.solvers import FilterInteriorPoint, Ipopt
+
+COLUMNS = (
+    "program",
+    "nx, ng",
+    "interior point",
+    "Ipopt",
+    "ratio",
+    "solved",
+    "by Ipopt",
+    "fallback",
+)
+Row = tuple[object, ...]
+
+
+def compared(name: str, nlp: Nlp, instances: Instances, few: int) -> Row:
+    """A row: both solvers on the same instances, Ipopt on the first few of them."""
+    ours, ipopt = FilterInteriorPoint(fallback=Ipopt()), Ipopt()
+    for solver in (ours, ipopt):
+        solver.solve_batch(nlp, instances[:2])  # compiles
+    batch, _, own = timed(partial(ours.solve_batch, nlp, instances))
+    seconds = 0.0
+    answers = []
+    for i in range(few):
+        answer, _, cpu = timed(partial(ipopt.run, nlp, instances[i : i + 1]))
+        answers += answer
+        seconds += cpu
+    own, other = 1e6 * own / len(instances), 1e6 * seconds / few
+    return (
+        name,
+        f"{nlp.sizes[0]}, {nlp.sizes[2]}",
+        f"{own:.0f} us",
+        f"{other:.0f} us",
+        f"{other / own:.1f}",
+        f"{batch.success.mean():.3f}",
+        f"{np.mean([answer.status.success for answer in answers]):.3f}",
+        int(batch.used_fallback.sum()),
+    )
+
+
+def own(count: int) -> Iterator[Row]:
+    """Windows of the look-ahead, and guides."""
+    for name, formation in zip(
+        ("leader-mpc-3", "constrained-mpc-3"), both(window(count, 5, 3, 0)), strict=True
+    ):
+        yield compared(name, formation.nlp, formation.instances, max(5, count // 20))
+    nlp, one = guide(10.0)
+    yield compared("guide, 30 steps", nlp, around(one, count, 0.02), max(5, count // 20))
+
+
+def of_hock_and_schittkowski(count: int) -> Iterator[Row]:
+    """Published problems around their initial guesses, and the median ratio."""
+    ratios = []
+    for number in sorted({*STATEMENTS, 1, 6, 7, 21, 35, 71}):
+        known = published(number)
+        row = compared(
+            f"HS{number}", known.nlp, around(known.instance, count, 0.1), max(5, count // 20)
+        )
+        ratios.append(float(str(row[4])))
+        yield row
+    at_least = sum(ratio >= 20 for ratio in ratios)
+    yield (
+        "median",
+        "",
+        "",
+        "",
+        f"{np.median(ratios):.1f}",
+        "",
+        f"{at_least} of {len(ratios)} >= 20",
+        "",
+    )
+
+
+def around(one: Instances, count: int, spread: float) -> Instances:
+    """Instances with random parameters and initial guesses around those of a single one."""
+    rng = np.random.default_rng(0)
+    x0, p = (
+        values + spread * rng.normal(size=(count, values.shape[1])) * np.maximum(least, abs(values))
+        for values, least in ((one.x0, 1.0), (one.p, 0.0))
+    )
+    x0 = np.clip(x0, one.lbx, one.ubx)
+    return Instances(x0, p, one.lbx, one.ubx, one.lbg, one.ubg, scale=one.scale)
+
+
+PARTS: dict[str, Callable[[int], Iterator[Row]]] = {
+    "own": own,
+    "published": of_hock_and_schittkowski,
+}
+
+if __name__ == "__main__":
+    options = arguments(__doc__, PARTS)
+    for part in options.parts:
+        print_table(COLUMNS, PARTS[part](100 if options.quick else 1000))

@@ -1,0 +1,3 @@
+"""Number of instances for which compiled loops do an operation before the next one."""
+
+LANES = 64

@@ -1,0 +1,159 @@
+"""Compiled loops of the interior-point method: sparse products and Cholesky factors, in lanes.
+
+Arrays (k, LANES) hold numbers of as many instances, so that every operation is one of vectors.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ...._util.jit import kernel
+from ....typing import BoolArray, FloatArray, IntArray
+from .lanes import LANES
+
+
+@kernel
+def times(
+    entries: FloatArray, rows: IntArray, columns: IntArray, vectors: FloatArray, out: FloatArray
+) -> None:
+    """Write A v of b sparse matrices with entries (b, k) at (rows, columns)."""
+    for i in range(len(vectors)):
+        out[i] = 0.0
+        for k in range(len(rows)):
+            out[i, rows[k]] += entries[i, k] * vectors[i, columns[k]]
+
+
+@kernel
+def load(values: FloatArray, instances: IntArray, lanes: FloatArray) -> None:
+    """Copy the values (b, k) of some instances, at most `LANES`, to lanes (k, LANES)."""
+    for lane in range(len(instances)):
+        for k in range(values.shape[1]):
+            lanes[k, lane] = values[instances[lane], k]
+
+
+@kernel
+def assemble(
+    lanes: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    places: tuple[IntArray, IntArray, IntArray],
+    factor: FloatArray,
+) -> None:
+    """Write the entries of H + diag(w) + A' diag(v) A to those of the factor.
+
+    `lanes` are the entries of H and A, v and w; `places` those of H, of the diagonal, and (u, 4)
+    for the products of entries a, b of A in a row: the places of a, b, the row, and the result.
+    """
+    hessian, jacobian, rows, diagonal = lanes
+    of_hessian, of_diagonal, products = places
+    factor[:] = 0.0
+    for k in range(len(of_hessian)):
+        for lane in range(LANES):
+            factor[of_hessian[k], lane] += hessian[k, lane]
+    for k in range(len(of_diagonal)):
+        for lane in range(LANES):
+            factor[of_diagonal[k], lane] += diagonal[k, lane]
+    for k in range(len(products)):
+        one, two, row, target = products[k]
+        for lane in range(LANES):
+            factor[target, lane] += rows[row, lane] * jacobian[one, lane] * jacobian[two, lane]
+
+
+@kernel
+def cholesky(
+    starts: IntArray,
+    update_starts: IntArray,
+    updates: IntArray,
+    factor: FloatArray,
+    positive: BoolArray,
+) -> None:
+    """Replace matrices by their factors; `positive` (LANES,) tells which have one."""
+    positive[:] = True
+    for column in range(len(starts) - 1):
+        diagonal = starts[column]
+        for lane in range(LANES):
+            if not factor[diagonal, lane] > 0.0:
+                positive[lane] = False
+            factor[diagonal, lane] = 1.0 / math.sqrt(factor[diagonal, lane])
+        for k in range(diagonal + 1, starts[column + 1]):
+            for lane in range(LANES):
+                factor[k, lane] *= factor[diagonal, lane]
+        for k in range(update_starts[column], update_starts[column + 1]):
+            target, one, two = updates[k]
+            for lane in range(LANES):
+                factor[target, lane] -= factor[one, lane] * factor[two, lane]
+
+
+@kernel
+def substitute(starts: IntArray, rows: IntArray, factor: FloatArray, x: FloatArray) -> None:
+    """Replace right-hand sides x (n, LANES), in the factor's order, by the solutions."""
+    for column in range(len(starts) - 1):
+        diagonal = starts[column]
+        for lane in range(LANES):
+            x[column, lane] *= factor[diagonal, lane]
+        for k in range(diagonal + 1, starts[column + 1]):
+            for lane in range(LANES):
+                x[rows[k], lane] -= factor[k, lane] * x[column, lane]
+    for column in range(len(starts) - 2, -1, -1):
+        diagonal = starts[column]
+        for k in range(diagonal + 1, starts[column + 1]):
+            for lane in range(LANES):
+                x[column, lane] -= factor[k, lane] * x[rows[k], lane]
+        for lane in range(LANES):
+            x[column, lane] *= factor[diagonal, lane]
+
+
+@kernel
+def factorise(
+    values: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    shifts: FloatArray,
+    instances: IntArray,
+    places: tuple[IntArray, IntArray, IntArray],
+    pattern: tuple[IntArray, IntArray, IntArray],
+    lanes: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    factor: FloatArray,
+    positive: BoolArray,
+    factors: FloatArray,
+    done: BoolArray,
+) -> None:
+    """Write the factors (blocks, l, LANES) of some instances; `done` (b,) tells which have one.
+
+    `values` (b, k) are those of `assemble`, of all instances; `shifts` (b,) are added to diagonals.
+    """
+    starts, update_starts, updates = pattern
+    for first in range(0, len(instances), LANES):
+        some = instances[first : first + LANES]
+        for values_of, lanes_of in zip(values, lanes):  # noqa: B905  (Numba has no strict)
+            load(values_of, some, lanes_of)
+        for lane in range(len(some)):
+            for k in range(len(lanes[3])):
+                lanes[3][k, lane] += shifts[some[lane]]
+        assemble(lanes, places, factor)
+        cholesky(starts, update_starts, updates, factor, positive)
+        for lane in range(len(some)):
+            instance = some[lane]
+            done[instance] = positive[lane]
+            if positive[lane]:
+                block, place = instance // LANES, instance % LANES
+                for k in range(len(factor)):
+                    factors[block, k, place] = factor[k, lane]
+
+
+@kernel
+def solve(
+    starts: IntArray,
+    rows: IntArray,
+    order: IntArray,
+    factors: FloatArray,
+    x: FloatArray,
+    right: FloatArray,
+) -> None:
+    """Replace b right-hand sides (b, n) by the solutions; x is (n, LANES)."""
+    for block in range(len(factors)):
+        first = block * LANES
+        number = min(LANES, len(right) - first)
+        for k in range(len(order)):
+            for lane in range(number):
+                x[k, lane] = right[first + lane, order[k]]
+        substitute(starts, rows, factors[block], x)
+        for k in range(len(order)):
+            for lane in range(number):
+                right[first + lane, order[k]] = x[k, lane]

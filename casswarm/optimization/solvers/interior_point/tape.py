@@ -1,0 +1,135 @@
+"""CasADi functions as lists of scalar operations, evaluated over batches by a compiled loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ....typing import Expr, FloatArray, IntArray
+from .lanes import LANES
+from .tape_operations import OPERATIONS
+
+
+def scalar(function: Expr) -> Expr:
+    """A CasADi function of scalar operations.
+
+    Raises
+    ------
+    NotImplementedError
+        It calls something that is not an expression.
+    """
+    try:
+        return function if function.is_a("SXFunction") else function.expand()
+    except RuntimeError as error:
+        raise NotImplementedError(str(error)) from error
+
+
+@dataclass(frozen=True, eq=False)
+class Tape:
+    """A function of stacked arguments as a list of scalar operations.
+
+    Parameters
+    ----------
+    operations : (m, 4) int
+        Operation, place of its result, places of its two arguments. Of inputs and outputs, the
+        place in the stacked vector is the second argument.
+    constants : (m,)
+        Of operations that have one.
+    sizes : tuple of int
+        Numbers of inputs, outputs and places.
+    patterns : tuple of (2, k) int
+        Rows and columns of the entries of each output, which are stacked.
+    """
+
+    operations: IntArray
+    constants: FloatArray
+    sizes: tuple[int, int, int]
+    patterns: tuple[IntArray, ...]
+
+    @classmethod
+    def of(cls, arguments: list[Expr], outputs: list[Expr]) -> Tape:
+        """Tape of scalar expressions of dense symbols.
+
+        Raises
+        ------
+        NotImplementedError
+            There is an operation that no tape has.
+        """
+        function = ca.Function("tape", arguments, ca.cse(outputs))
+        first_in = np.cumsum([0, *map(function.nnz_in, range(function.n_in()))])
+        first_out = np.cumsum([0, *map(function.nnz_out, range(function.n_out()))])
+        operations = np.zeros((function.n_instructions(), 4), np.int64)
+        constants = np.zeros(len(operations))
+        for k in range(len(operations)):
+            code = function.instruction_id(k)
+            if code not in OPERATIONS:
+                raise NotImplementedError(f"operation {code} of CasADi")
+            places, results = function.instruction_input(k), function.instruction_output(k)
+            if code == ca.OP_CONST:
+                constants[k] = function.instruction_constant(k)
+                row = results[0], 0, 0
+            elif code == ca.OP_INPUT:
+                row = results[0], 0, first_in[places[0]] + places[1]
+            elif code == ca.OP_OUTPUT:
+                row = 0, places[0], first_out[results[0]] + results[1]
+            else:
+                row = results[0], places[0], places[-1]
+            operations[k] = OPERATIONS[code], *row
+        patterns = tuple(
+            np.array(function.sparsity_out(k).get_triplet(), np.int64)
+            for k in range(function.n_out())
+        )
+        number = _separate_results(operations)
+        sizes = int(first_in[-1]), int(first_out[-1]), number
+        return cls(operations, constants, sizes, patterns)
+
+    def __call__(self, *arguments: FloatArray) -> list[FloatArray]:
+        """Entries of the outputs, each (b, k), at arguments of shapes (b, size)."""
+        from .tape_kernels import evaluate
+
+        inputs = np.hstack(arguments)
+        results = np.empty((len(inputs), self.sizes[1]))
+        places = np.zeros((self.sizes[2], LANES))
+        evaluate(self.operations, self.constants, places, inputs, results)
+        ends = np.cumsum([pattern.shape[1] for pattern in self.patterns])[:-1]
+        return [np.ascontiguousarray(part) for part in np.split(results, ends, axis=1)]
+
+
+def _separate_results(operations: IntArray) -> int:
+    """Change places so that no result replaces an argument of its operation; their number.
+
+    Compilers make vector operations of loops only where the arrays do not overlap.
+    """
+    no_arguments = OPERATIONS[ca.OP_INPUT], OPERATIONS[ca.OP_CONST]
+    output = OPERATIONS[ca.OP_OUTPUT]
+    last: dict[int, int] = {}  # operation that uses a place last, before it is written again
+    ends = np.zeros((len(operations), 2), bool)
+    for k in range(len(operations) - 1, -1, -1):
+        code, target, one, two = operations[k].tolist()
+        if code != output:
+            last.pop(target, None)
+        if code not in no_arguments:
+            used = (one,) if code == output else (one, two)
+            for column, place in enumerate(used):
+                ends[k, column] = place not in last
+            for place in used:
+                last.setdefault(place, k)
+    new: dict[int, int] = {}
+    free: list[int] = []
+    number = 0
+    for k in range(len(operations)):
+        code, target, one, two = operations[k].tolist()
+        left = []
+        if code not in no_arguments:
+            used = (one,) if code == output else (one, two)
+            operations[k, 2 : 2 + len(used)] = [new[place] for place in used]
+            left = [new[place] for place, end in zip(used, ends[k], strict=False) if end]
+        if code != output:
+            if not free:
+                free.append(number)
+                number += 1
+            new[target] = operations[k, 1] = free.pop()
+        free += dict.fromkeys(left)
+    return number

@@ -1,0 +1,120 @@
+"""Tapes of scalar operations and sparse factors: the numbers of CasADi and of NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from casswarm.optimization.solvers.interior_point.elimination import eliminate
+from casswarm.optimization.solvers.interior_point.sparse_factors import (
+    SparseFactors,
+    SparseSystem,
+)
+from casswarm.optimization.solvers.interior_point.tape import Tape, scalar
+
+UNARY: dict[str, Callable[[Any], Any]] = {
+    "neg": lambda a: -a, "inv": lambda a: 1 / a, "sq": lambda a: a**2, "twice": lambda a: 2 * a,
+    "sqrt": ca.sqrt, "exp": ca.exp, "log": ca.log, "sin": ca.sin, "cos": ca.cos, "tan": ca.tan,
+    "asin": ca.asin, "acos": ca.acos, "atan": ca.atan, "sinh": ca.sinh, "cosh": ca.cosh,
+    "tanh": ca.tanh, "asinh": ca.asinh, "acosh": ca.acosh, "atanh": ca.atanh, "floor": ca.floor,
+    "ceil": ca.ceil, "fabs": ca.fabs, "sign": ca.sign, "not": ca.logic_not, "erf": ca.erf,
+    "log1p": ca.log1p, "expm1": ca.expm1, "constpow": lambda a: a**1.7,
+}  # fmt: skip
+BINARY: dict[str, Callable[[Any, Any], Any]] = {
+    "add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a, b: a * b,
+    "div": lambda a, b: a / b, "pow": lambda a, b: a**b, "atan2": ca.atan2, "fmin": ca.fmin,
+    "fmax": ca.fmax, "lt": ca.lt, "le": ca.le, "eq": ca.eq, "ne": ca.ne, "and": ca.logic_and,
+    "or": ca.logic_or, "hypot": ca.hypot, "copysign": ca.copysign,
+    "if": lambda a, b: ca.if_else(a > 0, b, -b),
+}  # fmt: skip
+POINTS = np.array([[-2.5, 0.5], [-0.5, -1.0], [0.0, 0.0], [0.25, 0.75], [0.9, 2.0], [3.0, 3.0]])
+
+
+@pytest.mark.parametrize("name", [*UNARY, *BINARY])
+def test_operation_is_that_of_casadi(name: str) -> None:
+    a, b = ca.SX.sym("a"), ca.SX.sym("b")
+    result = UNARY[name](a) if name in UNARY else BINARY[name](a, b)
+    function = ca.Function("f", [a, b], [result])
+    expected = [float(function(*point)) for point in POINTS]
+    (values,) = Tape.of([a, b], [result])(POINTS[:, :1], POINTS[:, 1:])
+    np.testing.assert_array_max_ulp(values[:, 0], np.array(expected), 2)
+
+
+@given(seed=st.integers(0, 2**32 - 1), count=st.sampled_from([1, 63, 64, 65, 200]))
+@settings(max_examples=10)
+def test_random_expressions_and_batches(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
+    terms = [*ca.vertsplit(x), *ca.vertsplit(p)]
+    smooth = [ca.sin, ca.tanh, lambda a: a / 2, lambda a: a**2 / 4]
+    for _ in range(20):
+        i, j, k = rng.integers(len(terms)), rng.integers(len(terms)), rng.integers(len(smooth))
+        terms.append(smooth[k](terms[i]) - terms[j] * 0.5)
+    f, sparse = ca.vertcat(*terms[-4:]), ca.diag(ca.vertcat(*terms[-3:]))
+    function = ca.Function("f", [x, p], [f, sparse])
+    at, parameters = rng.normal(size=(count, 3)), rng.normal(size=(count, 2))
+    values, entries = Tape.of([x, p], [f, sparse])(at, parameters)
+    for row in range(count):
+        expected = [np.asarray(out.nonzeros()) for out in function(at[row], parameters[row])]
+        np.testing.assert_allclose(values[row], expected[0], rtol=1e-14, atol=1e-14)
+        np.testing.assert_allclose(entries[row], expected[1], rtol=1e-14, atol=1e-14)
+
+
+def test_operations_that_are_not_scalar_have_no_tape() -> None:
+    table = ca.interpolant("table", "bspline", [[0.0, 1.0, 2.0, 3.0]], [0.0, 1.0, 4.0, 9.0])
+    x, y = ca.MX.sym("x"), ca.SX.sym("y")
+    with pytest.raises(NotImplementedError):
+        Tape.of([y], [scalar(ca.Function("f", [x], [table(x)]))(y)])
+
+
+def random_pattern(rng: np.random.Generator, size: int, rows: int) -> tuple[NDArray[Any], ...]:
+    """Entries of a Hessian's upper triangle, and of a Jacobian, row by row."""
+    hessian = np.argwhere(np.triu(rng.random((size, size)) < 2 / size)).T
+    jacobian = np.argwhere(rng.random((rows, size)) < 2 / size).T
+    return hessian, jacobian
+
+
+@given(seed=st.integers(0, 2**32 - 1), size=st.integers(1, 12), rows=st.integers(0, 9))
+@settings(max_examples=25)
+def test_sparse_factors_solve_the_dense_systems(seed: int, size: int, rows: int) -> None:
+    rng, batch = np.random.default_rng(seed), 70
+    hessian, jacobian = random_pattern(rng, size, rows)
+    system = SparseSystem.of(size, hessian, jacobian)
+    assert system is not None
+    values = [rng.normal(size=(batch, part.shape[1])) for part in (hessian, jacobian)]
+    values += [rng.uniform(0.1, 9.0, (batch, part)) for part in (rows, size)]
+    factors = SparseFactors(system, tuple(values), np.zeros(batch))
+    right = rng.normal(size=(batch, size))
+    solutions = factors.solve(right)
+    for i in range(batch):
+        dense, a = np.diag(values[3][i]), np.zeros((rows, size))
+        np.add.at(dense, tuple(hessian), values[0][i])
+        upper = hessian[0] < hessian[1]
+        np.add.at(dense, tuple(hessian[::-1, upper]), values[0][i][upper])
+        a[tuple(jacobian)] = values[1][i]
+        dense += a.T @ (values[2][i][:, None] * a) + factors.shifts[i] * np.eye(size)
+        assert np.linalg.eigvalsh(dense)[0] > 0.0
+        if factors.shifts[i] > 0.0:
+            without = dense - factors.shifts[i] * np.eye(size)
+            assert np.linalg.eigvalsh(without)[0] < 1e-9
+        error = dense @ solutions[i] - right[i]
+        assert abs(error).max() <= 1e-9 * np.linalg.cond(dense)
+
+
+def test_elimination_of_a_chain_has_no_fill() -> None:
+    chain = np.arange(49)
+    pattern = eliminate(50, chain, chain + 1)
+    assert pattern is not None
+    assert len(pattern.rows) == 50 + 49
+
+
+def test_elimination_of_a_large_dense_matrix_is_refused() -> None:
+    one, two = np.triu_indices(200)
+    assert eliminate(200, one, two) is None
