@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -67,13 +67,13 @@ class SparseFactors:
         pattern, entries = system.pattern, len(system.pattern.rows)
         self._factors = np.zeros((-(-batch // LANES), entries, LANES))
         self.shifts, left = np.full(batch, np.nan), np.arange(batch)
-        values = tuple(map(np.ascontiguousarray, values))
-        lanes = tuple(np.zeros((part.shape[1], LANES)) for part in values)
+        read: Any = tuple(map(np.ascontiguousarray, values))
+        lanes: Any = tuple(np.zeros((part.shape[1], LANES)) for part in values)
         work = lanes, np.empty((entries, LANES)), np.empty(LANES, bool)
         done = np.zeros(batch, bool)
         lists = pattern.starts, pattern.update_starts, pattern.updates
         for shift in np.ascontiguousarray(shifts_to_try(last).T):
-            factorise(values, shift, left, system.places, lists, *work, self._factors, done)
+            factorise(read, shift, left, system.places, lists, *work, self._factors, done)
             self.shifts[left[done[left]]] = shift[left[done[left]]]
             left = left[~done[left]]
             if not left.size:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -57,7 +58,8 @@ class Tape:
         NotImplementedError
             There is an operation that no tape has.
         """
-        function = ca.Function("tape", arguments, ca.cse(outputs))
+        merged: Any = ca.cse(outputs)
+        function = ca.Function("tape", arguments, merged)
         first_in = np.cumsum([0, *map(function.nnz_in, range(function.n_in()))])
         first_out = np.cumsum([0, *map(function.nnz_out, range(function.n_out()))])
         operations = np.zeros((function.n_instructions(), 4), np.int64)
