@@ -26,6 +26,7 @@ from .problem import Problem
 from .problems import make_problems
 from .result import Comparison
 from .verification import Tolerances, verify
+from .warm_up import warm_up
 
 DEFAULT = ("guides", "formations")
 """Families that are compared by default."""
@@ -151,6 +152,7 @@ def _benchmarks(
     ]
     rows: list[dict[str, Any]] = []
     build_seconds: dict[tuple[str, int], float] = {}  # a solver builds a program once
+    warm: set[str] = set()
     for copy, start, label in runs:
         if progress is not None:
             progress("comparing", len(rows), len(runs))
@@ -158,6 +160,9 @@ def _benchmarks(
         row = None if checkpoint is None else checkpoint.load_json(name)
         if row is None:
             solvers[label].start()
+            if label not in warm:
+                warm_up(solvers[label])
+                warm.add(label)
             row = benchmark(copy, start, label, solvers[label])
             row["build_seconds"] = build_seconds.setdefault(
                 (label, id(copy.nlp)), row["build_seconds"]

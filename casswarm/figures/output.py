@@ -31,7 +31,7 @@ def file_content(fig: Figure, suffix: str, dpi: int = 200) -> bytes:
     date = _DATES.get(suffix)
     # text as text, which journals ask for; identifiers in an SVG that do not change
     with rc_context({"pdf.fonttype": 42, "svg.hashsalt": "casswarm"}):
-        fig.savefig(buffer, format=suffix, dpi=dpi, metadata={date: None} if date else None)
+        fig.savefig(buffer, format=suffix or None, dpi=dpi, metadata={date: None} if date else None)
     return buffer.getvalue()
 
 

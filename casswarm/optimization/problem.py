@@ -266,9 +266,10 @@ class Instances:
     scale: FloatArray = field(default_factory=lambda: np.ones((1, 2)))
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "x0", np.asarray(self.x0, dtype=float))
         batch = self.x0.shape[0]
         for name in ("p", "lbx", "ubx", "lbg", "ubg", "scale"):
-            array = getattr(self, name)
+            array = np.asarray(getattr(self, name), dtype=float)
             object.__setattr__(self, name, np.broadcast_to(array, (batch, array.shape[-1])))
 
     def __reduce__(self) -> tuple[Any, ...]:

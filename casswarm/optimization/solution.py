@@ -122,7 +122,7 @@ class BatchSolution:
     seconds : float
         Time for the whole batch.
     messages : (B,) str
-        Status and message of every solve; empty for those of batch solvers.
+        Status and message of every solve; empty for those of compiled batch solvers.
     """
 
     x: FloatArray

@@ -67,7 +67,9 @@ class FigureProcess:
     @classmethod
     def if_useful(cls) -> FigureProcess | None:
         """A process, if there is a core for it."""
-        return cls() if (os.cpu_count() or 1) > 1 else None
+        affinity = getattr(os, "sched_getaffinity", None)  # not on macOS and Windows
+        cores = len(affinity(0)) if affinity else os.cpu_count() or 1
+        return cls() if cores > 1 else None
 
     @property
     def waiting(self) -> int:
@@ -86,7 +88,7 @@ class FigureProcess:
         self._names.append(name)
         try:
             self._connection.send_bytes(packed(partial(figure_format.file_content, draw)))
-        except (pickle.PicklingError, AttributeError, TypeError, OSError):
+        except USER_ERRORS:  # any that a user's class raises
             self._lost = True
 
     def file_content(self, name: str) -> bytes | None:
@@ -125,7 +127,7 @@ def drawn_files(
     """Yield the name of every figure, in the catalogue's order, and the content of its file.
 
     The helper draws from the last one backwards. What it cannot draw is drawn here, so errors are
-    those without it. `progress` is told before each figure how many are drawn.
+    those without it. `progress` is told how many are drawn.
     """
     report = progress or (lambda *_: None)
     left, theirs = deque(catalogue), deque[str]()
@@ -139,6 +141,9 @@ def drawn_files(
             name = left.popleft()
             yield name, figure_format.file_content(catalogue[name])
     for name in theirs:
+        report(
+            "drawing figures", len(catalogue) - (helper.waiting if helper else 0), len(catalogue)
+        )
         content = helper.file_content(name) if helper else None
         yield name, content or figure_format.file_content(catalogue[name])
     report("drawing figures", len(catalogue), len(catalogue))
@@ -149,15 +154,19 @@ def _draw_requested(connection: Connection) -> None:
     begin_child()
     from . import catalogue  # noqa: F401  (what takes long before the first figure)
 
+    requests: SimpleQueue[bytes] = SimpleQueue()
+
+    def read() -> None:  # at once, for the other process waits until somebody reads
+        with suppress(EOFError, OSError):
+            while True:
+                requests.put(connection.recv_bytes())
+
+    Thread(target=read, daemon=True).start()
     answer = _READY
     while answer != _FAILED:
         connection.send_bytes(answer)
         try:
-            draw = pickle.loads(connection.recv_bytes())
-        except EOFError:
-            return
-        try:
-            answer = draw()
+            answer = pickle.loads(requests.get())()
         except USER_ERRORS:
             answer = _FAILED
     connection.send_bytes(_FAILED)

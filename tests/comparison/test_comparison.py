@@ -7,6 +7,7 @@ import pickle
 import numpy as np
 import pandas as pd
 import pytest
+from faulty_solvers import SlowAtFirst
 from known_problems import active_box, hs_1, hs_35, nearest_in_box
 
 import casswarm as csw
@@ -233,6 +234,14 @@ def known():
         progress=lambda *report: reports.append(report),
     )
     return comparison, reports, cases
+
+
+def test_what_a_process_does_once_is_not_timed():
+    case = active_box()
+    problem = Problem("corner", "known", case.nlp, {"cold": case.instance})
+    runs = csw.compare(problem, SlowAtFirst(), time_limit=3.0).runs
+    assert runs["solved"].all()
+    assert (runs["solve_seconds"] < 3.0).all()
 
 
 def test_compare_finds_and_verifies_known_optima(known):

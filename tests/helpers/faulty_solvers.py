@@ -91,3 +91,20 @@ class Faulty(Solver):
             case "nothing":
                 return None  # type: ignore[return-value]
         return answer
+
+
+@dataclass(frozen=True)
+class SlowAtFirst(Solver):
+    """Ipopt that needs seconds for its first solve in a process, as compilation would."""
+
+    name: ClassVar[str] = "slow-at-first"
+    summary: ClassVar[str] = "Ipopt with a slow first solve"
+
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        if not _SOLVED:
+            time.sleep(4.0)
+            _SOLVED.append(True)
+        return Ipopt().run(nlp, instances)
+
+
+_SOLVED: list[bool] = []  # in this process

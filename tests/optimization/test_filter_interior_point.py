@@ -22,6 +22,7 @@ from casswarm.optimization.solvers.interior_point.engine import minimise
 from casswarm.optimization.solvers.interior_point.iterates import Options
 
 SOLVER = FilterInteriorPoint()
+BOUNDS = "p", "lbx", "ubx", "lbg", "ubg"
 NO_MULTIPLIERS = 13
 """The problem whose minimum has none, so that no method reaches it to a tolerance."""
 
@@ -139,6 +140,81 @@ def test_fixed_variables_and_equal_bounds_are_kept() -> None:
     (solution,) = SOLVER.solve(nlp, fixed)
     assert solution.status is Status.SOLVED
     np.testing.assert_allclose(solution.x, [0.5, 0.75, 0.75], atol=1e-7)
+
+
+def test_fixed_variables_have_multipliers_and_whole_numbers_are_floats() -> None:
+    x = ca.SX.sym("x", 2)
+    rows = ca.vertcat(x[0] + x[1])
+    nlp = Nlp.from_expressions("whole", x, ca.SX(0, 1), ca.sumsqr(x - 1), rows)
+    parts = [np.array([row]) for row in ([0, 0], [], [3, -9], [3, 9], [2], [2])]
+    batch = SOLVER.solve_batch(nlp, Instances(*parts))
+    (alone,) = SOLVER.solve(nlp, Instances(*parts))
+    np.testing.assert_allclose(batch.x, [[3.0, -1.0]], atol=1e-7)
+    assert batch.success.all()
+    assert max(batch.stationarity[0], alone.residuals.stationarity) <= 1e-6
+
+
+def test_rows_without_a_bound_do_not_spoil_the_verification() -> None:
+    x = ca.SX.sym("x")
+    nlp = Nlp.from_expressions("one-sided", x, ca.SX(0, 1), (x - 10) ** 2, x)
+    parts = [np.array([row]) for row in ([1.0], [], [-np.inf], [np.inf], [0.0], [np.inf])]
+    batch = FilterInteriorPoint(mu_init=1e-9).solve_batch(nlp, Instances(*parts))
+    assert batch.success.all()
+    assert batch.stationarity[0] <= 1e-6
+
+
+def test_answers_that_are_not_verified_go_to_the_fallback_and_are_no_success() -> None:
+    x = ca.SX.sym("x", 2)
+    nlp = Nlp.from_expressions("circle", x, ca.SX(0, 1), ca.sumsqr(x - 3), ca.sumsqr(x))
+    parts = [np.array([row]) for row in ([1.0, 0.5], [], *[[s * np.inf] * 2 for s in (-1, 1)])]
+    instance = Instances(*parts, lbg=np.ones((1, 1)), ubg=np.ones((1, 1)))
+    hasty = FilterInteriorPoint(tolerance=1.0, constraint_tolerance=1e-2)
+    batch = hasty.solve_batch(nlp, instance)
+    assert not batch.success[0]
+    assert batch.messages[0].startswith("failed: ")
+    helped = FilterInteriorPoint(tolerance=1.0, constraint_tolerance=1e-2, fallback=Ipopt())
+    assert helped.solve_batch(nlp, instance).success[0]
+    assert helped.solve(nlp, instance)[0].status is Status.SOLVED
+
+
+def test_exception_of_one_instance_costs_that_instance_only() -> None:
+    class Moody(ca.Callback):
+        def __init__(self) -> None:
+            ca.Callback.__init__(self)
+            self.construct("moody", {"enable_fd": True})
+
+        def eval(self, arguments: list[Any]) -> list[Any]:
+            if float(arguments[0]) > 100:
+                raise ValueError("no value here")
+            return [arguments[0] ** 2]
+
+    moody = Moody()
+    nlp, one = parabola(moody)
+    two = Instances(np.array([[3.0], [300.0]]), *(getattr(one, name) for name in BOUNDS))
+    batch = SOLVER.solve_batch(nlp, two)
+    assert batch.messages[1].startswith("failed: raised RuntimeError")
+    assert np.isfinite(batch.objective[0])
+
+
+def test_program_without_variables_is_judged() -> None:
+    p = ca.SX.sym("p")
+    nlp = Nlp.from_expressions("nothing", ca.SX.sym("x", 0), p, ca.SX(1.0), p)
+    parts = [np.array([row]) for row in ([], [1.0], [], [], [2.0], [np.inf])]
+    assert not SOLVER.solve_batch(nlp, Instances(*parts)).success.any()
+
+
+def test_programs_with_too_many_operations_have_no_tapes() -> None:
+    x, size = ca.SX.sym("x", 80), 80
+    weights = np.random.default_rng(0).normal(size=(size, size))
+    dense = ca.sumsqr(ca.tanh(weights @ ca.tanh(weights @ x)))
+    nlp = Nlp.from_expressions("dense", x, ca.SX(0, 1), dense, ca.SX(0, 1))
+    assert program_tapes(nlp) is None
+
+
+def test_empty_batch_has_an_empty_solution() -> None:
+    empty = SOLVER.solve_batch(VALLEY, instances(0, 3)[:0])
+    assert empty.x.shape == (0, 2)
+    assert empty.success.dtype == bool
 
 
 def parabola(objective: Any = None, **bounds: float) -> tuple[Nlp, Instances]:

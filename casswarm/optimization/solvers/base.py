@@ -158,7 +158,7 @@ class Solver(ABC):
             self.prepare(nlp)
         except USER_ERRORS as error:
             seconds = time.perf_counter() - started
-            return seconds, failed(instances, f"building raised {_backend_error(error)}")
+            return seconds, failed(instances, f"building raised {backend_error(error)}")
         return time.perf_counter() - started, self._run_each(nlp, instances)
 
     def verified(
@@ -192,7 +192,7 @@ class Solver(ABC):
                     kind = type(answer).__name__
                     raise TypeError(f"the backend gave a {kind} instead of an Answer")
         except USER_ERRORS as error:
-            message = f"raised {_backend_error(error)}"
+            message = f"raised {backend_error(error)}"
             if len(instances) <= 1:
                 return failed(instances, message)
             return [self._run_each(nlp, instances[i : i + 1])[0] for i in range(len(instances))]
@@ -212,7 +212,7 @@ def error_text(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}".removesuffix(": ")
 
 
-def _backend_error(error: BaseException) -> str:
+def backend_error(error: BaseException) -> str:
     """Text of a backend's exception; errors of casswarm and interrupts are raised again."""
     if isinstance(error, CasswarmError):
         raise error

@@ -33,6 +33,7 @@ MAX_FAILURES = 3
 """Crashes and time limits in a row after which the rest of a chunk counts as failed, untried."""
 
 _START_SECONDS = 60.0
+_WARM_UP_SECONDS = 30.0
 _MAX_OUTPUT = 500  # characters in which the last line that a process printed is looked for
 _MAX_PROGRAMS = 64  # that a process keeps
 _GUARD = "a script must call this under `if __name__ == '__main__':`, and not be standard input"
@@ -92,6 +93,14 @@ class Isolated(Solver):
     def start(self) -> None:
         """Start the process now, if there is none; raise SolverError if that is impossible."""
         _worker(self).start()
+
+    def warm_up(self, nlp: Nlp, instances: Instances) -> None:
+        """Solve without this solver's time limit, so that what is done once does not count later.
+
+        An end of the process is ignored: it may be `nlp` that the solver does not survive.
+        """
+        with suppress(WorkerEndedError):
+            _worker(self).solve(nlp, instances, _WARM_UP_SECONDS)
 
     def close(self) -> None:
         """End the process, if there is one; the next solve starts another."""

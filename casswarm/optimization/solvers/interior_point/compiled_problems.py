@@ -6,17 +6,17 @@ import casadi as ca
 import numpy as np
 
 from ...._util.threads import locked_cache
-from ....typing import FloatArray, IntArray
+from ....typing import Expr, FloatArray, IntArray
 from ...problem import Nlp
 from .factors import DenseFactors, Factors
 from .problems import CasadiProblems, NumericProblems
 from .sparse_factors import SparseFactors, SparseSystem
-from .tape import Tape, scalar
+from .tape import MAX_OPERATIONS, Tape, scalar
 
 
 @locked_cache(maxsize=64)
 def program_tapes(nlp: Nlp) -> ProgramTapes | None:
-    """Tapes of a program; None if it has operations that are not scalar."""
+    """Tapes of a program; None if it has operations that are not scalar, or too many."""
     try:
         return ProgramTapes(nlp)
     except NotImplementedError:
@@ -38,14 +38,16 @@ class ProgramTapes:
     Raises
     ------
     NotImplementedError
-        An operation is not scalar.
+        An operation is not scalar, or there are too many.
     """
 
     def __init__(self, nlp: Nlp) -> None:
         x, p, lam_f, lam_g = (ca.SX.sym("v", size) for size in (*nlp.sizes[:2], 1, nlp.sizes[2]))
         f, g = scalar(nlp.evaluate)(x, p)
+        lagrangian = lam_f * f + ca.dot(lam_g, g)
+        _require_small([x, p, lam_f, lam_g], ca.gradient(lagrangian, x))
         if nlp.hessian is None:
-            upper = ca.triu(ca.hessian(lam_f * f + ca.dot(lam_g, g), x)[0])
+            upper = ca.triu(ca.hessian(lagrangian, x)[0])
         else:
             upper = scalar(nlp.hessian)(x, p, lam_f, lam_g)
         derivatives = [ca.densify(ca.gradient(f, x)), ca.jacobian(g, x)]
@@ -58,6 +60,17 @@ class ProgramTapes:
         self.rows, self.columns = rows[self.order], self.columns[self.order]
         pattern = np.stack([self.rows, self.columns])
         self.system = SparseSystem.of(nlp.sizes[0], self.hessian.patterns[0], pattern)
+
+
+def _require_small(arguments: list[Expr], gradient: Expr) -> None:
+    """Raise NotImplementedError if the Jacobian of a gradient would have too many operations.
+
+    It takes the gradient's operations for every group of columns without a common row.
+    """
+    groups = ca.jacobian_sparsity(gradient, arguments[0]).uni_coloring().size2()
+    number = ca.Function("gradient", arguments, [gradient]).n_instructions() * groups
+    if number > MAX_OPERATIONS:
+        raise NotImplementedError(f"a Hessian of about {number} operations")
 
 
 class CompiledProblems:

@@ -9,7 +9,7 @@ import numpy as np
 from ....typing import IntArray
 
 MAX_UPDATES = 400_000
-"""Number of multiplications of a factorisation from which dense ones are faster."""
+"""Multiplications of a factorisation, or of an assembly, above which dense ones are faster."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ def eliminate(size: int, one: IntArray, two: IntArray) -> Pattern | None:
             neighbours[i] -= {i, pivot}
         order.append(pivot)
         below.append(sorted(near))
-    return _numbered(np.array(order), below)
+    return _numbered(np.array(order, np.int64), below)
 
 
 def _numbered(order: IntArray, below: list[list[int]]) -> Pattern:

@@ -50,7 +50,7 @@ def minimise(
             stuck = ~(ended | moved)
             results.end(rows[stuck], Status.FAILED, "the line search found no better point")
             ended |= stuck
-        results.keep(iterates[ended])
+        results.keep(iterates[ended], residuals.gradient[ended])
         iterates = iterates[~ended]
         free = width - iterates.rows.size
         if waiting.size and free >= (1 - _REFILL) * width:

@@ -173,11 +173,16 @@ class Results:
         self.end(iterates.rows[broken], Status.FAILED, "a function or derivative is not finite")
         return np.asarray(solved | broken)
 
-    def keep(self, iterates: Iterates) -> None:
-        """Write the iterates of the instances that end."""
+    def keep(self, iterates: Iterates, gradient: FloatArray) -> None:
+        """Write the iterates of the instances that end.
+
+        The multiplier of a fixed variable balances the `gradient` (b, k) of f + lam' (g - s).
+        """
         rows, size = iterates.rows, self.x.shape[1]
         self.x[rows] = iterates.y[:, :size]
-        self.lam_x[rows] = (iterates.z[:, 1] - iterates.z[:, 0])[:, :size]
+        multipliers = iterates.z[:, 1] - iterates.z[:, 0]
+        multipliers = np.where(iterates.bounds.fixed, -gradient, multipliers)
+        self.lam_x[rows] = multipliers[:, :size]
         self.lam_g[rows] = iterates.lam
 
 

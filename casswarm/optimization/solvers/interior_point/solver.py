@@ -10,14 +10,16 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
+from ...._util.interrupts import interruptible
+from ...._util.user_code import USER_ERRORS
 from ...problem import Instances, Nlp
-from ...solution import BatchSolution
-from ..base import VIOLATION, Answer, Capabilities, Solver
+from ...solution import BatchSolution, Status
+from ..base import VIOLATION, Answer, Capabilities, Solver, backend_error
 from ..options import Allowed, NonNegativeInt, Positive
 from .compiled_problems import numeric_problems, program_tapes
 from .engine import minimise
 from .iterates import Options, Results
-from .lanes import LANES
+from .lane_kernels import LANES
 
 _ENTRIES = 1 << 16  # of x and g of the instances that advance together, which fit in a cache
 _DENSE = 1 << 22  # of their matrices, where those are dense
@@ -31,7 +33,7 @@ Fallback = Annotated[
 
 @dataclass(frozen=True)
 class FilterInteriorPoint(Solver):
-    """Primal-dual interior point with a filter line search; all instances advance together.
+    """Primal-dual interior point with a filter line search; many instances advance together.
 
     The method of Ipopt (Waechter, Biegler, Math. Program. 106(1), 2006), without its scaling and
     restoration phase, with exact second derivatives: for programs of up to some hundred variables.
@@ -75,9 +77,9 @@ class FilterInteriorPoint(Solver):
         results, seconds = self._results(nlp, instances)
         each = seconds / max(1, len(instances))
         answers = [_answer(results, i, each) for i in range(len(instances))]
-        left = [i for i, answer in enumerate(answers) if not answer.status.success]
-        if self.fallback is not None and left:
-            again = self.fallback.timed_answers(nlp, instances[np.array(left)])[1]
+        left = np.flatnonzero(~_verified(nlp, instances, results, seconds).success)
+        if self.fallback is not None and left.size:
+            again = self.fallback.timed_answers(nlp, instances[left])[1]
             for i, answer in zip(left, again, strict=True):
                 message = f"by {self.fallback.name}: {answer.message}"
                 answers[i] = replace(answer, message=message, seconds=answer.seconds + each)
@@ -89,8 +91,13 @@ class FilterInteriorPoint(Solver):
         Stationarity is the larger of the Lagrangian's gradient and of complementarity, in
         `Instances.scale`. `BatchSolution.used_fallback` marks those that the fallback solved.
         """
-        results, seconds = self._results(nlp, instances)
-        solution = _verified(nlp, instances, results, seconds)
+        try:
+            with interruptible():
+                results, seconds = self._results(nlp, instances)
+                solution = _verified(nlp, instances, results, seconds)
+        except USER_ERRORS as error:  # of a function that the user wrote: of one instance, perhaps
+            backend_error(error)
+            return super().solve_batch(nlp, instances)
         left = np.flatnonzero(~solution.success)
         if self.fallback is None or not left.size:
             return solution
@@ -146,13 +153,16 @@ def _verified(nlp: Nlp, instances: Instances, results: Results, seconds: float) 
     violation = np.maximum(below, above).max(axis=1, initial=0.0)
     gradient = abs(at.gradient + at.transposed_times(lam_g) + lam_x).max(axis=1, initial=0.0)
     lam = np.hstack([lam_x, lam_g])
-    with np.errstate(invalid="ignore"):  # a row without a bound has the multiplier zero
-        products = np.where(lam == 0.0, 0.0, abs(lam * np.where(lam > 0.0, above, below)))
+    slack = np.where(lam > 0.0, above, below)
+    products = abs(lam * np.where(np.isfinite(slack), slack, 1.0))  # as `kkt_residuals`
     length, value = instances.scale.T
     stationarity = np.maximum(length / value * gradient, products.max(axis=1, initial=0.0) / value)
-    finite = np.isfinite(objective) & np.isfinite(stationarity)
-    success = [status.success for status in results.status] & (violation <= VIOLATION) & finite
-    messages = [f"{s}: {m}" for s, m in zip(results.status, results.message, strict=True)]
+    solved = np.array([status.success for status in results.status], dtype=bool)
+    success = solved & (violation <= VIOLATION) & np.isfinite(objective + stationarity)
+    messages = [
+        f"{Status.FAILED if status.success and not verified else status}: {message}"
+        for status, message, verified in zip(results.status, results.message, success, strict=True)
+    ]
     return BatchSolution(
         x=x,
         objective=objective,

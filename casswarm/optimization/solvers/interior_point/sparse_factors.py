@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ....typing import FloatArray, IntArray
-from .elimination import Pattern, eliminate
+from .elimination import MAX_UPDATES, Pattern, eliminate
 from .factors import shifts_to_try
-from .lanes import LANES
+from .lane_kernels import LANES
 
 
 class SparseSystem(NamedTuple):
@@ -31,6 +31,9 @@ class SparseSystem(NamedTuple):
         """
         pairs = [np.empty((3, 0), np.int64)]
         starts = np.searchsorted(jacobian[0], np.arange(jacobian[0].max(initial=-1) + 2))
+        lengths = np.diff(starts)
+        if (lengths * (lengths + 1) // 2).sum() > MAX_UPDATES:
+            return None
         for row, (start, end) in enumerate(pairwise(starts)):
             later, earlier = start + np.array(np.tril_indices(end - start))
             pairs.append(np.stack([later, earlier, np.full(len(later), row)]))

@@ -1,6 +1,6 @@
 """Compiled loops of the interior-point method: sparse products and Cholesky factors, in lanes.
 
-Arrays (k, LANES) hold numbers of as many instances, so that every operation is one of vectors.
+Arrays (k, LANES) hold numbers of as many instances, so every operation is a vector operation.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import math
 
 from ...._util.jit import kernel
 from ....typing import BoolArray, FloatArray, IntArray
-from .lanes import LANES
+from .lane_kernels import LANES
 
 
 @kernel

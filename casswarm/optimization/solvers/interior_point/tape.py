@@ -9,8 +9,11 @@ import casadi as ca
 import numpy as np
 
 from ....typing import Expr, FloatArray, IntArray
-from .lanes import LANES
+from .lane_kernels import LANES
 from .tape_operations import OPERATIONS
+
+MAX_OPERATIONS = 200_000
+"""Number of operations above which lists of them take too much memory and time."""
 
 
 def scalar(function: Expr) -> Expr:
@@ -56,10 +59,12 @@ class Tape:
         Raises
         ------
         NotImplementedError
-            There is an operation that no tape has.
+            There is an operation that no tape has, or there are more than `MAX_OPERATIONS`.
         """
         merged: Any = ca.cse(outputs)
         function = ca.Function("tape", arguments, merged)
+        if function.n_instructions() > MAX_OPERATIONS:
+            raise NotImplementedError(f"{function.n_instructions()} operations")
         first_in = np.cumsum([0, *map(function.nnz_in, range(function.n_in()))])
         first_out = np.cumsum([0, *map(function.nnz_out, range(function.n_out()))])
         operations = np.zeros((function.n_instructions(), 4), np.int64)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...._util.jit import kernel
 from ....typing import FloatArray, IntArray
-from .lanes import LANES
+from .lane_kernels import LANES
 
 
 @kernel

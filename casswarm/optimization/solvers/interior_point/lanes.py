@@ -1,3 +1,0 @@
-"""Number of instances for which compiled loops do an operation before the next one."""
-
-LANES = 64
