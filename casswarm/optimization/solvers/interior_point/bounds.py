@@ -66,13 +66,8 @@ class Bounds:
 
     def longest_step(self, y: FloatArray, step: FloatArray, keep: FloatArray) -> FloatArray:
         """Largest lengths (b,) up to 1 after which every gap keeps a fraction `keep` (b,)."""
-        return longest(self.gaps(y), np.stack([step, -step], axis=1), keep)
+        from .bounds_kernels import longest
 
-
-def longest(positive: FloatArray, change: FloatArray, keep: FloatArray) -> FloatArray:
-    """Largest lengths (b,) up to 1 of changes (b, 2, k) that leave a fraction of all numbers."""
-    from .bounds_kernels import longest as longest_of
-
-    lengths = np.empty(len(positive))
-    longest_of(positive.reshape(len(keep), -1), change.reshape(len(keep), -1), keep, lengths)
-    return lengths
+        lengths, change = np.empty(len(y)), np.hstack([step, -step])
+        longest(self.gaps(y).reshape(change.shape), change, keep, lengths)
+        return lengths

@@ -8,7 +8,7 @@ import numpy as np
 from ...._util.threads import locked_cache
 from ....typing import Expr, FloatArray, IntArray
 from ...problem import Nlp
-from .factors import DenseFactors, Factors
+from .factors import Factors
 from .problems import CasadiProblems, NumericProblems
 from .sparse_factors import SparseFactors, SparseSystem
 from .tape import MAX_OPERATIONS, Tape, scalar
@@ -86,7 +86,10 @@ class CompiledProblems:
 
     def linearise(self, rows: IntArray, x: FloatArray) -> CompiledLinearisation:
         """See `NumericProblems`."""
-        return CompiledLinearisation(self.tapes, x, self.p[rows])
+        tapes, system = self.tapes, self.tapes.system
+        if system is None:
+            return CompiledLinearisation(tapes, x, self.p[rows])
+        return SparseLinearisation(system, tapes, x, self.p[rows])
 
 
 class CompiledLinearisation:
@@ -125,18 +128,20 @@ class CompiledLinearisation:
         jacobian[:, self._tapes.rows, self._tapes.columns] = self._entries
         return out + (jacobian.swapaxes(1, 2) * weights[:, None]) @ jacobian
 
-    def factors(self, multipliers: FloatArray, weights: FloatArray, last: FloatArray) -> Factors:
-        """See `Factorises`."""
-        size, system = self._x.shape[1], self._tapes.system
-        if system is None:
-            matrices = self.condensed(multipliers, weights[:, size:])
-            diagonal = np.arange(size)
-            matrices[:, diagonal, diagonal] += weights[:, :size]
-            return DenseFactors(matrices, last)
-        entries = self._hessian(multipliers)
-        values = entries, self._entries, weights[:, size:], weights[:, :size]
-        return SparseFactors(system, values, last)
-
     def _hessian(self, multipliers: FloatArray) -> FloatArray:
         ones = np.ones((len(multipliers), 1))
         return self._tapes.hessian(self._x, self._p, ones, multipliers)[0]
+
+
+class SparseLinearisation(CompiledLinearisation):
+    """One of a program whose condensed matrices have sparse factors; see `Factorises`."""
+
+    def __init__(self, system: SparseSystem, tapes: ProgramTapes, *point: FloatArray) -> None:
+        super().__init__(tapes, *point)
+        self._system = system
+
+    def factors(self, multipliers: FloatArray, weights: FloatArray, last: FloatArray) -> Factors:
+        """See `Factorises`."""
+        size = self._x.shape[1]
+        values = self._hessian(multipliers), self._entries, weights[:, size:], weights[:, :size]
+        return SparseFactors(self._system, values, last)

@@ -74,9 +74,10 @@ class SparseFactors:
         lanes: Any = tuple(np.zeros((part.shape[1], LANES)) for part in values)
         work = lanes, np.empty((entries, LANES)), np.empty(LANES, bool)
         done = np.zeros(batch, bool)
+        results = self._factors, done
         lists = pattern.starts, pattern.update_starts, pattern.updates
         for shift in np.ascontiguousarray(shifts_to_try(last).T):
-            factorise(read, shift, left, system.places, lists, *work, self._factors, done)
+            factorise(read, shift, left, system.places, lists, work, results)
             self.shifts[left[done[left]]] = shift[left[done[left]]]
             left = left[~done[left]]
             if not left.size:

@@ -108,16 +108,15 @@ def factorise(
     instances: IntArray,
     places: tuple[IntArray, IntArray, IntArray],
     pattern: tuple[IntArray, IntArray, IntArray],
-    lanes: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    factor: FloatArray,
-    positive: BoolArray,
-    factors: FloatArray,
-    done: BoolArray,
+    work: tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray], FloatArray, BoolArray],
+    results: tuple[FloatArray, BoolArray],
 ) -> None:
-    """Write the factors (blocks, l, LANES) of some instances; `done` (b,) tells which have one.
+    """Write the factors of some instances.
 
     `values` (b, k) are those of `assemble`, of all instances; `shifts` (b,) are added to diagonals.
+    `results` are the factors (blocks, l, LANES), and which instances have one (b,).
     """
+    (lanes, factor, positive), (factors, done) = work, results
     starts, update_starts, updates = pattern
     for first in range(0, len(instances), LANES):
         some = instances[first : first + LANES]
