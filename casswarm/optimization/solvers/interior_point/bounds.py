@@ -15,9 +15,9 @@ class Bounds:
 
     Parameters
     ----------
-    lower, upper : (b, k)
+    lower, upper : (k, b)
         Infinite where there are none, and where the entry is fixed.
-    fixed : (b, k) bool
+    fixed : (k, b) bool
         Whether both bounds are equal: the entry stays there.
     """
 
@@ -31,13 +31,14 @@ class Bounds:
         fixed = lower == upper
         return cls(np.where(fixed, -np.inf, lower), np.where(fixed, np.inf, upper), fixed)
 
-    def __getitem__(self, rows: BoolArray | IntArray) -> Bounds:
-        return Bounds(self.lower[rows], self.upper[rows], self.fixed[rows])
+    def take(self, places: IntArray, axis: int = -1) -> Bounds:
+        """Bounds of some vectors, like `numpy.ndarray.take`."""
+        return Bounds(*(getattr(self, part.name).take(places, axis) for part in fields(self)))
 
     def joined(self, other: Bounds) -> Bounds:
         """These bounds, then those of another batch."""
         pairs = ((getattr(self, part.name), getattr(other, part.name)) for part in fields(self))
-        return Bounds(*map(np.concatenate, pairs))
+        return Bounds(*map(np.hstack, pairs))
 
     def inside(self, y: FloatArray, push: float) -> FloatArray:
         """Points moved inside, by `push` relative to a bound, or to the width where it is less."""
@@ -50,24 +51,13 @@ class Bounds:
         return np.clip(y, self.lower + below, self.upper - above)
 
     def gaps(self, y: FloatArray) -> FloatArray:
-        """Distances to both bounds, (b, 2, k); infinite where there is none."""
-        gaps = np.empty((len(y), 2, y.shape[1]))
-        np.subtract(y, self.lower, out=gaps[:, 0])
-        np.subtract(self.upper, y, out=gaps[:, 1])
-        return gaps
+        """Distances to both bounds, (2, k, b); infinite where there is none."""
+        return np.stack([y - self.lower, self.upper - y])
 
     def log_barrier(self, y: FloatArray) -> FloatArray:
-        """Minus the sum of the logarithms of all gaps, (b,)."""
-        from .bounds_kernels import log_barrier
+        """Minus the sum of the logarithms of all gaps, (b,); NaN at and beyond the bounds."""
+        from .search_kernels import log_barrier
 
-        barrier = np.empty(len(y))
-        log_barrier(y, self.lower, self.upper, barrier)
+        barrier = np.empty(y.shape[1])
+        log_barrier(y, self.lower, self.upper, np.empty((2, y.shape[1])), barrier)
         return barrier
-
-    def longest_step(self, y: FloatArray, step: FloatArray, keep: FloatArray) -> FloatArray:
-        """Largest lengths (b,) up to 1 after which every gap keeps a fraction `keep` (b,)."""
-        from .bounds_kernels import longest
-
-        lengths, change = np.empty(len(y)), np.hstack([step, -step])
-        longest(self.gaps(y).reshape(change.shape), change, keep, lengths)
-        return lengths

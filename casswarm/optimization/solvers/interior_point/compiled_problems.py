@@ -8,8 +8,8 @@ import numpy as np
 from ...._util.threads import locked_cache
 from ....typing import Expr, FloatArray, IntArray
 from ...problem import Nlp
-from .factors import Factors
-from .problems import CasadiProblems, NumericProblems
+from .factors import DenseFactors, Factors
+from .problems import CasadiProblems, Problems, RowProblems
 from .sparse_factors import SparseFactors, SparseSystem
 from .tape import MAX_OPERATIONS, Tape, scalar
 
@@ -23,13 +23,12 @@ def program_tapes(nlp: Nlp) -> ProgramTapes | None:
         return None
 
 
-def numeric_problems(nlp: Nlp, p: FloatArray) -> NumericProblems:
+def numeric_problems(nlp: Nlp, p: FloatArray) -> Problems:
     """Instances of a program: by its own compiled code, by its tapes, or by CasADi."""
     if nlp.numeric is not None:
-        problems: NumericProblems = nlp.numeric(p)
-        return problems
+        return RowProblems(nlp.numeric(p))
     tapes = program_tapes(nlp)
-    return CasadiProblems(nlp, p) if tapes is None else CompiledProblems(tapes, p)
+    return RowProblems(CasadiProblems(nlp, p)) if tapes is None else CompiledProblems(tapes, p)
 
 
 class ProgramTapes:
@@ -44,7 +43,7 @@ class ProgramTapes:
     def __init__(self, nlp: Nlp) -> None:
         x, p, lam_f, lam_g = (ca.SX.sym("v", size) for size in (*nlp.sizes[:2], 1, nlp.sizes[2]))
         f, g = scalar(nlp.evaluate)(x, p)
-        lagrangian = lam_f * f + ca.dot(lam_g, g)
+        lagrangian, weights = lam_f * f + ca.dot(lam_g, g), ca.vertcat(lam_f, lam_g)
         _require_small([x, p, lam_f, lam_g], ca.gradient(lagrangian, x))
         if nlp.hessian is None:
             upper = ca.triu(ca.hessian(lagrangian, x)[0])
@@ -53,13 +52,9 @@ class ProgramTapes:
         derivatives = [ca.densify(ca.gradient(f, x)), ca.jacobian(g, x)]
         self.values = Tape.of([x, p], [ca.densify(f), ca.densify(g)])
         self.first = Tape.of([x, p], derivatives)
-        self.hessian = Tape.of([x, p, lam_f, lam_g], [upper])
-        rows, self.columns = self.first.patterns[1]
-        self.n_rows = nlp.sizes[2]
-        self.order = np.argsort(rows, kind="stable")
-        self.rows, self.columns = rows[self.order], self.columns[self.order]
-        pattern = np.stack([self.rows, self.columns])
-        self.system = SparseSystem.of(nlp.sizes[0], self.hessian.patterns[0], pattern)
+        self.hessian = Tape.of([x, p, weights], [upper])
+        self.n_rows, self.jacobian = nlp.sizes[2], self.first.patterns[1]
+        self.system = SparseSystem.of(nlp.sizes[0], self.hessian.patterns[0], self.jacobian)
 
 
 def _require_small(arguments: list[Expr], gradient: Expr) -> None:
@@ -74,74 +69,70 @@ def _require_small(arguments: list[Expr], gradient: Expr) -> None:
 
 
 class CompiledProblems:
-    """Instances of a program by its tapes; see `NumericProblems`."""
+    """Instances of a program by its tapes; see `Problems`."""
 
     def __init__(self, tapes: ProgramTapes, p: FloatArray) -> None:
-        self.tapes, self.p = tapes, p
+        self.tapes, self.p = tapes, np.ascontiguousarray(p.T)
 
     def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See `NumericProblems`."""
-        f, g = self.tapes.values(x, self.p[rows])
-        return f[:, 0], g
+        """See `Problems`."""
+        f, g = self.tapes.values(x, self.p.take(rows, 1))
+        return f[0], g
 
     def linearise(self, rows: IntArray, x: FloatArray) -> CompiledLinearisation:
-        """See `NumericProblems`."""
-        tapes, system = self.tapes, self.tapes.system
-        if system is None:
-            return CompiledLinearisation(tapes, x, self.p[rows])
-        return SparseLinearisation(system, tapes, x, self.p[rows])
+        """See `Problems`."""
+        kind = CompiledLinearisation if self.tapes.system is None else SparseLinearisation
+        return kind(self.tapes, x, self.p.take(rows, 1))
 
 
 class CompiledLinearisation:
-    """See `Linearisation`."""
+    """See `Linearisation`; condensed matrices are dense."""
 
     def __init__(self, tapes: ProgramTapes, x: FloatArray, p: FloatArray) -> None:
         self._tapes, self._x, self._p = tapes, x, p
-        self.gradient, entries = tapes.first(x, p)
-        self._entries = np.ascontiguousarray(entries[:, tapes.order])
+        self.gradient, self._entries = tapes.first(x, p)
 
     def times(self, vectors: FloatArray) -> FloatArray:
         """See `Linearisation`."""
         from .system_kernels import times
 
-        out = np.empty((len(vectors), self._tapes.n_rows))
-        times(self._entries, self._tapes.rows, self._tapes.columns, vectors, out)
+        out = np.empty((self._tapes.n_rows, vectors.shape[1]))
+        rows, columns = self._tapes.jacobian
+        times(self._entries, rows, columns, vectors, out)
         return out
 
     def transposed_times(self, vectors: FloatArray) -> FloatArray:
         """See `Linearisation`."""
         from .system_kernels import times
 
-        out = np.empty(self._x.shape)
-        vectors = np.ascontiguousarray(vectors)
-        times(self._entries, self._tapes.columns, self._tapes.rows, vectors, out)
+        out = np.empty_like(self.gradient)
+        rows, columns = self._tapes.jacobian
+        times(self._entries, columns, rows, vectors, out)
         return out
 
-    def condensed(self, multipliers: FloatArray, weights: FloatArray) -> FloatArray:
+    def factors(self, multipliers: FloatArray, weights: FloatArray, last: FloatArray) -> Factors:
         """See `Linearisation`."""
-        entries, (rows, columns) = self._hessian(multipliers), self._tapes.hessian.patterns[0]
-        batch, size = self._x.shape
-        out = np.zeros((batch, size, size))
-        out[:, rows, columns] = entries
-        out[:, columns, rows] = entries
-        jacobian = np.zeros((batch, weights.shape[1], size))
-        jacobian[:, self._tapes.rows, self._tapes.columns] = self._entries
-        return out + (jacobian.swapaxes(1, 2) * weights[:, None]) @ jacobian
+        size, batch = self.gradient.shape
+        matrices = np.zeros((batch, size, size))
+        rows, columns = self._tapes.hessian.patterns[0]
+        matrices[:, rows, columns] = matrices[:, columns, rows] = self._hessian(multipliers).T
+        matrices[:, np.arange(size), np.arange(size)] += weights[:size].T
+        jacobian = np.zeros((batch, len(multipliers), size))
+        jacobian[:, *self._tapes.jacobian] = self._entries.T
+        weighted = jacobian * weights[size:].T[..., None]
+        return DenseFactors(matrices + weighted.swapaxes(1, 2) @ jacobian, last)
 
     def _hessian(self, multipliers: FloatArray) -> FloatArray:
-        ones = np.ones((len(multipliers), 1))
-        return self._tapes.hessian(self._x, self._p, ones, multipliers)[0]
+        ones = np.ones((1, multipliers.shape[1]))
+        return self._tapes.hessian(self._x, self._p, np.vstack([ones, multipliers]))[0]
 
 
 class SparseLinearisation(CompiledLinearisation):
-    """One of a program whose condensed matrices have sparse factors; see `Factorises`."""
-
-    def __init__(self, system: SparseSystem, tapes: ProgramTapes, *point: FloatArray) -> None:
-        super().__init__(tapes, *point)
-        self._system = system
+    """One of a program whose condensed matrices have sparse factors."""
 
     def factors(self, multipliers: FloatArray, weights: FloatArray, last: FloatArray) -> Factors:
-        """See `Factorises`."""
-        size = self._x.shape[1]
-        values = self._hessian(multipliers), self._entries, weights[:, size:], weights[:, :size]
-        return SparseFactors(self._system, values, last)
+        """See `Linearisation`."""
+        system, size = self._tapes.system, len(self.gradient)
+        assert system is not None
+        values = self._hessian(multipliers), self._entries, weights[size:], weights[:size]
+        return SparseFactors(system, values, last)

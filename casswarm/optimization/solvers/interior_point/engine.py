@@ -21,24 +21,21 @@ import numpy as np
 from ...problem import Instances
 from ...solution import Status
 from .iterates import Iterates, Options, Residuals, Results, reduce_mu
-from .problems import NumericProblems
+from .problems import Problems
 from .step import advance
 
 _REFILL = 0.75  # of the width: below it, others are started
 
 
-def minimise(
-    problems: NumericProblems, instances: Instances, options: Options, width: int
-) -> Results:
+def minimise(problems: Problems, instances: Instances, options: Options, width: int) -> Results:
     """Solve every instance, at most `width` at the same time."""
     results = Results.empty(instances)
     waiting = np.arange(len(instances))
     iterates = Iterates.start(problems, instances, waiting[:width], options)
     waiting = waiting[width:]
-    size = instances.x0.shape[1]
     while iterates.rows.size:
         rows = iterates.rows
-        at = problems.linearise(rows, iterates.y[:, :size])
+        at = problems.linearise(rows, iterates.y[: iterates.size])
         residuals = Residuals.of(at, iterates)
         ended = results.conclude(iterates, residuals, options)
         ended |= results.iterations[rows] >= options.max_iter
@@ -50,7 +47,9 @@ def minimise(
             stuck = ~(ended | moved)
             results.end(rows[stuck], Status.FAILED, "the line search found no better point")
             ended |= stuck
-        results.keep(iterates[ended], residuals.gradient[ended])
+        if not ended.any():
+            continue
+        results.keep(iterates[ended], residuals.gradient[:, ended])
         iterates = iterates[~ended]
         free = width - iterates.rows.size
         if waiting.size and free >= (1 - _REFILL) * width:

@@ -19,7 +19,7 @@ class Factors(Protocol):
     """(b,), NaN where none was enough."""
 
     def solve(self, right: FloatArray) -> FloatArray:
-        """Solutions (b, n) of the systems with these right-hand sides."""
+        """Solutions (n, b) of the systems with these right-hand sides."""
 
 
 class DenseFactors:
@@ -47,7 +47,7 @@ class DenseFactors:
         """See `Factors`."""
         solutions = np.empty_like(right)
         for row, factor in enumerate(self._factors):
-            solutions[row] = lapack.dpotrs(factor, right[row], lower=0)[0]
+            solutions[:, row] = lapack.dpotrs(factor, right[:, row], lower=0)[0]
         return solutions
 
 

@@ -12,7 +12,7 @@ from ...problem import Instances
 from ...solution import Status
 from .bounds import Bounds
 from .filter import Filter
-from .problems import Linearisation, NumericProblems
+from .problems import Linearisation, Problems
 
 _SOLVED = 10.0  # residual of a barrier problem that counts as solved, in units of mu
 
@@ -43,8 +43,9 @@ class Options:
 class Iterates:
     """The b instances that have not ended: `rows` of the batch.
 
-    y (b, k) are x and slacks, lam (b, ng), z (b, 2, k) the multipliers of lower and upper bounds,
-    f (b,), g (b, ng), mu and shift (b,) the barrier parameter and the last regularisation.
+    y (k, b) are x and slacks, lam (ng, b), z (2, k, b) the multipliers of lower and upper bounds,
+    f (b,), g (ng, b), mu and shift (b,) the barrier parameter and the last regularisation, barrier
+    (b,) minus the sum of the logarithms of all gaps.
     """
 
     rows: IntArray
@@ -55,11 +56,18 @@ class Iterates:
     g: FloatArray
     mu: FloatArray
     shift: FloatArray
+    barrier: FloatArray
     bounds: Bounds
     filter: Filter
 
     def __getitem__(self, keep: BoolArray) -> Iterates:
-        return Iterates(*(getattr(self, field.name)[keep] for field in fields(self)))
+        places = np.flatnonzero(keep)
+        return Iterates(*(getattr(self, field.name).take(places, -1) for field in fields(self)))
+
+    @property
+    def size(self) -> int:
+        """Number of variables x."""
+        return len(self.y) - len(self.g)
 
     def joined(self, other: Iterates) -> Iterates:
         """These iterates, then those of another batch."""
@@ -67,27 +75,30 @@ class Iterates:
         for name in (field.name for field in fields(self)):
             one, two = getattr(self, name), getattr(other, name)
             together = isinstance(one, Bounds | Filter)
-            parts[name] = one.joined(two) if together else np.concatenate([one, two])
+            parts[name] = one.joined(two) if together else np.concatenate([one, two], -1)
         return Iterates(**parts)
 
     @classmethod
     def start(
-        cls, problems: NumericProblems, every: Instances, rows: IntArray, options: Options
+        cls, problems: Problems, every: Instances, rows: IntArray, options: Options
     ) -> Iterates:
         """The initial guesses of some instances, moved inside their bounds."""
         instances = every[rows]
+        x0, lbx, ubx, lbg, ubg = (
+            np.ascontiguousarray(getattr(instances, name).T)
+            for name in ("x0", "lbx", "ubx", "lbg", "ubg")
+        )
         mu = np.full(rows.size, options.mu_init)
-        box = Bounds.of(instances.lbx, instances.ubx)
-        x = np.clip(instances.x0, instances.lbx, instances.ubx)
-        x = box.inside(x, options.bound_push)
+        x = Bounds.of(lbx, ubx).inside(np.clip(x0, lbx, ubx), options.bound_push)
         f, g = problems.evaluate(rows, x)
-        lower = np.hstack([instances.lbx, instances.lbg])
-        bounds = Bounds.of(lower, np.hstack([instances.ubx, instances.ubg]))
-        y = np.where(bounds.fixed, lower, bounds.inside(np.hstack([x, g]), options.bound_push))
-        z = mu[:, None, None] / bounds.gaps(y)
-        lam = (z[:, 1] - z[:, 0])[:, x.shape[1] :]
-        violation = abs(g - y[:, x.shape[1] :]).sum(axis=1)
-        return cls(rows, y, lam, z, f, g, mu, np.zeros(rows.size), bounds, Filter.empty(violation))
+        lower = np.vstack([lbx, lbg])
+        bounds = Bounds.of(lower, np.vstack([ubx, ubg]))
+        y = np.where(bounds.fixed, lower, bounds.inside(np.vstack([x, g]), options.bound_push))
+        z = mu / bounds.gaps(y)
+        lam = (z[1] - z[0])[len(x) :]
+        filters = Filter.empty(abs(g - y[len(x) :]).sum(axis=0))
+        shift, barrier = np.zeros(rows.size), bounds.log_barrier(y)
+        return cls(rows, y, lam, z, f, g, mu, shift, barrier, bounds, filters)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,11 +107,11 @@ class Residuals:
 
     Parameters
     ----------
-    gradient : (b, k)
+    gradient : (k, b)
         Of f + lam' (g - s), in x and s.
-    primal : (b, ng)
+    primal : (ng, b)
         g - s.
-    largest : (b, 5)
+    largest : (5, b)
         See `step_kernels.residuals`.
     """
 
@@ -114,23 +125,22 @@ class Residuals:
         from .step_kernels import residuals
 
         y, z, lam, bounds = iterates.y, iterates.z, iterates.lam, iterates.bounds
-        gradient = np.hstack([at.gradient + at.transposed_times(lam), -lam])
-        primal = iterates.g - y[:, at.gradient.shape[1] :]
-        largest = np.empty((len(y), 5))
+        gradient, primal, largest = np.empty_like(y), np.empty_like(lam), np.empty((5, y.shape[1]))
         limits = bounds.lower, bounds.upper, bounds.fixed
-        residuals((y, z, lam), limits, gradient, primal, largest)
+        terms = at.gradient, at.transposed_times(lam), iterates.g
+        residuals((y, z, lam), limits, terms, (gradient, primal), largest)
         return cls(gradient, primal, largest)
 
     def error(self, mu: FloatArray | float) -> FloatArray:
         """Largest residual (b,) of the equations with barrier parameters mu."""
-        dual, least, most, violation, scale = self.largest.T
+        dual, least, most, violation, scale = self.largest
         complementarity = np.maximum(most - mu, mu - least)
         return np.asarray(np.maximum(np.maximum(dual, complementarity) / scale, violation))
 
     @property
     def violation(self) -> FloatArray:
         """Largest entries (b,) of g - s."""
-        return np.asarray(self.largest[:, 3])
+        return np.asarray(self.largest[3])
 
 
 @dataclass(eq=False)
@@ -176,14 +186,14 @@ class Results:
     def keep(self, iterates: Iterates, gradient: FloatArray) -> None:
         """Write the iterates of the instances that end.
 
-        The multiplier of a fixed variable balances the `gradient` (b, k) of f + lam' (g - s).
+        The multiplier of a fixed variable balances the `gradient` (k, b) of f + lam' (g - s).
         """
-        rows, size = iterates.rows, self.x.shape[1]
-        self.x[rows] = iterates.y[:, :size]
-        multipliers = iterates.z[:, 1] - iterates.z[:, 0]
+        rows, size = iterates.rows, iterates.size
+        self.x[rows] = iterates.y[:size].T
+        multipliers = iterates.z[1] - iterates.z[0]
         multipliers = np.where(iterates.bounds.fixed, -gradient, multipliers)
-        self.lam_x[rows] = multipliers[:, :size]
-        self.lam_g[rows] = iterates.lam
+        self.lam_x[rows] = multipliers[:size].T
+        self.lam_g[rows] = iterates.lam.T
 
 
 def reduce_mu(iterates: Iterates, residuals: Residuals, least: float) -> None:

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ....typing import BoolArray, FloatArray
-from .factors import DenseFactors, Factors
-from .problems import Factorises, Linearisation
+from .factors import Factors
+from .problems import Linearisation
 
 
 @dataclass(eq=False)
@@ -23,11 +23,11 @@ class CondensedSystems:
     Parameters
     ----------
     at : Linearisation
-    weights : (b, k)
+    weights : (k, b)
         Weights of the bounds of x and s.
-    gradient : (b, k)
+    gradient : (k, b)
         Gradients of the barrier function plus lam' (g - s), zero where y is fixed.
-    fixed : (b, k) bool
+    fixed : (k, b) bool
     """
 
     at: Linearisation
@@ -41,24 +41,19 @@ class CondensedSystems:
 
         `last` are the shifts of the previous iteration that needed one.
         """
-        if isinstance(self.at, Factorises):
-            self._factors = self.at.factors(multipliers, self.weights, last)
-        else:
-            size = self.at.gradient.shape[1]
-            matrices = self.at.condensed(multipliers, self.weights[:, size:])
-            diagonal = np.arange(size)
-            matrices[:, diagonal, diagonal] += self.weights[:, :size]
-            self._factors = DenseFactors(matrices, last)
+        self._factors = self.at.factors(multipliers, self.weights, last)
         return self._factors.shifts
 
     def direction(self, primal: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Steps of y and lam that reduce g - s by `primal` (b, ng) to first order."""
-        size = self.at.gradient.shape[1]
-        weights, free = self.weights[:, size:], ~self.fixed
-        pull = weights * primal + self.gradient[:, size:]
-        right = self.gradient[:, :size] + self.at.transposed_times(pull)
-        right = np.where(free[:, :size], -right, 0.0)
-        dx = np.where(free[:, :size], self._factors.solve(right), 0.0)
-        ds = self.at.times(dx) + primal
-        multipliers = weights * ds + self.gradient[:, size:]
-        return np.hstack([dx, np.where(free[:, size:], ds, 0.0)]), multipliers
+        """Steps of y and lam that reduce g - s by `primal` (ng, b) to first order."""
+        from .step_kernels import condense, expand, right_hand_sides
+
+        pull, right = np.empty_like(primal), np.empty_like(self.at.gradient)
+        condense(self.weights, self.gradient, primal, pull)
+        pulled = self.at.transposed_times(pull)
+        right_hand_sides(self.gradient, pulled, self.fixed, right)
+        dx = self._factors.solve(right)
+        step, multipliers = np.empty_like(self.gradient), np.empty_like(primal)
+        equations = self.weights, self.gradient, primal, self.fixed
+        expand((dx, self.at.times(dx)), equations, step, multipliers)
+        return step, multipliers

@@ -1,20 +1,54 @@
-"""What the method reads of a program: values, derivatives and condensed matrices, as arrays."""
+"""What the method reads of a program: values, derivatives and condensed matrices, as arrays.
+
+The engine's arrays have instances last, (k, b), so that its loops do an operation for many of them.
+Programs that are evaluated one by one, or by NumPy, have instances first: `RowProblems` is between.
+"""
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
 
+from ...._util.jit import contiguous
 from ...._util.threads import locked_cache
 from ....typing import Expr, FloatArray, IntArray
 from ...problem import Nlp
-from .factors import Factors
+from .factors import DenseFactors, Factors
 
 
 class Linearisation(Protocol):
     """Derivatives of b instances at their points: g has the Jacobian J."""
+
+    gradient: FloatArray
+    """Of f, (nx, b)."""
+
+    def times(self, vectors: FloatArray) -> FloatArray:
+        """J v, (ng, b), of vectors v (nx, b)."""
+
+    def transposed_times(self, vectors: FloatArray) -> FloatArray:
+        """J' w, (nx, b), of vectors w (ng, b)."""
+
+    def factors(self, multipliers: FloatArray, weights: FloatArray, last: FloatArray) -> Factors:
+        """Factors of Hessians of f + multipliers' g, plus diag(w) + J' diag(v) J.
+
+        `weights` (nx + ng, b) are w and v; `last` (b,) the shifts that were last needed.
+        """
+
+
+class Problems(Protocol):
+    """Instances of a program as functions of arrays; `rows` (b,) selects some of them."""
+
+    def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """f (b,) and g (ng, b) at x (nx, b)."""
+
+    def linearise(self, rows: IntArray, x: FloatArray) -> Linearisation:
+        """Derivatives at x (nx, b)."""
+
+
+class RowLinearisation(Protocol):
+    """Derivatives of b instances, which are first in every array."""
 
     gradient: FloatArray
     """Of f, (b, nx)."""
@@ -29,26 +63,54 @@ class Linearisation(Protocol):
         """Hessians of f + multipliers' g, plus J' diag(weights) J: (b, nx, nx)."""
 
 
-@runtime_checkable
-class Factorises(Protocol):
-    """A linearisation that factorises its condensed matrices itself."""
-
-    def factors(self, multipliers: FloatArray, weights: FloatArray, last: FloatArray) -> Factors:
-        """Factors of the matrices of `Linearisation.condensed`, plus weights of the variables.
-
-        `weights` (b, nx + ng) are those of the variables and of g; `last` (b,) the shifts that were
-        last needed.
-        """
-
-
 class NumericProblems(Protocol):
-    """Instances of a program as functions of arrays; `rows` (b,) selects some of them."""
+    """Instances of a program, which are first in every array; `rows` (b,) selects some of them."""
 
     def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """f (b,) and g (b, ng) at x (b, nx)."""
 
-    def linearise(self, rows: IntArray, x: FloatArray) -> Linearisation:
+    def linearise(self, rows: IntArray, x: FloatArray) -> RowLinearisation:
         """Derivatives at x (b, nx)."""
+
+
+class RowProblems:
+    """`Problems` by those with instances first."""
+
+    def __init__(self, rows_first: NumericProblems) -> None:
+        self._rows_first = rows_first
+
+    def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `Problems`."""
+        f, g = self._rows_first.evaluate(rows, contiguous(x.T))
+        return f, contiguous(g.T)
+
+    def linearise(self, rows: IntArray, x: FloatArray) -> TransposedLinearisation:
+        """See `Problems`."""
+        return TransposedLinearisation(self._rows_first.linearise(rows, contiguous(x.T)))
+
+
+class TransposedLinearisation:
+    """`Linearisation` by one with instances first, with dense matrices."""
+
+    def __init__(self, rows_first: RowLinearisation) -> None:
+        self._rows_first = rows_first
+        self.gradient = contiguous(rows_first.gradient.T)
+
+    def times(self, vectors: FloatArray) -> FloatArray:
+        """See `Linearisation`."""
+        return contiguous(self._rows_first.times(contiguous(vectors.T)).T)
+
+    def transposed_times(self, vectors: FloatArray) -> FloatArray:
+        """See `Linearisation`."""
+        return contiguous(self._rows_first.transposed_times(contiguous(vectors.T)).T)
+
+    def factors(self, multipliers: FloatArray, weights: FloatArray, last: FloatArray) -> Factors:
+        """See `Linearisation`."""
+        diagonal = np.arange(len(self.gradient))
+        of_x, of_g = contiguous(weights[: diagonal.size].T), contiguous(weights[diagonal.size :].T)
+        matrices = self._rows_first.condensed(contiguous(multipliers.T), of_g)
+        matrices[:, diagonal, diagonal] += of_x
+        return DenseFactors(matrices, last)
 
 
 class CasadiProblems:
@@ -88,7 +150,7 @@ class CasadiProblems:
 
 
 class CasadiLinearisation:
-    """See `Linearisation`."""
+    """See `RowLinearisation`."""
 
     def __init__(self, problems: CasadiProblems, rows: IntArray, x: FloatArray) -> None:
         self._problems, self._rows, self._x = problems, rows, x
@@ -97,15 +159,15 @@ class CasadiLinearisation:
         self._jacobian = problems.call(nlp.jacobian, rows, x)[0]
 
     def times(self, vectors: FloatArray) -> FloatArray:
-        """See `Linearisation`."""
+        """See `RowLinearisation`."""
         return np.asarray(np.einsum("bmn,bn->bm", self._jacobian, vectors))
 
     def transposed_times(self, vectors: FloatArray) -> FloatArray:
-        """See `Linearisation`."""
+        """See `RowLinearisation`."""
         return np.asarray(np.einsum("bmn,bm->bn", self._jacobian, vectors))
 
     def condensed(self, multipliers: FloatArray, weights: FloatArray) -> FloatArray:
-        """See `Linearisation`."""
+        """See `RowLinearisation`."""
         hessian = lagrangian_hessian(self._problems.nlp)
         ones = np.ones(len(multipliers))
         upper = self._problems.call(hessian, self._rows, self._x, ones, multipliers)[0]

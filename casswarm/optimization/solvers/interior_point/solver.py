@@ -145,13 +145,15 @@ def _verified(nlp: Nlp, instances: Instances, results: Results, seconds: float) 
     """Results with residuals recomputed from the problem."""
     problems, rows = numeric_problems(nlp, instances.p), np.arange(len(instances))
     x, lam_x, lam_g = results.x, results.lam_x, results.lam_g
-    objective, g = problems.evaluate(rows, x)
-    at = problems.linearise(rows, x)
+    by_column = np.ascontiguousarray(x.T)
+    objective, g_by_column = problems.evaluate(rows, by_column)
+    at, g = problems.linearise(rows, by_column), g_by_column.T
+    lagrangian = (at.gradient + at.transposed_times(np.ascontiguousarray(lam_g.T))).T + lam_x
     values = np.hstack([x, g])
     below = np.hstack([instances.lbx, instances.lbg]) - values
     above = values - np.hstack([instances.ubx, instances.ubg])
     violation = np.maximum(below, above).max(axis=1, initial=0.0)
-    gradient = abs(at.gradient + at.transposed_times(lam_g) + lam_x).max(axis=1, initial=0.0)
+    gradient = abs(lagrangian).max(axis=1, initial=0.0)
     lam = np.hstack([lam_x, lam_g])
     slack = np.where(lam > 0.0, above, below)
     products = abs(lam * np.where(np.isfinite(slack), slack, 1.0))  # as `kkt_residuals`

@@ -25,17 +25,19 @@ class SparseSystem(NamedTuple):
 
     @classmethod
     def of(cls, size: int, hessian: IntArray, jacobian: IntArray) -> SparseSystem | None:
-        """From rows and columns (2, k) of H, in either triangle, and of A, row by row.
+        """From rows and columns (2, k) of H, in either triangle, and of A.
 
         None if a dense matrix is better.
         """
         pairs = [np.empty((3, 0), np.int64)]
-        starts = np.searchsorted(jacobian[0], np.arange(jacobian[0].max(initial=-1) + 2))
+        order = np.argsort(jacobian[0], kind="stable")  # row by row
+        bins = np.arange(jacobian[0].max(initial=-1) + 2)
+        starts = np.searchsorted(jacobian[0, order], bins)
         lengths = np.diff(starts)
         if (lengths * (lengths + 1) // 2).sum() > MAX_UPDATES:
             return None
         for row, (start, end) in enumerate(pairwise(starts)):
-            later, earlier = start + np.array(np.tril_indices(end - start))
+            later, earlier = order[start + np.array(np.tril_indices(end - start))]
             pairs.append(np.stack([later, earlier, np.full(len(later), row)]))
         one, two, rows = np.concatenate(pairs, axis=1)
         columns = jacobian[1]
@@ -55,7 +57,7 @@ class SparseFactors:
     Parameters
     ----------
     system : SparseSystem
-    values : tuple of (b, k)
+    values : tuple of (k, b)
         Entries of H and of A, v and w.
     last : (b,)
         Shifts that were last needed.
@@ -71,7 +73,7 @@ class SparseFactors:
         self._factors = np.zeros((-(-batch // LANES), entries, LANES))
         self.shifts, left = np.full(batch, np.nan), np.arange(batch)
         read: Any = tuple(map(np.ascontiguousarray, values))
-        lanes: Any = tuple(np.zeros((part.shape[1], LANES)) for part in values)
+        lanes: Any = tuple(np.zeros((len(part), LANES)) for part in values)
         work = lanes, np.empty((entries, LANES)), np.empty(LANES, bool)
         done = np.zeros(batch, bool)
         results = self._factors, done

@@ -7,41 +7,40 @@ from dataclasses import dataclass
 import numpy as np
 
 from ....typing import BoolArray, FloatArray, IntArray
-from .filter import LineSearch
 from .iterates import Iterates, Residuals
 from .newton import CondensedSystems
-from .problems import Linearisation, NumericProblems
+from .problems import Linearisation, Problems
 
 _SHORTEST = 1e-10  # step length, relative to the first, at which a search ends
 
 
 def advance(
-    problems: NumericProblems,
+    problems: Problems,
     at: Linearisation,
     iterates: Iterates,
     residuals: Residuals,
     active: BoolArray,
 ) -> tuple[BoolArray, IntArray]:
     """Move active iterates by one step: whether each moved, and its number of evaluations."""
+    from .search_kernels import slopes, violations
     from .step_kernels import barrier_terms
 
-    y, bounds, size = iterates.y, iterates.bounds, at.gradient.shape[1]
-    barrier, weights = np.empty_like(y), np.empty_like(y)
-    limits = bounds.lower, bounds.upper, bounds.fixed
-    barrier_terms((y, iterates.z, iterates.mu), limits, size, barrier, weights)
-    gradient = np.where(bounds.fixed, 0.0, residuals.gradient + barrier)
+    y, bounds = iterates.y, iterates.bounds
+    weights, gradient, ascent = (np.empty_like(y) for _ in range(3))
+    limits, gradients = (
+        (bounds.lower, bounds.upper, bounds.fixed),
+        (residuals.gradient, at.gradient),
+    )
+    barrier_terms((y, iterates.z, iterates.mu), limits, gradients, (weights, gradient, ascent))
     systems = CondensedSystems(at, weights, gradient, bounds.fixed)
     shifts = systems.factorise(iterates.lam, iterates.shift)
     iterates.shift = np.where(shifts > 0.0, shifts, iterates.shift)
     step, multipliers = systems.direction(residuals.primal)
-    barrier[:, :size] += at.gradient
-    line = LineSearch(
-        iterates.filter,
-        abs(residuals.primal).sum(axis=1),
-        iterates.f + iterates.mu * bounds.log_barrier(iterates.y),
-        np.where(bounds.fixed, 0.0, barrier * step).sum(axis=1),
-    )
-    search = Search(problems, iterates, line, systems, residuals.primal)
+    lines = np.empty((3, y.shape[1]))
+    violations(iterates.g, y, lines[0])
+    lines[1] = iterates.f + iterates.mu * iterates.barrier
+    slopes(ascent, step, lines[2])
+    search = Search(problems, iterates, lines, systems, residuals.primal)
     moved, evaluations = search.run(step, np.flatnonzero(active & np.isfinite(shifts)))
     search.finish(step, multipliers, moved)
     return moved, evaluations
@@ -49,20 +48,22 @@ def advance(
 
 @dataclass(eq=False)
 class Trial:
-    """Trial points of some instances, `rows`: y, f, g, and what the filter compares."""
+    """Trial points of some instances, `rows`: y, f, g, barrier, and what the filter compares."""
 
     rows: IntArray
     y: FloatArray
     f: FloatArray
     g: FloatArray
+    barrier: FloatArray
     violation: FloatArray
     merit: FloatArray
     accepted: BoolArray
 
     def replace(self, at: IntArray, other: Trial) -> None:
         """Take over the accepted points of another trial, whose instances are those `at` here."""
-        for name in ("y", "f", "g", "violation", "merit", "accepted"):
-            getattr(self, name)[at[other.accepted]] = getattr(other, name)[other.accepted]
+        accepted = other.accepted
+        for name in ("y", "f", "g", "barrier", "violation", "merit", "accepted"):
+            getattr(self, name)[..., at[accepted]] = getattr(other, name)[..., accepted]
 
 
 @dataclass(eq=False)
@@ -71,80 +72,100 @@ class Search:
 
     Parameters
     ----------
-    problems : NumericProblems
+    problems : Problems
     iterates : Iterates
-    line : LineSearch
+    lines : (3, b)
+        Constraint violation and barrier function at the current points, and the slope of the
+        barrier function along the steps.
     systems : CondensedSystems
-    primal : (b, ng)
+    primal : (ng, b)
         g - s at the iterates.
     """
 
-    problems: NumericProblems
+    problems: Problems
     iterates: Iterates
-    line: LineSearch
+    lines: FloatArray
     systems: CondensedSystems
     primal: FloatArray
 
     def __post_init__(self) -> None:
         now = self.iterates
-        self.new = now.y.copy(), now.f.copy(), now.g.copy()
+        self.new = now.y.copy(), now.f.copy(), now.g.copy(), now.barrier.copy()
         self.keep = np.minimum(0.01, now.mu)
-        self.length = np.ones(len(now.mu))
+        self.limits = now.bounds.lower, now.bounds.upper
+        now.filter.make_room()
 
     def run(self, step: FloatArray, rows: IntArray) -> tuple[BoolArray, IntArray]:
         """Search for some instances: whether each has moved, and its number of evaluations."""
-        now, bounds = self.iterates, self.iterates.bounds
-        self.length = first = bounds.longest_step(now.y, step, self.keep)
-        moved, evaluations = np.zeros(first.size, bool), np.zeros(first.size, np.int64)
+        from .search_kernels import remember
+
+        first = self._longest(step)
+        self.length = first.copy()
+        size, kept = len(first), self.iterates.filter
+        moved, evaluations = np.zeros(size, bool), np.zeros(size, np.int64)
         initial = True
         while rows.size:
-            trial = self._trial(rows, now.y[rows] + self.length[rows, None] * step[rows])
+            trial = self._trial(rows, step, self.length)
             evaluations[rows] += 1
             if initial:
-                evaluations += self._correct(trial, step)
+                self._correct(trial, evaluations)
                 initial = False
             done = trial.accepted
-            for target, values in zip(self.new, (trial.y, trial.f, trial.g), strict=True):
-                target[rows[done]] = values[done]
-            moved[rows[done]] = True
-            self.line.remember(rows[done], self.length[rows[done]], trial.merit[done])
+            ended, values = rows[done], (trial.y, trial.f, trial.g, trial.barrier)
+            for target, value in zip(self.new, values, strict=True):
+                target[..., ended] = value[..., done]
+            moved[ended] = True
+            entries = kept.entries, kept.numbers
+            remember(ended, self.lines, entries, (self.length, trial.merit[done]))
             rows = rows[~done]
-            self.length = np.where(moved, self.length, 0.5 * self.length)
+            self.length[rows] *= 0.5
             rows = rows[self.length[rows] > _SHORTEST * first[rows]]
         return moved, evaluations
 
-    def _trial(self, rows: IntArray, y: FloatArray) -> Trial:
-        size, now = self.systems.at.gradient.shape[1], self.iterates
-        f, g = self.problems.evaluate(now.rows[rows], y[:, :size])
-        violation = abs(g - y[:, size:]).sum(axis=1)
-        merit = f + now.mu[rows] * now.bounds[rows].log_barrier(y)
-        accepted = self.line.accepts(rows, self.length[rows], violation, merit)
-        return Trial(rows, y, f, g, violation, merit, accepted)
+    def _longest(self, step: FloatArray) -> FloatArray:
+        from .search_kernels import longest_steps
 
-    def _correct(self, trial: Trial, step: FloatArray) -> IntArray:
+        length = np.empty(step.shape[1])
+        longest_steps((self.iterates.y, step), self.limits, self.keep, length)
+        return length
+
+    def _trial(self, rows: IntArray, step: FloatArray, length: FloatArray) -> Trial:
+        from .search_kernels import judge, log_barrier, trial_points, violations
+
+        now, kept = self.iterates, self.iterates.filter
+        y, lower, upper = (np.empty((len(now.y), rows.size)) for _ in range(3))
+        barrier, violation, work = (
+            np.empty(rows.size),
+            np.empty(rows.size),
+            np.empty((2, rows.size)),
+        )
+        trial_points(rows, (now.y, step, length), self.limits, (y, lower, upper))
+        log_barrier(y, lower, upper, work, barrier)
+        f, g = self.problems.evaluate(now.rows[rows], y[: now.size])
+        violations(g, y, violation)
+        merit, accepted = f + now.mu[rows] * barrier, np.empty(rows.size, bool)
+        entries = kept.entries, kept.numbers, kept.scale
+        judge(rows, self.lines, entries, (self.length, violation, merit), accepted)
+        return Trial(rows, y, f, g, barrier, violation, merit, accepted)
+
+    def _correct(self, trial: Trial, evaluations: IntArray) -> None:
         """Second-order corrections of first steps that do not reduce the violation."""
-        evaluations = np.zeros(len(step), np.int64)
-        worse = trial.violation >= self.line.violation[trial.rows]
+        worse = trial.violation >= self.lines[0, trial.rows]
         at = np.flatnonzero(~trial.accepted & worse & np.isfinite(trial.violation))
         if at.size:
-            rows, size = trial.rows[at], self.systems.at.gradient.shape[1]
-            primal = self.primal.copy()
-            beyond = trial.g[at] - trial.y[at, size:]
-            primal[rows] = self.length[rows, None] * primal[rows] + beyond
+            rows, primal = trial.rows[at], self.primal.copy()
+            beyond = trial.g[:, at] - trial.y[self.iterates.size :, at]
+            primal[:, rows] = self.length[rows] * primal[:, rows] + beyond
             corrected, _ = self.systems.direction(primal)
-            y = self.iterates.y
-            length = self.iterates.bounds.longest_step(y, corrected, self.keep)
-            points = y[rows] + length[rows, None] * corrected[rows]
-            trial.replace(at, self._trial(rows, points))
-            evaluations[rows] = 1
-        return evaluations
+            trial.replace(at, self._trial(rows, corrected, self._longest(corrected)))
+            evaluations[rows] += 1
 
     def finish(self, step: FloatArray, multipliers: FloatArray, moved: BoolArray) -> None:
         """Move the multipliers of the instances that have moved, and write all new values."""
         from .step_kernels import move_multipliers
 
-        now, limits = self.iterates, (self.iterates.bounds.lower, self.iterates.bounds.upper)
-        y, f, g = self.new
-        move_multipliers((now.y, y, now.mu), limits, step, self.keep, moved, now.z)
-        now.lam = now.lam + np.where(moved, self.length, 0.0)[:, None] * multipliers
-        now.y, now.f, now.g = y, f, g
+        now, (y, f, g, barrier) = self.iterates, self.new
+        work = np.empty_like(now.z), moved.astype(float)
+        move_multipliers((now.y, y, now.mu), self.limits, step, self.keep, work, now.z)
+        now.lam = np.where(moved, now.lam + self.length * multipliers, now.lam)
+        now.y, now.f, now.g, now.barrier = y, f, g, barrier

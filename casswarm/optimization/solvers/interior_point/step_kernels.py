@@ -1,4 +1,7 @@
-"""Compiled loops over the entries of iterates: residuals, right-hand sides, multipliers."""
+"""Compiled loops over the entries of iterates: residuals, right-hand sides, multipliers.
+
+Arrays (k, b) hold numbers of b instances, so the inner loops do an operation for all of them.
+"""
 
 from __future__ import annotations
 
@@ -19,60 +22,127 @@ _NEAR = 1e10  # factor by which a multiplier may differ from mu / gap
 def residuals(
     point: tuple[FloatArray, FloatArray, FloatArray],
     bounds: tuple[FloatArray, FloatArray, BoolArray],
-    gradient: FloatArray,
-    primal: FloatArray,
+    terms: tuple[FloatArray, FloatArray, FloatArray],
+    results: tuple[FloatArray, FloatArray],
     out: FloatArray,
 ) -> None:
-    """Write what the conditions of optimality lack, (b, 5).
+    """Write what the conditions of optimality lack.
 
-    The largest entry of the Lagrangian's gradient, the least and the largest product of a
+    The `results` are the gradient (k, b) of f + lam' (g - s), and g - s (ng, b). `out` (5, b) are
+    the largest entry of the Lagrangian's gradient, the least and the largest product of a
     multiplier and its gap, the largest violation, and what residuals are relative to. `point` is
-    (y, z, lam), `bounds` (lower, upper, fixed).
+    (y, z, lam), `bounds` (lower, upper, fixed), `terms` (gradient of f, J' lam, g).
     """
     (y, z, lam), (lower, upper, fixed) = point, bounds
-    for i in range(len(y)):
-        dual, least, most, violation, total = 0.0, math.inf, -math.inf, 0.0, 0.0
-        for k in range(y.shape[1]):
-            error = abs(gradient[i, k] - z[i, 0, k] + z[i, 1, k])
-            if not fixed[i, k] and (error > dual or math.isnan(error)):
-                dual = error
-            total += z[i, 0, k] + z[i, 1, k]
-            if lower[i, k] > -math.inf:
-                product = z[i, 0, k] * (y[i, k] - lower[i, k])
-                least, most = min(least, product), max(most, product)
-            if upper[i, k] < math.inf:
-                product = z[i, 1, k] * (upper[i, k] - y[i, k])
-                least, most = min(least, product), max(most, product)
-        for k in range(lam.shape[1]):
-            total += abs(lam[i, k])
-            error = abs(primal[i, k])
-            if error > violation or math.isnan(error):
-                violation = error
-        mean = total / (lam.shape[1] + 2 * y.shape[1])
-        out[i, 0], out[i, 1], out[i, 2] = dual, least, most
-        out[i, 3], out[i, 4] = violation, max(LARGE, mean) / LARGE
+    (objective, pulled, g), (gradient, primal) = terms, results
+    size, rows, batch = len(objective), len(lam), y.shape[1]
+    dual, least, most, violation, total = out[0], out[1], out[2], out[3], out[4]
+    for i in range(batch):
+        dual[i], least[i], most[i], violation[i], total[i] = 0.0, math.inf, -math.inf, 0.0, 0.0
+    for k in range(rows):
+        for i in range(batch):
+            gradient[size + k, i] = -lam[k, i]
+            primal[k, i] = g[k, i] - y[size + k, i]
+            total[i] += abs(lam[k, i])
+            violation[i] = largest(violation[i], abs(primal[k, i]))
+    for k in range(size):
+        for i in range(batch):
+            gradient[k, i] = objective[k, i] + pulled[k, i]
+    for k in range(len(y)):
+        for i in range(batch):
+            below, above = z[0, k, i], z[1, k, i]
+            total[i] += below + above
+            error = 0.0 if fixed[k, i] else abs(gradient[k, i] - below + above)
+            dual[i] = largest(dual[i], error)
+            has_lower, has_upper = lower[k, i] > -math.inf, upper[k, i] < math.inf
+            one = below * (y[k, i] - lower[k, i] if has_lower else 0.0)
+            two = above * (upper[k, i] - y[k, i] if has_upper else 0.0)
+            least[i] = min(least[i], one if has_lower else math.inf)
+            least[i] = min(least[i], two if has_upper else math.inf)
+            most[i] = max(most[i], one if has_lower else -math.inf)
+            most[i] = max(most[i], two if has_upper else -math.inf)
+    for i in range(batch):
+        total[i] = max(LARGE, total[i] / (rows + 2 * len(y))) / LARGE
+
+
+@kernel
+def largest(one: float, two: float) -> float:
+    """The larger number; NaN if one is."""
+    return one if one > two or math.isnan(one) else two
 
 
 @kernel
 def barrier_terms(
     point: tuple[FloatArray, FloatArray, FloatArray],
     bounds: tuple[FloatArray, FloatArray, BoolArray],
-    size: int,
-    barrier: FloatArray,
-    weights: FloatArray,
+    gradients: tuple[FloatArray, FloatArray],
+    results: tuple[FloatArray, FloatArray, FloatArray],
 ) -> None:
-    """Write the barrier's gradient and the bounds' weights, (b, k), of which `size` are of x.
+    """Write what Newton's equations need of the bounds, (k, b) each.
 
-    `point` is (y, z, mu), `bounds` (lower, upper, fixed).
+    The `results` are the bounds' weights, the gradient of the barrier function plus lam' (g - s),
+    and that of the barrier function alone; both gradients are zero where y is fixed. `point` is
+    (y, z, mu), `bounds` (lower, upper, fixed), `gradients` those of f + lam' (g - s) and of f.
     """
     (y, z, mu), (lower, upper, fixed) = point, bounds
-    for i in range(len(y)):
-        for k in range(y.shape[1]):
-            below, above = 1.0 / (y[i, k] - lower[i, k]), 1.0 / (upper[i, k] - y[i, k])
-            barrier[i, k] = mu[i] * (above - below)
-            weights[i, k] = z[i, 0, k] * below + z[i, 1, k] * above
-            if fixed[i, k]:
-                weights[i, k] = _FIXED if k < size else _EQUALITY
+    (lagrangian, objective), (weights, gradient, ascent) = gradients, results
+    size = len(objective)
+    for k in range(len(y)):
+        infinite = _FIXED if k < size else _EQUALITY
+        for i in range(y.shape[1]):
+            below, above = 1.0 / (y[k, i] - lower[k, i]), 1.0 / (upper[k, i] - y[k, i])
+            barrier = mu[i] * (above - below)
+            weight = z[0, k, i] * below + z[1, k, i] * above
+            weights[k, i] = infinite if fixed[k, i] else weight
+            ascent[k, i] = 0.0 if fixed[k, i] else barrier
+            gradient[k, i] = 0.0 if fixed[k, i] else lagrangian[k, i] + barrier
+    for k in range(size):
+        for i in range(y.shape[1]):
+            ascent[k, i] += 0.0 if fixed[k, i] else objective[k, i]
+
+
+@kernel
+def condense(
+    weights: FloatArray, gradient: FloatArray, primal: FloatArray, pull: FloatArray
+) -> None:
+    """Write the vectors (ng, b) whose products with J' condensation adds to the right-hand side."""
+    size = len(gradient) - len(primal)
+    for k in range(len(primal)):
+        for i in range(primal.shape[1]):
+            pull[k, i] = weights[size + k, i] * primal[k, i] + gradient[size + k, i]
+
+
+@kernel
+def right_hand_sides(
+    gradient: FloatArray, pulled: FloatArray, fixed: BoolArray, right: FloatArray
+) -> None:
+    """Write minus the condensed gradients (n, b), zero where x is fixed."""
+    for k in range(len(right)):
+        for i in range(right.shape[1]):
+            right[k, i] = 0.0 if fixed[k, i] else -(gradient[k, i] + pulled[k, i])
+
+
+@kernel
+def expand(
+    changes: tuple[FloatArray, FloatArray],
+    equations: tuple[FloatArray, FloatArray, FloatArray, BoolArray],
+    step: FloatArray,
+    multipliers: FloatArray,
+) -> None:
+    """Write the steps of y (k, b) and of the multipliers (ng, b) that condensation left out.
+
+    `changes` are dx and J dx; `equations` (weights, gradient, g - s, fixed).
+    """
+    (dx, along), (weights, gradient, primal, fixed) = changes, equations
+    size, batch = len(dx), step.shape[1]
+    for k in range(size):
+        for i in range(batch):
+            step[k, i] = 0.0 if fixed[k, i] else dx[k, i]
+    for k in range(len(primal)):
+        for i in range(batch):
+            ds = along[k, i] + primal[k, i]
+            multipliers[k, i] = weights[size + k, i] * ds + gradient[size + k, i]
+            step[size + k, i] = 0.0 if fixed[size + k, i] else ds
 
 
 @kernel
@@ -81,36 +151,31 @@ def move_multipliers(
     bounds: tuple[FloatArray, FloatArray],
     step: FloatArray,
     keep: FloatArray,
-    moved: BoolArray,
+    work: tuple[FloatArray, FloatArray],
     z: FloatArray,
 ) -> None:
-    """Move the multipliers z (b, 2, k) of the bounds with a step of y, where that was taken.
+    """Move the multipliers z (2, k, b) of the bounds with a step of y, where that was taken.
 
-    `point` is (y before, y after, mu). A fraction `keep` (b,) of every multiplier is kept.
+    `point` is (y before, y after, mu). A fraction `keep` (b,) of every multiplier is kept. `work`
+    are the changes (2, k, b), and lengths (b,), which are 0 where no step was taken, or 1.
     """
-    (before, after, mu), (lower, upper) = point, bounds
-    for i in range(len(z)):
-        if not moved[i]:
-            continue
-        length = 1.0
-        for k in range(z.shape[2]):
-            gaps = before[i, k] - lower[i, k], upper[i, k] - before[i, k]
+    (before, after, mu), (lower, upper), (changes, lengths) = point, bounds, work
+    batch = before.shape[1]
+    for k in range(len(before)):
+        for i in range(batch):
+            below, above = before[k, i] - lower[k, i], upper[k, i] - before[k, i]
+            one, two = z[0, k, i], z[1, k, i]
+            changes[0, k, i] = (mu[i] - one * step[k, i]) / below - one
+            changes[1, k, i] = (mu[i] + two * step[k, i]) / above - two
             for side in range(2):
-                change = changed(z[i, side, k], gaps[side], mu[i], step[i, k], side)
-                if change < 0.0:
-                    length = min(length, (keep[i] - 1.0) * z[i, side, k] / change)
-        for k in range(z.shape[2]):
-            gaps = before[i, k] - lower[i, k], upper[i, k] - before[i, k]
-            ends = after[i, k] - lower[i, k], upper[i, k] - after[i, k]
-            for side in range(2):
-                change = changed(z[i, side, k], gaps[side], mu[i], step[i, k], side)
-                ideal = mu[i] / ends[side]
-                value = z[i, side, k] + length * change
-                z[i, side, k] = min(max(value, ideal / _NEAR), ideal * _NEAR)
-
-
-@kernel
-def changed(z: float, gap: float, mu: float, step: float, side: int) -> float:
-    """Newton's change of a multiplier of a lower (side 0) or upper bound."""
-    toward = step if side else -step
-    return (mu + z * toward) / gap - z
+                change, value = changes[side, k, i], z[side, k, i]
+                limit = (keep[i] - 1.0) * value / change
+                lengths[i] = min(lengths[i], limit if change < 0.0 else 1.0)
+    for side in range(2):
+        for k in range(len(before)):
+            for i in range(batch):
+                below, above = after[k, i] - lower[k, i], upper[k, i] - after[k, i]
+                ideal = mu[i] / (below if side == 0 else above)
+                value = z[side, k, i] + lengths[i] * changes[side, k, i]
+                value = min(max(value, ideal / _NEAR), ideal * _NEAR)
+                z[side, k, i] = value if lengths[i] > 0.0 else z[side, k, i]

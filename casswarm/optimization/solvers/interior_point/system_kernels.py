@@ -1,6 +1,7 @@
-"""Compiled loops of the interior-point method: sparse products and Cholesky factors, in lanes.
+"""Compiled loops of the interior-point method: sparse products and Cholesky factors.
 
-Arrays (k, LANES) hold numbers of as many instances, so every operation is a vector operation.
+Arrays (k, b) hold numbers of b instances, and factors those of `LANES` at a time, (k, LANES), so
+that inner loops do an operation for many instances.
 """
 
 from __future__ import annotations
@@ -16,19 +17,26 @@ from .lane_kernels import LANES
 def times(
     entries: FloatArray, rows: IntArray, columns: IntArray, vectors: FloatArray, out: FloatArray
 ) -> None:
-    """Write A v of b sparse matrices with entries (b, k) at (rows, columns)."""
-    for i in range(len(vectors)):
-        out[i] = 0.0
-        for k in range(len(rows)):
-            out[i, rows[k]] += entries[i, k] * vectors[i, columns[k]]
+    """Write A v (m, b) of sparse matrices with entries (k, b) at (rows, columns)."""
+    out[:] = 0.0
+    for k in range(len(rows)):
+        row, column = rows[k], columns[k]
+        for i in range(vectors.shape[1]):
+            out[row, i] += entries[k, i] * vectors[column, i]
 
 
 @kernel
 def load(values: FloatArray, instances: IntArray, lanes: FloatArray) -> None:
-    """Copy the values (b, k) of some instances, at most `LANES`, to lanes (k, LANES)."""
-    for lane in range(len(instances)):
-        for k in range(values.shape[1]):
-            lanes[k, lane] = values[instances[lane], k]
+    """Copy the values (k, b) of some instances, at most `LANES`, to lanes (k, LANES)."""
+    first, number = instances[0], len(instances)
+    if instances[number - 1] - first == number - 1:  # in order, so all from the first on
+        for k in range(len(values)):
+            for lane in range(number):
+                lanes[k, lane] = values[k, first + lane]
+    else:
+        for k in range(len(values)):
+            for lane in range(number):
+                lanes[k, lane] = values[k, instances[lane]]
 
 
 @kernel
@@ -113,7 +121,7 @@ def factorise(
 ) -> None:
     """Write the factors of some instances.
 
-    `values` (b, k) are those of `assemble`, of all instances; `shifts` (b,) are added to diagonals.
+    `values` (k, b) are those of `assemble`, of all instances; `shifts` (b,) are added to diagonals.
     `results` are the factors (blocks, l, LANES), and which instances have one (b,).
     """
     (lanes, factor, positive), (factors, done) = work, results
@@ -122,18 +130,30 @@ def factorise(
         some = instances[first : first + LANES]
         for values_of, lanes_of in zip(values, lanes):  # noqa: B905  (Numba has no strict)
             load(values_of, some, lanes_of)
-        for lane in range(len(some)):
-            for k in range(len(lanes[3])):
+        for k in range(len(lanes[3])):
+            for lane in range(len(some)):
                 lanes[3][k, lane] += shifts[some[lane]]
         assemble(lanes, places, factor)
         cholesky(starts, update_starts, updates, factor, positive)
         for lane in range(len(some)):
-            instance = some[lane]
-            done[instance] = positive[lane]
-            if positive[lane]:
-                block, place = instance // LANES, instance % LANES
-                for k in range(len(factor)):
-                    factors[block, k, place] = factor[k, lane]
+            done[some[lane]] = positive[lane]
+        store(factor, positive, some, factors)
+
+
+@kernel
+def store(
+    factor: FloatArray, positive: BoolArray, instances: IntArray, factors: FloatArray
+) -> None:
+    """Copy the factors (l, LANES) of some instances to those of all."""
+    block, place, number = instances[0] // LANES, instances[0] % LANES, len(instances)
+    together = instances[number - 1] - instances[0] == number - 1 and place + number <= LANES
+    for k in range(len(factor) if together else 0):
+        for lane in range(number):
+            factors[block, k, place + lane] = factor[k, lane]
+    for lane in range(0 if together else number):
+        block, place = instances[lane] // LANES, instances[lane] % LANES
+        for k in range(len(factor) if positive[lane] else 0):
+            factors[block, k, place] = factor[k, lane]
 
 
 @kernel
@@ -145,14 +165,14 @@ def solve(
     x: FloatArray,
     right: FloatArray,
 ) -> None:
-    """Replace b right-hand sides (b, n) by the solutions; x is (n, LANES)."""
+    """Replace b right-hand sides (n, b) by the solutions; x is (n, LANES)."""
     for block in range(len(factors)):
         first = block * LANES
-        number = min(LANES, len(right) - first)
+        number = min(LANES, right.shape[1] - first)
         for k in range(len(order)):
             for lane in range(number):
-                x[k, lane] = right[first + lane, order[k]]
+                x[k, lane] = right[order[k], first + lane]
         substitute(starts, rows, factors[block], x)
         for k in range(len(order)):
             for lane in range(number):
-                right[first + lane, order[k]] = x[k, lane]
+                right[order[k], first + lane] = x[k, lane]

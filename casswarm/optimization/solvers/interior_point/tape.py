@@ -10,7 +10,7 @@ import numpy as np
 
 from ....typing import Expr, FloatArray, IntArray
 from .lane_kernels import LANES
-from .tape_operations import OPERATIONS
+from .tape_operations import OPERATIONS, evaluation
 
 MAX_OPERATIONS = 200_000
 """Number of operations above which lists of them take too much memory and time."""
@@ -37,19 +37,20 @@ class Tape:
     Parameters
     ----------
     operations : (m, 4) int
-        Operation, place of its result, places of its two arguments. Of inputs and outputs, the
-        place in the stacked vector is the second argument.
+        Operation, place of its result, places of its two arguments. The arguments of an input are
+        the number of the array and the entry there; the second one of an output is its entry in
+        the stacked outputs.
     constants : (m,)
         Of operations that have one.
-    sizes : tuple of int
-        Numbers of inputs, outputs and places.
+    size : int
+        Number of places.
     patterns : tuple of (2, k) int
-        Rows and columns of the entries of each output, which are stacked.
+        Rows and columns of the entries of each output.
     """
 
     operations: IntArray
     constants: FloatArray
-    sizes: tuple[int, int, int]
+    size: int
     patterns: tuple[IntArray, ...]
 
     @classmethod
@@ -65,7 +66,6 @@ class Tape:
         function = ca.Function("tape", arguments, merged)
         if function.n_instructions() > MAX_OPERATIONS:
             raise NotImplementedError(f"{function.n_instructions()} operations")
-        first_in = np.cumsum([0, *map(function.nnz_in, range(function.n_in()))])
         first_out = np.cumsum([0, *map(function.nnz_out, range(function.n_out()))])
         operations = np.zeros((function.n_instructions(), 4), np.int64)
         constants = np.zeros(len(operations))
@@ -74,11 +74,12 @@ class Tape:
             if code not in OPERATIONS:
                 raise NotImplementedError(f"operation {code} of CasADi")
             places, results = function.instruction_input(k), function.instruction_output(k)
+            row: tuple[int, ...]
             if code == ca.OP_CONST:
                 constants[k] = function.instruction_constant(k)
                 row = results[0], 0, 0
             elif code == ca.OP_INPUT:
-                row = results[0], 0, first_in[places[0]] + places[1]
+                row = results[0], *places
             elif code == ca.OP_OUTPUT:
                 row = 0, places[0], first_out[results[0]] + results[1]
             else:
@@ -88,20 +89,15 @@ class Tape:
             np.array(function.sparsity_out(k).get_triplet(), np.int64)
             for k in range(function.n_out())
         )
-        number = _separate_results(operations)
-        sizes = int(first_in[-1]), int(first_out[-1]), number
-        return cls(operations, constants, sizes, patterns)
+        return cls(operations, constants, _separate_results(operations), patterns)
 
     def __call__(self, *arguments: FloatArray) -> list[FloatArray]:
-        """Entries of the outputs, each (b, k), at arguments of shapes (b, size)."""
-        from .tape_kernels import evaluate
-
-        inputs = np.hstack(arguments)
-        results = np.empty((len(inputs), self.sizes[1]))
-        places = np.zeros((self.sizes[2], LANES))
-        evaluate(self.operations, self.constants, places, inputs, results)
-        ends = np.cumsum([pattern.shape[1] for pattern in self.patterns])[:-1]
-        return [np.ascontiguousarray(part) for part in np.split(results, ends, axis=1)]
+        """Entries of the outputs, each (k, b), at arguments of shapes (size, b)."""
+        ends = np.cumsum([pattern.shape[1] for pattern in self.patterns])
+        results, places = np.empty((ends[-1], arguments[0].shape[1])), np.zeros((self.size, LANES))
+        inputs = tuple(map(np.ascontiguousarray, arguments))
+        evaluation()(self.operations, self.constants, inputs, places, results)
+        return np.split(results, ends[:-1])
 
 
 def _separate_results(operations: IntArray) -> int:
