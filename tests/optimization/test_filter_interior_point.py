@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -20,6 +21,7 @@ from casswarm.optimization.solvers.interior_point.compiled_problems import (
 )
 from casswarm.optimization.solvers.interior_point.engine import minimise
 from casswarm.optimization.solvers.interior_point.iterates import Options
+from casswarm.optimization.solvers.interior_point.problems import CasadiProblems, RowProblems
 
 SOLVER = FilterInteriorPoint()
 BOUNDS = "p", "lbx", "ubx", "lbg", "ubg"
@@ -90,12 +92,14 @@ def test_batch_is_verified_and_the_rest_goes_to_the_fallback(number: int) -> Non
     x0 = known.instance.x0 + np.linspace(-0.2, 0.2, 9)[:, None]
     one = known.instance
     batch = Instances(x0, one.p, one.lbx, one.ubx, one.lbg, one.ubg)
-    alone = SOLVER.solve_batch(known.nlp, batch)
-    solver = FilterInteriorPoint(fallback=Ipopt())
+    plain = FilterInteriorPoint(constr_mult_init_max=0.0, restoration=False)
+    alone = plain.solve_batch(known.nlp, batch)
+    assert alone.success.all() == (number == 71)
+    solver = replace(plain, fallback=Ipopt())
     helped = solver.solve_batch(known.nlp, batch)
     assert helped.success.all()
     assert (helped.used_fallback == ~alone.success).all()
-    for row, solution in enumerate(SOLVER.solve(known.nlp, batch)):
+    for row, solution in enumerate(plain.solve(known.nlp, batch)):
         assert alone.success[row] == solution.status.success
         assert alone.objective[row] == pytest.approx(solution.objective, rel=1e-12)
         assert alone.violation[row] == pytest.approx(solution.residuals.violation, abs=1e-12)
@@ -104,6 +108,40 @@ def test_batch_is_verified_and_the_rest_goes_to_the_fallback(number: int) -> Non
             assert alone.stationarity[row] == pytest.approx(largest, rel=1e-6, abs=1e-10)
     used = [solution.message.startswith("by ipopt") for solution in solver.solve(known.nlp, batch)]
     assert used == helped.used_fallback.tolist()
+
+
+@pytest.mark.parametrize("number", [15, 18, 40])
+def test_restoration_solves_what_the_line_search_cannot(number: int) -> None:
+    known = published(number)
+    one, rng = known.instance, np.random.default_rng(number)
+    x0 = np.clip(one.x0 + 0.2 * rng.normal(size=(100, one.x0.shape[1])), one.lbx, one.ubx)
+    batch = Instances(x0, one.p, one.lbx, one.ubx, one.lbg, one.ubg)
+    without = FilterInteriorPoint(constr_mult_init_max=0.0, restoration=False)
+    stuck = np.flatnonzero(~without.solve_batch(known.nlp, batch).success)
+    together = replace(without, restoration=True).solve_batch(known.nlp, batch)
+    assert stuck.size > 0
+    assert together.success.all()
+    assert abs(together.objective - known.objective).min() <= 1e-6 * max(1, abs(known.objective))
+    one_by_one = replace(without, restoration=True).solve(known.nlp, batch[stuck[:3]])
+    assert (np.array([answer.x for answer in one_by_one]) == together.x[stuck[:3]]).all()
+
+
+def test_restoration_without_tapes() -> None:
+    known = published(15)
+    options, rows = Options(1e-8, 1e-8, 0.1, 0.01, 500, 0.0), np.arange(1)
+    tapes = numeric_problems(known.nlp, known.instance.p)
+    casadi = RowProblems(CasadiProblems(known.nlp, known.instance.p))
+    one, other = (minimise(each, known.instance, options, 1) for each in (tapes, casadi))
+    np.testing.assert_allclose(one.x[rows], other.x[rows], rtol=1e-6)
+    assert one.status == other.status == [Status.SOLVED]
+
+
+def test_restoration_ends_where_the_violation_has_a_minimum() -> None:
+    nlp, instances = parabola(ubg=-1.0)
+    squares = Nlp("squares", {"x": nlp.x}, {}, nlp.x, {"g": nlp.x**2})
+    (solution,) = SOLVER.solve(squares, instances)
+    assert solution.status is Status.FAILED
+    assert "no point with a smaller violation" in solution.message
 
 
 def test_operations_that_are_not_scalar_are_evaluated_by_casadi() -> None:

@@ -35,6 +35,10 @@ class Bounds:
         """Bounds of some vectors, like `numpy.ndarray.take`."""
         return Bounds(*(getattr(self, part.name).take(places, axis) for part in fields(self)))
 
+    def part(self, entries: slice) -> Bounds:
+        """Bounds of some of the entries of all vectors."""
+        return Bounds(self.lower[entries], self.upper[entries], self.fixed[entries])
+
     def joined(self, other: Bounds) -> Bounds:
         """These bounds, then those of another batch."""
         pairs = ((getattr(self, part.name), getattr(other, part.name)) for part in fields(self))
@@ -61,3 +65,11 @@ class Bounds:
         barrier = np.empty(y.shape[1])
         log_barrier(y, self.lower, self.upper, np.empty((2, y.shape[1])), barrier)
         return barrier
+
+    def longest_step(self, y: FloatArray, step: FloatArray, keep: FloatArray) -> FloatArray:
+        """Largest lengths (b,) up to 1 after which every gap keeps a fraction `keep` (b,)."""
+        from .search_kernels import longest_steps
+
+        length = np.empty(len(keep))
+        longest_steps((y, step), (self.lower, self.upper), keep, length)
+        return length

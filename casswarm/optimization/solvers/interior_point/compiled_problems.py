@@ -110,29 +110,42 @@ class CompiledLinearisation:
         times(self._entries, columns, rows, vectors, out)
         return out
 
-    def factors(self, multipliers: FloatArray, weights: FloatArray, last: FloatArray) -> Factors:
+    def factors(
+        self, multipliers: FloatArray, weights: FloatArray, last: FloatArray, objective: float = 1.0
+    ) -> Factors:
         """See `Linearisation`."""
         size, batch = self.gradient.shape
         matrices = np.zeros((batch, size, size))
         rows, columns = self._tapes.hessian.patterns[0]
-        matrices[:, rows, columns] = matrices[:, columns, rows] = self._hessian(multipliers).T
+        matrices[:, rows, columns] = matrices[:, columns, rows] = self._hessian(
+            multipliers, objective
+        ).T
         matrices[:, np.arange(size), np.arange(size)] += weights[:size].T
         jacobian = np.zeros((batch, len(multipliers), size))
         jacobian[:, *self._tapes.jacobian] = self._entries.T
         weighted = jacobian * weights[size:].T[..., None]
         return DenseFactors(matrices + weighted.swapaxes(1, 2) @ jacobian, last)
 
-    def _hessian(self, multipliers: FloatArray) -> FloatArray:
-        ones = np.ones((1, multipliers.shape[1]))
-        return self._tapes.hessian(self._x, self._p, np.vstack([ones, multipliers]))[0]
+    def _hessian(self, multipliers: FloatArray, objective: float) -> FloatArray:
+        if objective == 0.0 and not multipliers.any():
+            return np.zeros((self._tapes.hessian.patterns[0].shape[1], multipliers.shape[1]))
+        of_f = np.full((1, multipliers.shape[1]), objective)
+        return self._tapes.hessian(self._x, self._p, np.vstack([of_f, multipliers]))[0]
 
 
 class SparseLinearisation(CompiledLinearisation):
     """One of a program whose condensed matrices have sparse factors."""
 
-    def factors(self, multipliers: FloatArray, weights: FloatArray, last: FloatArray) -> Factors:
+    def factors(
+        self, multipliers: FloatArray, weights: FloatArray, last: FloatArray, objective: float = 1.0
+    ) -> Factors:
         """See `Linearisation`."""
         system, size = self._tapes.system, len(self.gradient)
         assert system is not None
-        values = self._hessian(multipliers), self._entries, weights[size:], weights[:size]
+        values = (
+            self._hessian(multipliers, objective),
+            self._entries,
+            weights[size:],
+            weights[:size],
+        )
         return SparseFactors(system, values, last)

@@ -11,48 +11,91 @@ Each instance has a barrier parameter, a step length and a regularisation of its
 batch advance together; those that end make room for others, and no answer depends on the others.
 The method, and constants that are not explained, are those of A. Waechter and
 L. T. Biegler, On the implementation of an interior-point filter line-search algorithm for
-large-scale nonlinear programming, Math. Program. 106(1), 2006, without scaling and restoration.
+large-scale nonlinear programming, Math. Program. 106(1), 2006, without scaling, and with a
+restoration phase of its own (`restoration`).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from ....typing import IntArray
 from ...problem import Instances
 from ...solution import Status
 from .iterates import Iterates, Options, Residuals, Results, reduce_mu
+from .lane_kernels import LANES
+from .newton import estimate_multipliers
 from .problems import Problems
+from .restoration import restore
 from .step import advance
 
 _REFILL = 0.75  # of the width: below it, others are started
+_NONE = np.arange(0)
 
 
 def minimise(problems: Problems, instances: Instances, options: Options, width: int) -> Results:
     """Solve every instance, at most `width` at the same time."""
     results = Results.empty(instances)
     waiting = np.arange(len(instances))
-    iterates = Iterates.start(problems, instances, waiting[:width], options)
-    waiting = waiting[width:]
-    while iterates.rows.size:
-        rows = iterates.rows
-        at = problems.linearise(rows, iterates.y[: iterates.size])
-        residuals = Residuals.of(at, iterates)
-        ended = results.conclude(iterates, residuals, options)
-        ended |= results.iterations[rows] >= options.max_iter
-        if not ended.all():
-            reduce_mu(iterates, residuals, options.tolerance / 10.0)
-            moved, evaluations = advance(problems, at, iterates, residuals, ~ended)
-            results.evaluations[rows] += evaluations
-            results.iterations[rows] += ~ended
-            stuck = ~(ended | moved)
-            results.end(rows[stuck], Status.FAILED, "the line search found no better point")
-            ended |= stuck
-        if not ended.any():
+    iterates = _started(problems, instances, waiting[:width], options)
+    stuck, waiting = iterates[_NONE], waiting[width:]
+    while iterates.rows.size or stuck.rows.size:
+        if stuck.rows.size >= LANES or not iterates.rows.size:
+            iterates, stuck = (
+                iterates.joined(_restored(problems, stuck, results, options)),
+                stuck[_NONE],
+            )
             continue
-        results.keep(iterates[ended], residuals.gradient[:, ended])
-        iterates = iterates[~ended]
-        free = width - iterates.rows.size
+        iterates, more = _iterate(problems, iterates, results, options)
+        stuck = stuck.joined(more)
+        free = width - iterates.rows.size - stuck.rows.size
         if waiting.size and free >= (1 - _REFILL) * width:
-            new = Iterates.start(problems, instances, waiting[:free], options)
+            new = _started(problems, instances, waiting[:free], options)
             iterates, waiting = iterates.joined(new), waiting[free:]
     return results
+
+
+def _started(
+    problems: Problems, instances: Instances, rows: IntArray, options: Options
+) -> Iterates:
+    """Iterates at the initial guesses of some instances."""
+    new = Iterates.start(problems, instances, rows, options)
+    estimate_multipliers(problems, new, options.constr_mult_init_max)
+    return new
+
+
+def _iterate(
+    problems: Problems, iterates: Iterates, results: Results, options: Options
+) -> tuple[Iterates, Iterates]:
+    """One iteration: the iterates that go on, and those that need restoration."""
+    rows = iterates.rows
+    at = problems.linearise(rows, iterates.y[: iterates.size])
+    residuals = Residuals.of(at, iterates)
+    ended = results.conclude(iterates, residuals, options)
+    ended |= results.iterations[rows] >= options.max_iter
+    stuck = np.zeros_like(ended)
+    if not ended.all():
+        reduce_mu(iterates, residuals, options.tolerance / 10.0)
+        moved, evaluations = advance(problems, at, iterates, residuals, ~ended)
+        results.evaluations[rows] += evaluations
+        results.iterations[rows] += ~ended
+        stuck = ~(ended | moved)
+        failed = stuck & ~(options.restoration & (iterates.violation > options.violation))
+        results.end(rows[failed], Status.FAILED, "the line search found no better point")
+        ended, stuck = ended | failed, stuck & ~failed
+    if not (ended | stuck).any():
+        return iterates, iterates[_NONE]
+    results.keep(iterates[ended], residuals.gradient[:, ended])
+    return iterates[~(ended | stuck)], iterates[stuck]
+
+
+def _restored(problems: Problems, stuck: Iterates, results: Results, options: Options) -> Iterates:
+    """Those of the iterates that can go on, with a smaller violation."""
+    restored, iterations = restore(problems, stuck)
+    results.iterations[stuck.rows] += iterations
+    failed = stuck[~restored]
+    results.end(failed.rows, Status.FAILED, "no point with a smaller violation was found")
+    results.keep(failed, np.zeros_like(failed.y))
+    again = stuck[restored]
+    estimate_multipliers(problems, again, options.constr_mult_init_max)
+    return again

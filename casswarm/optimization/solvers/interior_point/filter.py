@@ -54,6 +54,19 @@ class Filter:
         if self.numbers.max(initial=0) == room:
             self.entries = self._wide(2 * room)
 
+    def add(self, violation: FloatArray, merit: FloatArray) -> None:
+        """Add a point to every filter."""
+        from .search_kernels import add_entries
+
+        self.make_room()
+        add_entries(self.entries, self.numbers, violation, merit)
+
+    def accepts(self, violation: FloatArray, merit: FloatArray) -> BoolArray:
+        """Which filters accept points (b,)."""
+        there = np.arange(self.entries.shape[1])[:, None] < self.numbers
+        reached = (violation >= self.entries[0]) & (merit >= self.entries[1]) & there
+        return np.asarray(~reached.any(axis=0) & np.isfinite(merit))
+
     def clear(self, rows: BoolArray) -> None:
         """Forget all entries of some filters, for a new barrier function."""
         self.numbers[rows] = 0

@@ -30,6 +30,10 @@ class Options:
     mu_init, bound_push : float
         Initial barrier parameter, and relative distance by which x0 is moved inside its bounds.
     max_iter : int
+    constr_mult_init_max : float
+        Largest initial multiplier of g that is estimated by least squares.
+    restoration : bool
+        Whether the violation is reduced first where the line search finds no better point.
     """
 
     tolerance: float
@@ -37,6 +41,8 @@ class Options:
     mu_init: float
     bound_push: float
     max_iter: int
+    constr_mult_init_max: float = 1000.0
+    restoration: bool = True
 
 
 @dataclass(eq=False)
@@ -60,8 +66,8 @@ class Iterates:
     bounds: Bounds
     filter: Filter
 
-    def __getitem__(self, keep: BoolArray) -> Iterates:
-        places = np.flatnonzero(keep)
+    def __getitem__(self, keep: BoolArray | IntArray) -> Iterates:
+        places = np.flatnonzero(keep) if keep.dtype == bool else keep
         return Iterates(*(getattr(self, field.name).take(places, -1) for field in fields(self)))
 
     @property
@@ -94,11 +100,32 @@ class Iterates:
         lower = np.vstack([lbx, lbg])
         bounds = Bounds.of(lower, np.vstack([ubx, ubg]))
         y = np.where(bounds.fixed, lower, bounds.inside(np.vstack([x, g]), options.bound_push))
-        z = mu / bounds.gaps(y)
-        lam = (z[1] - z[0])[len(x) :]
         filters = Filter.empty(abs(g - y[len(x) :]).sum(axis=0))
         shift, barrier = np.zeros(rows.size), bounds.log_barrier(y)
-        return cls(rows, y, lam, z, f, g, mu, shift, barrier, bounds, filters)
+        z, lam = np.empty((2, *y.shape)), np.empty_like(g)
+        new = cls(rows, y, lam, z, f, g, mu, shift, barrier, bounds, filters)
+        new.start_multipliers()
+        return new
+
+    def start_multipliers(self) -> None:
+        """Let the multipliers be those of the barrier function, as at an initial guess."""
+        self.z = self.mu / self.bounds.gaps(self.y)
+        self.lam = (self.z[1] - self.z[0])[self.size :]
+
+    @property
+    def violation(self) -> FloatArray:
+        """Sums (b,) of |g - s|."""
+        return np.asarray(abs(self.g - self.y[self.size :]).sum(axis=0))
+
+    @property
+    def merit(self) -> FloatArray:
+        """Barrier functions (b,)."""
+        return self.f + self.mu * self.barrier
+
+    def move(self, places: IntArray, new: tuple[FloatArray, ...]) -> None:
+        """Replace y, f, g and barrier of some instances."""
+        for values, moved in zip((self.y, self.f, self.g, self.barrier), new, strict=True):
+            values[..., places] = moved
 
 
 @dataclass(frozen=True, eq=False)

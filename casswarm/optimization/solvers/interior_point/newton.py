@@ -13,7 +13,9 @@ import numpy as np
 
 from ....typing import BoolArray, FloatArray
 from .factors import Factors
-from .problems import Linearisation
+from .iterates import Iterates
+from .lane_kernels import EQUALITY, FIXED
+from .problems import Linearisation, Problems
 
 
 @dataclass(eq=False)
@@ -36,12 +38,15 @@ class CondensedSystems:
     fixed: BoolArray
     _factors: Factors = field(init=False)
 
-    def factorise(self, multipliers: FloatArray, last: FloatArray) -> FloatArray:
+    def factorise(
+        self, multipliers: FloatArray, last: FloatArray, objective: float = 1.0
+    ) -> FloatArray:
         """Factorise; return the shifts (b,) of the diagonals, NaN where none is enough.
 
-        `last` are the shifts of the previous iteration that needed one.
+        `last` are the shifts of the previous iteration that needed one; `objective` is the weight
+        of f in the Hessian.
         """
-        self._factors = self.at.factors(multipliers, self.weights, last)
+        self._factors = self.at.factors(multipliers, self.weights, last, objective)
         return self._factors.shifts
 
     def direction(self, primal: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -57,3 +62,24 @@ class CondensedSystems:
         equations = self.weights, self.gradient, primal, self.fixed
         expand((dx, self.at.times(dx)), equations, step, multipliers)
         return step, multipliers
+
+
+def estimate_multipliers(problems: Problems, iterates: Iterates, largest: float) -> None:
+    """Let lam minimise the sum of squares of the Lagrangian's gradient, where it is not too large.
+
+    Elsewhere it stays as it is, as in Ipopt (``constr_mult_init_max``).
+    """
+    if largest == 0.0 or not iterates.lam.size:
+        return
+    size, bounds = iterates.size, iterates.bounds
+    at = problems.linearise(iterates.rows, iterates.y[:size])
+    gradient = iterates.z[1] - iterates.z[0]
+    gradient[:size] += at.gradient
+    weights = np.ones_like(gradient)
+    weights[size:][bounds.fixed[size:]] = EQUALITY
+    weights[:size][bounds.fixed[:size]] = FIXED
+    systems = CondensedSystems(at, weights, np.where(bounds.fixed, 0.0, gradient), bounds.fixed)
+    none = np.zeros_like(iterates.lam)
+    systems.factorise(none, np.zeros(iterates.mu.size), 0.0)
+    _, lam = systems.direction(none)
+    iterates.lam = np.where(abs(lam).max(axis=0) <= largest, lam, iterates.lam)

@@ -30,8 +30,10 @@ class Linearisation(Protocol):
     def transposed_times(self, vectors: FloatArray) -> FloatArray:
         """J' w, (nx, b), of vectors w (ng, b)."""
 
-    def factors(self, multipliers: FloatArray, weights: FloatArray, last: FloatArray) -> Factors:
-        """Factors of Hessians of f + multipliers' g, plus diag(w) + J' diag(v) J.
+    def factors(
+        self, multipliers: FloatArray, weights: FloatArray, last: FloatArray, objective: float = 1.0
+    ) -> Factors:
+        """Factors of Hessians of objective f + multipliers' g, plus diag(w) + J' diag(v) J.
 
         `weights` (nx + ng, b) are w and v; `last` (b,) the shifts that were last needed.
         """
@@ -104,11 +106,16 @@ class TransposedLinearisation:
         """See `Linearisation`."""
         return contiguous(self._rows_first.transposed_times(contiguous(vectors.T)).T)
 
-    def factors(self, multipliers: FloatArray, weights: FloatArray, last: FloatArray) -> Factors:
+    def factors(
+        self, multipliers: FloatArray, weights: FloatArray, last: FloatArray, objective: float = 1.0
+    ) -> Factors:
         """See `Linearisation`."""
         diagonal = np.arange(len(self.gradient))
         of_x, of_g = contiguous(weights[: diagonal.size].T), contiguous(weights[diagonal.size :].T)
         matrices = self._rows_first.condensed(contiguous(multipliers.T), of_g)
+        if objective != 1.0:
+            none = np.zeros_like(of_g)
+            matrices -= (1.0 - objective) * self._rows_first.condensed(none, none)
         matrices[:, diagonal, diagonal] += of_x
         return DenseFactors(matrices, last)
 

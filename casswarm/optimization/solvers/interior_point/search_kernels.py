@@ -149,9 +149,26 @@ def remember(
         before, function, slope = lines[0, i], lines[1, i], lines[2, i]
         limit = function + _ROUNDING * abs(function) + _ARMIJO * lengths[i] * slope
         if not (switches(lengths[i], slope, before) and merit[j] <= limit):
-            filters[0, numbers[i], i] = (1.0 - _MARGIN) * before
-            filters[1, numbers[i], i] = function - _MARGIN * before
-            numbers[i] += 1
+            add_entry(filters, numbers, i, before, function)
+
+
+@kernel
+def add_entry(
+    filters: FloatArray, numbers: IntArray, i: int, violation: float, merit: float
+) -> None:
+    """Add a point to a filter, less a margin."""
+    filters[0, numbers[i], i] = (1.0 - _MARGIN) * violation
+    filters[1, numbers[i], i] = merit - _MARGIN * violation
+    numbers[i] += 1
+
+
+@kernel
+def add_entries(
+    filters: FloatArray, numbers: IntArray, violations: FloatArray, merits: FloatArray
+) -> None:
+    """Add a point to every filter."""
+    for i in range(len(numbers)):
+        add_entry(filters, numbers, i, violations[i], merits[i])
 
 
 @kernel

@@ -15,7 +15,7 @@ from ...._util.user_code import USER_ERRORS
 from ...problem import Instances, Nlp
 from ...solution import BatchSolution, Status
 from ..base import VIOLATION, Answer, Capabilities, Solver, backend_error
-from ..options import Allowed, NonNegativeInt, Positive
+from ..options import Allowed, NonNegative, NonNegativeInt, Positive
 from .compiled_problems import numeric_problems, program_tapes
 from .engine import minimise
 from .iterates import Options, Results
@@ -36,7 +36,8 @@ class FilterInteriorPoint(Solver):
     """Primal-dual interior point with a filter line search; many instances advance together.
 
     The method of Ipopt (Waechter, Biegler, Math. Program. 106(1), 2006), without its scaling and
-    restoration phase, with exact second derivatives: for programs of up to some hundred variables.
+    with a simpler restoration phase, with exact second derivatives: for programs of up to some
+    hundred variables.
     Derivatives and Cholesky factors are lists of scalar operations, which compiled loops do for 64
     instances at a time; programs with operations that are not scalar are evaluated by CasADi.
 
@@ -51,9 +52,13 @@ class FilterInteriorPoint(Solver):
         Initial barrier parameter: a smaller one stays nearer to a good guess.
     bound_push : float
         Relative distance by which the initial guess is moved away from its bounds.
+    constr_mult_init_max : float
+        Largest initial multiplier of a constraint that is estimated by least squares; 0 for none.
+    restoration : bool
+        Whether the violation of the constraints is reduced first where the line search finds no
+        better point. Otherwise such an instance ends without a solution.
     fallback : Solver, optional
-        Solves, from their initial guesses, the instances that are not solved, such as those that
-        would need a restoration phase.
+        Solves, from their initial guesses, the instances that are not solved.
     """
 
     tolerance: Positive = 1e-8
@@ -61,6 +66,8 @@ class FilterInteriorPoint(Solver):
     max_iter: NonNegativeInt = 500
     mu_init: Positive = 0.1
     bound_push: Positive = 0.01
+    constr_mult_init_max: NonNegative = 1000.0
+    restoration: bool = True
     fallback: Fallback = None
 
     name: ClassVar[str] = "interior-point"
@@ -112,6 +119,8 @@ class FilterInteriorPoint(Solver):
             self.mu_init,
             self.bound_push,
             self.max_iter,
+            self.constr_mult_init_max,
+            self.restoration,
         )
         started = time.perf_counter()
         with _blas_threads().limit(limits=1, user_api="blas"):

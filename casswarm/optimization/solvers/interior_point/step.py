@@ -38,7 +38,7 @@ def advance(
     step, multipliers = systems.direction(residuals.primal)
     lines = np.empty((3, y.shape[1]))
     violations(iterates.g, y, lines[0])
-    lines[1] = iterates.f + iterates.mu * iterates.barrier
+    lines[1] = iterates.merit
     slopes(ascent, step, lines[2])
     search = Search(problems, iterates, lines, systems, residuals.primal)
     moved, evaluations = search.run(step, np.flatnonzero(active & np.isfinite(shifts)))
@@ -99,9 +99,10 @@ class Search:
         """Search for some instances: whether each has moved, and its number of evaluations."""
         from .search_kernels import remember
 
-        first = self._longest(step)
+        now = self.iterates
+        first = now.bounds.longest_step(now.y, step, self.keep)
         self.length = first.copy()
-        size, kept = len(first), self.iterates.filter
+        size, kept = len(first), now.filter
         moved, evaluations = np.zeros(size, bool), np.zeros(size, np.int64)
         initial = True
         while rows.size:
@@ -121,13 +122,6 @@ class Search:
             self.length[rows] *= 0.5
             rows = rows[self.length[rows] > _SHORTEST * first[rows]]
         return moved, evaluations
-
-    def _longest(self, step: FloatArray) -> FloatArray:
-        from .search_kernels import longest_steps
-
-        length = np.empty(step.shape[1])
-        longest_steps((self.iterates.y, step), self.limits, self.keep, length)
-        return length
 
     def _trial(self, rows: IntArray, step: FloatArray, length: FloatArray) -> Trial:
         from .search_kernels import judge, log_barrier, trial_points, violations
@@ -157,7 +151,9 @@ class Search:
             beyond = trial.g[:, at] - trial.y[self.iterates.size :, at]
             primal[:, rows] = self.length[rows] * primal[:, rows] + beyond
             corrected, _ = self.systems.direction(primal)
-            trial.replace(at, self._trial(rows, corrected, self._longest(corrected)))
+            now = self.iterates
+            length = now.bounds.longest_step(now.y, corrected, self.keep)
+            trial.replace(at, self._trial(rows, corrected, length))
             evaluations[rows] += 1
 
     def finish(self, step: FloatArray, multipliers: FloatArray, moved: BoolArray) -> None:

@@ -9,12 +9,11 @@ import math
 
 from ...._util.jit import kernel
 from ....typing import BoolArray, FloatArray
+from .lane_kernels import EQUALITY, FIXED
 
 LARGE = 100.0
 """Mean multiplier from which residuals are relative to it."""
 
-_EQUALITY = 1e8  # weight of rows of g with equal bounds, instead of an infinite one
-_FIXED = 1e20  # weight of variables with equal bounds
 _NEAR = 1e10  # factor by which a multiplier may differ from mu / gap
 
 
@@ -88,7 +87,7 @@ def barrier_terms(
     (lagrangian, objective), (weights, gradient, ascent) = gradients, results
     size = len(objective)
     for k in range(len(y)):
-        infinite = _FIXED if k < size else _EQUALITY
+        infinite = FIXED if k < size else EQUALITY
         for i in range(y.shape[1]):
             below, above = 1.0 / (y[k, i] - lower[k, i]), 1.0 / (upper[k, i] - y[k, i])
             barrier = mu[i] * (above - below)
