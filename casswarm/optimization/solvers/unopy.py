@@ -23,6 +23,9 @@ from .options import Positive, PositiveInt
 
 _MISSING = "the package unopy is not installed: pip install 'casswarm[unopy]'"
 
+INTERRUPTED = "USER_INTERRUPTION"
+"""The name of Uno's status after Ctrl-C, which it handles itself."""
+
 
 @dataclass(frozen=True)
 class Unopy(Solver):
@@ -95,6 +98,8 @@ class Unopy(Solver):
             seconds = time.perf_counter() - started
             return Answer(x0, Status.FAILED, error_text(error), 0, 0, seconds)
         end, point = result.optimization_status.name, result.solution_status.name
+        if end == INTERRUPTED:
+            raise KeyboardInterrupt
         bounds = np.add(result.lower_bound_dual_solution, result.upper_bound_dual_solution)
         return Answer(
             x=length * np.array(result.primal_solution),
