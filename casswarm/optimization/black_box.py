@@ -77,7 +77,11 @@ class BlackBoxNlp(Nlp):
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return BlackBoxNlp.of, (self.name, self.box)  # callbacks are not serialised
+        return _restore, (self.name, self.box)  # callbacks are not serialised
+
+
+def _restore(name: str, box: BlackBox) -> BlackBoxNlp:
+    return BlackBoxNlp.of(name, box)
 
 
 class _Callback(ca.Callback):  # type: ignore[misc]

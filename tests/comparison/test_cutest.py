@@ -15,6 +15,7 @@ from cutest_fakes import BIG, HS71, PYCUTEST, CUTEstProblem, Unconstrained
 from known_problems import hs_71
 
 import casswarm as csw
+from casswarm._util.parallel import packed
 from casswarm.optimization.solvers import SOLVERS, make_solver
 
 KINDS: dict[str, Callable[[], csw.Problem]] = {
@@ -104,7 +105,7 @@ def test_problem_without_objective_has_zero() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_problem_pickles(kind: str) -> None:
     problem = KINDS[kind]()
-    again = pickle.loads(pickle.dumps(problem))
+    again = pickle.loads(packed(problem))  # as it is sent to the processes of solvers
     assert again.fingerprint() == problem.fingerprint()
     (solution,) = make_solver("ipopt").solve(again.nlp, again.starts["given"])
     assert solution.objective == pytest.approx(17.0140173, abs=1e-6)
@@ -174,3 +175,11 @@ def test_refusal_names_problem_and_reason(name: str) -> None:
 def test_black_box_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(csw.ProblemError, match="HS71 cannot be written"):
         KINDS["s2mpj"]().to_nl(tmp_path / "problem.nl")
+
+
+@pytest.mark.slow
+def test_black_boxes_are_compared_with_their_copies() -> None:
+    """In processes of the solvers, which import the module of the problem's class."""
+    comparison = csw.compare(KINDS["s2mpj"](), ["ipopt", "slsqp"], copies=1)
+    assert comparison.runs["solved"].all(), comparison.runs["message"].tolist()
+    assert len(comparison.runs) == 4
