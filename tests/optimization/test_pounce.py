@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError
@@ -63,7 +64,7 @@ def test_message_has_status(message: str, monkeypatch: pytest.MonkeyPatch) -> No
             multipliers = dict.fromkeys(("mult_x_L", "mult_x_U"), np.zeros(4))
             return case.x, {"status_msg": message, "mult_g": np.zeros(2), **counts, **multipliers}
 
-    monkeypatch.setitem(sys.modules, "pounce", SimpleNamespace(Problem=Fake))
+    monkeypatch.setattr(pounce, "_package", lambda: SimpleNamespace(Problem=Fake))
     (answer,) = Pounce().run(case.nlp, case.instance)
     assert (answer.status, answer.message) == (STATUSES[message], message)
     assert (answer.iterations, answer.evaluations) == (3, 4)
@@ -127,3 +128,26 @@ def test_own_hessian_is_used() -> None:
     (derived,), (given,) = (Pounce().run(nlp, scaled) for nlp in (case.nlp, own))
     assert given.iterations == derived.iterations
     np.testing.assert_allclose(given.x, derived.x, rtol=1e-12)
+
+
+@needs_package
+def test_options_may_be_whole_numbers() -> None:
+    case = hs_35()
+    solver = Pounce(time_limit=5, mu_init=1)
+    assert solver.solve(case.nlp, case.instance)[0].status is Status.SOLVED
+
+
+@needs_package
+def test_log_of_the_package_is_not_printed() -> None:
+    """A problem about which it would write a line, in a process that imports it first."""
+    script = """
+import casadi as ca, casswarm as csw
+x = ca.SX.sym("x", 2)
+nlp = {"x": x, "f": 1e6 * (x[0] - 1) ** 4 + x[1] ** 2}
+problem = csw.Problem.from_casadi(nlp, x0=[50, 3])
+print(csw.solvers.Pounce().solve(problem.nlp, problem.starts["given"])[0].status)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert (done.stdout, done.stderr) == ("solved\n", "")

@@ -108,3 +108,10 @@ def test_infeasible_problem_is_reported() -> None:
     low, high = np.full((1, 1), -np.inf), np.full((1, 1), -1.0)
     (solution,) = Unopy().solve(nlp, Instances(np.ones((1, 2)), none, -wide, wide, low, high))
     assert solution.status is Status.INFEASIBLE
+
+
+@needs_package
+def test_options_may_be_whole_numbers() -> None:
+    case = hs_35()
+    solver = Unopy(time_limit=5)
+    assert solver.solve(case.nlp, case.instance)[0].status is Status.SOLVED

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any, ClassVar
 
 from ..._util.interrupts import interruptible
-from ..._util.threads import one_at_a_time
+from ..._util.threads import locked_cache, one_at_a_time
 from ...errors import SolverError
 from ..problem import Instances, Nlp
 from ..solution import Status
@@ -82,13 +83,11 @@ class Pounce(Solver):
 
     @one_at_a_time
     def _solve(self, nlp: Nlp, instance: Instances) -> Answer:
-        from pounce import Problem  # slow to import, and optional
-
         started = time.perf_counter()
         (length, value), x0 = instance.scale[0], instance.x0[0]
         try:
             with interruptible():
-                problem = Problem(
+                problem = _package().Problem(
                     n=nlp.sizes[0],
                     m=nlp.sizes[2],
                     problem_obj=Callbacks(nlp, instance),
@@ -118,13 +117,27 @@ class Pounce(Solver):
         )
 
     def _options(self) -> dict[str, Any]:
-        barrier = {} if self.mu_init is None else {"mu_init": self.mu_init}
+        barrier = {} if self.mu_init is None else {"mu_init": float(self.mu_init)}
         return {
             **barrier,
-            "tol": self.tolerance,
-            "constr_viol_tol": self.tolerance,
+            "tol": float(self.tolerance),
+            "constr_viol_tol": float(self.tolerance),
             "max_iter": self.max_iter,
-            "max_wall_time": self.time_limit,
+            "max_wall_time": float(self.time_limit),
+            "bound_relax_factor": 0.0,  # or rows are violated by 1e-8 of their bounds
             "honor_original_bounds": "yes",
             "print_level": 0,
         }
+
+
+@locked_cache(maxsize=1)
+def _package() -> Any:
+    """The package, imported so that it does not write its log to standard error."""
+    before = os.environ.get("RUST_LOG")
+    os.environ.setdefault("RUST_LOG", "off")  # read once, by the import
+    try:
+        import pounce  # slow to import, and optional
+    finally:
+        if before is None:
+            del os.environ["RUST_LOG"]
+    return pounce

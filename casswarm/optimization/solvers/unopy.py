@@ -123,10 +123,10 @@ class Unopy(Solver):
         return {
             "hessian_model": "exact",
             "logger": "SILENT",
-            "primal_tolerance": self.tolerance,
-            "dual_tolerance": self.tolerance,
+            "primal_tolerance": float(self.tolerance),
+            "dual_tolerance": float(self.tolerance),
             "max_iterations": self.max_iter,
-            "time_limit": self.time_limit,
+            "time_limit": float(self.time_limit),
         }
 
 
