@@ -6,10 +6,10 @@ Run in a checkout, with the installed package and a folder of files hs001.nl, hs
     OPENBLAS_NUM_THREADS=1 python benchmarks/nl_files.py FOLDER ipopt --out runs.csv
 
 Prints the files that are refused, with reasons, and a Markdown table. For every solver it has the
-files, how many of them it solved, with residuals that are recomputed from the problem, and where its
-answers are: at the published optimum (to a relative 1e-4, since some are published with few digits),
-below or above it, or of a file without a published number; then the answers that are reported as
-solved but not verified. What is not at the published optimum is listed after the table.
+files, how many of them it solved, with residuals that are recomputed from the problem, and where
+its answers are: at the published optimum (to a relative 1e-4, since some are published with few
+digits), below or above it, or of a file without a published number; then the answers that are
+reported as solved but not verified. What is not at the published optimum is listed after the table.
 """
 
 from __future__ import annotations
