@@ -37,8 +37,8 @@ class PyCutestBox(BlackBox):
 
     def values(self, x: FloatArray) -> FloatArray:
         """See `BlackBox.values`."""
-        rows = [] if not self.m else np.ravel(self.problem.cons(x))
-        return np.concatenate([[self.problem.obj(x)], rows])
+        rows = np.ravel(self.problem.cons(x)) if self.m else np.empty(0)
+        return np.append(float(self.problem.obj(x)), rows)
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """See `BlackBox.jacobian`."""
@@ -65,8 +65,8 @@ class S2mpjBox(BlackBox):
     def values(self, x: FloatArray) -> FloatArray:
         """See `BlackBox.values`."""
         objective = self.problem.fx(x) if self.has_objective else 0.0
-        rows = np.ravel(self.problem.cx(x)) if self.m else []
-        return np.concatenate([np.ravel(objective), rows])
+        rows = np.ravel(self.problem.cx(x)) if self.m else np.empty(0)
+        return np.append(np.ravel(objective), rows)
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """See `BlackBox.jacobian`."""
@@ -136,8 +136,10 @@ def from_s2mpj(problem: Any, name: str | None) -> Posed:
 def _posed(box: BlackBox, name: str, numbers: tuple[Any, ...]) -> Posed:
     """Program and start of a black box, and of x0, lbx, ubx, lbg and ubg."""
     x0, *bounds = (np.asarray(part, dtype=float).reshape(1, -1) for part in numbers)
-    bounds = [np.where(abs(part) >= INFINITE, np.copysign(np.inf, part), part) for part in bounds]
-    starts = {START: Instances(x0, np.empty((1, 0)), *bounds)}
+    lbx, ubx, lbg, ubg = (
+        np.where(abs(part) >= INFINITE, np.copysign(np.inf, part), part) for part in bounds
+    )
+    starts = {START: Instances(x0, np.empty((1, 0)), lbx, ubx, lbg, ubg)}
     nlp = BlackBoxNlp.of(name, box)
     require_solvable(nlp, starts, name)
     return nlp, starts

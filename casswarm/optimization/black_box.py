@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -84,8 +84,10 @@ def _restore(name: str, box: BlackBox) -> BlackBoxNlp:
     return BlackBoxNlp.of(name, box)
 
 
-class _Callback(ca.Callback):  # type: ignore[misc]
+class _Callback(ca.Callback):
     """A function of dense arguments of given sizes, with a single output."""
+
+    value: Callable[..., FloatArray]
 
     def __init__(self, box: BlackBox, inputs: Sequence[int], output: tuple[int, int]) -> None:
         ca.Callback.__init__(self)
@@ -108,10 +110,6 @@ class _Callback(ca.Callback):  # type: ignore[misc]
     def eval(self, arguments: Sequence[Any]) -> list[FloatArray]:
         value = self.value(*(np.asarray(argument).ravel() for argument in arguments))
         return [np.asarray(value, dtype=float).reshape(self._output)]
-
-    def value(self, *arguments: FloatArray) -> FloatArray:
-        """The output."""
-        raise NotImplementedError
 
     def keep(self, function: Any) -> Any:
         """The function, referred to from here."""
