@@ -16,6 +16,7 @@ from ..errors import ComparisonError, ProblemError
 from ..optimization.nl.reader import read_nl
 from ..optimization.nl.writer import nl_text
 from ..optimization.problem import Instances, Nlp
+from . import cutest
 from .conversion import START, from_dictionary, from_stack, require_solvable
 
 if TYPE_CHECKING:
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
 class Problem:
     """A problem to compare solvers on, and its initial guesses. Problems pickle.
 
-    `Problem.from_casadi`, `Problem.from_opti` and `Problem.from_nl` make problems of your own;
+    `Problem.from_casadi`, `Problem.from_opti`, `Problem.from_nl`, `Problem.from_pycutest` and
+    `Problem.from_s2mpj` make problems of your own;
     `guide_problems` and `formation_problems` those of a scenario.
 
     Parameters
@@ -138,6 +140,59 @@ class Problem:
         except ProblemError as error:
             raise ProblemError(f"{path}: {error}", file=path) from error
         return cls(name or path.stem, family, program, {START: instance})
+
+    @classmethod
+    def from_pycutest(
+        cls, problem: Any, name: str | None = None, family: str = "cutest", **parameters: Any
+    ) -> Problem:
+        """Problem of the CUTEst collection, by PyCUTEst, with its exact derivatives.
+
+        Derivatives are dense: for problems of up to some hundred variables. Its perturbed copies
+        differ in the initial guess alone, and it cannot be written by `to_nl`.
+
+        Parameters
+        ----------
+        problem : str or pycutest.CUTEstProblem
+            A name is imported by `pycutest.import_problem`, which compiles it.
+        name : str, optional
+            By default CUTEst's.
+        family : str
+        **parameters
+            Of the SIF file, for a name, such as ``N=10``.
+
+        Raises
+        ------
+        ProblemError
+            PyCUTEst is not installed, or does not find CUTEst; it cannot import the problem; the
+            problem has integer variables; or it is refused as in `from_casadi`.
+        """
+        program, starts = cutest.from_pycutest(problem, parameters, name)
+        return cls(program.name, family, program, starts)
+
+    @classmethod
+    def from_s2mpj(cls, problem: Any, name: str | None = None, family: str = "s2mpj") -> Problem:
+        """Problem of S2MPJ, CUTEst's collection in Python (Gratton, Toint, arXiv:2407.07812).
+
+        As in `from_pycutest`, derivatives are exact and dense, copies differ in the initial guess
+        alone, and the problem cannot be written by `to_nl`.
+
+        Parameters
+        ----------
+        problem : object
+            An instance of the problem's class, such as ``HS71()`` after ``from HS71 import HS71``.
+            Solvers in other processes import the same module.
+        name : str, optional
+            By default that of its class.
+        family : str
+
+        Raises
+        ------
+        ProblemError
+            It is no such problem, has integer variables or no exact second derivatives, or is
+            refused as in `from_casadi`.
+        """
+        program, starts = cutest.from_s2mpj(problem, name)
+        return cls(program.name, family, program, starts)
 
     def to_nl(self, path: str | Path, start: str | None = None) -> None:
         """Write the problem to a text file in AMPL's .nl format, which many solvers read.

@@ -25,7 +25,7 @@ from .perturbation import ProblemCopy, problem_copies
 from .problem import Problem
 from .problems import make_problems
 from .result import Comparison
-from .verification import Tolerances, verify
+from .verification import NOT_APPLICABLE, Tolerances, verify
 from .warm_up import warm_up
 
 DEFAULT = ("guides", "formations")
@@ -93,7 +93,8 @@ def compare(
     Raises
     ------
     ComparisonError
-        An unknown family, or solvers or problems of the same name.
+        An unknown family, solvers or problems of the same name, or no solver that is applicable to
+        any of the problems.
     CheckpointError
         The folder holds a comparison with other inputs, or an unfinished one.
     SolverError
@@ -133,11 +134,22 @@ def compare(
     finally:
         for solver in isolated.values():
             solver.close()
+    _require_applicable(rows)
     return Comparison(
         runs=verify(pd.DataFrame(rows), tolerances),
         problems=pd.DataFrame([problem.as_row() for problem in posed]),
         inputs=inputs | {"tolerances": asdict(tolerances)},
     )
+
+
+def _require_applicable(rows: Sequence[Mapping[str, Any]]) -> None:
+    """Raise ComparisonError if no solver could try any problem, with the reason of the first."""
+    if all(row["status"] == NOT_APPLICABLE for row in rows):
+        first = rows[0]
+        raise ComparisonError(
+            "none of the solvers is applicable to any of the problems; "
+            f"{first['solver']}: {first['message']}"
+        )
 
 
 def _benchmarks(

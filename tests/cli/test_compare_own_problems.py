@@ -57,6 +57,10 @@ def test_compare_solves_problems_of_scenarios(folder):
     [
         (("--problems", "files/cut.nl"), "files/cut.nl, line 2: the file ends too early"),
         (("--problems", "none.nl"), "none.nl: No such file or directory"),
+        (
+            ("--problems", "files", "--solver", "spectral"),
+            "none of the solvers is applicable to any of the problems; spectral: ",
+        ),
         (("--problems", "files", "--count", 2), "--count does not apply: all problems are those"),
         (("--policy", "leader"), "--policy does not apply: no scenario is given"),
         (("--allow-code",), "--allow-code does not apply: no scenario is given"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import casadi
@@ -38,15 +39,14 @@ def test_solvers_json_lists_capabilities_and_reasons() -> None:
         assert row["problems"] == capabilities.problems
         for capability in ("batch", "multipliers", "time_limit"):
             assert row[capability] is getattr(capabilities, capability)
-        assert row["unavailable"] == ""
+        assert row["unavailable"] == SOLVERS[row["name"]].unavailable()
     assert content["unsupported"] == UNSUPPORTED
 
 
 def test_unavailable_solver_is_listed_with_reason(without_uno: None) -> None:  # noqa: ARG001
     text = listed().output
-    assert (
-        "Not available in this installation:\nuno  the nlpsol plugin 'uno' is not in this" in text
-    )
+    assert "Not available in this installation:\n" in text
+    assert re.search(r"^uno +the nlpsol plugin 'uno' is not in this", text, re.MULTILINE)
     rows = {row["name"]: row for row in json.loads(listed("--json").output)["solvers"]}
     assert "plugin 'uno'" in rows["uno"]["unavailable"]
     with pytest.raises(SolverError, match="'uno' cannot run here: the nlpsol plugin 'uno'"):
@@ -54,8 +54,8 @@ def test_unavailable_solver_is_listed_with_reason(without_uno: None) -> None:  #
 
 
 def test_compare_of_all_omits_unavailable_solver(without_uno: None) -> None:  # noqa: ARG001
-    assert set(_unavailable()) == {"uno"}
-    assert set(_solvers(None)) == set(SOLVERS) - {"uno"}
+    assert "uno" in _unavailable()
+    assert set(_solvers(None)) == set(SOLVERS) - set(_unavailable())
 
 
 @pytest.mark.parametrize("name", UNSUPPORTED)

@@ -48,7 +48,7 @@ Row = tuple[Callable[[Any], Any], float, float]
 
 
 @dataclass(frozen=True)
-class _Statement:
+class Statement:
     """What the book prints: objective, start, box as pairs, rows, optimum."""
 
     objective: Callable[[Any], Any]
@@ -72,7 +72,7 @@ HS2_A = math.sqrt(598 / 1200)
 HS2_X = 2 * HS2_A * math.cos(math.acos(1 / (400 * HS2_A**3)) / 3)
 
 STATEMENTS = {
-    2: _Statement(
+    2: Statement(
         valley,
         (-2, 1),
         100 * (1.5 - HS2_X**2) ** 2 + (HS2_X - 1) ** 2,  # 0.0504261879
@@ -80,56 +80,56 @@ STATEMENTS = {
         local=(4.941229318,),
         traits="nonconvex",
     ),
-    3: _Statement(
+    3: Statement(
         lambda x: x[1] + 1e-5 * (x[1] - x[0]) ** 2,
         (10, 1),
         0.0,
         box=(FREE, POSITIVE),
         traits="badly scaled",
     ),
-    4: _Statement(
+    4: Statement(
         lambda x: (x[0] + 1) ** 3 / 3 + x[1], (1.125, 0.125), 8 / 3, box=((1, INF), POSITIVE)
     ),
-    5: _Statement(
+    5: Statement(
         lambda x: ca.sin(x[0] + x[1]) + (x[0] - x[1]) ** 2 - 1.5 * x[0] + 2.5 * x[1] + 1,
         (0, 0),
         -SQRT3 / 2 - math.pi / 3,  # -1.91322295
         box=((-1.5, 4), (-3, 3)),
         traits="nonconvex",
     ),
-    8: _Statement(
+    8: Statement(
         lambda x: -1 + 0 * x[0],
         (2, 1),
         -1.0,
         rows=(equal(lambda x: x[0] ** 2 + x[1] ** 2 - 25), equal(lambda x: x[0] * x[1] - 9)),
         traits="constant objective",
     ),
-    9: _Statement(
+    9: Statement(
         lambda x: ca.sin(math.pi * x[0] / 12) * ca.cos(math.pi * x[1] / 16),
         (0, 0),
         -0.5,
         rows=(equal(lambda x: 4 * x[0] - 3 * x[1]),),
         traits="nonconvex, periodic",
     ),
-    10: _Statement(
+    10: Statement(
         lambda x: x[0] - x[1],
         (-10, 10),
         -1.0,
         rows=(positive(lambda x: -3 * x[0] ** 2 + 2 * x[0] * x[1] - x[1] ** 2 + 1),),
     ),
-    11: _Statement(
+    11: Statement(
         lambda x: (x[0] - 5) ** 2 + x[1] ** 2 - 25,
         (4.9, 0.1),
         -8.498464223,
         rows=(positive(lambda x: -(x[0] ** 2) + x[1]),),
     ),
-    12: _Statement(
+    12: Statement(
         lambda x: x[0] ** 2 / 2 + x[1] ** 2 - x[0] * x[1] - 7 * x[0] - 7 * x[1],
         (0, 0),
         -30.0,
         rows=(positive(lambda x: 25 - 4 * x[0] ** 2 - x[1] ** 2),),
     ),
-    13: _Statement(
+    13: Statement(
         lambda x: (x[0] - 2) ** 2 + x[1] ** 2,
         (-2, -2),
         1.0,
@@ -137,7 +137,7 @@ STATEMENTS = {
         rows=(positive(lambda x: (1 - x[0]) ** 3 - x[1]),),
         traits="no multipliers exist at the minimum",
     ),
-    14: _Statement(
+    14: Statement(
         lambda x: (x[0] - 2) ** 2 + (x[1] - 1) ** 2,
         (2, 2),
         9 - 2.875 * SQRT7,  # 1.39346498
@@ -146,7 +146,7 @@ STATEMENTS = {
             equal(lambda x: x[0] - 2 * x[1] + 1),
         ),
     ),
-    15: _Statement(
+    15: Statement(
         valley,
         (-2, 1),
         306.5,
@@ -155,7 +155,7 @@ STATEMENTS = {
         local=(360.379767,),
         traits="nonconvex",
     ),
-    16: _Statement(
+    16: Statement(
         valley,
         (-2, 1),
         0.25,
@@ -164,7 +164,7 @@ STATEMENTS = {
         local=(3.98206045, 23.1446608),
         traits="nonconvex",
     ),
-    17: _Statement(
+    17: Statement(
         valley,
         (-2, 1),
         1.0,
@@ -172,7 +172,7 @@ STATEMENTS = {
         rows=(positive(lambda x: x[1] ** 2 - x[0]), positive(lambda x: x[0] ** 2 - x[1])),
         traits="nonconvex, degenerate",
     ),
-    18: _Statement(
+    18: Statement(
         lambda x: 0.01 * x[0] ** 2 + x[1] ** 2,
         (2, 2),
         5.0,
@@ -182,7 +182,7 @@ STATEMENTS = {
             positive(lambda x: x[0] ** 2 + x[1] ** 2 - 25),
         ),
     ),
-    19: _Statement(
+    19: Statement(
         lambda x: (x[0] - 10) ** 3 + (x[1] - 20) ** 3,
         (20.1, 5.84),
         -6961.81381,
@@ -193,7 +193,7 @@ STATEMENTS = {
         ),
         traits="nonconvex",
     ),
-    20: _Statement(
+    20: Statement(
         valley,
         (-2, 1),
         81.5 - 25 * SQRT3,  # 38.1987298
@@ -206,13 +206,13 @@ STATEMENTS = {
         local=(40.1987298,),
         traits="nonconvex",
     ),
-    22: _Statement(
+    22: Statement(
         lambda x: (x[0] - 2) ** 2 + (x[1] - 1) ** 2,
         (2, 2),
         1.0,
         rows=(positive(lambda x: -x[0] - x[1] + 2), positive(lambda x: -(x[0] ** 2) + x[1])),
     ),
-    24: _Statement(
+    24: Statement(
         lambda x: ((x[0] - 3) ** 2 - 9) * x[1] ** 3 / (27 * SQRT3),
         (1, 0.5),
         -1.0,
@@ -225,28 +225,28 @@ STATEMENTS = {
         local=(0.0,),
         traits="nonconvex",
     ),
-    26: _Statement(
+    26: Statement(
         lambda x: (x[0] - x[1]) ** 2 + (x[1] - x[2]) ** 4,
         (-2.6, 2, 2),
         0.0,
         rows=(equal(lambda x: (1 + x[1] ** 2) * x[0] + x[2] ** 4 - 3),),
         traits="degenerate: no second-order sufficiency",
     ),
-    27: _Statement(
+    27: Statement(
         lambda x: 0.01 * (x[0] - 1) ** 2 + (x[1] - x[0] ** 2) ** 2,
         (2, 2, 2),
         0.04,
         rows=(equal(lambda x: x[0] + x[2] ** 2 + 1),),
         traits="nonconvex",
     ),
-    29: _Statement(
+    29: Statement(
         lambda x: -x[0] * x[1] * x[2],
         (1, 1, 1),
         -16 * SQRT2,  # -22.6274170
         rows=(positive(lambda x: -(x[0] ** 2) - 2 * x[1] ** 2 - 4 * x[2] ** 2 + 48),),
         traits="nonconvex",
     ),
-    30: _Statement(
+    30: Statement(
         ca.sumsqr,
         (1, 1, 1),
         1.0,
@@ -254,7 +254,7 @@ STATEMENTS = {
         rows=(positive(lambda x: x[0] ** 2 + x[1] ** 2 - 1),),
         traits="degenerate: dependent active constraints",
     ),
-    33: _Statement(
+    33: Statement(
         lambda x: (x[0] - 1) * (x[0] - 2) * (x[0] - 3) + x[2],
         (0, 0, 3),
         SQRT2 - 6,  # -4.58578644
@@ -266,7 +266,7 @@ STATEMENTS = {
         local=(-4.0,),
         traits="nonconvex",
     ),
-    36: _Statement(
+    36: Statement(
         lambda x: -x[0] * x[1] * x[2],
         (10, 10, 10),
         -3300.0,
@@ -274,7 +274,7 @@ STATEMENTS = {
         rows=(positive(lambda x: 72 - x[0] - 2 * x[1] - 2 * x[2]),),
         traits="nonconvex",
     ),
-    38: _Statement(
+    38: Statement(
         lambda x: (
             valley(x)
             + 90 * (x[3] - x[2] ** 2) ** 2
@@ -287,7 +287,7 @@ STATEMENTS = {
         box=((-10, 10),) * 4,
         traits="nonconvex",
     ),
-    39: _Statement(
+    39: Statement(
         lambda x: -x[0],
         (2, 2, 2, 2),
         -1.0,
@@ -297,7 +297,7 @@ STATEMENTS = {
         ),
         traits="nonconvex",
     ),
-    40: _Statement(
+    40: Statement(
         lambda x: -x[0] * x[1] * x[2] * x[3],
         (0.8, 0.8, 0.8, 0.8),
         -0.25,
@@ -308,7 +308,7 @@ STATEMENTS = {
         ),
         traits="nonconvex",
     ),
-    43: _Statement(
+    43: Statement(
         lambda x: (
             x[0] ** 2
             + x[1] ** 2
@@ -330,7 +330,7 @@ STATEMENTS = {
         ),
         traits="Rosen and Suzuki",
     ),
-    76: _Statement(
+    76: Statement(
         lambda x: (
             x[0] ** 2
             + x[1] ** 2 / 2
@@ -353,7 +353,7 @@ STATEMENTS = {
         ),
         traits="quadratic program",
     ),
-    78: _Statement(
+    78: Statement(
         lambda x: x[0] * x[1] * x[2] * x[3] * x[4],
         (-2, 1.5, 2, -1, -1),
         -2.91970041,
@@ -364,7 +364,7 @@ STATEMENTS = {
         ),
         traits="nonconvex",
     ),
-    100: _Statement(
+    100: Statement(
         lambda x: (
             (x[0] - 10) ** 2
             + 5 * (x[1] - 12) ** 2
@@ -409,7 +409,11 @@ def published(number: int) -> Published:
     if number in FROM_KNOWN:
         case = FROM_KNOWN[number]()
         return Published(number, case.nlp, case.instance, case.objective)
-    stated = STATEMENTS[number]
+    return posed(number, STATEMENTS[number])
+
+
+def posed(number: int, stated: Statement) -> Published:
+    """The problem of a statement."""
     case = known(
         f"HS {number}",
         stated.objective,

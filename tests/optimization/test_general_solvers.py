@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from available_solvers import each
 from backend_cases import FORMATIONS, Case, formation, guide
 from hock_schittkowski import NUMBERS, published
 from known_problems import KNOWN, planar
@@ -21,35 +22,40 @@ from casswarm.optimization.solvers import SOLVERS, make_solver
 from casswarm.optimization.solvers.casadi_nlpsol import NO_STATUS, _compiled
 
 GENERAL = [name for name, kind in SOLVERS.items() if kind.capabilities.problems == "any"]
-general = pytest.mark.parametrize("solver", GENERAL)
+general = pytest.mark.parametrize("solver", each(GENERAL))
 
 DIGITS = 1e-6
 """Relative to the objective, or absolute where that is small: the digits that are published."""
 
-STATIONARITY = {"slsqp": 1e-3, "ipopt": 2e-5, "auto": 2e-5}
+STATIONARITY = {"slsqp": 1e-3, "ipopt": 2e-5, "auto": 2e-5, "pounce": 2e-5}
 """What an answer's recomputed stationarity may be; SLSQP stops by the objective's change."""
 
-Outcome = Literal["several", "fails", "near", "edge"]
+Outcome = Literal["several", "fails", "near", "edge", "either"]
 
 SEVERAL = "the start leads to another minimum, or rounding decides which"
 DEGENERATE = "no multipliers exist at the minimum: every method that looks for them struggles"
+RESTORATION = "without a restoration phase, rounding decides whether the line search ends early"
 ROUNDING = "at the minimum; whether it knows hangs on the last digits of its line search"
 
 OTHERWISE: dict[tuple[str, int], tuple[Outcome, str]] = {
     **{(s, 2): ("several", SEVERAL) for s in GENERAL if s != "sqp"},
     **{(s, 16): ("several", SEVERAL) for s in GENERAL if s != "alpaqa"},
     **{(s, 20): ("several", SEVERAL) for s in GENERAL if s not in ("alpaqa", "sqp")},
-    **{(s, 33): ("several", SEVERAL) for s in ("sqp", "uno", "sleqp", "alpaqa", "slsqp")},
-    **{(s, 13): ("near", DEGENERATE) for s in ("auto", "ipopt", "uno")},
+    **{(s, 33): ("several", SEVERAL) for s in ("sqp", "uno", "unopy", "sleqp", "alpaqa", "slsqp")},
+    ("unopy", 15): ("several", SEVERAL),
+    **{(s, 13): ("near", DEGENERATE) for s in ("auto", "ipopt", "pounce", "uno", "unopy")},
     **{(s, 13): ("fails", DEGENERATE) for s in ("sqp", "sleqp", "alpaqa")},
     ("slsqp", 13): ("near or fails", f"{DEGENERATE}; depends on the version of SciPy"),
     **{(s, 100): ("edge", ROUNDING) for s in ("sleqp", "slsqp")},
+    ("interior-point", 13): ("edge", f"{DEGENERATE}; multipliers that grow are no residuals"),
+    **{("interior-point", number): ("either", RESTORATION) for number in (27, 39)},
     ("sqp", 26): ("fails", "flat to the fourth order: its limit of iterations comes first"),
     ("slsqp", 38): ("edge", "stops by the objective's change, which is badly scaled here"),
 }
 """Cells of the grid that are not the published optimum on every machine. `several`: any minimum
 that is known; `near`: called a success, yet to fewer digits; `fails`: told as a failure; `edge`:
-the published optimum, but its status or its residuals depend on rounding. Found by starts that are
+the published optimum, but its status or its residuals depend on rounding; `either`: the published
+optimum or a reported failure. Found by starts that are
 moved by 1e-14 to 1e-8: no other cell changes then. A cell that begins to work fails its test."""
 
 
@@ -94,6 +100,8 @@ def test_solver_finds_published_optimum_or_listed_outcome(solver: str, number: i
         assert solution.status.success
         assert min(apart(solution.objective, value) for value in minima) < DIGITS
         assert is_minimum(solution), solution
+    elif outcome == "either":
+        assert not solution.status.success or distance < DIGITS
     elif outcome == "edge":
         assert distance < DIGITS
         assert solution.residuals.violation <= 1e-6
@@ -114,7 +122,7 @@ def test_documented_outcomes_equal_tested_ones() -> None:
     assert [int(row[0]) for row in rows] == list(NUMBERS)
     assert set(head[3:]) == set(GENERAL) - {"auto"}
     allowed = {
-        "=": ("published", "several", "edge"),
+        "=": ("published", "several", "edge", "either"),
         "other": ("several",),
         "fails": ("fails", "near or fails"),
     }
@@ -144,7 +152,7 @@ def test_published_local_minima_exceed_optimum(number: int) -> None:
 MULTIPLIERS = [n for n in GENERAL if SOLVERS[n].capabilities.multipliers]
 
 
-@pytest.mark.parametrize("solver", MULTIPLIERS)
+@pytest.mark.parametrize("solver", each(MULTIPLIERS))
 @pytest.mark.parametrize("problem", KNOWN, ids=lambda problem: problem.__name__)
 def test_multipliers_equal_published_ones(solver: str, problem: object) -> None:
     case = problem()  # type: ignore[operator]
@@ -196,7 +204,7 @@ GUIDES = (4.62, 5.5, 6.0)
 
 @pytest.mark.parametrize(
     "solver",
-    [pytest.param(s, marks=pytest.mark.slow) if s == "slsqp" else s for s in GENERAL],
+    [pytest.param(s, marks=pytest.mark.slow) if s == "slsqp" else each([s])[0] for s in GENERAL],
 )
 def test_solver_finds_minima_of_guides_or_reports_failure(solver: str) -> None:
     solutions = [solve(solver, guide(t_f)) for t_f in GUIDES]

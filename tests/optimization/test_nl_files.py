@@ -142,7 +142,7 @@ REFUSED = {
     "logical": (SMALL.replace(" 2 1 1 0 0", " 2 1 1 0 0 4"), "has 4 logical constraints"),
     "complementary": (SMALL.replace(" 1 1\t#", " 1 1 1 2 0 0\t#"), "3 complementarity conditions"),
     "complements": (SMALL.replace("1 4.5", "5 1 1"), "has a complementarity condition"),
-    "functions": (SMALL.replace(" 0 0 0 1\t#", " 0 1 0 1\t#"), "imports 1 functions"),
+    "functions": (SMALL.replace(" 0 0 0 1\t#", " 0 1 0 1\t#"), "imports 1 function of"),
     "import": (SMALL.replace("C0\n", "F0 1 2 gsl\nC0\n"), "imports a function of a library"),
     "call": (SMALL.replace("o16\nv0", "o16\nf0 1"), "calls an imported function"),
     "logical row": (SMALL.replace("C0\n", "L0\n"), "has a logical constraint"),

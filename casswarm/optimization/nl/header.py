@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..._util.text import counted
 from .lines import Lines
 
 _LINES = 10  # of a header
@@ -46,7 +47,8 @@ def _refuse_unsupported(lines: Lines, rows: list[list[int]]) -> None:
     """Raise for parts of the format that cannot be read; `rows` are the lines after the first."""
     discrete = sum(rows[5])
     if discrete:
-        raise lines.refusal(f"has {discrete} integer variables; only continuous ones are supported")
+        integers = counted(discrete, "integer variable")
+        raise lines.refusal(f"has {integers}; only continuous ones are supported")
     if _first(rows[0], 3)[2] > 1:
         raise lines.refusal(f"has {rows[0][2]} objectives; only one is supported")
     if any(rows[0][5:6]):
@@ -56,7 +58,8 @@ def _refuse_unsupported(lines: Lines, rows: list[list[int]]) -> None:
             f"has {sum(rows[1][2:4])} complementarity conditions, which are not supported"
         )
     if any(rows[4][1:2]):
-        raise lines.refusal(f"imports {rows[4][1]} functions of a library, which is not supported")
+        functions = counted(rows[4][1], "function")
+        raise lines.refusal(f"imports {functions} of a library, which is not supported")
 
 
 def _counts(lines: Lines) -> list[int]:

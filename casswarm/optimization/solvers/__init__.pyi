@@ -7,12 +7,14 @@ from .batch.spg import SpectralProjectedGradient
 from .interior_point.solver import FilterInteriorPoint
 from .ipopt import Ipopt
 from .isolated import Isolated
+from .pounce import Pounce
 from .projected_gradient import ProjectedGradient
 from .registry import SOLVERS, make_solver
 from .scipy import Minimize, Slsqp
 from .sleqp import Sleqp
 from .sqp import Sqp
 from .uno import Uno
+from .unopy import Unopy
 from .unsupported import UNSUPPORTED
 
 __all__ = [
@@ -28,6 +30,7 @@ __all__ = [
     "Isolated",
     "Minimize",
     "NlpSol",
+    "Pounce",
     "ProjectedGradient",
     "Sleqp",
     "Slsqp",
@@ -35,5 +38,6 @@ __all__ = [
     "SpectralProjectedGradient",
     "Sqp",
     "Uno",
+    "Unopy",
     "make_solver",
 ]

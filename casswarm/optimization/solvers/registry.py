@@ -11,12 +11,15 @@ from .alpaqa import Alpaqa
 from .auto import Auto
 from .base import Solver
 from .batch.spg import SpectralProjectedGradient
+from .interior_point.solver import FilterInteriorPoint
 from .ipopt import Ipopt
+from .pounce import Pounce
 from .projected_gradient import ProjectedGradient
 from .scipy import Slsqp
 from .sleqp import Sleqp
 from .sqp import Sqp
 from .uno import Uno
+from .unopy import Unopy
 from .unsupported import UNSUPPORTED
 
 SOLVERS: dict[str, type[Solver]] = {
@@ -24,9 +27,12 @@ SOLVERS: dict[str, type[Solver]] = {
     for solver in (
         Auto,
         SpectralProjectedGradient,
+        FilterInteriorPoint,
         Ipopt,
+        Pounce,
         Sqp,
         Uno,
+        Unopy,
         Sleqp,
         Alpaqa,
         Slsqp,
