@@ -126,6 +126,16 @@ def test_restoration_solves_what_the_line_search_cannot(number: int) -> None:
     assert (np.array([answer.x for answer in one_by_one]) == together.x[stuck[:3]]).all()
 
 
+def test_more_active_rows_than_variables() -> None:
+    known = published(30)  # x1 = 1 is a bound, and x1^2 + x2^2 >= 1 is active there
+    one, rng = known.instance, np.random.default_rng(0)
+    x0 = one.x0 + 1e-6 * rng.normal(size=(50, 3))
+    batch = SOLVER.solve_batch(known.nlp, Instances(x0, one.p, one.lbx, one.ubx, one.lbg, one.ubg))
+    assert batch.success.all()
+    assert (batch.x >= one.lbx).all()
+    assert batch.objective == pytest.approx(np.ones(50), abs=1e-7)
+
+
 def test_restoration_without_tapes() -> None:
     known = published(15)
     options, rows = Options(1e-8, 1e-8, 0.1, 0.01, 500, 0.0), np.arange(1)

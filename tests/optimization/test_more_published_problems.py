@@ -9,9 +9,6 @@ from more_hock_schittkowski import MORE, published_more
 from casswarm.optimization.problem import Instances
 from casswarm.optimization.solvers import FilterInteriorPoint, Ipopt
 
-LINE_SEARCH = {81}
-"""Problems on which the line search alone finds no better point: they need the fallback."""
-
 HIGH_ORDER = {46: 1e-5, 49: 1e-5}
 """Distance of objectives where the minimum is flat to the fourth order or more."""
 
@@ -20,9 +17,6 @@ HIGH_ORDER = {46: 1e-5, 49: 1e-5}
 def test_published_optimum_is_found(number: int) -> None:
     known = published_more(number)
     (solution,) = FilterInteriorPoint().solve(known.nlp, known.instance)
-    if number in LINE_SEARCH:
-        assert not solution.status.success, "this problem works: take it off the list"
-        return
     optima = np.array([known.objective, *known.local])
     assert solution.status.success, solution
     digits = HIGH_ORDER.get(number, 1e-6) * np.maximum(1.0, abs(optima))

@@ -80,6 +80,8 @@ def _iterate(
         results.evaluations[rows] += evaluations
         results.iterations[rows] += ~ended
         stuck = ~(ended | moved)
+        if stuck.any():
+            stuck &= ~iterates.widen(stuck)
         failed = stuck & ~(options.restoration & (iterates.violation > options.violation))
         results.end(rows[failed], Status.FAILED, "the line search found no better point")
         ended, stuck = ended | failed, stuck & ~failed

@@ -122,6 +122,18 @@ class Iterates:
         """Barrier functions (b,)."""
         return self.f + self.mu * self.barrier
 
+    def widen(self, some: BoolArray) -> BoolArray:
+        """Move bounds of some instances of which only rounding error is left: whose were, (b,).
+
+        Where more rows than variables are active, gaps vanish faster than the barrier parameter.
+        """
+        from .step_kernels import widen
+
+        moved, limits = some.copy(), (self.bounds.lower, self.bounds.upper)
+        widen((self.y, self.z, self.mu), limits, moved)
+        self.barrier = np.where(moved, self.bounds.log_barrier(self.y), self.barrier)
+        return moved
+
     def move(self, places: IntArray, new: tuple[FloatArray, ...]) -> None:
         """Replace y, f, g and barrier of some instances."""
         for values, moved in zip((self.y, self.f, self.g, self.barrier), new, strict=True):

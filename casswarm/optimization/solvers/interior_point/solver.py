@@ -125,6 +125,7 @@ class FilterInteriorPoint(Solver):
         started = time.perf_counter()
         with _blas_threads().limit(limits=1, user_api="blas"):
             results = minimise(numeric_problems(nlp, instances.p), instances, options, _width(nlp))
+        results.x = np.clip(results.x, instances.lbx, instances.ubx)  # of bounds that were moved
         return results, time.perf_counter() - started
 
 

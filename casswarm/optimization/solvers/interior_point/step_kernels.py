@@ -15,6 +15,8 @@ LARGE = 100.0
 """Mean multiplier from which residuals are relative to it."""
 
 _NEAR = 1e10  # factor by which a multiplier may differ from mu / gap
+_ROUNDING = 2.0**-50  # relative to y: gaps up to that are rounding error
+_WIDER = 2.0**-39  # relative to y: gaps to which bounds are moved, eps^(3/4) as in Ipopt
 
 
 @kernel
@@ -178,3 +180,25 @@ def move_multipliers(
                 value = z[side, k, i] + lengths[i] * changes[side, k, i]
                 value = min(max(value, ideal / _NEAR), ideal * _NEAR)
                 z[side, k, i] = value if lengths[i] > 0.0 else z[side, k, i]
+
+
+@kernel
+def widen(
+    point: tuple[FloatArray, FloatArray, FloatArray],
+    bounds: tuple[FloatArray, FloatArray],
+    moved: BoolArray,
+) -> None:
+    """Move bounds to which y has come so near that the gap is rounding error.
+
+    `moved` (b,) tells whose bounds may be moved, and then, whose were. `point` is (y, z, mu).
+    """
+    (y, z, mu), (lower, upper) = point, bounds
+    for i in range(len(moved)):
+        may, moved[i] = moved[i], False
+        for k in range(len(y) if may else 0):
+            size = max(1.0, abs(y[k, i]))
+            gap = _WIDER * size
+            if y[k, i] - lower[k, i] <= _ROUNDING * size:
+                lower[k, i], z[0, k, i], moved[i] = y[k, i] - gap, mu[i] / gap, True
+            if upper[k, i] - y[k, i] <= _ROUNDING * size:
+                upper[k, i], z[1, k, i], moved[i] = y[k, i] + gap, mu[i] / gap, True
