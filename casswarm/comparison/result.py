@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
@@ -11,6 +11,7 @@ import pandas as pd
 from .._util.display import Displayed
 from .._util.text import counted, did_you_mean
 from ..errors import ComparisonError
+from .convergence import COLUMNS, Convergence, convergence
 from .profiles import performance_profile
 from .ranking import ranking
 from .verification import Tolerances, costs, summary
@@ -30,11 +31,16 @@ class Comparison(Displayed):
     inputs : dict
         All that determines the runs and their verification: families, seed, copies, solvers, time
         limit, machine, versions, a fingerprint of every problem, and tolerances, as plain values.
+    iterates : DataFrame
+        A row per recorded iterate of the runs on the problems themselves, not their copies. Columns
+        family, problem, start, solver, and those of
+        `casswarm.comparison.convergence.iterate_columns`.
     """
 
     runs: pd.DataFrame
     problems: pd.DataFrame
     inputs: dict[str, Any]
+    iterates: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=list(COLUMNS)))
 
     @property
     def tolerances(self) -> Tolerances:
@@ -85,6 +91,27 @@ class Comparison(Displayed):
         part = self.runs[self.runs["family"] == family]
         start = part["start"].iloc[0] if start is None else start
         return performance_profile(costs(self.runs, family, start, "solve_seconds", success))
+
+    def convergence(self, problem: str | None = None, start: str | None = None) -> Convergence:
+        """Objective and violation of the solvers' iterates on a problem, from a kind of start.
+
+        Parameters
+        ----------
+        problem, start : str, optional
+            By default the first ones.
+
+        Returns
+        -------
+        Convergence
+            Its `plot` draws the gap to the best known objective, its `iterates` are the numbers,
+            and its `missing` are the solvers that report none.
+
+        Raises
+        ------
+        ComparisonError
+            No such problem, or no such start.
+        """
+        return convergence(self, problem, start)
 
     def __repr__(self) -> str:
         solvers, problems = len(self.inputs["solvers"]), self.runs["problem"].nunique()
