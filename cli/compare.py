@@ -32,6 +32,7 @@ from .output import aligned_table, open_folder, say
 from .progress import progress_report
 
 if TYPE_CHECKING:
+    from ..comparison.agreement import Agreement
     from ..comparison.report import Report
     from ..results.folder import ResultsFolder
 
@@ -101,7 +102,21 @@ class CompareOptions:
         type=Number(0, min_open=True),
         default=2.0,
         help="Time limit for building and solving a problem once, in seconds; a slower solver is "
-        "stopped.",
+        "stopped. What its process does only once, such as imports and compilation, does not "
+        "count: a small problem is solved first, untimed.",
+    )
+    no_iterates: bool = option(
+        "--no-iterates",
+        is_flag=True,
+        help="Do not solve every problem once more, untimed, to record the iterates of solvers "
+        "that report them.",
+    )
+    against: Path | None = option(
+        "--against",
+        metavar="FOLDER",
+        type=click.Path(path_type=Path),
+        help="Say whether the ranking agrees with that of an earlier comparison in this folder, "
+        "within the error bars of both.",
     )
     allow_code: bool = allow_code_option()
 
@@ -141,8 +156,7 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
       casswarm compare --problems my-problems/ --solver ipopt --solver slsqp
     """
     with reported_errors() as saved, progress_report(output.quiet) as progress:
-        from ..results.catalogue import drawn_figures
-
+        earlier = csw.Comparison.load(selection.against) if selection.against else None
         folder = open_folder("compare", None, output.out, figures)
         saved.folder = folder.path
         try:
@@ -154,21 +168,26 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
                 copies=selection.copies,
                 seed=selection.seed,
                 time_limit=selection.time_limit,
+                record_iterates=not selection.no_iterates,
                 checkpoint=folder.path,
                 if_exists="resume",
                 progress=progress,
             )
         except KeyboardInterrupt:
             raise Failure(f"interrupted{saved.advice(_CONTINUE)}") from None
-        _write_tables(folder, comparison)
+        if not figures.no_figures:
+            folder.prepare_figures()
+        agreement = comparison.agreement(earlier) if earlier else None
+        _write_tables(folder, comparison, agreement)
         ending = Ending(folder, output, progress)
         report = None
         if not figures.no_figures:
-            report = ending.attempt("the report", partial(_report, folder, comparison))
+            report = ending.attempt("the report", partial(_report, comparison))
         if report is not None:
-            ending.draw(partial(drawn_figures, report.figures))
+            ending.draw(lambda: dict(report.figures))
             ending.attempt("the report", partial(_write_pages, folder, report))
-        ending.finish(_text(comparison))
+        text = _text(comparison)
+        ending.finish(text if agreement is None else f"{text}\n\n{selection.against}: {agreement}")
 
 
 def _problems(selection: CompareOptions, quiet: bool) -> list[str | csw.Problem]:
@@ -187,7 +206,9 @@ def _problems(selection: CompareOptions, quiet: bool) -> list[str | csw.Problem]
     return posed or list(DEFAULT)
 
 
-def _write_tables(folder: ResultsFolder, comparison: csw.Comparison) -> None:
+def _write_tables(
+    folder: ResultsFolder, comparison: csw.Comparison, agreement: Agreement | None
+) -> None:
     from ..comparison.report import report_tables
 
     tables = report_tables(comparison)
@@ -198,15 +219,20 @@ def _write_tables(folder: ResultsFolder, comparison: csw.Comparison) -> None:
         "ranking": tables["ranking"].to_dict("records"),
         "failures": tables["failures"].to_dict("records"),
     }
+    if agreement is not None:
+        folder.write_table("agreement", agreement.table)
+        result["agreement"] = {
+            "agrees": agreement.agrees,
+            "summary": agreement.summary.to_dict("records"),
+            "different": agreement.different,
+        }
     folder.write_record(result, comparison.inputs)
 
 
-def _report(folder: ResultsFolder, comparison: csw.Comparison) -> Report:
+def _report(comparison: csw.Comparison) -> Report:
     from ..comparison.report import make_report
-    from ..figures import theme
 
-    with theme(folder.figure_format.width):
-        return make_report(comparison)
+    return make_report(comparison)
 
 
 def _write_pages(folder: ResultsFolder, report: Report) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal
 
 import pandas as pd
@@ -11,9 +12,11 @@ import pandas as pd
 from .._util.display import Displayed
 from .._util.text import counted, did_you_mean
 from ..errors import ComparisonError
+from .agreement import Agreement, agreement
 from .convergence import COLUMNS, Convergence, convergence
 from .profiles import performance_profile
 from .ranking import ranking
+from .saving import read_comparison, write_comparison
 from .verification import Tolerances, costs, summary
 
 
@@ -112,6 +115,46 @@ class Comparison(Displayed):
             No such problem, or no such start.
         """
         return convergence(self, problem, start)
+
+    def agreement(self, other: Comparison) -> Agreement:
+        """Whether another comparison ranks the solvers within this one's error bars.
+
+        Parameters
+        ----------
+        other : Comparison
+            Such as one of the same problems on another day, which `load` reads.
+
+        Returns
+        -------
+        Agreement
+            By family, start and every criterion of a ranking. Its `agrees` is the answer, and
+            printing it tells what differs.
+
+        Raises
+        ------
+        ComparisonError
+            They have no family in common, or too few problems for error bars.
+        """
+        return agreement(self, other)
+
+    def save(self, folder: str | Path) -> None:
+        """Save the comparison in a folder, from which `load` reads it; existing files are replaced.
+
+        Writes run.json with the inputs and the date, and tables as CSV files, as ``casswarm
+        compare`` does.
+        """
+        write_comparison(self, Path(folder))
+
+    @classmethod
+    def load(cls, folder: str | Path) -> Comparison:
+        """Comparison that `save` or ``casswarm compare`` wrote.
+
+        Raises
+        ------
+        ComparisonError
+            The folder holds none, or a damaged one.
+        """
+        return cls(*read_comparison(Path(folder)))
 
     def __repr__(self) -> str:
         solvers, problems = len(self.inputs["solvers"]), self.runs["problem"].nunique()

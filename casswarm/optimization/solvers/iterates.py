@@ -43,10 +43,7 @@ class IterateLog:
     """
 
     def __init__(self) -> None:
-        self.count = 0
-        self._kept: list[tuple[int, float, FloatArray]] = []
-        self._last: tuple[int, float, FloatArray] | None = None
-        self._started = time.perf_counter()
+        self.restart()
 
     def __call__(self, x: ArrayLike, *_: object) -> None:
         """Record x; what else a solver passes to its callback is not used."""
@@ -57,7 +54,10 @@ class IterateLog:
             self._kept.append(self._last)
 
     def restart(self) -> None:
-        """Measure times from now on."""
+        """Forget all points, and measure times from now on."""
+        self.count = 0
+        self._kept: list[tuple[int, float, FloatArray]] = []
+        self._last: tuple[int, float, FloatArray] | None = None
         self._started = time.perf_counter()
 
     def iterates(self, x0: FloatArray, scale: float = 1.0) -> Iterates | None:
