@@ -139,12 +139,14 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
     crashes or hangs is a row of the tables. Every solution is verified by residuals recomputed from
     the problem. Solvers are ranked by mean time, with 95 % intervals and the probability of each
     rank from resampling the problems. Prints a summary and writes report.html and report.md, the
-    tables runs.csv (a row per problem, copy, start and solver), summary.csv, ranking.csv,
-    sensitivity.csv, problems.csv and failures.csv, profiles as figures (in report.html always PNG),
-    and run.json; with --no-figures no report, which shows them.
+    tables runs.csv (a row per problem, copy, start and solver), traits.csv (of the problems),
+    iterates.csv (objective and violation at the iterates that solvers report), summary.csv,
+    ranking.csv, sensitivity.csv, problems.csv and failures.csv, figures (in report.html always
+    PNG), and run.json; with --no-figures no report, which shows them.
 
     Results are saved incrementally: repeat an interrupted command with the same options to continue
-    it. The default takes five to ten minutes.
+    it. The default takes five to ten minutes. A comparison repeated on another day, in another
+    folder, should agree with the first: see --against.
 
     \b
     Examples:
@@ -154,10 +156,11 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
       casswarm compare --family quick --count 5 --copies 3
       casswarm compare mine.toml ring --solver ipopt --solver my_module:MySolver
       casswarm compare --problems my-problems/ --solver ipopt --solver slsqp
+      casswarm compare --out results/compare-again --against results/compare
     """
     with reported_errors() as saved, progress_report(output.quiet) as progress:
-        earlier = csw.Comparison.load(selection.against) if selection.against else None
         folder = open_folder("compare", None, output.out, figures)
+        earlier = _earlier(selection.against, folder)
         saved.folder = folder.path
         try:
             solvers = list(map(named_solver, selection.solvers)) or None
@@ -177,17 +180,19 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
             raise Failure(f"interrupted{saved.advice(_CONTINUE)}") from None
         if not figures.no_figures:
             folder.prepare_figures()
-        agreement = comparison.agreement(earlier) if earlier else None
-        _write_tables(folder, comparison, agreement)
+        _write_tables(folder, comparison)
         ending = Ending(folder, output, progress)
+        text = _text(comparison)
+        if earlier is not None:
+            agreement = ending.attempt("agreement", partial(_agreement, folder, comparison, earlier))
+            text += f"\n\n{selection.against}: {agreement}" if agreement else ""
         report = None
         if not figures.no_figures:
             report = ending.attempt("the report", partial(_report, comparison))
         if report is not None:
             ending.draw(lambda: dict(report.figures))
             ending.attempt("the report", partial(_write_pages, folder, report))
-        text = _text(comparison)
-        ending.finish(text if agreement is None else f"{text}\n\n{selection.against}: {agreement}")
+        ending.finish(text)
 
 
 def _problems(selection: CompareOptions, quiet: bool) -> list[str | csw.Problem]:
@@ -206,9 +211,32 @@ def _problems(selection: CompareOptions, quiet: bool) -> list[str | csw.Problem]
     return posed or list(DEFAULT)
 
 
-def _write_tables(
-    folder: ResultsFolder, comparison: csw.Comparison, agreement: Agreement | None
-) -> None:
+def _earlier(path: Path | None, folder: ResultsFolder) -> csw.Comparison | None:
+    """The comparison that this one is compared with, if there is one."""
+    if path is not None and path.resolve() == folder.path.resolve():
+        raise csw.ComparisonError(
+            f"--against {path} is the folder of the results: choose another with --out"
+        )
+    return None if path is None else csw.Comparison.load(path)
+
+
+def _agreement(
+    folder: ResultsFolder, comparison: csw.Comparison, earlier: csw.Comparison
+) -> Agreement:
+    """Whether both agree; written as a table, and added to the record."""
+    agreement = comparison.agreement(earlier)
+    folder.write_table("agreement", agreement.table)
+    result = {
+        "agrees": agreement.agrees,
+        "summary": agreement.summary.to_dict("records"),
+        "different": agreement.different,
+    }
+    folder.record = {**folder.record, "agreement": result}
+    folder.extend_record()
+    return agreement
+
+
+def _write_tables(folder: ResultsFolder, comparison: csw.Comparison) -> None:
     from ..comparison.report import report_tables
 
     tables = report_tables(comparison)
@@ -219,13 +247,6 @@ def _write_tables(
         "ranking": tables["ranking"].to_dict("records"),
         "failures": tables["failures"].to_dict("records"),
     }
-    if agreement is not None:
-        folder.write_table("agreement", agreement.table)
-        result["agreement"] = {
-            "agrees": agreement.agrees,
-            "summary": agreement.summary.to_dict("records"),
-            "different": agreement.different,
-        }
     folder.write_record(result, comparison.inputs)
 
 

@@ -136,14 +136,10 @@ _FACTOR = "factor of the fastest solver's time"
 
 def _panels(comparison: Comparison, family: str, start: str) -> Iterator[_Panel]:
     runs, tolerances = comparison.runs, comparison.tolerances
-    times = costs(runs, family, start, "solve_seconds")
     best = costs(runs, family, start, "solve_seconds", "best_known")
     exact = costs(runs, family, start, "solve_seconds", "high_accuracy")
     feasible = 1e3 * costs(runs, family, start, "solve_seconds", "feasible")
     quality = quality_profile(feasible, by_solver(runs, family, start, "quality"))
-    units = _gradient_seconds(runs, family, start).reindex(times.index).to_numpy()
-    budget = "evaluations of the objective"
-    yield _Panel("solved (reported and verified)", performance_profile(times), _FACTOR)
     gap = f"{tolerances.objective:g}"
     name = f"solved, within {gap} of the best known objective"
     yield _Panel(name, performance_profile(best), _FACTOR)
@@ -152,9 +148,8 @@ def _panels(comparison: Comparison, family: str, start: str) -> Iterator[_Panel]
     name = "quality within a time"
     yield _Panel(name, quality, "time in ms", "mean quality")
     name = "solved within a number of evaluations"
-    yield _Panel(name, data_profile(costs(runs, family, start, "evaluations")), budget)
-    unit = "time, in evaluations of objective and gradient"
-    yield _Panel("solved within a time", data_profile(times, units), unit)
+    budget = data_profile(costs(runs, family, start, "evaluations"))
+    yield _Panel(name, budget, "evaluations of the objective")
 
 
 def draw_profiles(panels: Sequence[_Panel], title: str, order: Sequence[str]) -> Figure:
@@ -184,9 +179,3 @@ def _title(family: str, start: str, times: pd.DataFrame) -> str:
     copies = len(times) // number - 1
     text = f"{family}, {start} start, {counted(number, 'problem')}"
     return f"{text} and {counted(copies, 'copy', 'copies')} of each" if copies else text
-
-
-def _gradient_seconds(runs: pd.DataFrame, family: str, start: str) -> pd.Series:
-    """Time of an evaluation of objective and gradient of every problem."""
-    group = runs[(runs["family"] == family) & (runs["start"] == start)]
-    return group.groupby("problem")["gradient_seconds"].median()
