@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 import casswarm as csw
 
-from .._util.text import counted
 from . import completion
 from .common import Failure, named_solver, reported_errors
+from .comparison_text import comparison_text
 from .ending import Ending
 from .number import Number
 from .options import (
@@ -28,7 +27,7 @@ from .options import (
     refuse,
     seed_option,
 )
-from .output import aligned_table, open_folder, say
+from .output import open_folder, say
 from .progress import progress_report
 
 if TYPE_CHECKING:
@@ -182,9 +181,11 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
             folder.prepare_figures()
         _write_tables(folder, comparison)
         ending = Ending(folder, output, progress)
-        text = _text(comparison)
+        text = comparison_text(comparison)
         if earlier is not None:
-            agreement = ending.attempt("agreement", partial(_agreement, folder, comparison, earlier))
+            agreement = ending.attempt(
+                "agreement", partial(_agreement, folder, comparison, earlier)
+            )
             text += f"\n\n{selection.against}: {agreement}" if agreement else ""
         report = None
         if not figures.no_figures:
@@ -263,42 +264,3 @@ def _write_pages(folder: ResultsFolder, report: Report) -> None:
     images = {name: (folder.path / f"{name}.png").read_bytes() for name in drawn}
     folder.write_file("report.html", report.html(images))
     folder.extend_record()
-
-
-def _percent(value: float) -> str:
-    return "" if isnan(value) else f"{100 * value:.0f} %"
-
-
-def _text(comparison: csw.Comparison) -> str:
-    """A table for every family and start."""
-    from ..comparison.report import milliseconds
-
-    def interval(row: dict[Any, Any]) -> str:
-        ends = row["mean_ms_low"], row["mean_ms_high"]
-        return "" if isnan(ends[0]) else " to ".join(map(milliseconds, ends))
-
-    texts = []
-    summary = comparison.ranking.merge(comparison.summary.drop(columns="mean_ms"))
-    for (family, start), part in summary.groupby(["family", "start"], sort=False):
-        rows = [
-            {
-                "solver": str(row["solver"]),
-                "solved": _percent(row["solved"]),
-                "best known": _percent(row["best_known"]),
-                "mean ms": milliseconds(row["mean_ms"]),
-                "95 %": interval(row),
-                "rank": f"{row['rank']:g}",
-                "probability": _percent(row["probability"]),
-            }
-            for row in part.to_dict("records")
-        ]
-        notes = [
-            f"{row['solver']}: {counted(row['false_positives'], 'false positive')} (reported as "
-            "solved, but not verified)"
-            for row in part.to_dict("records")
-            if row["false_positives"]
-        ]
-        problems = counted(int(part["problems"].iloc[0]), "problem")
-        title = f"{family}, {start} start, {problems}"
-        texts.append("\n".join([title, aligned_table(rows), *notes]))
-    return "\n\n".join(texts)

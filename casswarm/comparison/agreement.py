@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .result import Comparison
 
 _KEYS = ["family", "start", "criterion", "solver"]
+_LEFT_OUT = ("problems.", "record_iterates")  # of the inputs that are compared
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,10 +119,12 @@ def _within(table: pd.DataFrame, value: str, low: str, high: str) -> pd.Series:
     return there & table[value].between(table[f"{low}_other"], table[f"{high}_other"])
 
 
-def _different(first: dict[str, object], second: dict[str, object]) -> dict[str, tuple[object, object]]:
+def _different(
+    first: dict[str, object], second: dict[str, object]
+) -> dict[str, tuple[object, object]]:
     """Inputs that differ, other than the problems and what depends on them."""
     flat = [_flat(inputs) for inputs in (first, second)]
-    keys = [key for key in flat[0] | flat[1] if not key.startswith(("problems.", "record_iterates"))]
+    keys = [key for key in flat[0] | flat[1] if not key.startswith(_LEFT_OUT)]
     pairs = {key: (flat[0].get(key), flat[1].get(key)) for key in keys}
     return {key: (a, b) for key, (a, b) in pairs.items() if a != b}
 

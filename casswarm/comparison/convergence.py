@@ -124,7 +124,7 @@ def convergence(
     slow = part["solve_seconds"] > longest(float(comparison.inputs["time_limit"]))
     missing = {
         solver: NOT_RECORDED if slow[solver] else NOT_REPORTED
-        for solver in part.index.difference(table["solver"], sort=False)
+        for solver in part.index.difference(pd.Index(table["solver"]), sort=False)
     }
     return Convergence(problem, start, best, table.reset_index(drop=True), missing)
 

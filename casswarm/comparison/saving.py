@@ -52,7 +52,9 @@ def write_comparison(comparison: Comparison, folder: Path) -> None:
     atomic_write(folder / RECORD, json_text(record) + "\n")
 
 
-def read_comparison(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, Any], pd.DataFrame]:
+def read_comparison(
+    folder: Path,
+) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, Any], pd.DataFrame]:
     """Runs, problems, inputs and iterates of a comparison; see `Comparison.load`."""
     try:
         require_file(folder / RECORD, _MAX_BYTES)
@@ -61,7 +63,8 @@ def read_comparison(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame, dict[str,
             raise ComparisonError(f"{folder} was written by casswarm {record['command']}")
         inputs = dict(record["inputs"])
         runs = _table(folder, "runs")
-        runs = runs.fillna(dict.fromkeys(TEXTS, ""))
+        for name in runs.columns.intersection(TEXTS):
+            runs[name] = ["" if pd.isna(text) else text for text in runs[name]]
         missing = {"family", "problem", "start", "solver", "solved"} - set(runs)
         if missing or "time_limit" not in inputs:
             raise ComparisonError(f"{folder} lacks {', '.join(sorted(missing)) or 'time_limit'}")

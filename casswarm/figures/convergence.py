@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from .performance_profiles import solver_style
-from .style import GREY, add_title, current_theme, despine, panels, scaled, themed, wrap
+from .style import GREY, add_title, current_theme, despine, marker, panels, scaled, themed, wrap
 
 _LEAST = 1e-12
 """Smallest gap that is drawn; smaller ones are drawn there."""
@@ -73,30 +73,15 @@ def _path(axes: Axes, x: pd.Series, part: pd.DataFrame, number: int) -> None:
     at, feasible = x.to_numpy(dtype=float), part["feasible"].to_numpy(dtype=bool)
     axes.plot(at, gap, color=style["color"], ls=style["linestyle"], lw=scaled(0.9))
     for shown, face in ((feasible, style["color"]), (~feasible, "white")):
-        axes.plot(
-            np.where(shown, at, np.nan),
-            gap,
-            ls="",
-            marker=style["marker"],
-            markersize=scaled(3.6),
-            markerfacecolor=face,
-            markeredgecolor=style["color"],
-            markeredgewidth=scaled(0.7),
-        )
+        points = marker(style["marker"], 3.6, face, style["color"], 0.7)
+        axes.plot(np.where(shown, at, np.nan), gap, **points)
 
 
 def _add_legend(fig: Figure, drawn: Sequence[str], names: Sequence[str]) -> Legend:
     handles = [Line2D([], [], label=name, **solver_style(names.index(name))) for name in drawn]
-    size = scaled(3.6)
     for label, face in (("feasible", GREY), ("infeasible", "white")):
-        handles.append(
-            Line2D(
-                *([], []),
-                **{"ls": "", "marker": "o", "markersize": size, "label": label},
-                markerfacecolor=face,
-                markeredgecolor=GREY,
-            )
-        )
+        style = marker("o", 3.6, face, GREY, 0.7)
+        handles.append(Line2D([], [], label=label, **style))
     columns = 2 if current_theme().narrow else 5
     return fig.legend(
         handles=handles,

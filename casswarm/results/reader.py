@@ -263,10 +263,8 @@ class ResultsReader:
             from ..comparison.report_figures import figures
 
             inputs, no_problems = dict(self.part("inputs")), pd.DataFrame()  # for no figure
-            tables = [self.table("runs"), no_problems, inputs]
-            if self.has_table("iterates"):
-                tables.append(self.table("iterates"))
-            return dict(figures(Comparison(*tables)))
+            more = {"iterates": self.table("iterates")} if self.has_table("iterates") else {}
+            return dict(figures(Comparison(self.table("runs"), no_problems, inputs, **more)))
         scenario, objects = self.scenario, self.objects
         if self.command == "plan":
             return catalogue.plan_figures(scenario, **objects)

@@ -89,7 +89,7 @@ class NlpsolSolver(Solver):
         function = _built(self, nlp, {"iteration_callback": callback})
         answer = self._solve(function, instance, 0)
         if answer.seconds < _WARM_UP_SECONDS:  # the first call of a function takes longer
-            callback.log.restart()
+            callback.log = IterateLog()
             answer = self._solve(function, instance, 0)
         reports_start = callback.log.count > answer.iterations
         x0 = instance.x0[0]
@@ -201,7 +201,7 @@ def _built(solver: NlpsolSolver, nlp: Nlp, more: Mapping[str, Any]) -> Any:
         raise SolverError(f"{solver.name} cannot solve {nlp.name}: {_reason(error)}") from error
 
 
-class _Callback(ca.Callback):  # type: ignore[misc]
+class _Callback(ca.Callback):
     """Records the iterates of a solver that `_built` makes."""
 
     def __init__(self, sizes: tuple[int, int, int], needs_constraint_row: bool) -> None:

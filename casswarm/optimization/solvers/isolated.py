@@ -20,6 +20,7 @@ from ..._util.interrupts import begin_child, deferred
 from ..._util.parallel import packed
 from ..._util.temporary import temporary_file
 from ..._util.threads import locked_cache
+from ..._util.user_code import USER_ERRORS
 from ...errors import CasswarmError, SolverError
 from ..problem import Instances, Nlp
 from ..solution import Solution, Status
@@ -290,6 +291,8 @@ def _serve(connection: Connection[Any, Any], pickled_solver: bytes, output: str)
             reply: Any = getattr(solver, method)(programs[key], instances)
         except CasswarmError as error:
             reply = SolverError(str(error))
+        except USER_ERRORS as error:  # of a user's `iterates`
+            reply = SolverError(error_text(error))
         try:
             connection.send(reply)
         except Exception as error:  # an answer of a user's solver that does not pickle

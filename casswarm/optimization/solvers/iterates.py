@@ -43,22 +43,21 @@ class IterateLog:
     """
 
     def __init__(self) -> None:
-        self.restart()
+        self.count = 0
+        self._kept: list[tuple[int, float, FloatArray]] = []
+        self._last: tuple[int, float, FloatArray] | None = None  # if it is not kept
+        self._started = time.perf_counter()
 
     def __call__(self, x: ArrayLike, *_: object) -> None:
         """Record x; what else a solver passes to its callback is not used."""
         number, self.count = self.count, self.count + 1
         seconds = time.perf_counter() - self._started
-        self._last = number, seconds, np.array(x, dtype=float).ravel()
+        point = number, seconds, np.array(x, dtype=float).ravel()
         if number < _ALL or number >= _RATIO * self._kept[-1][0]:
-            self._kept.append(self._last)
-
-    def restart(self) -> None:
-        """Forget all points, and measure times from now on."""
-        self.count = 0
-        self._kept: list[tuple[int, float, FloatArray]] = []
-        self._last: tuple[int, float, FloatArray] | None = None
-        self._started = time.perf_counter()
+            self._kept.append(point)
+            self._last = None
+        else:
+            self._last = point
 
     def iterates(self, x0: FloatArray, scale: float = 1.0) -> Iterates | None:
         """What was recorded, in units of `scale`, after x0 if the solver did not report a start.
@@ -74,9 +73,9 @@ class IterateLog:
         Iterates or None
             None if no point was reported.
         """
-        if self._last is None:
+        if not self.count:
             return None
-        kept = self._kept if self._kept[-1] is self._last else [*self._kept, self._last]
+        kept = self._kept if self._last is None else [*self._kept, self._last]
         numbers, seconds, points = zip(*kept, strict=True)
         at, when, x = np.array(numbers), np.array(seconds), scale * np.array(points)
         if x0.size:
