@@ -47,6 +47,8 @@ class Convergence(Displayed):
         `casswarm.comparison.verification.verify`. An infeasible iterate can be below it.
     missing : dict
         Solvers without iterates, and why.
+    solvers : tuple of str
+        All that were compared, in order.
     """
 
     problem: str
@@ -54,6 +56,7 @@ class Convergence(Displayed):
     best_objective: float
     iterates: pd.DataFrame = field(repr=False)
     missing: dict[str, str]
+    solvers: tuple[str, ...]
 
     def __repr__(self) -> str:
         solvers = ", ".join(self.iterates["solver"].unique()) or "no solver"
@@ -126,7 +129,8 @@ def convergence(
         solver: NOT_RECORDED if slow[solver] else NOT_REPORTED
         for solver in part.index.difference(pd.Index(table["solver"]), sort=False)
     }
-    return Convergence(problem, start, best, table.reset_index(drop=True), missing)
+    solvers = tuple(comparison.inputs["solvers"])
+    return Convergence(problem, start, best, table.reset_index(drop=True), missing, solvers)
 
 
 def longest(time_limit: float) -> float:

@@ -127,7 +127,7 @@ def convergence_drawing(comparison: Comparison, problem: str, start: str) -> Dra
         f"{problem}, {start} start: convergence",
         draw_gaps,
         (history.iterates, tuple(history.missing)),
-        tuple(comparison.inputs["solvers"]),
+        history.solvers,
     )
 
 

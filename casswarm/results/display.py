@@ -198,7 +198,7 @@ def _(result: Convergence) -> View:
 @picture.register
 def _(result: Convergence, _: Scenario | None) -> Figure:
     title = f"{result.problem}, {result.start} start"
-    return gap_chart(result.iterates, title, missing=tuple(result.missing))
+    return gap_chart(result.iterates, title, result.solvers, tuple(result.missing))
 
 
 @themed
