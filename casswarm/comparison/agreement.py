@@ -22,8 +22,8 @@ _LEFT_OUT = ("problems.", "record_iterates")  # of the inputs that are compared
 class Agreement:
     """Whether two comparisons agree, by every criterion of a ranking.
 
-    A row agrees if the rank of each comparison is among those that the other one gives the solver
-    with 95 %: `rank_low` to `rank_high` of `casswarm.comparison.ranking.ranking`. These intervals
+    Ranks are those among the solvers of both. A row agrees if the rank in each comparison is among
+    those that the other one gives the solver with 95 %: `rank_low` to `rank_high` of `casswarm.comparison.ranking.ranking`. These intervals
     are those of other problems of the same kind. Two runs on the same problems differ by the noise
     of their times alone, so they should agree; that they do says nothing about other problems.
 
@@ -90,12 +90,11 @@ class Agreement:
 
 def agreement(first: Comparison, second: Comparison) -> Agreement:
     """See `Comparison.agreement`."""
-    tables = [
-        rankings_by_criterion(one.runs, float(one.inputs["time_limit"])) for one in (first, second)
-    ]
-    both = tables[0].merge(tables[1], on=_KEYS, suffixes=("", "_other"))
-    if both.empty:
+    common = set.intersection(*(_ranked(one.runs) for one in (first, second)))
+    if not common:
         raise ComparisonError("the comparisons have no solver on a family and start in common")
+    tables = [_rankings(one, common) for one in (first, second)]
+    both = tables[0].merge(tables[1], on=_KEYS, suffixes=("", "_other"))
     low, high = both["rank_low"].notna(), both["rank_low_other"].notna()
     known = both[low & high]
     known = known.assign(
@@ -111,6 +110,20 @@ def agreement(first: Comparison, second: Comparison) -> Agreement:
     rankings, of_known = (len(table[_KEYS[:3]].drop_duplicates()) for table in (both, known))
     a, b = first.inputs, second.inputs
     return Agreement(known, _different(a, b), rankings - of_known, a["problems"] == b["problems"])
+
+
+def _ranked(runs: pd.DataFrame) -> set[tuple[str, str, str]]:
+    """Families, starts and solvers of a ranking."""
+    applicable = runs.loc[runs["applicable"], ["family", "start", "solver"]]
+    return set(applicable.itertuples(index=False, name=None))
+
+
+def _rankings(comparison: Comparison, common: set[tuple[str, str, str]]) -> pd.DataFrame:
+    """Ranks by all criteria among the solvers that both comparisons have."""
+    runs = comparison.runs
+    keys = runs[["family", "start", "solver"]].itertuples(index=False, name=None)
+    shared = runs[[key in common for key in keys]]
+    return rankings_by_criterion(shared, float(comparison.inputs["time_limit"]))
 
 
 def _within(table: pd.DataFrame, value: str, low: str, high: str) -> pd.Series:

@@ -89,6 +89,13 @@ def test_faster_machine_agrees_in_ranks_and_not_in_times() -> None:
     assert not agreement.table["mean_within"].any()
 
 
+def test_ranks_are_among_common_solvers() -> None:
+    agreement = FIRST.agreement(made({"new": 0.001, "fast": 0.01, "slow": 0.1}))
+    assert agreement.agrees
+    assert set(agreement.table["solver"]) == {"fast", "slow"}
+    assert agreement.different == {"solvers.new": (None, "new")}
+
+
 def test_what_differs_is_named() -> None:
     other = replace(FIRST, inputs=FIRST.inputs | {"time_limit": 1.0, "problems": {"p0": "other"}})
     agreement = FIRST.agreement(other)
