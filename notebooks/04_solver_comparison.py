@@ -37,7 +37,8 @@ from casswarm.optimization.solvers import Ipopt, ProjectedGradient
 #
 # Two problems of each of five kinds, from random scenarios of seed 0, each from a cold and a warm
 # start. Every solver runs in a process of its own, so a crash or a hang is a row of the table and
-# does not end the study. A mapping gives labels, so one solver can take part with different options.
+# does not end the study. A mapping gives labels, so one solver can take part with different
+# options.
 
 # %%
 solvers = {
@@ -62,9 +63,9 @@ comparison.tolerances
 # ## Result
 #
 # The report has the answer in words, tables and figures; `comparison.ranking` and
-# `comparison.summary` are its main tables. Ranks are those of the shifted geometric mean of the solve
-# time, in which failures count as the time limit. Intervals and probabilities come from resampling
-# the problems; below four problems, as for the guides here, there are none.
+# `comparison.summary` are its main tables. Ranks are those of the shifted geometric mean of the
+# solve time, in which failures count as the time limit. Intervals and probabilities come from
+# resampling the problems; below four problems, as for the guides here, there are none.
 
 # %%
 report = make_report(comparison)
@@ -83,8 +84,8 @@ report.figures["ranking-formations-cold"]()
 report.figures["bands-formations-cold"]()
 
 # %% [markdown]
-# One of the two compiled solvers, `spectral` and `projected-gradient`, is the fastest on nearly every
-# problem; Ipopt is as reliable as `spectral`, but slower. The end of the profiles in numbers:
+# One of the two compiled solvers, `spectral` and `projected-gradient`, is the fastest on nearly
+# every problem; Ipopt is as reliable as `spectral`, but slower. The end of the profiles in numbers:
 
 # %%
 times = costs(comparison.runs, "formations", "cold", "solve_seconds")
@@ -101,15 +102,16 @@ fraction_at(profile, 100.0)  # within a factor of 100 of the fastest
 pair_chart(pairwise_profiles(times), "formations, cold start")
 
 # %% [markdown]
-# How the solvers approach the best known objective of a problem. Infeasible iterates are hollow, and
-# solvers that report no iterates are named.
+# How the solvers approach the best known objective of a problem. Infeasible iterates are hollow,
+# and solvers that report no iterates are named.
 
 # %%
 comparison.convergence("constrained-3-saturation-0").plot()
 
 # %% [markdown]
-# Every failure has a reason; most are those of the paper's projected gradient method with a constant
-# step. There are no false positives, that is, no success that was reported and not verified.
+# Every failure has a reason; most are those of the paper's projected gradient method with a
+# constant step. There are no false positives, that is, no success that was reported and not
+# verified.
 
 # %%
 failures(comparison.runs)
@@ -120,8 +122,8 @@ by_problem(comparison.runs)
 # %% [markdown]
 # ## What would change the result
 #
-# The first solver by other criteria, and the rank there of the solver that is the first by mean solve
-# time:
+# The first solver by other criteria, and the rank there of the solver that is the first by mean
+# solve time:
 
 # %%
 report.tables["sensitivity"]
@@ -129,5 +131,5 @@ report.tables["sensitivity"]
 # %% [markdown]
 # Times also change from run to run. `comparison.save(folder)` saves a comparison,
 # `csw.Comparison.load(folder)` reads it, and `first.agreement(second)` says whether each ranks the
-# solvers within the other's error bars. Not varied here: the machine, the versions, other options of
-# the solvers, and the kind of problems.
+# solvers within the other's error bars. Not varied here: the machine, the versions, other options
+# of the solvers, and the kind of problems.

@@ -14,8 +14,8 @@
 # # An own solver in a comparison
 #
 # Ipopt, SLSQP, the paper's projected gradient method and a solver that is defined here, on the
-# formation problems of two scenarios. `Hasty` is Ipopt with a loose tolerance: a class in a cell can
-# take part like any other, in a process of its own.
+# formation problems of two scenarios. `Hasty` is Ipopt with a loose tolerance: a class in a cell
+# can take part like any other, in a process of its own.
 
 # %%
 # %matplotlib inline
@@ -35,8 +35,8 @@ solvers = ["ipopt", "slsqp", "projected-gradient", Hasty()]
 comparison = csw.compare(problems, solvers, time_limit=10)
 
 # %% [markdown]
-# Performance profiles: at 1, how often a solver is the fastest; at the right end, how often it solves
-# a problem at all, which is verified by residuals recomputed from the problem.
+# Performance profiles: at 1, how often a solver is the fastest; at the right end, how often it
+# solves a problem at all, which is verified by residuals recomputed from the problem.
 
 # %%
 comparison.plot()

@@ -23,9 +23,10 @@ class Agreement:
     """Whether two comparisons agree, by every criterion of a ranking.
 
     Ranks are those among the solvers of both. A row agrees if the rank in each comparison is among
-    those that the other one gives the solver with 95 %: `rank_low` to `rank_high` of `casswarm.comparison.ranking.ranking`. These intervals
-    are those of other problems of the same kind. Two runs on the same problems differ by the noise
-    of their times alone, so they should agree; that they do says nothing about other problems.
+    those that the other one gives the solver with 95 %, `rank_low` to `rank_high` of
+    `casswarm.comparison.ranking.ranking`. These intervals are those of other problems of the same
+    kind. Two runs on the same problems differ by the noise of their times alone, so they should
+    agree; that they do says nothing about other problems.
 
     Parameters
     ----------

@@ -48,6 +48,10 @@ class Auto(Solver):
     summary: ClassVar[str] = "spectral or barrier, every answer verified; ipopt for the rest"
     capabilities: ClassVar[Capabilities] = Capabilities(batch=True)
 
+    def prepare(self, nlp: Nlp) -> None:
+        """See `Solver.prepare`."""
+        (self.fallback if nlp.compiled is None else self.batch).prepare(nlp)
+
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         """See `Solver.run`."""
         batch = self._batch(nlp, instances)
