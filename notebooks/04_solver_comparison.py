@@ -76,9 +76,9 @@ report.figures["ranking-formations-cold"]()
 
 # %% [markdown]
 # The performance profile of solver $s$ is the fraction of problems that it solves within a factor
-# $\tau$ of the fastest solver's time (Dolan and Moré, *Math. Program.* 91, 2002): speed on the left,
-# reliability on the right. The bands are 95 % bootstrap bands, pointwise: where the curve of all
-# problems of this kind is expected. With eight problems they are wide.
+# $\tau$ of the fastest solver's time (Dolan and Moré, *Math. Program.* 91, 2002): speed on the
+# left, reliability on the right. The bands are 95 % bootstrap bands, pointwise: where the curve of
+# all problems of this kind is expected. With eight problems they are wide.
 
 # %%
 report.figures["bands-formations-cold"]()

@@ -63,7 +63,7 @@ def read_comparison(
             raise ComparisonError(f"{folder} was written by casswarm {record['command']}")
         inputs = dict(record["inputs"])
         runs = _table(folder, "runs")
-        for name in runs.columns.intersection(TEXTS):
+        for name in runs.columns.intersection(list(TEXTS)):
             runs[name] = ["" if pd.isna(text) else text for text in runs[name]]
         missing = {"family", "problem", "start", "solver", "solved"} - set(runs)
         if missing or "time_limit" not in inputs:

@@ -15,8 +15,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from .performance_profiles import solver_style
 from .style import GREY, add_title, current_theme, despine, marker, panels, scaled, themed, wrap
 
-_LEAST = 1e-12
-"""Smallest gap that is drawn; smaller ones are drawn there."""
+_LIMITS = 1e-12, 1e12
+"""Smallest and largest gaps that are drawn; others are drawn there."""
 
 
 @themed
@@ -69,7 +69,7 @@ def gap_chart(
 def _path(axes: Axes, x: pd.Series, part: pd.DataFrame, number: int) -> None:
     """Draw the iterates of a solver."""
     style = solver_style(number)
-    gap = part["gap"].clip(lower=_LEAST).to_numpy(dtype=float)
+    gap = part["gap"].clip(*_LIMITS).to_numpy(dtype=float)
     at, feasible = x.to_numpy(dtype=float), part["feasible"].to_numpy(dtype=bool)
     axes.plot(at, gap, color=style["color"], ls=style["linestyle"], lw=scaled(0.9))
     for shown, face in ((feasible, style["color"]), (~feasible, "white")):

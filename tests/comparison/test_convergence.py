@@ -134,6 +134,14 @@ def test_convergence_is_drawn_with_hollow_infeasible_iterates(comparison) -> Non
     assert "line, given start" in history._repr_html_()
 
 
+def test_divergence_is_drawn(tmp_path) -> None:
+    step = csw.solvers.ProjectedGradient(step=2.0)  # x <- -3 x, until it is not finite
+    comparison = csw.compare(BOWL, ["ipopt", step], time_limit=60)
+    gaps = comparison.convergence().iterates["gap"]
+    assert not np.isfinite(gaps).all()
+    comparison.convergence().plot().savefig(tmp_path / "diverged.png")
+
+
 def test_iterates_can_be_left_out() -> None:
     comparison = csw.compare(BOWL, "ipopt", record_iterates=False, time_limit=60)
     assert comparison.iterates.empty
