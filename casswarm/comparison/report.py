@@ -210,7 +210,7 @@ def _group(family: str, start: str, tables: Mapping[str, pd.DataFrame]) -> dict[
         "heading": _heading(family, start),
         "tag": tag(family, start),
         "fastest": part["solver"].iloc[0],
-        "pairs": len(part) > 1,
+        "pairs": len(part) > 2,
         "headline": "Most often at the best known objective: "
         f"{best['solver']}, {_percent(best['best_known'])}.",
         "table": pd.DataFrame(

@@ -112,7 +112,7 @@ def _group_figures(
     bands = performance_profile(times), performance_bands(times), _FACTOR
     heading = f"{group}: performance profiles with 95 % bands"
     yield f"bands-{end}", Drawing(heading, band_chart, bands, order)
-    if len(times.columns) > 1:
+    if len(times.columns) > 2:  # of two, the profiles say it
         heading = f"{group}: fraction of problems on which a solver is faster"
         yield f"wins-{end}", Drawing(heading, _draw_wins, (pairwise_wins(times),))
     problem = typical_problem(comparison, family, start)
