@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 import casswarm as csw
 
-from .._util.text import counted
 from . import completion
 from .common import Failure, named_solver, reported_errors
+from .comparison_text import comparison_text
 from .ending import Ending
 from .number import Number
 from .options import (
@@ -28,10 +27,11 @@ from .options import (
     refuse,
     seed_option,
 )
-from .output import aligned_table, open_folder, say
+from .output import open_folder, say
 from .progress import progress_report
 
 if TYPE_CHECKING:
+    from ..comparison.agreement import Agreement
     from ..comparison.report import Report
     from ..results.folder import ResultsFolder
 
@@ -101,7 +101,21 @@ class CompareOptions:
         type=Number(0, min_open=True),
         default=2.0,
         help="Time limit for building and solving a problem once, in seconds; a slower solver is "
-        "stopped.",
+        "stopped. What its process does only once, such as imports and compilation, does not "
+        "count: a small problem is solved first, untimed.",
+    )
+    no_iterates: bool = option(
+        "--no-iterates",
+        is_flag=True,
+        help="Do not solve every problem once more, untimed, to record the iterates of solvers "
+        "that report them.",
+    )
+    against: Path | None = option(
+        "--against",
+        metavar="FOLDER",
+        type=click.Path(path_type=Path),
+        help="Say whether the ranking agrees with that of an earlier comparison in this folder, "
+        "within the error bars of both.",
     )
     allow_code: bool = allow_code_option()
 
@@ -124,12 +138,14 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
     crashes or hangs is a row of the tables. Every solution is verified by residuals recomputed from
     the problem. Solvers are ranked by mean time, with 95 % intervals and the probability of each
     rank from resampling the problems. Prints a summary and writes report.html and report.md, the
-    tables runs.csv (a row per problem, copy, start and solver), summary.csv, ranking.csv,
-    sensitivity.csv, problems.csv and failures.csv, profiles as figures (in report.html always PNG),
-    and run.json; with --no-figures no report, which shows them.
+    tables runs.csv (a row per problem, copy, start and solver), traits.csv (of the problems),
+    iterates.csv (objective and violation at the iterates that solvers report), summary.csv,
+    ranking.csv, sensitivity.csv, problems.csv and failures.csv, figures (in report.html always
+    PNG), and run.json; with --no-figures no report, which shows them.
 
     Results are saved incrementally: repeat an interrupted command with the same options to continue
-    it. The default takes five to ten minutes.
+    it. The default takes five to ten minutes. A comparison repeated on another day, in another
+    folder, should agree with the first: see --against.
 
     \b
     Examples:
@@ -139,11 +155,11 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
       casswarm compare --family quick --count 5 --copies 3
       casswarm compare mine.toml ring --solver ipopt --solver my_module:MySolver
       casswarm compare --problems my-problems/ --solver ipopt --solver slsqp
+      casswarm compare --out results/compare-again --against results/compare
     """
     with reported_errors() as saved, progress_report(output.quiet) as progress:
-        from ..results.catalogue import drawn_figures
-
         folder = open_folder("compare", None, output.out, figures)
+        earlier = _earlier(selection.against, folder)
         saved.folder = folder.path
         try:
             solvers = list(map(named_solver, selection.solvers)) or None
@@ -154,21 +170,30 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
                 copies=selection.copies,
                 seed=selection.seed,
                 time_limit=selection.time_limit,
+                record_iterates=not selection.no_iterates,
                 checkpoint=folder.path,
                 if_exists="resume",
                 progress=progress,
             )
         except KeyboardInterrupt:
             raise Failure(f"interrupted{saved.advice(_CONTINUE)}") from None
+        if not figures.no_figures:
+            folder.prepare_figures()
         _write_tables(folder, comparison)
         ending = Ending(folder, output, progress)
+        text = comparison_text(comparison)
+        if earlier is not None:
+            agreement = ending.attempt(
+                "agreement", partial(_agreement, folder, comparison, earlier)
+            )
+            text += f"\n\n{selection.against}: {agreement}" if agreement else ""
         report = None
         if not figures.no_figures:
-            report = ending.attempt("the report", partial(_report, folder, comparison))
+            report = ending.attempt("the report", partial(_report, comparison))
         if report is not None:
-            ending.draw(partial(drawn_figures, report.figures))
+            ending.draw(lambda: dict(report.figures))
             ending.attempt("the report", partial(_write_pages, folder, report))
-        ending.finish(_text(comparison))
+        ending.finish(text)
 
 
 def _problems(selection: CompareOptions, quiet: bool) -> list[str | csw.Problem]:
@@ -187,6 +212,31 @@ def _problems(selection: CompareOptions, quiet: bool) -> list[str | csw.Problem]
     return posed or list(DEFAULT)
 
 
+def _earlier(path: Path | None, folder: ResultsFolder) -> csw.Comparison | None:
+    """The comparison that this one is compared with, if there is one."""
+    if path is not None and path.resolve() == folder.path.resolve():
+        raise csw.ComparisonError(
+            f"--against {path} is the folder of the results: choose another with --out"
+        )
+    return None if path is None else csw.Comparison.load(path)
+
+
+def _agreement(
+    folder: ResultsFolder, comparison: csw.Comparison, earlier: csw.Comparison
+) -> Agreement:
+    """Whether both agree; written as a table, and added to the record."""
+    agreement = comparison.agreement(earlier)
+    folder.write_table("agreement", agreement.table)
+    result = {
+        "agrees": agreement.agrees,
+        "summary": agreement.summary.to_dict("records"),
+        "different": agreement.different,
+    }
+    folder.record = {**folder.record, "agreement": result}
+    folder.extend_record()
+    return agreement
+
+
 def _write_tables(folder: ResultsFolder, comparison: csw.Comparison) -> None:
     from ..comparison.report import report_tables
 
@@ -201,12 +251,10 @@ def _write_tables(folder: ResultsFolder, comparison: csw.Comparison) -> None:
     folder.write_record(result, comparison.inputs)
 
 
-def _report(folder: ResultsFolder, comparison: csw.Comparison) -> Report:
+def _report(comparison: csw.Comparison) -> Report:
     from ..comparison.report import make_report
-    from ..figures import theme
 
-    with theme(folder.figure_format.width):
-        return make_report(comparison)
+    return make_report(comparison)
 
 
 def _write_pages(folder: ResultsFolder, report: Report) -> None:
@@ -216,42 +264,3 @@ def _write_pages(folder: ResultsFolder, report: Report) -> None:
     images = {name: (folder.path / f"{name}.png").read_bytes() for name in drawn}
     folder.write_file("report.html", report.html(images))
     folder.extend_record()
-
-
-def _percent(value: float) -> str:
-    return "" if isnan(value) else f"{100 * value:.0f} %"
-
-
-def _text(comparison: csw.Comparison) -> str:
-    """A table for every family and start."""
-    from ..comparison.report import milliseconds
-
-    def interval(row: dict[Any, Any]) -> str:
-        ends = row["mean_ms_low"], row["mean_ms_high"]
-        return "" if isnan(ends[0]) else " to ".join(map(milliseconds, ends))
-
-    texts = []
-    summary = comparison.ranking.merge(comparison.summary.drop(columns="mean_ms"))
-    for (family, start), part in summary.groupby(["family", "start"], sort=False):
-        rows = [
-            {
-                "solver": str(row["solver"]),
-                "solved": _percent(row["solved"]),
-                "best known": _percent(row["best_known"]),
-                "mean ms": milliseconds(row["mean_ms"]),
-                "95 %": interval(row),
-                "rank": f"{row['rank']:g}",
-                "probability": _percent(row["probability"]),
-            }
-            for row in part.to_dict("records")
-        ]
-        notes = [
-            f"{row['solver']}: {counted(row['false_positives'], 'false positive')} (reported as "
-            "solved, but not verified)"
-            for row in part.to_dict("records")
-            if row["false_positives"]
-        ]
-        problems = counted(int(part["problems"].iloc[0]), "problem")
-        title = f"{family}, {start} start, {problems}"
-        texts.append("\n".join([title, aligned_table(rows), *notes]))
-    return "\n\n".join(texts)

@@ -46,13 +46,11 @@ def plot(selection: PlotOptions, figures: FigureOptions) -> None:
       casswarm plot results/compare --width slide --out slides
     """
     with reported_errors(), progress_report(selection.quiet) as progress:
-        from ..figures import theme
         from ..results.folder import ResultsFolder
 
         folder = selection.folder
         saved = ResultsFolder.open(folder, selection.allow_code)
-        with theme(figures.width):  # those of a comparison are drawn at once
-            catalogue = saved.figures(selection.run)
+        catalogue = saved.figures(selection.run)
         for name in selection.names:
             if name not in catalogue:
                 raise CheckpointError(

@@ -59,7 +59,7 @@ FIGURES = {
     "evaluate-ring": ("arrival", "population", "survival"),
     "sweep-n": ("over-n",),
     "sweep-paper-1": ("over-spacing", "heat-map"),
-    "compare": ("profile-formations-cold",),
+    "compare": ("overview", "convergence-formations-cold"),
 }
 """Figures of each results folder; the images are named FOLDER-FIGURE.png."""
 

@@ -1,5 +1,7 @@
 """Comparison of solvers: benchmark problems, runs, verification, profiles and a report."""
 
+from .agreement import Agreement
+from .convergence import Convergence
 from .files import read_problems
 from .problem import Problem
 from .problems import FAMILIES, make_problems
@@ -11,7 +13,9 @@ from .verification import Tolerances
 __all__ = [
     "DEFAULT",
     "FAMILIES",
+    "Agreement",
     "Comparison",
+    "Convergence",
     "Problem",
     "Tolerances",
     "compare",

@@ -11,6 +11,7 @@ from ..errors import SolverError
 from ..optimization.kkt import relative_error
 from ..optimization.problem import Instances, Nlp
 from ..optimization.solvers import Answer, Isolated
+from .convergence import iterate_columns, longest
 from .perturbation import ProblemCopy
 from .verification import NOT_APPLICABLE
 
@@ -21,7 +22,9 @@ EXTRA_SECONDS = 0.3
 """Time for solves after the first one, if that took at most ten times as long."""
 
 
-def benchmark(copy: ProblemCopy, start: str, label: str, solver: Isolated) -> dict[str, Any]:
+def benchmark(
+    copy: ProblemCopy, start: str, label: str, solver: Isolated, record_iterates: bool = False
+) -> dict[str, Any]:
     """Row of one solver on one copy of a problem from one start, as plain values.
 
     Answers are mapped back to the original problem, and verified there.
@@ -32,7 +35,9 @@ def benchmark(copy: ProblemCopy, start: str, label: str, solver: Isolated) -> di
     complementarity, relative to the problem's scale; relative_error, from
     `casswarm.optimization.kkt.relative_error`; iterations; evaluations; build_seconds;
     solve_seconds, the median of `solves` solves, and time_ratio, the slowest over the fastest;
-    objective_scale; gradient_seconds, the time of an evaluation of objective and gradient.
+    objective_scale; gradient_seconds, the time of an evaluation of objective and gradient; and
+    iterates, from `casswarm.comparison.convergence.iterate_columns`, empty if they are not to be
+    recorded, for perturbed copies, and where a solve takes long.
     """
     problem, posed = copy.problem, copy.starts[start]
     nlp, instance = problem.nlp, problem.starts[start]
@@ -52,7 +57,8 @@ def benchmark(copy: ProblemCopy, start: str, label: str, solver: Isolated) -> di
     times = _solve_times(solver, copy.nlp, posed, answer)
     restored = copy.restored(answer)
     solution = solver.verified(nlp, instance, restored, build)
-    residuals = solution.residuals
+    residuals, seconds = solution.residuals, statistics.median(times)
+    recorded = record_iterates and not copy.number and seconds <= longest(solver.time_limit)
     return row | {
         "reported_status": str(answer.status),
         "status": str(solution.status),
@@ -68,11 +74,12 @@ def benchmark(copy: ProblemCopy, start: str, label: str, solver: Isolated) -> di
         "iterations": int(solution.iterations),
         "evaluations": int(solution.evaluations),
         "build_seconds": build,
-        "solve_seconds": statistics.median(times),
+        "solve_seconds": seconds,
         "solves": len(times),
         "time_ratio": max(times) / min(times) if len(times) > 1 and min(times) > 0 else math.nan,
         "objective_scale": value,
         "gradient_seconds": _gradient_seconds(nlp, instance),
+        "iterates": iterate_columns(problem, start, solver, seconds) if recorded else {},
     }
 
 

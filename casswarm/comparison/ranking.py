@@ -100,6 +100,21 @@ def rank_solvers(
     return ranked.sort_values("rank", kind="stable", ignore_index=True)
 
 
+def rankings_by_criterion(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:
+    """The ranks of `ranking`, and those by the other criteria of `sensitivity`.
+
+    Columns: family, start, criterion, and those of `ranking` from solver on.
+    """
+    parts = [
+        ranked.assign(family=family, start=start, criterion=criterion)
+        for family, start in _groups(table)
+        for criterion, ranked in _variants(table, family, start, time_limit)
+    ]
+    ranked = pd.concat(parts, ignore_index=True)
+    keys = ["family", "start", "criterion"]
+    return ranked[[*keys, *ranked.columns.drop(keys)]]
+
+
 def sensitivity(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:
     """First solver by other criteria: what would change the ranking.
 

@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from markupsafe import Markup
-from matplotlib.figure import Figure
 
 from .._util.documents import data_uri, figure_uri, render
 from ..optimization.solvers import SOLVERS
 from .benchmark import MAX_SOLVES
 from .bootstrap import RESAMPLES
+from .convergence import typical_problem
 from .problems import DESCRIPTIONS
 from .ranking import FEWEST, sensitivity
-from .report_figures import figures, groups, tag
+from .report_figures import Drawing, figures, groups, tag
 from .result import Comparison
+from .saving import saved_tables
 from .verification import SHIFT, by_problem, failures, not_applicable
 
 
@@ -34,12 +35,12 @@ class Report:
     tables : dict
         The numbers, not rounded, by name.
     figures : dict
-        Figures by name.
+        Figures by name, to be drawn.
     """
 
     content: dict[str, Any] = field(repr=False)
     tables: dict[str, pd.DataFrame] = field(repr=False)
-    figures: dict[str, Figure] = field(repr=False)
+    figures: dict[str, Drawing] = field(repr=False)
 
     def markdown(self, ending: str = "png") -> str:
         """Markdown text that links the figures as NAME.ENDING."""
@@ -52,18 +53,15 @@ class Report:
         sources = {
             name: data_uri(images[name], "image/png")
             if images and name in images
-            else figure_uri(figure, dpi=130, bbox_inches="tight")
-            for name, figure in self.figures.items()
+            else figure_uri(draw(), dpi=130, bbox_inches="tight")
+            for name, draw in self.figures.items()
         }
         body = Markup(self._rendered("blocks_html.jinja", sources))
         return render("page.html", title="Comparison of solvers", body=body)
 
     def _rendered(self, blocks: str, sources: Mapping[str, str]) -> str:
         pictures = {
-            name: {
-                "source": source,
-                "alt": " ".join(self.figures[name].get_suptitle().split()) or name,
-            }
+            name: {"source": source, "alt": self.figures[name].title}
             for name, source in sources.items()
         }
         return render("comparison.jinja", blocks=blocks, pictures=pictures, **self.content)
@@ -100,7 +98,10 @@ def make_report(comparison: Comparison) -> Report:
             ]
         ),
         "not_applicable": not_applicable(runs).to_dict("records"),
-        "groups": [_group(*group, tables) for group in groups(comparison)],
+        "groups": [
+            _group(*group, tables) | {"typical": typical_problem(comparison, *group)}
+            for group in groups(comparison)
+        ],
         "failures": _failures(tables["failures"], list(inputs["solvers"])),
         "by_problem": _by_problem(tables["problems"]),
     }
@@ -111,7 +112,7 @@ def report_tables(comparison: Comparison) -> dict[str, pd.DataFrame]:
     """The report's tables by name."""
     runs = comparison.runs
     return {
-        "runs": runs,
+        **saved_tables(comparison),
         "summary": comparison.summary,
         "ranking": comparison.ranking,
         "sensitivity": sensitivity(runs, float(comparison.inputs["time_limit"])),
@@ -209,7 +210,7 @@ def _group(family: str, start: str, tables: Mapping[str, pd.DataFrame]) -> dict[
         "heading": _heading(family, start),
         "tag": tag(family, start),
         "fastest": part["solver"].iloc[0],
-        "pairs": len(part) > 1,
+        "pairs": len(part) > 2,
         "headline": "Most often at the best known objective: "
         f"{best['solver']}, {_percent(best['best_known'])}.",
         "table": pd.DataFrame(

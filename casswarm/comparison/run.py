@@ -20,6 +20,7 @@ from ..optimization.solvers import SOLVERS, Isolated, Solver, make_solver
 from ..studies.checkpoint import Checkpoint, IfExists, file_name
 from ..typing import Progress
 from .benchmark import benchmark
+from .convergence import iterate_table
 from .environment import environment
 from .perturbation import ProblemCopy, problem_copies
 from .problem import Problem
@@ -46,6 +47,7 @@ def compare(
     seed: int = 0,
     time_limit: float = TIME_LIMIT,
     tolerances: Tolerances | None = None,
+    record_iterates: bool = True,
     checkpoint: str | Path | None = None,
     if_exists: IfExists = "error",
     progress: Progress | bool | None = None,
@@ -76,9 +78,13 @@ def compare(
     time_limit : float
         Seconds for building and solving a problem once. Solvers that have a time limit of their
         own get nine tenths of it, so that they can report their status; the process of a solver
-        that takes longer is ended.
+        that takes longer is ended. What a process does only once, such as imports and compilation,
+        does not count: every solver solves a small problem first, untimed.
     tolerances : Tolerances, optional
         What counts as solved.
+    record_iterates : bool
+        Whether each problem (not its copies) is solved once more, untimed, to record the iterates
+        of solvers that report them: see `Comparison.convergence`.
     checkpoint : path, optional
         Folder in which every finished run is saved.
     if_exists : {"error", "resume", "overwrite"}
@@ -114,6 +120,7 @@ def compare(
         "families": [family for family in listed if isinstance(family, str)],
         "count": count,
         "copies": int(copies),
+        "record_iterates": bool(record_iterates),
         "seed": seed,
         "time_limit": time_limit,
         "solvers": {label: repr(solver) for label, solver in limited.items()},
@@ -129,16 +136,22 @@ def compare(
     try:
         with store as records:
             rows = _benchmarks(
-                list(problem_copies(posed, copies, seed)), isolated, records, progress
+                list(problem_copies(posed, copies, seed)),
+                isolated,
+                records,
+                progress,
+                bool(record_iterates),
             )
     finally:
         for solver in isolated.values():
             solver.close()
     _require_applicable(rows)
+    iterates = iterate_table(rows)
     return Comparison(
         runs=verify(pd.DataFrame(rows), tolerances),
         problems=pd.DataFrame([problem.as_row() for problem in posed]),
         inputs=inputs | {"tolerances": asdict(tolerances)},
+        iterates=iterates,
     )
 
 
@@ -157,6 +170,7 @@ def _benchmarks(
     solvers: Mapping[str, Isolated],
     checkpoint: Checkpoint | None,
     progress: Progress | None,
+    record_iterates: bool,
 ) -> list[dict[str, Any]]:
     """Rows of all runs: saved ones, and the others in turn, so that solvers share the noise."""
     runs = [
@@ -175,7 +189,7 @@ def _benchmarks(
             if label not in warm:
                 warm_up(solvers[label])
                 warm.add(label)
-            row = benchmark(copy, start, label, solvers[label])
+            row = benchmark(copy, start, label, solvers[label], record_iterates)
             row["build_seconds"] = build_seconds.setdefault(
                 (label, id(copy.nlp)), row["build_seconds"]
             )

@@ -22,6 +22,9 @@ from .recorder import Recorder, formation_starts, guide_starts
 COUNT = 3
 """Default number of guides, and of states for every policy."""
 
+WITHOUT_FORMATIONS = ("naive", "joint", "joint-replanning")
+"""Policies that follow planned paths, and pose no problem while they run."""
+
 RUNS = 20
 """Simulated runs that the states come from."""
 
@@ -100,16 +103,19 @@ def formation_problems(
     Raises
     ------
     ComparisonError
-        A count below one, or a policy that poses no problem to a solver, such as naive.
+        A count below one, a lone agent, or a policy that poses no problem to a solver, such as
+        naive or joint.
     PlanningError
         No guide was found.
     PolicyError
         An unknown policy.
     """
     rng = np.random.default_rng([require_seed(seed), 4])
+    listed = policy_list(policies)
+    _require_formations(scenario, listed)
     guide = plan(scenario, check=False)
     problems = []
-    for policy in policy_list(policies):
+    for policy in listed:
         recorder, name = Recorder(Auto()), policy_name(policy)
         simulate(scenario, [policy], runs, seed, guide=guide, solver=recorder, save_trajectories=0)
         for number, (nlp, instances, _) in enumerate(
@@ -125,6 +131,20 @@ def formation_problems(
                 )
             )
     return problems
+
+
+def _require_formations(scenario: Scenario, policies: Sequence[str | Policy]) -> None:
+    if scenario.n < 2:
+        raise ComparisonError(
+            f"scenario {scenario.name!r} has a single member, which is in no formation; "
+            "guide_problems poses its guide"
+        )
+    for policy in policies:
+        if policy in WITHOUT_FORMATIONS:
+            raise ComparisonError(
+                f"policy {policy!r} poses no formation problem: its members follow paths that are "
+                "planned before; choose leader, constrained, leader-mpc-H or constrained-mpc-H"
+            )
 
 
 def _spread(

@@ -97,12 +97,17 @@ def verify(runs: pd.DataFrame, tolerances: Tolerances) -> pd.DataFrame:
         table[name] = table["reported_success"] & close
     objectives = table["objective"].where(table["feasible"])
     table["best_objective"] = objectives.groupby(table["problem"]).transform("min")
-    scale = np.maximum(table["best_objective"].abs(), 1e-3 * table["objective_scale"])
-    table["gap"] = (table["objective"] - table["best_objective"]) / scale
+    unit = gap_unit(table["best_objective"], table["objective_scale"])
+    table["gap"] = (table["objective"] - table["best_objective"]) / unit
     table["quality"] = (1.0 - table["gap"]).clip(lower=0.0).where(table["feasible"], 0.0)
     table["best_known"] = table["solved"] & (table["gap"] <= tolerances.objective)
     table["reason"] = [_reason(row, tolerances) for row in table.to_dict("records")]
     return table
+
+
+def gap_unit(best_objective: pd.Series, objective_scale: pd.Series) -> pd.Series:
+    """What gaps of the objective are relative to."""
+    return best_objective.abs().clip(lower=1e-3 * objective_scale)
 
 
 def summary(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:

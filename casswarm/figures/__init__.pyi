@@ -1,4 +1,5 @@
 from .animation import animate, player, save_gif
+from .convergence import gap_chart
 from .distributions import arrival_chart, population_chart, survival_chart
 from .formations import formation_chart
 from .maps import comparison_map, cost_to_go_map, guide_map, joint_map, swarm_map
@@ -20,6 +21,7 @@ __all__ = [
     "cost_to_go_map",
     "difference_chart",
     "formation_chart",
+    "gap_chart",
     "guide_map",
     "infeasible_chart",
     "joint_map",

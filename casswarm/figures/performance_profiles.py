@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -36,33 +37,36 @@ _DECADES = 20  # maximum number of powers of two on an axis
 @themed
 def profile_chart(
     profiles: Mapping[str, pd.DataFrame],
-    xlabel: str,
+    xlabel: str | Sequence[str],
     title: str = "",
     order: Sequence[str] = (),
-    ylabel: str = "fraction of problems",
+    ylabel: str | Sequence[str] = "fraction of problems",
 ) -> Figure:
-    """Performance, data or quality profiles side by side, labelled at the end of every curve.
+    """Performance, data or quality profiles, two side by side, labelled at the end of every curve.
 
     Parameters
     ----------
     profiles : mapping of panel title to DataFrame
         Fractions of problems, a column per solver; the index has the positive abscissas at which
         curves rise.
-    xlabel, title : str
+    xlabel, ylabel : str or sequence of str
+        Of all panels, or of each.
+    title : str
     order : sequence of str
         All solvers, so that each has the same style in all figures.
-    ylabel : str
     """
-    theme = current_theme()
-    across = 1 if theme.narrow else len(profiles)
-    aspect = 0.72 * len(profiles) if across == 1 else 0.9 / across + 0.04
-    fig, axes = panels(len(profiles), across, aspect)
+    count = len(profiles)
+    across = 1 if current_theme().narrow else min(2, count)
+    aspect = 0.72 * count if across == 1 else (0.9 / across + 0.04) * -(-count // across)
+    fig, axes = panels(count, across, aspect)
     names = list(order) or list(next(iter(profiles.values())).columns)
-    for panel, (name, profile) in zip(axes, profiles.items(), strict=True):
+    below, beside = ([text] * count if isinstance(text, str) else text for text in (xlabel, ylabel))
+    for i, (panel, (name, profile)) in enumerate(zip(axes, profiles.items(), strict=True)):
         _curves(panel, profile, names)
         panel.set_title(wrap(name, 0.72 / across))
-        panel.set(xlabel=xlabel, ylabel=ylabel)
-        panel.label_outer()
+        panel.set(xlabel=below[i], ylabel=beside[i])
+        if isinstance(xlabel, str):
+            panel.label_outer()
     add_title(fig, title)
     return fig
 
@@ -189,8 +193,8 @@ def _axis_end(first: float, last: float) -> float:
 def _logarithmic(axes: Axes, x: FloatArray) -> None:
     """Axes of fractions over the abscissas of `_steps`."""
     axes.set_xscale("log", base=2)
-    axes.xaxis.set_major_locator(LogLocator(base=2, numticks=8))
-    axes.xaxis.set_major_formatter(FuncFormatter(_power))
+    axes.xaxis.set_major_locator(LogLocator(base=2, numticks=6))
+    axes.xaxis.set_major_formatter(FuncFormatter(partial(_power, axes)))
     axes.set(xlim=(x[0], _axis_end(x[1], x[-2])), ylim=(-0.02, 1.03))
     despine(axes)
 
@@ -229,7 +233,8 @@ def _separated(heights: FloatArray, distance: float) -> FloatArray:
     return np.asarray(np.maximum(np.minimum.accumulate(heights + offsets), lowest) - offsets)
 
 
-def _power(value: float, _: int) -> str:
-    """Text of a power of two: a number where that is short."""
-    exponent = round(np.log2(value))
-    return f"{value:g}" if 0 <= exponent <= 10 else f"$2^{{{exponent}}}$"
+def _power(axes: Axes, value: float, _: int) -> str:
+    """Text of a power of two: a number if all of the axis are short."""
+    low, high = axes.get_xlim()
+    short = low > 0.2 and high < 2**11
+    return f"{value:g}" if short else f"$2^{{{round(np.log2(value))}}}$"

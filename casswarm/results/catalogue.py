@@ -100,8 +100,3 @@ def sweep_figures(name: str, table: pd.DataFrame, keys: Sequence[str]) -> Figure
     if len(varied) == 2:
         catalogue["heat-map"] = partial(figures.sweep_heat_map, table, varied, name)
     return catalogue
-
-
-def drawn_figures(drawn: Mapping[str, Figure]) -> FigureCatalogue:
-    """Catalogue of figures that are drawn already."""
-    return {name: lambda figure=figure: figure for name, figure in drawn.items()}  # type: ignore[misc]

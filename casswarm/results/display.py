@@ -15,7 +15,16 @@ from .._util.documents import figure_uri, html_table
 from .._util.text import counted
 from ..chain.distribution import OutcomeDistribution
 from ..comparison import Comparison
-from ..figures import arrival_chart, guide_map, joint_map, success_chart, sweep_lines, theme
+from ..comparison.convergence import Convergence
+from ..figures import (
+    arrival_chart,
+    gap_chart,
+    guide_map,
+    joint_map,
+    success_chart,
+    sweep_lines,
+    theme,
+)
 from ..figures.base_map import add_start, base_map
 from ..figures.style import add_legend, single_panel, themed
 from ..planning.guide import Guide, rounded_up
@@ -173,9 +182,23 @@ def _(result: Comparison) -> View:
 
 @picture.register
 def _(result: Comparison, _: Scenario | None) -> Figure:
-    from ..comparison.report_figures import figures
+    from ..comparison.report_figures import overview
 
-    return next(iter(figures(result).values()))
+    return overview(result)()
+
+
+@view.register
+def _(result: Convergence) -> View:
+    last = result.iterates.groupby("solver", sort=False).tail(1)
+    table = last.drop(columns="feasible").map(lambda x: f"{x:.6g}" if isinstance(x, float) else x)
+    notes = "\n".join(f"{solver}: {reason}" for solver, reason in result.missing.items())
+    return View(f"Last iterates on {result.problem}, {result.start} start", table, notes)
+
+
+@picture.register
+def _(result: Convergence, _: Scenario | None) -> Figure:
+    title = f"{result.problem}, {result.start} start"
+    return gap_chart(result.iterates, title, result.solvers, tuple(result.missing))
 
 
 @themed

@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 
 from .._util.files import require_file
+from .._util.tables import read_table
 from .._util.text import did_you_mean
 from ..chain.trajectories import RunTrajectory
 from ..errors import CasswarmError, CheckpointError
@@ -159,9 +160,7 @@ class ResultsReader:
         file = self.path / f"{name}.csv"
         try:
             require_file(file, MAX_TABLE)
-            table: pd.DataFrame = pd.read_csv(  # only empty cells are missing, not a policy "null"
-                file, keep_default_na=False, na_values=[""], **_exact_numbers()
-            )
+            table = read_table(file)  # only empty cells are missing, not a policy "null"
         except FileNotFoundError:
             raise self._missing(file.name) from None
         except (OSError, ValueError) as error:
@@ -264,8 +263,8 @@ class ResultsReader:
             from ..comparison.report_figures import figures
 
             inputs, no_problems = dict(self.part("inputs")), pd.DataFrame()  # for no figure
-            comparison = Comparison(self.table("runs"), no_problems, inputs)
-            return catalogue.drawn_figures(figures(comparison))
+            more = {"iterates": self.table("iterates")} if self.has_table("iterates") else {}
+            return dict(figures(Comparison(self.table("runs"), no_problems, inputs, **more)))
         scenario, objects = self.scenario, self.objects
         if self.command == "plan":
             return catalogue.plan_figures(scenario, **objects)
@@ -289,9 +288,3 @@ def _require_small(file: Path) -> None:
         size = sum(part.file_size for part in parts.infolist())
     if size > MAX_OBJECTS:
         raise ValueError(f"{size:,} bytes when decompressed, more than {MAX_OBJECTS:,}")
-
-
-def _exact_numbers() -> dict[str, Any]:
-    """Option for pandas to read numbers to the last bit; from 3.1 on it always does."""
-    release = tuple(map(int, pd.__version__.split(".")[:2]))
-    return {} if release >= (3, 1) else {"float_precision": "round_trip"}

@@ -71,9 +71,9 @@ def test_compare_folder_contains_tables_figures_and_report(compared):
     names = {path.name for path in results.iterdir()}
     assert names - {"checkpoint"} == set(record["files"])
     assert {"runs.csv", "summary.csv", "problems.csv", "failures.csv"} <= names
-    assert {"ranking.csv", "sensitivity.csv"} <= names
+    assert {"ranking.csv", "sensitivity.csv", "traits.csv", "iterates.csv"} <= names
     assert {"report.md", "report.html"} <= names
-    assert "profile-formations-cold.png" in names
+    assert {"overview.png", "profiles-formations-cold.png", "convergence-guides-warm.png"} <= names
     assert record["inputs"]["seed"] == 0
     assert record["inputs"]["machine"]["cores"] >= 1
     assert "casadi" in record["versions"]
@@ -87,10 +87,10 @@ def test_compare_folder_contains_tables_figures_and_report(compared):
 
 def test_plot_draws_figure_of_comparison_again(compared, tmp_path):
     results = compared[0] / "results" / "compare"
-    done = casswarm(tmp_path, "plot", results, "--figure", "data-guides-cold", "--out", "here")
-    assert done.stdout == "here/data-guides-cold.png\n"
+    done = casswarm(tmp_path, "plot", results, "--figure", "bands-guides-cold", "--out", "here")
+    assert done.stdout == "here/bands-guides-cold.png\n"
     assert (tmp_path / done.stdout.strip()).read_bytes() == (
-        results / "data-guides-cold.png"
+        results / "bands-guides-cold.png"
     ).read_bytes()
 
 
@@ -113,6 +113,26 @@ def test_compare_report_is_self_contained(compared):
     page = (results / "report.html").read_text()
     assert page.count("data:image/png;base64,") == text.count("![")
     assert "<script" not in page
+
+
+def test_compare_against_an_earlier_comparison_states_agreement(compared, tmp_path):
+    results = compared[0] / "results" / "compare"
+    options = ("--time-limit", 30, "--no-figures", "--no-iterates", "--copies", 1)
+    families = ("--family", "formations", "--count", 1, "--solver", "spectral")
+    done = casswarm(tmp_path, "compare", *families, *options, "--against", results, "--json")
+    assert "agreement.csv" in {path.name for path in (tmp_path / "results/compare").iterdir()}
+    agreement = json.loads(done.stdout)["agreement"]
+    assert agreement["agrees"]  # a single solver has rank 1
+    assert "problems" not in agreement["different"]
+    assert len(pd.read_csv(tmp_path / "results/compare/iterates.csv")) == 0
+
+
+def test_compare_against_refuses_before_the_work(compared, tmp_path):
+    done = casswarm(compared[0], *OPTIONS, "--against", "results/compare", code=2)
+    assert "is the folder of the results" in done.stderr
+    done = casswarm(tmp_path, *OPTIONS, "--against", "nowhere", code=2)
+    assert "nowhere holds no comparison" in done.stderr
+    assert not (tmp_path / "results").exists()
 
 
 def test_compare_rejects_folder_of_other_inputs(compared):

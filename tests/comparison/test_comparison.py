@@ -266,9 +266,9 @@ def test_compare_counts_early_stop_as_false_positive(known):
 def test_report_contains_every_solver(known):
     report = make_report(known[0])
     names = {"runs", "summary", "ranking", "sensitivity", "problems", "failures"}
-    assert set(report.tables) == names
-    kinds = ("ranking", "profile", "profile-bands", "data", "data-bands", "quality", "pairs")
-    assert set(report.figures) == {f"{kind}-known-cold" for kind in (*kinds, "wins")}
+    assert set(report.tables) == names | {"traits", "iterates"}
+    kinds = ("ranking", "profiles", "bands", "wins", "convergence")
+    assert set(report.figures) == {"overview", *(f"{kind}-known-cold" for kind in kinds)}
     text = report.markdown()
     headings = [line.lstrip("# ") for line in text.splitlines() if line.startswith("## ")]
     assert headings[:4] == ["Question", "Answer", "Set-up", "Results: Known, cold start"]
@@ -281,7 +281,7 @@ def test_report_contains_every_solver(known):
     page = report.html()
     assert "<h1>Comparison of solvers</h1>" in page
     assert page.count("data:image/png;base64,") == len(report.figures)
-    labels = {t.get_text() for t in report.figures["profile-known-cold"].axes[0].texts}
+    labels = {t.get_text() for t in report.figures["overview"]().axes[0].texts}
     assert labels == {"ipopt", "hasty", "gradient"}
 
 

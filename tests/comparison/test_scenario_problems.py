@@ -38,6 +38,16 @@ def test_formation_problems_are_of_policies_and_seeded(scenario, formations) -> 
         np.testing.assert_array_equal(cold.p, warm.p)
 
 
+def test_formation_problems_of_mpc_are_those_of_its_horizon(scenario) -> None:
+    problems = csw.formation_problems(scenario, ["leader-mpc-3"], 2, runs=3)
+    assert [p.traits["policy"] for p in problems] == 2 * ["leader-mpc-3"]
+    assert {p.nlp.sizes[0] for p in problems} == {3 * 2 * scenario.n}
+    for problem in problems:
+        assert not problem.starts["cold"].x0.any()
+        for instance in problem.starts.values():
+            assert csw.solvers.Ipopt().solve(problem.nlp, instance)[0].status.success
+
+
 def test_guide_problems_are_those_of_the_search(scenario) -> None:
     (problem,) = csw.guide_problems(scenario.with_values({"guide.search": "local"}))
     assert (problem.name, problem.family) == ("wall guide 0", "wall guides")
@@ -46,8 +56,14 @@ def test_guide_problems_are_those_of_the_search(scenario) -> None:
 
 
 def test_scenario_problems_reject_policies_without_problems_and_counts(scenario) -> None:
-    with pytest.raises(csw.ComparisonError, match="policy 'naive': no problem was posed"):
-        csw.formation_problems(scenario, "naive", runs=2)
+    for name in ("naive", "joint", "joint-replanning"):
+        with pytest.raises(csw.ComparisonError, match=f"policy '{name}' poses no formation"):
+            csw.formation_problems(scenario, ["leader", name], runs=2)
+    still = csw.as_policy(lambda *state: 0 * state[1], "still")
+    with pytest.raises(csw.ComparisonError, match="policy 'still': no problem was posed"):
+        csw.formation_problems(scenario, still, runs=1)
+    with pytest.raises(csw.ComparisonError, match="'single-agent' has a single member"):
+        csw.formation_problems(csw.load_scenario("single-agent"))
     with pytest.raises(csw.ComparisonError, match="count = 0; allowed"):
         csw.guide_problems(scenario, 0)
 

@@ -74,6 +74,13 @@ towers_at = np.array(scenario.hazard.radars)
 nearest = np.sort(np.hypot(*(lost[:, None] - towers_at).T).min(axis=0))
 assert len(lost) >= 3 and nearest[2] < 2.0, "the others draw the fire; the leader may be lost later"
 """,
+    "07_own_solver": """
+runs = comparison.runs.set_index("solver")
+assert runs.loc[["ipopt", "hasty"], "reported_success"].all()
+assert runs.loc["ipopt", "solved"].all()
+assert not runs.loc["hasty", "solved"].all(), "false positives"
+assert set(comparison.iterates["solver"]) == {"ipopt", "slsqp", "projected-gradient", "hasty"}
+""",
     "05_policies": """
 assert (best["policy"] == "joint").all()
 assert (table["success_high"] < table["bound"]).all()
@@ -111,3 +118,8 @@ def test_paper_notebook_runs(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert "leader: success between 0.999" in done.stdout
+
+
+def test_own_solver_notebook_has_at_most_15_lines_of_code() -> None:
+    lines = (NOTEBOOKS / "07_own_solver.py").read_text(encoding="utf-8").splitlines()
+    assert len([line for line in lines if line and not line.startswith("#")]) <= 15

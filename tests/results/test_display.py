@@ -27,6 +27,7 @@ RESULTS = {
         scenario, {"formation.rho": [0.1, 0.2]}, ["naive"], runs=5
     ),
     "Comparison": lambda scenario, guide: csw.compare("quick", ["ipopt"], count=1),
+    "Convergence": lambda scenario, guide: csw.compare("quick", ["ipopt"], count=1).convergence(),
 }
 WORDS = {
     "Scenario": "5",
@@ -36,6 +37,7 @@ WORDS = {
     "OutcomeDistribution": " to ",
     "Sweep": "formation.rho",
     "Comparison": "ipopt",
+    "Convergence": "ipopt",
 }
 
 

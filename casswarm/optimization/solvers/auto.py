@@ -16,6 +16,7 @@ from .batch.engine import BatchRun, BatchSolver
 from .batch.interior_point import InteriorPoint
 from .batch.spg import SpectralProjectedGradient
 from .ipopt import Ipopt
+from .iterates import Iterates
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,10 @@ class Auto(Solver):
     summary: ClassVar[str] = "spectral or barrier, every answer verified; ipopt for the rest"
     capabilities: ClassVar[Capabilities] = Capabilities(batch=True)
 
+    def prepare(self, nlp: Nlp) -> None:
+        """See `Solver.prepare`."""
+        (self.fallback if nlp.compiled is None else self.batch).prepare(nlp)
+
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         """See `Solver.run`."""
         batch = self._batch(nlp, instances)
@@ -58,6 +63,11 @@ class Auto(Solver):
             again = _restarted(instances[i : i + 1], answers[i].x[None])
             (answers[i],) = self.fallback.timed_answers(nlp, again)[1]
         return answers
+
+    def iterates(self, nlp: Nlp, instance: Instances) -> Iterates | None:
+        """See `Solver.iterates`; batch solvers report none."""
+        alone = self._batch(nlp, instance) is None
+        return self.fallback.iterates(nlp, instance) if alone else None
 
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
         """Solve every instance; `BatchSolution.used_fallback` marks those that needed Ipopt."""

@@ -17,6 +17,7 @@ from ...typing import FloatArray
 from ..kkt import kkt_residuals
 from ..problem import Instances, Nlp
 from ..solution import BatchSolution, Solution, Status
+from .iterates import Iterates
 from .options import check_options
 
 VIOLATION = 1e-6
@@ -114,6 +115,10 @@ class Solver(ABC):
 
         An exception is a bug of a backend, and costs only the instance that raises it.
         """
+
+    def iterates(self, nlp: Nlp, instance: Instances) -> Iterates | None:  # noqa: ARG002
+        """Points that a solve of a single instance visits; None if the backend reports none."""
+        return None
 
     def solve(self, nlp: Nlp, instances: Instances) -> list[Solution]:
         """Solve every instance, and verify every answer against the problem.

@@ -20,9 +20,12 @@ from ...errors import SolverError
 from ..problem import Instances, Nlp
 from ..solution import Status
 from .base import Answer, Solver
+from .iterates import IterateLog, Iterates
 
 INTERRUPTED = "User_Requested_Stop"
 """The return_status of CasADi's own loops after Ctrl-C, which alone stops them."""
+
+_WARM_UP_SECONDS = 0.1  # up to which a recorded solve is repeated
 
 NO_STATUS = "ended without a status"
 """Message of a solve for which the plugin leaves its status empty."""
@@ -79,6 +82,18 @@ class NlpsolSolver(Solver):
         """See `Solver.run`."""
         function = _compiled(self, nlp)
         return [self._solve(function, instances, i) for i in range(len(instances))]
+
+    def iterates(self, nlp: Nlp, instance: Instances) -> Iterates | None:
+        """See `Solver.iterates`; they are those of CasADi's ``iteration_callback``."""
+        callback = _Callback(nlp.sizes, self.needs_constraint_row)
+        function = _built(self, nlp, {"iteration_callback": callback})
+        answer = self._solve(function, instance, 0)
+        if answer.seconds < _WARM_UP_SECONDS:  # the first call of a function takes longer
+            callback.log = IterateLog()
+            answer = self._solve(function, instance, 0)
+        reports_start = callback.log.count > answer.iterations
+        x0 = instance.x0[0]
+        return callback.log.iterates(x0[:0] if reports_start else x0, instance.scale[0, 0])
 
     @one_at_a_time
     def _solve(self, function: Any, instances: Instances, i: int) -> Answer:
@@ -162,8 +177,13 @@ def _reason(error: RuntimeError) -> str:
 
 @locked_cache(maxsize=64)
 def _compiled(solver: NlpsolSolver, nlp: Nlp) -> Any:
+    return _built(solver, nlp, {})
+
+
+@one_at_a_time
+def _built(solver: NlpsolSolver, nlp: Nlp, more: Mapping[str, Any]) -> Any:
     """Solver of the problem in units of `Instances.scale`, which are its last two parameters."""
-    options = {"expand": nlp.unroll, **COMMON, **solver.plugin_options()}
+    options = {"expand": nlp.unroll, **COMMON, **solver.plugin_options(), **more}
     x, scale = ca.MX.sym("x", nlp.sizes[0]), ca.MX.sym("scale", 2)
     p, (length, value) = ca.vertcat(nlp.p, scale), ca.vertsplit(scale)
     f, g = nlp.evaluate.call([length * x, nlp.p], True, False)
@@ -179,3 +199,41 @@ def _compiled(solver: NlpsolSolver, nlp: Nlp) -> Any:
             return ca.nlpsol("solver", solver.plugin, problem, options)
     except RuntimeError as error:
         raise SolverError(f"{solver.name} cannot solve {nlp.name}: {_reason(error)}") from error
+
+
+class _Callback(ca.Callback):
+    """Records the iterates of a solver that `_built` makes."""
+
+    def __init__(self, sizes: tuple[int, int, int], needs_constraint_row: bool) -> None:
+        super().__init__()
+        variables, parameters, rows = sizes
+        rows = max(rows, int(needs_constraint_row))
+        self.log = IterateLog()
+        shapes = {"f": 1, "x": variables, "lam_x": variables, "g": rows, "lam_g": rows}
+        self._shapes = shapes | {"lam_p": parameters + 2}
+        self.construct("iterates", {})
+
+    def get_n_in(self) -> int:
+        """Number of outputs of a solver."""
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        """A single one: whether to stop."""
+        return 1
+
+    def get_name_in(self, i: int) -> str:
+        """Name of an output of a solver."""
+        return str(ca.nlpsol_out(i))
+
+    def get_name_out(self, i: int) -> str:  # noqa: ARG002
+        """CasADi's own name."""
+        return "ret"
+
+    def get_sparsity_in(self, i: int) -> Any:
+        """Shape of an output of a solver."""
+        return ca.Sparsity.dense(self._shapes[ca.nlpsol_out(i)])
+
+    def eval(self, arguments: Sequence[Any]) -> list[int]:
+        """Record x, and continue."""
+        self.log(arguments[0])
+        return [0]

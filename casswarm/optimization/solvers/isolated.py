@@ -20,10 +20,12 @@ from ..._util.interrupts import begin_child, deferred
 from ..._util.parallel import packed
 from ..._util.temporary import temporary_file
 from ..._util.threads import locked_cache
+from ..._util.user_code import USER_ERRORS
 from ...errors import CasswarmError, SolverError
 from ..problem import Instances, Nlp
 from ..solution import Solution, Status
 from .base import Answer, Solver, error_text, failed
+from .iterates import Iterates
 from .options import Allowed, PositiveFinite
 
 CHUNK = 64
@@ -90,6 +92,12 @@ class Isolated(Solver):
         solution = super().verified(nlp, instance, answer, build_seconds)
         return replace(solution, solver=self.solver.name)
 
+    def iterates(self, nlp: Nlp, instance: Instances) -> Iterates | None:
+        """See `Solver.iterates`; None, too, if the process ends before it has them."""
+        with suppress(WorkerEndedError):
+            return _worker(self).iterates(nlp, instance, self.time_limit)
+        return None
+
     def start(self) -> None:
         """Start the process now, if there is none; raise SolverError if that is impossible."""
         _worker(self).start()
@@ -153,6 +161,16 @@ class _Worker:
         self, nlp: Nlp, instances: Instances, time_limit: float
     ) -> tuple[float, list[Answer]]:
         """Seconds of preparing, and answers; WorkerEndedError if the child crashed or was slow."""
+        build, answers = self._reply("timed_answers", nlp, instances, time_limit)
+        return build, answers
+
+    def iterates(self, nlp: Nlp, instance: Instances, time_limit: float) -> Iterates | None:
+        """Iterates of a solve; WorkerEndedError as in `solve`."""
+        reply = self._reply("iterates", nlp, instance, time_limit)
+        return reply if isinstance(reply, Iterates) else None
+
+    def _reply(self, method: str, nlp: Nlp, instances: Instances, time_limit: float) -> Any:
+        """What a method of the solver in the child returns."""
         with self._lock:
             try:
                 if len(self._programs) >= _MAX_PROGRAMS:
@@ -160,14 +178,13 @@ class _Worker:
                 self.start()
                 program = None if nlp in self._programs else _pickled(nlp.name, nlp)
                 key = self._programs.setdefault(nlp, len(self._programs))
-                reply = self._request((key, program, instances), time_limit)
+                reply = self._request((method, key, program, instances), time_limit)
             except BaseException:  # on Ctrl-C too, or the answer would be that to the next request
                 self.end()
                 raise
         if isinstance(reply, SolverError):
             raise reply
-        build, answers = reply
-        return build, answers
+        return reply
 
     def start(self) -> None:
         """Start the child, unless there is one alive."""
@@ -265,16 +282,17 @@ def _serve(connection: Connection[Any, Any], pickled_solver: bytes, output: str)
     programs: dict[int, Nlp] = {}
     while True:
         try:
-            key, program, instances = connection.recv()
+            method, key, program, instances = connection.recv()
         except EOFError:
             return
         if program is not None:
             programs[key] = pickle.loads(program)
         try:
-            build, answers = solver.timed_answers(programs[key], instances)
-            reply: Any = build, list(answers)
+            reply: Any = getattr(solver, method)(programs[key], instances)
         except CasswarmError as error:
             reply = SolverError(str(error))
+        except USER_ERRORS as error:  # of a user's `iterates`
+            reply = SolverError(error_text(error))
         try:
             connection.send(reply)
         except Exception as error:  # an answer of a user's solver that does not pickle

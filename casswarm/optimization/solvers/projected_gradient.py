@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -18,6 +18,7 @@ from ..solution import BatchSolution, Status
 from .base import Answer, Capabilities, Solver
 from .batch.engine import CONVERGED, BatchRun, Results, execute
 from .batch.spg import SpectralProjectedGradient, batch_data
+from .iterates import IterateLog, Iterates
 from .options import NonNegative, NonNegativeInt, PositiveFinite
 
 _CHUNK = 256  # instances evaluated at once
@@ -84,15 +85,18 @@ class ProjectedGradient(Solver):
         """See `Solver.run`."""
         if self._is_compiled(nlp, instances):
             return self._run_compiled(nlp, instances).answers()
-        if nlp.constraints and not isinstance(instances.feasible_set, PlanarSets):
-            raise SolverError(
-                f"projected-gradient cannot solve {nlp.name}: its constraints "
-                f"({', '.join(nlp.constraints)}) are not a product of boxes and discs"
-            )
+        _require_product(nlp, instances)
         answers: list[Answer] = []
         for start in range(0, len(instances), _CHUNK):
             answers += self._run_chunk(nlp, instances[slice(start, start + _CHUNK)])
         return answers
+
+    def iterates(self, nlp: Nlp, instance: Instances) -> Iterates | None:
+        """See `Solver.iterates`; they are computed by the loop that is not compiled."""
+        _require_product(nlp, instance)
+        log = IterateLog()
+        self._run_chunk(nlp, instance, log)
+        return log.iterates(instance.x0[0, :0])
 
     def _is_compiled(self, nlp: Nlp, instances: Instances) -> bool:
         return self.keep == "last" and SpectralProjectedGradient.can_take(nlp, instances)
@@ -111,7 +115,12 @@ class ProjectedGradient(Solver):
         seconds = execute(descend_batch, arguments, results, _PER_THREAD)
         return BatchRun(results, seconds)
 
-    def _run_chunk(self, nlp: Nlp, instances: Instances) -> list[Answer]:
+    def _run_chunk(
+        self,
+        nlp: Nlp,
+        instances: Instances,
+        callback: Callable[[FloatArray], object] = lambda _: None,
+    ) -> list[Answer]:
         started = time.perf_counter()
         x = _project(instances, self._initial(instances))
         step_size = self.step * self.x_scale**2
@@ -121,6 +130,7 @@ class ProjectedGradient(Solver):
         converged = np.zeros(len(x), bool)
         active, remaining = np.arange(len(x)), instances
         gradients = _Gradients(nlp, instances.p)
+        callback(x)
         for iteration in range(self.max_iter):
             objective, gradient = gradients(x[active])
             if self.keep == "best":
@@ -132,6 +142,7 @@ class ProjectedGradient(Solver):
             projected = _project(remaining, np.where(finite[:, None], step, x[active]))
             change = np.abs(projected - x[active]).max(axis=1, initial=0.0)
             x[active] = np.where(finite[:, None], projected, np.nan)
+            callback(x)
             done: BoolArray = np.asarray(~finite | (change <= least_change))
             if done.any():
                 iterations[active[done]] = iteration + 1
@@ -155,6 +166,14 @@ class ProjectedGradient(Solver):
             )
             for i in range(len(x))
         ]
+
+
+def _require_product(nlp: Nlp, instances: Instances) -> None:
+    if nlp.constraints and not isinstance(instances.feasible_set, PlanarSets):
+        raise SolverError(
+            f"projected-gradient cannot solve {nlp.name}: its constraints "
+            f"({', '.join(nlp.constraints)}) are not a product of boxes and discs"
+        )
 
 
 def _outcome(diverged: np.bool_, converged: np.bool_) -> tuple[Status, str]:

@@ -16,6 +16,7 @@ from ...typing import FloatArray
 from ..problem import Instances, Nlp
 from ..solution import Status
 from .base import Answer, Capabilities, Solver, error_text
+from .iterates import IterateLog, Iterates
 from .options import Positive, PositiveInt
 
 
@@ -47,12 +48,18 @@ class ScipySolver(Solver):
         """See `Solver.run`."""
         return [self._solve(nlp, instances[i : i + 1]) for i in range(len(instances))]
 
+    def iterates(self, nlp: Nlp, instance: Instances) -> Iterates | None:
+        """See `Solver.iterates`; they are those of the function's ``callback``."""
+        log = IterateLog()
+        self._solve(nlp, instance, log)
+        return log.iterates(np.clip(instance.x0[0], instance.lbx[0], instance.ubx[0]))
+
     @one_at_a_time  # filters of warnings are the process's
-    def _solve(self, nlp: Nlp, instance: Instances) -> Answer:
+    def _solve(self, nlp: Nlp, instance: Instances, log: IterateLog | None = None) -> Answer:
         from scipy.optimize import Bounds  # slow to import, and seldom needed
 
         started = time.perf_counter()
-        functions = Functions(nlp, instance, started + self.time_limit)
+        functions = Functions(nlp, instance, started + self.time_limit, log)
 
         def answer(x: FloatArray, status: Status, message: str, iterations: int = 0) -> Answer:
             seconds = time.perf_counter() - started
@@ -115,6 +122,7 @@ class Slsqp(ScipySolver):
             jac=functions.gradient,
             bounds=bounds,
             constraints=[rows] if lower.size else [],
+            callback=functions.log,
             options={"ftol": self.tolerance, "maxiter": self.max_iter},
         )
 
@@ -165,6 +173,7 @@ class Minimize(ScipySolver):
             jac=functions.gradient,
             bounds=bounds,
             constraints=functions.dictionaries(),
+            **({"callback": functions.log} if functions.log else {}),
             **self.options,
         )
 
@@ -176,11 +185,14 @@ class _OutOfTimeError(Exception):
 class Functions:
     """The functions of a single instance; f and g are evaluated together, once at a point.
 
-    After the deadline, an evaluation of the objective raises `_OutOfTimeError`.
+    After the deadline, an evaluation of the objective raises `_OutOfTimeError`. `log` records the
+    iterates, if the minimiser has a callback.
     """
 
-    def __init__(self, nlp: Nlp, instance: Instances, deadline: float) -> None:
-        self.nlp, self.instance = nlp, instance
+    def __init__(
+        self, nlp: Nlp, instance: Instances, deadline: float, log: IterateLog | None = None
+    ) -> None:
+        self.nlp, self.instance, self.log = nlp, instance, log
         self.x0 = np.clip(instance.x0[0], instance.lbx[0], instance.ubx[0])
         self.last = self.x0
         self.evaluations = 0
