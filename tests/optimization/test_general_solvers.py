@@ -30,12 +30,12 @@ DIGITS = 1e-6
 STATIONARITY = {"slsqp": 1e-3, "ipopt": 2e-5, "auto": 2e-5, "pounce": 2e-5}
 """What an answer's recomputed stationarity may be; SLSQP stops by the objective's change."""
 
-Outcome = Literal["several", "fails", "near", "edge", "either"]
+Outcome = Literal["several", "fails", "near", "edge"]
 
 SEVERAL = "the start leads to another minimum, or rounding decides which"
 DEGENERATE = "no multipliers exist at the minimum: every method that looks for them struggles"
-RESTORATION = "without a restoration phase, rounding decides whether the line search ends early"
 ROUNDING = "at the minimum; whether it knows hangs on the last digits of its line search"
+NEAR_DEGENERATE = "auto", "interior-point", "ipopt", "pounce", "uno", "unopy"
 
 OTHERWISE: dict[tuple[str, int], tuple[Outcome, str]] = {
     **{(s, 2): ("several", SEVERAL) for s in GENERAL if s != "sqp"},
@@ -43,19 +43,16 @@ OTHERWISE: dict[tuple[str, int], tuple[Outcome, str]] = {
     **{(s, 20): ("several", SEVERAL) for s in GENERAL if s not in ("alpaqa", "sqp")},
     **{(s, 33): ("several", SEVERAL) for s in ("sqp", "uno", "unopy", "sleqp", "alpaqa", "slsqp")},
     ("unopy", 15): ("several", SEVERAL),
-    **{(s, 13): ("near", DEGENERATE) for s in ("auto", "ipopt", "pounce", "uno", "unopy")},
+    **{(s, 13): ("near", DEGENERATE) for s in NEAR_DEGENERATE},
     **{(s, 13): ("fails", DEGENERATE) for s in ("sqp", "sleqp", "alpaqa")},
     ("slsqp", 13): ("near or fails", f"{DEGENERATE}; depends on the version of SciPy"),
     **{(s, 100): ("edge", ROUNDING) for s in ("sleqp", "slsqp")},
-    ("interior-point", 13): ("edge", f"{DEGENERATE}; multipliers that grow are no residuals"),
-    **{("interior-point", number): ("either", RESTORATION) for number in (27, 39)},
     ("sqp", 26): ("fails", "flat to the fourth order: its limit of iterations comes first"),
     ("slsqp", 38): ("edge", "stops by the objective's change, which is badly scaled here"),
 }
 """Cells of the grid that are not the published optimum on every machine. `several`: any minimum
 that is known; `near`: called a success, yet to fewer digits; `fails`: told as a failure; `edge`:
-the published optimum, but its status or its residuals depend on rounding; `either`: the published
-optimum or a reported failure. Found by starts that are
+the published optimum, but its status or its residuals depend on rounding. Found by starts that are
 moved by 1e-14 to 1e-8: no other cell changes then. A cell that begins to work fails its test."""
 
 
@@ -100,8 +97,6 @@ def test_solver_finds_published_optimum_or_listed_outcome(solver: str, number: i
         assert solution.status.success
         assert min(apart(solution.objective, value) for value in minima) < DIGITS
         assert is_minimum(solution), solution
-    elif outcome == "either":
-        assert not solution.status.success or distance < DIGITS
     elif outcome == "edge":
         assert distance < DIGITS
         assert solution.residuals.violation <= 1e-6
@@ -122,7 +117,7 @@ def test_documented_outcomes_equal_tested_ones() -> None:
     assert [int(row[0]) for row in rows] == list(NUMBERS)
     assert set(head[3:]) == set(GENERAL) - {"auto"}
     allowed = {
-        "=": ("published", "several", "edge", "either"),
+        "=": ("published", "several", "edge"),
         "other": ("several",),
         "fails": ("fails", "near or fails"),
     }
