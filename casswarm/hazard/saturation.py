@@ -10,9 +10,10 @@ from ..typing import Expr, FloatArray
 from .kernels import KernelHazard, lowered_kernels, regular, require_finite
 from .lower_bounds import (
     LeastRate,
+    LeastRateLines,
     inverse_squares_below,
     least_inverse_squares,
-    saturation_least_rate,
+    saturation_least_rates,
 )
 
 
@@ -78,10 +79,23 @@ class Saturation(KernelHazard):
 
     def least_rate(self, n: int) -> LeastRate | None:
         """With the neighbours at the best compromise of saturation and collisions."""
+        return self._least_rates(n).least_rate() if self._is_papers else None
+
+    def least_rates(
+        self, n: int, densities: FloatArray, rates: FloatArray
+    ) -> FloatArray | None:
+        """The same, as far as the density of the neighbours allows it."""
+        return self._least_rates(n).at_most(densities, rates) if self._is_papers else None
+
+    def density_bound(self, squared_distances: FloatArray) -> FloatArray:
+        """h, which decreases with distance."""
         if not self._is_papers:
-            return None
+            return super().density_bound(squared_distances)
+        return (1 + 1e-14) / (1.0 + self.alpha_3 * squared_distances)
+
+    def _least_rates(self, n: int) -> LeastRateLines:
         collision = lowered_kernels(self)[2]
-        return saturation_least_rate(
+        return saturation_least_rates(
             n, self.alpha_2, lambda h: collision((1.0 / h - 1.0) / self.alpha_3)
         )
 
