@@ -19,7 +19,7 @@ import numpy as np
 from ...hazard import Hazard
 from ...typing import FloatArray
 from .grid import UNIT
-from .level_game_kernels import Buffers, Moves, best_moves, fill_levels
+from .level_game_kernels import Buffers, Moves, best_moves, fill_levels, make_decreasing
 from .potential import Potential
 
 _UNITS = 16
@@ -35,10 +35,14 @@ class LevelGame:
         With a finite slope and largest drop.
     cells : int
         Number of levels of the grid by which a level can fall in a step.
+    players : tuple of int
+        Members whose success counts, which can all reach the target; the others protect them at no
+        distance all the time.
     """
 
     potential: Potential
     cells: int
+    players: tuple[int, ...]
 
     @property
     def hazard(self) -> Hazard:
@@ -47,14 +51,13 @@ class LevelGame:
 
     @cached_property
     def starts(self) -> FloatArray:
-        """Levels of the members that can reach the target; the others protect them all the time."""
-        task, starts = self.potential.task, self.potential.starts
-        return self.potential.start_levels[task.reachable(starts, task.steps)]
+        """Levels of the players at step 0."""
+        return self.potential.start_levels[list(self.players)]
 
     @property
     def members(self) -> int:
-        """Number of members that can reach the target."""
-        return len(self.starts)
+        """Number of players."""
+        return len(self.players)
 
     @cached_property
     def spacing(self) -> float:
@@ -81,16 +84,18 @@ class LevelGame:
         counts = [math.comb(self.size + k - 1, k) for k in range(self.members + 1)]
         offsets = np.append(0, np.cumsum(counts)).astype(np.int64)
         tables = np.zeros(offsets[-1])
-        disorder = 0.0
         for alive in range(1, self.members + 1):
             levels = np.zeros((counts[alive], alive), np.int64)
             fill_levels(levels)
             moves, buffers = self._moves(alive), self._buffers(alive)
             for corrected in (False, True):
                 best_moves(levels, moves, self._binomials, offsets, corrected, buffers, tables)
+            values = tables[offsets[alive] : offsets[alive + 1]]
+            if alive < self.members:  # which are interpolated otherwise: see `_least_slopes`
+                make_decreasing(levels, self._binomials, values)
         steps = self.potential.task.steps
         rounding = 256 * UNIT * self.members * self.cells * (steps + 1)
-        return min(1.0, self._at_start(tables[offsets[-2] :]) + steps * disorder + rounding)
+        return min(1.0, self._at_start(tables[offsets[-2] :]) + rounding)
 
     @cached_property
     def _binomials(self) -> np.ndarray:
@@ -101,8 +106,12 @@ class LevelGame:
 
     @staticmethod
     def _buffers(alive: int) -> Buffers:
-        whole = (np.zeros(alive, np.int64) for _ in range(2))
-        return Buffers(*whole, *(np.zeros(alive) for _ in range(4)), np.zeros(1 << alive))
+        whole = [np.zeros(alive, np.int64) for _ in range(3)]
+        real = [np.zeros(alive) for _ in range(4)]
+        sets = 1 << alive
+        return Buffers(
+            *(*whole, *real, np.zeros(sets, np.int64)), *(np.zeros(sets) for _ in range(3))
+        )
 
     @cached_property
     def _least_slopes(self) -> FloatArray:
@@ -127,7 +136,6 @@ class LevelGame:
         survival, margin = np.exp(-risks), np.zeros_like(risks)
         surplus = np.exp(rises.max(axis=1))
         margin[:, 1:] = survival[:, :-1] * rises / slope * -math.expm1(-slope)
-        margin *= surplus.max() ** 0
         behind = self.spacing * np.arange(self.size + 2)
         squared = self.potential.least_squared_distance(behind)
         density = np.where(squared > 0, self.hazard.density_bound(squared), 1.0)

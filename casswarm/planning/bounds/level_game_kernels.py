@@ -26,7 +26,7 @@ class Moves(NamedTuple):
     margin : (S, D + 1)
         Factor of the correction for interpolation.
     surplus : (S,)
-        Factor by which interpolation can lower the weight of an outcome, at least 1.
+        Largest ratio of the probabilities of survival at neighbouring drops.
     growth : float
         1 / r, the ratio of neighbouring levels' values beyond which the correction is needed.
     density : (M + 2,)
@@ -41,27 +41,36 @@ class Moves(NamedTuple):
 
 
 class Buffers(NamedTuple):
-    """Working memory of `best_moves`.
+    """Working memory of `best_moves`: a joint move, by member, and its outcomes.
 
     Parameters
     ----------
-    drops, order : (k,)
-    after : (k,)
-        Levels after the move.
-    alive, dead, alive_weight, dead_weight, margin : (k,)
-        Probabilities of survival and loss, bounds on their weights in corrections, and the factor
-        of the correction for each member.
+    drops : (k,)
+        In the order of the levels before.
+    after, fallen : (k,)
+        Levels after the move, sorted, and drops in that order, as all that follows.
+    alive, least, most, margin : (k,)
+        Probability of survival, bounds on it within the cells of the grid, and the factor of the
+        correction.
+    ranks : (2^k,)
+        Of the set of every bit set of survivors, within all sets of at most k levels.
     values : (2^k,)
-        Values of all sets of survivors.
+        Values of these sets.
+    low, high : (2^k,)
+        Bounds on their probabilities.
     """
 
     drops: IntArray
     after: IntArray
+    fallen: IntArray
     alive: FloatArray
-    alive_weight: FloatArray
-    dead_weight: FloatArray
+    least: FloatArray
+    most: FloatArray
     margin: FloatArray
+    ranks: IntArray
     values: FloatArray
+    low: FloatArray
+    high: FloatArray
 
 
 @kernel
@@ -149,23 +158,6 @@ def _without(
 
 
 @kernel
-def _value(
-    after: IntArray,
-    chosen: int,
-    binomials: IntArray,
-    offsets: IntArray,
-    tables: FloatArray,
-) -> float:
-    """Value of the members in a bit set `chosen`, whose levels are sorted."""
-    rank, place = 0, 0
-    for i in range(after.shape[0]):
-        if chosen >> i & 1:
-            rank += binomials[after[i] + place, place + 1]
-            place += 1
-    return tables[offsets[place] + rank]
-
-
-@kernel
 def _expected(
     row: IntArray,
     moves: Moves,
@@ -176,61 +168,95 @@ def _expected(
     tables: FloatArray,
 ) -> float:
     """Expected value after a joint move, with corrections."""
-    k = row.shape[0]
-    after, values = buffers.after, buffers.values
+    k, ranks, values, weights = row.shape[0], buffers.ranks, buffers.values, buffers.low
     _prepare(row, moves, buffers)
-    for chosen in range(1 << k):
-        values[chosen] = _value(after, chosen, binomials, offsets, tables)
+    ranks[0], weights[0] = 0, 1.0
+    for i in range(k):  # sets whose last member is i
+        for chosen in range(1 << i):
+            place = _ones(chosen)
+            ranks[chosen | 1 << i] = ranks[chosen] + binomials[buffers.after[i] + place, place + 1]
+            weights[chosen | 1 << i] = weights[chosen] * buffers.alive[i]
+            weights[chosen] *= 1.0 - buffers.alive[i]
     total = 0.0
     for chosen in range(1 << k):
-        weight = 1.0
+        values[chosen] = tables[offsets[_ones(chosen)] + ranks[chosen]]
+        total += weights[chosen] * values[chosen]
+    if corrected:
         for i in range(k):
-            weight *= buffers.alive[i] if chosen >> i & 1 else 1.0 - buffers.alive[i]
-        total += weight * values[chosen]
-    if not corrected:
-        return total
-    for i in range(k):
-        if buffers.margin[i] == 0.0:
-            continue
-        # the members may be unsorted now, by one equal level: `last` is the last of them
-        last = i
-        while last + 1 < k and after[last + 1] == after[i]:
-            last += 1
-        after[last] += 1
-        for others in range(1 << k):
-            if others >> i & 1:
-                continue
-            raised = (others & ~(1 << last)) | 1 << last
-            if others >> last & 1 and last != i:  # that one takes the place of i
-                raised |= 1 << i
-            higher = _value(after, raised, binomials, offsets, tables)
-            gain = values[others | 1 << i] - values[others]
-            excess = gain - moves.growth * max(higher - values[others], 0.0)
-            if excess > 0.0:
-                weight = buffers.margin[i]
-                for j in range(k):
-                    if j != i:
-                        alive = others >> j & 1
-                        weight *= buffers.alive_weight[j] if alive else buffers.dead_weight[j]
-                total += weight * excess
-        after[last] -= 1
+            if buffers.fallen[i] > 0:
+                total += _correction(i, moves.growth, binomials, offsets, buffers, tables)
     return total
+
+
+@kernel
+def _correction(
+    i: int,
+    growth: float,
+    binomials: IntArray,
+    offsets: IntArray,
+    buffers: Buffers,
+    tables: FloatArray,
+) -> float:
+    """Correction for the interpolation in the level of a member that drops."""
+    after, values = buffers.after, buffers.values
+    k = after.shape[0]
+    last = i  # of the members at this level: sets in which it is one higher are sorted
+    while last + 1 < k and after[last + 1] == after[i]:
+        last += 1
+    _weigh_others(i, buffers)
+    level, total = after[i], 0.0
+    for others in range(1 << k):
+        if others >> i & 1:
+            continue
+        raised = others | 1 << last  # the same levels as with i, whose place is the last one's
+        if others >> last & 1:
+            raised |= 1 << i
+        place = _ones(raised & ((1 << last) - 1))
+        rank = buffers.ranks[raised] - binomials[level + place, place + 1]
+        rank += binomials[level + 1 + place, place + 1]
+        higher = tables[offsets[_ones(raised)] + rank] - values[others]
+        excess = values[others | 1 << i] - values[others] - growth * max(higher, 0.0)
+        total += excess * (buffers.high[others] if excess > 0.0 else buffers.low[others])
+    return buffers.margin[i] * max(total, 0.0)
+
+
+@kernel
+def _weigh_others(i: int, buffers: Buffers) -> None:
+    """Bounds on the probability of every set of survivors among the members other than i."""
+    low, high, least, most = buffers.low, buffers.high, buffers.least, buffers.most
+    low[0], high[0] = 1.0, 1.0
+    for j in range(least.shape[0]):
+        for chosen in range(1 << j):
+            more = chosen | 1 << j
+            if j == i:
+                low[more], high[more] = 0.0, 0.0
+            else:
+                low[more], high[more] = low[chosen] * least[j], high[chosen] * most[j]
+                low[chosen] *= 1.0 - most[j]
+                high[chosen] *= 1.0 - least[j]
+
+
+@kernel
+def _ones(bits: int) -> int:
+    """Number of ones."""
+    count = 0
+    while bits:
+        bits &= bits - 1
+        count += 1
+    return count
 
 
 @kernel
 def _prepare(row: IntArray, moves: Moves, buffers: Buffers) -> None:
     """Sorted levels after a joint move, and each member's probabilities."""
-    k, after = row.shape[0], buffers.after
+    k, after, fallen = row.shape[0], buffers.after, buffers.fallen
     largest = moves.survival.shape[0] - 1
-    for i in range(k):  # sorted by insertion; `order` of drops follows
-        level, drop = row[i] - buffers.drops[i], buffers.drops[i]
-        j = i
+    for i in range(k):
+        level, j = row[i] - buffers.drops[i], i
         while j > 0 and after[j - 1] > level:
-            after[j] = after[j - 1]
-            buffers.margin[j] = buffers.margin[j - 1]
+            after[j], fallen[j] = after[j - 1], fallen[j - 1]
             j -= 1
-        after[j] = level
-        buffers.margin[j] = drop
+        after[j], fallen[j] = level, buffers.drops[i]
     for i in range(k):
         high, low = 0.0, 0.0
         for j in range(k):
@@ -238,11 +264,22 @@ def _prepare(row: IntArray, moves: Moves, buffers: Buffers) -> None:
                 behind = max(after[j] - after[i], 0)
                 high += moves.density[max(behind - 2, 0)]
                 low += moves.density[behind]
-        q, few = min(int(np.ceil(high - 1e-9)), largest), int(low)
-        drop = int(buffers.margin[i])
-        alive = moves.survival[q, drop]
-        surplus = moves.surplus[few]
+        many, few = min(int(np.ceil(high - 1e-9)), largest), int(low)
+        alive, surplus = moves.survival[many, fallen[i]], moves.surplus[few]
         buffers.alive[i] = alive
-        buffers.alive_weight[i] = alive * surplus
-        buffers.dead_weight[i] = (1.0 - moves.survival[few, drop]) * max(2.0, surplus)
-        buffers.margin[i] = moves.margin[few, drop]
+        buffers.least[i] = moves.survival[few, fallen[i]] / surplus
+        buffers.most[i] = min(alive * surplus, 1.0)
+        buffers.margin[i] = moves.margin[few, fallen[i]]
+
+
+@kernel
+def make_decreasing(levels: IntArray, binomials: IntArray, values: FloatArray) -> None:
+    """Raise values (count,) of sets (count, k) until none increases when a level rises."""
+    count, k = levels.shape
+    top = levels[count - 1, 0]
+    for rank in range(count - 1, -1, -1):
+        for i in range(k):
+            level = levels[rank, i]
+            if level < top and (i + 1 == k or levels[rank, i + 1] > level):
+                raised = rank + binomials[level + 1 + i, i + 1] - binomials[level + i, i + 1]
+                values[rank] = max(values[rank], values[raised])

@@ -4,16 +4,16 @@ A potential w_t, t = 0, ..., N, satisfies, for all positions x and all x' within
 
     (P1)  w_t(x) <= dt b(x') + w_(t+1)(x'),    b the single-agent rate;
     (P2)  w_t(x) <= 0 in the target;
-    (P3)  |x - y|^2 >= (|w_t(x) - w_t(y)| / L)^2 - h^2 / 2.
+    (P3)  |x - y|^2 >= (|w_t(x) - w_t(y)| / L)^2 - h^2 / 2;
+    (P4)  w_t(x) - w_(t+1)(x') <= d.
 
-w_t(x) is the *level* of a member at x, and L the *slope*. The largest function with (P1) and (P2)
+w_t(x) is the *level* of a member at x, L the *slope*, and d the *largest drop* of a step. The largest function with (P1) and (P2)
 is the value function. Derived in ``docs/success-bound.md``.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -22,8 +22,8 @@ import numpy as np
 from ...hazard.lower_bounds import LeastRate
 from ...typing import FloatArray
 from .dynamic_programming import StageCosts, box_minimum, rounding
-from .grid import UNIT, Block, Grid, Relaxation, bilinear, node_count
-from .potential_kernels import largest_drops, limit_slope
+from .grid import UNIT, Block, Grid, Relaxation, bilinear
+from .potential_kernels import limit_slope
 
 MAX_NODES = 1_000_000
 """Default maximum number of nodes of a potential, over all steps."""
@@ -90,32 +90,6 @@ class Potential:
     def least_squared_distance(self, gaps: FloatArray) -> FloatArray:
         """Least squared distance of two members whose levels differ by at least `gaps`."""
         return np.maximum(0.0, (gaps / self.slope) ** 2 - 0.5 * self.spacing**2)
-
-    def drops(self, spacing: float, count: int) -> FloatArray:
-        """Largest drops of a level in every step, shape (N, count).
-
-        In step t a level within `spacing` of a `spacing` falls by at most entry (t, a); levels from
-        (count - 1) `spacing` on count as that one. Negative where levels must rise, and -1e300
-        where no member can be.
-        """
-        drops = np.empty((len(self.values) - 1, count))
-        width = spacing + math.sqrt(2) * self.spacing * self.slope
-        for step, row in enumerate(drops):
-            inside = self._visited(step)
-            before, after = self.values[step], self.values[step + 1]
-            least = box_minimum(after, (0, 0), after.shape, self.reach)
-            largest_drops(before[inside], least[inside], spacing, width, row)
-        return drops + self.slack
-
-    def _visited(self, step: int) -> tuple[slice, slice]:
-        """The nodes of all cells that a member can be in at a step; one at least."""
-        nodes = (self.starts - self.task.start) / self.spacing - self.low
-        shape = self.values[0].shape
-        first = np.floor(nodes.min(axis=0)).astype(int) - 1 - step * self.reach
-        stop = np.ceil(nodes.max(axis=0)).astype(int) + 2 + step * self.reach
-        first = np.clip(first, 0, np.array(shape) - 1)
-        stop = np.maximum(np.minimum(stop, shape), first + 1)
-        return slice(int(first[0]), int(stop[0])), slice(int(first[1]), int(stop[1]))
 
 
 class PotentialFamily:

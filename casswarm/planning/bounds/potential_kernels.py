@@ -1,4 +1,4 @@
-"""Compiled loops of potentials: slope limits, and the largest drops of a step by level."""
+"""Compiled loops of potentials."""
 
 from __future__ import annotations
 
@@ -35,34 +35,3 @@ def limit_slope(values: FloatArray, straight: float, diagonal: float) -> None:
                     if best < values[i, j]:
                         values[i, j] = best
                         changed = True
-
-
-@kernel
-def largest_drops(
-    before: FloatArray, after: FloatArray, spacing: float, width: float, drops: FloatArray
-) -> None:
-    """Largest drop of a step by level, written to `drops` (M,), -1e300 where no node is.
-
-    Parameters
-    ----------
-    before, after : (n, m)
-        Level of every node before the step, and the least level within reach of it afterwards.
-    spacing, width : float
-        Entry a is for the nodes whose level differs from a `spacing` by at most `width`; the last
-        entry also for all nodes above, whose levels count as its own.
-    """
-    last = len(drops) - 1
-    top = last * spacing
-    drops[:] = -1e300
-    for i in range(before.shape[0]):
-        for j in range(before.shape[1]):
-            level = before[i, j]
-            if level > top + width:
-                drops[last] = max(drops[last], top - after[i, j])
-                continue
-            first = max(0, int((level - width) / spacing))
-            for a in range(first, last + 1):
-                if a * spacing > level + width:
-                    break
-                if a * spacing >= level - width:
-                    drops[a] = max(drops[a], level - after[i, j])
