@@ -158,9 +158,7 @@ class Hazard(ABC):
         """
         return None
 
-    def least_rates(
-        self, n: int, densities: FloatArray, rates: FloatArray
-    ) -> FloatArray | None:
+    def least_rates(self, n: int, densities: FloatArray, rates: FloatArray) -> FloatArray | None:
         """`least_rate` where the densities of the neighbours add up to at most a number.
 
         By default the same at all densities.

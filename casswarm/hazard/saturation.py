@@ -82,9 +82,7 @@ class Saturation(KernelHazard):
         """With the neighbours at the best compromise of saturation and collisions."""
         return _least_rates(self, n).least_rate() if self._is_papers else None
 
-    def least_rates(
-        self, n: int, densities: FloatArray, rates: FloatArray
-    ) -> FloatArray | None:
+    def least_rates(self, n: int, densities: FloatArray, rates: FloatArray) -> FloatArray | None:
         """The same, as far as the density of the neighbours allows it."""
         return _least_rates(self, n).at_most(densities, rates) if self._is_papers else None
 

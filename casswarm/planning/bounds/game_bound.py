@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import binom
 
 from ...typing import FloatArray
 from .grid import Relaxation
@@ -50,17 +49,31 @@ class Choice(NamedTuple):
     cells: int
 
 
+class Effort(NamedTuple):
+    """How much to compute; see `success_bound`.
+
+    Parameters
+    ----------
+    max_nodes : int
+        Maximum number of nodes of a potential, over all steps.
+    max_work : float
+        Largest number of values that a game looks up, about.
+    accuracy : float
+        Refine until it improves the bound by less.
+    deadline : float
+        Time of `time.monotonic`; no game is begun that is expected to end later.
+    """
+
+    max_nodes: int
+    max_work: float
+    accuracy: float
+    deadline: float
+
+
 def game_bound(
-    task: Relaxation,
-    starts: FloatArray,
-    *,
-    multiplier: float,
-    max_nodes: int,
-    max_work: float,
-    accuracy: float,
-    deadline: float,
+    task: Relaxation, starts: FloatArray, multiplier: float, effort: Effort
 ) -> GameBound:
-    """The least bound of level games of increasing work.
+    """The least bound of level games of increasing work; 1 if even the smallest needs too much.
 
     Parameters
     ----------
@@ -69,37 +82,29 @@ def game_bound(
         Initial positions.
     multiplier : float
         Of arrival, as of `StageCosts`.
-    max_nodes : int
-        Of a potential, over all steps.
-    max_work : float
-        Largest number of values that a game looks up, about.
-    accuracy : float
-        Refine until it improves the bound by less.
-    deadline : float
-        Time of `time.monotonic` after which no game is begun that would end later, as far as known.
+    effort : Effort
     """
     reachable = task.reachable(starts, task.steps)
+    fine = PotentialFamily(task, starts, effort.max_nodes, multiplier)
+    if not reachable.any() or fine.size > effort.max_nodes:
+        return GameBound(1.0, limited=False)
+    coarse = PotentialFamily(task, starts, min(_COARSE_NODES, effort.max_nodes), multiplier)
     groups = _groups(np.flatnonzero(reachable))
-    coarse = PotentialFamily(task, starts, _COARSE_NODES, multiplier)
     slope = _slope(coarse, reachable)
-    fine = PotentialFamily(task, starts, max_nodes, multiplier)
-    best, used, seconds, limited = 1.0, 0.0, 0.0, False
-    for work in _stages(max_work):
-        choice = _choose(coarse, slope, reachable, max(len(group) for group in groups), work)
+    best, used, seconds = 1.0, 0.0, 0.0
+    for work in _stages(effort.max_work):
+        choice = _choose(coarse, slope, reachable, len(groups[0]), work)
         if choice is None:
             continue
         begun = time.monotonic()
-        expected = seconds * work / used if used else 0.0
-        if begun + expected > deadline:
-            limited = True
-            break
-        potential = fine.potential(slope, choice.largest)
-        value = _product(potential, groups, choice.cells)
+        if begun + (seconds * work / used if used else 0.0) > effort.deadline:
+            return GameBound(best, limited=True)
+        value = _product(fine.potential(slope, choice.largest), groups, choice.cells)
         seconds, used = time.monotonic() - begun, work
         improved, best = best - value, min(best, value)
-        if value < 1.0 and improved < accuracy:
+        if value < 1.0 and improved < effort.accuracy:
             break
-    return GameBound(best, limited)
+    return GameBound(best, limited=False)
 
 
 def _stages(max_work: float) -> Iterator[float]:
@@ -140,7 +145,7 @@ def _slope(family: PotentialFamily, reachable: np.ndarray) -> float:
 def _choose(
     family: PotentialFamily, slope: float, reachable: np.ndarray, members: int, work: float
 ) -> Choice | None:
-    """The largest drop and grid of levels that promise the least bound; None if all are too large."""
+    """The largest drop and grid of levels that promise the least bound; None if there is none."""
     level = float(np.mean(family.potential(slope).start_levels[reachable]))
     choices: list[tuple[float, Choice]] = []
     for largest in max(level, 1e-3) * _LARGEST:
@@ -168,7 +173,10 @@ def _together(task: Relaxation, members: int, level: float, largest: float) -> f
             )
             assert least is not None
             survival = math.exp(-task.dt * float(least[0, 0]))
-            transition[alive, : alive + 1] = binom.pmf(np.arange(alive + 1), alive, survival)
+            for left in range(alive + 1):
+                lost = alive - left
+                weight = math.comb(alive, left) * survival**left * (1.0 - survival) ** lost
+                transition[alive, left] = weight
         for _ in range(repeated):
             value = transition @ value
     return float(value[-1])

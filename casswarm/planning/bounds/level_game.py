@@ -25,6 +25,7 @@ from .potential import Potential
 _UNITS = 16
 """Units of density of a neighbour."""
 
+
 @dataclass(frozen=True, eq=False)
 class LevelGame:
     """The level game of a potential whose levels fall by at most `potential.largest` in a step.

@@ -7,8 +7,8 @@ A potential w_t, t = 0, ..., N, satisfies, for all positions x and all x' within
     (P3)  |x - y|^2 >= (|w_t(x) - w_t(y)| / L)^2 - h^2 / 2;
     (P4)  w_t(x) - w_(t+1)(x') <= d.
 
-w_t(x) is the *level* of a member at x, L the *slope*, and d the *largest drop* of a step. The largest function with (P1) and (P2)
-is the value function. Derived in ``docs/success-bound.md``.
+w_t(x) is the *level* of a member at x, L the *slope*, and d the *largest drop* of a step. The
+largest function with (P1) and (P2) is the value function. Derived in ``docs/success-bound.md``.
 """
 
 from __future__ import annotations
@@ -114,23 +114,34 @@ class PotentialFamily:
         multiplier: float = 0.0,
     ) -> None:
         # node values that are not negative, whatever the hazard: see `Relaxation.rates_below`
-        task = replace(task, least=LeastRate(np.zeros(1), np.ones(1)))
-        self.task, self.starts = task, starts
+        self.task = replace(task, least=LeastRate(np.zeros(1), np.ones(1)))
+        self.starts, self.multiplier = starts, multiplier
         self.reach = 1
         while self.reach < _MAX_REACH and self._count(2 * self.reach) <= max_nodes:
             self.reach *= 2
-        low, high = self._rectangle(self.reach)
-        block = Block.full(low, high)
-        self.low = block.low
-        grid = Grid(task, 1, self.reach, ((block,),))
-        stage_costs = StageCosts(grid, multiplier=multiplier)
-        self.terminal = stage_costs.terminal(block)
-        costs = stage_costs.nodes[0][0] * (1 - 1e-9)
+
+    @cached_property
+    def _block(self) -> Block:
+        return Block.full(*self._rectangle(self.reach))
+
+    @cached_property
+    def _stage_costs(self) -> StageCosts:
+        return StageCosts(Grid(self.task, 1, self.reach, ((self._block,),)), True, self.multiplier)
+
+    @cached_property
+    def _costs(self) -> FloatArray:
+        """Lower bounds of the single-agent risk of a step to every node."""
+        costs = self._stage_costs.nodes[0][0] * (1 - 1e-9)
         costs[[0, -1]] = 0.0  # what is outside counts as at the edge
         costs[:, [0, -1]] = 0.0
-        self.costs = costs
-        per_risk = rounding(stage_costs, _HIGHEST, interpolated=True)
-        self.slack = per_risk + 64 * UNIT * task.steps * (_HIGHEST + stage_costs.max_terminal)
+        return np.asarray(costs)
+
+    @cached_property
+    def _slack(self) -> float:
+        stage_costs = self._stage_costs
+        per_path = rounding(stage_costs, _HIGHEST, interpolated=True)
+        largest = _HIGHEST + stage_costs.max_terminal
+        return per_path + 64 * UNIT * self.task.steps * largest
 
     @property
     def size(self) -> int:
@@ -159,14 +170,14 @@ class PotentialFamily:
         ).max(axis=0)
         first = np.minimum(first, np.floor(offsets.min(axis=0)))
         last = np.maximum(last, np.ceil(offsets.max(axis=0)))
-        margin = 2 * reach
+        margin = 2 * reach  # that leaving and coming back does not pay where a slope limits levels
         return (first - margin).astype(int), (last + margin).astype(int)
 
     def potential(self, slope: float = math.inf, largest: float = math.inf) -> Potential:
-        """The largest potential on the nodes whose slope is at most `slope`."""
+        """The largest potential on the nodes with this slope and largest drop."""
         edge = slope / _CHAMFER * (self.task.step / self.reach)
-        highest = np.minimum(self.terminal, _HIGHEST)
-        costs = np.minimum(self.costs, largest)
+        highest = np.minimum(self._stage_costs.terminal(self._block), _HIGHEST)
+        costs = np.minimum(self._costs, largest)
         values: list[FloatArray] = []
         following: FloatArray | None = None
         for _ in range(self.task.steps + 1):
@@ -179,6 +190,6 @@ class PotentialFamily:
             values.append(level)
             following = level
         return Potential(
-            *(self.task, self.starts, self.reach, self.low, tuple(values[::-1])),
-            *(slope, largest, self.slack),
+            *(self.task, self.starts, self.reach, self._block.low, tuple(values[::-1])),
+            *(slope, largest, self._slack),
         )
