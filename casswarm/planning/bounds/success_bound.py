@@ -45,8 +45,9 @@ MAX_NODES = 1_000_000
 _MULTIPLIER_NODES = 50_000
 """Nodes of the grid on which the multiplier of arrival is estimated."""
 
-MAX_WORK = 1.5e8
-"""Default amount of work of a level game: some seconds."""
+MAX_WORK = 3e7
+"""Default amount of work of a level game: less than a second; five times as much is worth while for
+five members."""
 
 ACCURACY = 0.002
 """Default improvement of the bound below which it is not refined."""
@@ -118,9 +119,10 @@ class SuccessBound:
             return f"success is not certified: {self.reason}"
         if self.failure < 1e-9:
             below = Context(prec=2, rounding=ROUND_FLOOR).create_decimal_from_float(self.failure)
-            return f"no policy can exceed 1 - {float(below):.1e}"
+            return f"no policy can exceed 1 - {float(below):.1e} ({self.method})"
         digits = max(4, 1 - math.floor(math.log10(self.failure)))
-        return f"no policy can exceed {rounded_up(self.value, digits):.{digits}f}"
+        value = f"{rounded_up(self.value, digits):.{digits}f}"
+        return f"no policy can exceed {value} ({self.method})"
 
 
 def success_bound(
@@ -144,8 +146,8 @@ def success_bound(
         members are. More nodes sharpen the members' risks, whose error falls as 1 / nodes if the
         grid can sample every time step.
     max_work : float
-        Largest number of values that a level game looks up, about: some 1e8 take a second or two.
-        0 for the bound of independent clocks alone, which takes a tenth of that.
+        Largest number of values that a level game looks up, about: 1e8 take a second or two. 0 for
+        the bound of independent clocks alone, which takes some hundredths of a second.
     accuracy : float
         The level game is refined until this improves the bound by less.
     time_limit : float
