@@ -168,8 +168,10 @@ def saturation_least_rates(
         g[1:] = np.nan_to_num(collision(h[1:]), nan=0.0, posinf=1e300)
     # on [h_k, h_(k+1)) g is at least g(h_k): the convex hull of the steps' lower right corners
     corners = np.append(0.0, g[:-1])
-    hull = _lower_hull(h, corners)
-    psi = np.interp(h, h[hull], corners[hull])
+    psi = np.zeros_like(h)
+    if corners.any():
+        hull = _lower_hull(h, corners)
+        psi = np.interp(h, h[hull], corners[hull])
     density = 1.0 + neighbours * h[1:]
     return LeastRateLines(
         neighbours * h[:-1],

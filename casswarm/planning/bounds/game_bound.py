@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -84,7 +85,8 @@ def game_bound(
         Of arrival, as of `StageCosts`.
     effort : Effort
     """
-    reachable = task.reachable(starts, task.steps)
+    nearly = replace(task, radius=task.radius * (1 + 1e-9))
+    reachable = nearly.reachable(starts, task.steps)
     fine = PotentialFamily(task, starts, effort.max_nodes, multiplier)
     if not reachable.any() or fine.size > effort.max_nodes:
         return GameBound(1.0, limited=False)

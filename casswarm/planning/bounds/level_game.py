@@ -134,15 +134,14 @@ class LevelGame:
         risks = self._risks(alive)
         rises = np.diff(risks, axis=1)
         slope = self._least_slopes[alive - 1] * self.spacing
-        survival, margin = np.exp(-risks), np.zeros_like(risks)
+        steepness = np.zeros_like(risks)
+        steepness[:, 1:] = rises / slope * -math.expm1(-slope)
         surplus = np.exp(rises.max(axis=1))
-        margin[:, 1:] = survival[:, :-1] * rises / slope * -math.expm1(-slope)
         behind = self.spacing * np.arange(self.size + 2)
         squared = self.potential.least_squared_distance(behind)
         density = np.where(squared > 0, self.hazard.density_bound(squared), 1.0)
-        return Moves(
-            *(survival, margin, surplus, math.exp(slope), _UNITS * np.minimum(density, 1.0))
-        )
+        density = _UNITS * np.minimum(density, 1.0)
+        return Moves(np.exp(-risks), steepness, surplus, math.exp(slope), density)
 
     def _at_start(self, values: FloatArray) -> float:
         """Value of the members' levels at step 0, interpolated in exp(-slope level)."""

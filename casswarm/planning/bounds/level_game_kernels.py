@@ -23,8 +23,8 @@ class Moves(NamedTuple):
     ----------
     survival : (S, D + 1)
         Probability of surviving a drop of d levels, by density.
-    margin : (S, D + 1)
-        Factor of the correction for interpolation.
+    steepness : (S, D + 1)
+        gamma_d (1 - r), a factor of the correction for interpolation.
     surplus : (S,)
         Largest ratio of the probabilities of survival at neighbouring drops.
     growth : float
@@ -34,7 +34,7 @@ class Moves(NamedTuple):
     """
 
     survival: FloatArray
-    margin: FloatArray
+    steepness: FloatArray
     surplus: FloatArray
     growth: float
     density: FloatArray
@@ -182,9 +182,13 @@ def _expected(
         values[chosen] = tables[offsets[_ones(chosen)] + ranks[chosen]]
         total += weights[chosen] * values[chosen]
     if corrected:
+        after, fallen, correction = buffers.after, buffers.fallen, 0.0
         for i in range(k):
-            if buffers.fallen[i] > 0:
-                total += _correction(i, moves.growth, binomials, offsets, buffers, tables)
+            if i == 0 or after[i] != after[i - 1] or fallen[i] != fallen[i - 1]:
+                correction = 0.0  # else the same again
+                if fallen[i] > 0:
+                    correction = _correction(i, moves.growth, binomials, offsets, buffers, tables)
+            total += correction
     return total
 
 
@@ -264,12 +268,15 @@ def _prepare(row: IntArray, moves: Moves, buffers: Buffers) -> None:
                 behind = max(after[j] - after[i], 0)
                 high += moves.density[max(behind - 2, 0)]
                 low += moves.density[behind]
-        many, few = min(int(np.ceil(high - 1e-9)), largest), int(low)
+        many, few = min(int(np.ceil(high)), largest), int(low)
         alive, surplus = moves.survival[many, fallen[i]], moves.surplus[few]
         buffers.alive[i] = alive
         buffers.least[i] = moves.survival[few, fallen[i]] / surplus
         buffers.most[i] = min(alive * surplus, 1.0)
-        buffers.margin[i] = moves.margin[few, fallen[i]]
+        buffers.margin[i] = 0.0
+        if fallen[i] > 0:
+            before = moves.survival[many, fallen[i] - 1]
+            buffers.margin[i] = before * moves.steepness[few, fallen[i]]
 
 
 @kernel
