@@ -21,7 +21,7 @@ from .potential import Potential, PotentialFamily
 
 _GROUP = 6  # members of a game
 _COARSE_NODES = 1_000_000  # of the potentials that are compared
-_LARGEST = np.geomspace(0.06, 0.5, 10)  # drops that are compared, relative to the mean level
+_LARGEST = np.geomspace(0.06, 0.5, 18)  # drops that are compared, relative to the mean level
 _SLOPES = (2.0, 4.0, 8.0, 16.0)  # relative to the mean slope between the members and the target
 _LOST_LEVEL = 0.01  # relative loss of level for a small slope
 _CELLS = range(1, 9)
@@ -60,7 +60,7 @@ class Effort(NamedTuple):
     max_work : float
         Largest number of values that a game looks up, about.
     accuracy : float
-        Refine until it improves the bound by less.
+        Refine until the bound on the probability of failure rises by less, relatively.
     deadline : float
         Time of `time.monotonic`; no game is begun that is expected to end later.
     """
@@ -93,9 +93,10 @@ def game_bound(
     coarse = PotentialFamily(task, starts, min(_COARSE_NODES, effort.max_nodes), multiplier)
     groups = _groups(np.flatnonzero(reachable))
     slope = _slope(coarse, reachable)
+    levels = _start_levels(coarse, slope, reachable)
     best, used, seconds = 1.0, 0.0, 0.0
     for work in _stages(effort.max_work):
-        choice = _choose(coarse, slope, reachable, len(groups[0]), work)
+        choice = _choose(task, len(starts), len(groups[0]), levels, work)
         if choice is None:
             continue
         begun = time.monotonic()
@@ -104,14 +105,14 @@ def game_bound(
         value = _product(fine.potential(slope, choice.largest), groups, choice.cells)
         seconds, used = time.monotonic() - begun, work
         improved, best = best - value, min(best, value)
-        if value < 1.0 and improved < effort.accuracy:
+        if value < 1.0 and improved < effort.accuracy * (1.0 - value):
             break
     return GameBound(best, limited=False)
 
 
 def _stages(max_work: float) -> Iterator[float]:
     work = max_work
-    while work > _FIRST_WORK * _STAGE:
+    while work / _STAGE >= _FIRST_WORK:
         work /= _STAGE
     while work <= max_work * (1 + 1e-9):
         yield work
@@ -144,20 +145,31 @@ def _slope(family: PotentialFamily, reachable: np.ndarray) -> float:
     return factor * mean
 
 
+def _start_levels(
+    family: PotentialFamily, slope: float, reachable: np.ndarray
+) -> list[tuple[float, FloatArray]]:
+    """Largest drops that may be chosen, and the levels at the start with each."""
+    level = float(np.mean(family.potential(slope).start_levels[reachable]))
+    drops = [float(drop) for drop in max(level, 1e-3) * _LARGEST]
+    return [(drop, family.potential(slope, drop).start_levels[reachable]) for drop in drops]
+
+
 def _choose(
-    family: PotentialFamily, slope: float, reachable: np.ndarray, members: int, work: float
+    task: Relaxation,
+    members: int,
+    players: int,
+    levels: list[tuple[float, FloatArray]],
+    work: float,
 ) -> Choice | None:
     """The largest drop and grid of levels that promise the least bound; None if there is none."""
-    level = float(np.mean(family.potential(slope).start_levels[reachable]))
     choices: list[tuple[float, Choice]] = []
-    for largest in max(level, 1e-3) * _LARGEST:
-        levels = family.potential(slope, largest).start_levels[reachable]
-        size = math.ceil(float(levels.max()) / largest)
+    for largest, starts in levels:
         for cells in _CELLS:
-            if look_ups(members, max(2, size * cells + 1), cells) <= work:
+            size = max(2, math.ceil(float(starts.max()) / largest * cells) + 1)
+            if look_ups(players, size, cells) <= work:
                 effective = largest * (1 + 1.2 / cells**2)  # interpolation acts like larger drops
-                value = _together(family.task, len(family.starts), float(levels.mean()), effective)
-                choices.append((value, Choice(float(largest), cells)))
+                value = _together(task, members, float(starts.mean()), effective)
+                choices.append((value, Choice(largest, cells)))
     return min(choices)[1] if choices else None
 
 

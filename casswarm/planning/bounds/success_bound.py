@@ -45,12 +45,12 @@ MAX_NODES = 1_000_000
 _MULTIPLIER_NODES = 50_000
 """Nodes of the grid on which the multiplier of arrival is estimated."""
 
-MAX_WORK = 3e7
-"""Default amount of work of a level game: less than a second; five times as much is worth while for
+MAX_WORK = 6e7
+"""Default amount of work of a level game: about a second; 1.5e8 is worth while for
 five members."""
 
-ACCURACY = 0.002
-"""Default improvement of the bound below which it is not refined."""
+ACCURACY = 0.01
+"""Default relative improvement of the bound on failure below which it is not refined."""
 
 CLOCKS, GAME = "independent clocks", "level game"
 """Methods."""
@@ -149,7 +149,8 @@ def success_bound(
         Largest number of values that a level game looks up, about: 1e8 take a second or two. 0 for
         the bound of independent clocks alone, which takes some hundredths of a second.
     accuracy : float
-        The level game is refined until this improves the bound by less.
+        The level game is refined until this raises the lower bound on the probability of failure by
+        less than this fraction of it.
     time_limit : float
         Seconds after which no further game is begun.
 
