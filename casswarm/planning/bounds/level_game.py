@@ -107,12 +107,13 @@ class LevelGame:
 
     @staticmethod
     def _buffers(alive: int) -> Buffers:
-        whole = [np.zeros(alive, np.int64) for _ in range(3)]
-        real = [np.zeros(alive) for _ in range(4)]
-        sets = 1 << alive
-        return Buffers(
-            *(*whole, *real, np.zeros(sets, np.int64)), *(np.zeros(sets) for _ in range(3))
+        drops, after, fallen, ranks = (
+            np.zeros(count, np.int64) for count in (alive, alive, alive, 1 << alive)
         )
+        least, most, margin, probability = (np.zeros(alive) for _ in range(4))
+        values, low, high = (np.zeros(1 << alive) for _ in range(3))
+        by_member = drops, after, fallen, probability, least, most, margin
+        return Buffers(*by_member, ranks, values, low, high)
 
     @cached_property
     def _least_slopes(self) -> FloatArray:
@@ -123,8 +124,8 @@ class LevelGame:
     def _risks(self, alive: int) -> FloatArray:
         """Least risk (S, D + 1) of a member by the density of its neighbours and its drop."""
         dt, total = self.potential.task.dt, alive + len(self.potential.starts) - self.members
-        densities = total - alive + np.arange(_UNITS * (alive - 1) + 1) / _UNITS
-        rates = self.spacing * np.arange(self.cells + 1) / dt
+        densities: FloatArray = total - alive + np.arange(_UNITS * (alive - 1) + 1) / _UNITS
+        rates = np.arange(self.cells + 1, dtype=float) * (self.spacing / dt)
         least = self.hazard.least_rates(total, densities, rates)
         assert least is not None
         least[:, 0] = 0.0
@@ -137,7 +138,7 @@ class LevelGame:
         steepness = np.zeros_like(risks)
         steepness[:, 1:] = rises / slope * -math.expm1(-slope)
         surplus = np.exp(rises.max(axis=1))
-        behind = self.spacing * np.arange(self.size + 2)
+        behind = np.arange(self.size + 2, dtype=float) * self.spacing
         squared = self.potential.least_squared_distance(behind)
         density = np.where(squared > 0, self.hazard.density_bound(squared), 1.0)
         density = _UNITS * np.minimum(density, 1.0)

@@ -118,7 +118,7 @@ def best_moves(
         if levels[rank, 0] == 0:
             tables[offsets[k] + rank] = 1.0
             continue
-        best = tables[offsets[k] + rank]
+        best = float(tables[offsets[k] + rank])
         for i in range(k):  # more members are never worse
             best = max(best, _without(levels[rank], i, binomials, offsets, tables))
         drops[:] = 0
@@ -154,7 +154,7 @@ def _without(
         if i != left_out:
             rank += binomials[row[i] + place, place + 1]
             place += 1
-    return tables[offsets[place] + rank]
+    return float(tables[offsets[place] + rank])
 
 
 @kernel
@@ -221,7 +221,7 @@ def _correction(
         higher = tables[offsets[_ones(raised)] + rank] - values[others]
         excess = values[others | 1 << i] - values[others] - growth * max(higher, 0.0)
         total += excess * (buffers.high[others] if excess > 0.0 else buffers.low[others])
-    return buffers.margin[i] * max(total, 0.0)
+    return float(buffers.margin[i]) * max(total, 0.0)
 
 
 @kernel
