@@ -11,7 +11,7 @@ from _attack_records import Check, Skip
 from _attack_scenarios import POLICIES, Rng, draw
 
 import casswarm as csw
-from casswarm.planning.joint import PlanTree
+from casswarm.planning.joint import PlanDistribution, PlanTree
 from casswarm.policies.planned_paths import JointPolicy, ReplanningPolicy
 
 _EPS = 2.0**-52
@@ -206,7 +206,12 @@ def success(rng: Rng) -> Iterator[Check]:
     scenario = draw(rng, steps=(1, 8))
     if rng.random() < 0.5:  # the bound neglects this limit
         scenario = scenario.replace(swarm={"a_max": 10 * scenario.swarm.v_max**2})
-    bound = csw.success_bound(scenario, int(10 ** rng.uniform(3, 5.5)))
+    nodes, work = int(10 ** rng.uniform(3, 5.5)), 10 ** rng.uniform(4, 7)
+    bound = csw.success_bound(scenario, nodes, max_work=work, accuracy=0.0)
+    clocks = csw.success_bound(scenario, nodes, max_work=0)
+    yield Check("success, never above clocks", bound.value - clocks.value, 0.0, f"{bound} {clocks}")
+    if scenario.n <= 6:
+        yield _climbed(rng, scenario, bound)
     value = csw.ValueFunction.from_scenario(scenario, 100_000, certified=False)
     best = csw.as_policy(lambda t, x, _v, _a: value.velocities(t, x), "value function")
     yield _below(scenario, best, bound)
@@ -215,6 +220,26 @@ def success(rng: Rng) -> Iterator[Check]:
         yield _below(scenario, csw.as_policy(pushing), bound)
     for name in rng.choice(POLICIES, 2, replace=False):
         yield _below(scenario, str(name), bound)
+
+
+def _climbed(rng: Rng, scenario: csw.Scenario, bound: csw.SuccessBound) -> Check:
+    """A random ascent of the exact success of open-loop plans, from straight lines."""
+    reach = scenario.time.dt * scenario.swarm.v_max
+    toward = np.array(scenario.target.center) - scenario.positions
+    moves = np.repeat(np.clip(toward / scenario.n_steps, -reach, reach)[None], scenario.n_steps, 0)
+    best, scale = -1.0, 0.3 * reach
+    for _ in range(3 * _CLIMBS):
+        shape = (len(moves), 1 if rng.random() < 0.5 else scenario.n, 1)
+        noise = scale * rng.normal(size=moves.shape) * (rng.random(shape) < 0.5) * (best >= 0)
+        trial = np.clip(moves + noise, -reach, reach)
+        path = np.concatenate([np.zeros((1, scenario.n, 2)), np.cumsum(trial, axis=0)])
+        plan = PlanDistribution.from_positions(scenario, scenario.positions + path)
+        if plan.success.low > best:
+            moves, best = trial, plan.success.low
+        else:
+            scale *= 0.97
+    detail = f"{best!r} > {bound.value!r} ({bound.method})"
+    return Check("success, climbed plans", best - bound.value, 1e-13, detail)
 
 
 def _below(scenario: csw.Scenario, policy: object, bound: csw.SuccessBound) -> Check:

@@ -166,7 +166,7 @@ def main() -> None:
         started = time.process_time()
         guide = csw.plan(scenario)
         planned = time.process_time() - started
-        bound = csw.success_bound(scenario)
+        bound = csw.success_bound(scenario, max_work=1e6 if quick else 1.5e8)
         print(f"\n{name}: an isolated agent survives with {guide.survival:.4f}; {bound}\n")
         print("| policy | success | infeasible | failures | plan, s | decide, us |")
         print("| --- | --- | --- | --- | --- | --- |")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -51,7 +53,7 @@ def success_chart(table: pd.DataFrame, title: str = "") -> Figure:
         if "bound" in rows:
             bound = float(rows["bound"].iloc[0])
             panel.axvline(bound, color=GREY, linestyle="--", linewidth=scaled(1.0), zorder=3)
-            heading += f"\nno policy exceeds {bound:.3f}"
+            heading += f"\nno policy exceeds {math.ceil(1000 * bound) / 1000:.3f}"
         panel.set_title(heading, fontsize="small")
         panel.set(xlim=(0, 1.03), ylim=(len(policies) - 0.4, -0.6))
         panel.set_xticks([0, 0.5, 1] if several else np.arange(6) / 5)

@@ -158,6 +158,31 @@ class Hazard(ABC):
         """
         return None
 
+    def least_rates(self, n: int, densities: FloatArray, rates: FloatArray) -> FloatArray | None:
+        """`least_rate` where the densities of the neighbours add up to at most a number.
+
+        By default the same at all densities.
+
+        Parameters
+        ----------
+        n : int
+            Number of members.
+        densities : (q,)
+            Bounds on the sum of `density_bound` over the other members.
+        rates : (d,)
+            Single-agent rates.
+
+        Returns
+        -------
+        ndarray of shape (q, d), or None
+        """
+        least = self.least_rate(n)
+        return None if least is None else np.tile(least(rates), (len(densities), 1))
+
+    def density_bound(self, squared_distances: FloatArray) -> FloatArray:
+        """Upper bounds (...), at most 1, of the density that a neighbour this far away adds."""
+        return np.ones_like(squared_distances)
+
     def single_agent_rates_below(
         self, east: FloatArray, north: FloatArray, spacing: float
     ) -> FloatArray | None:

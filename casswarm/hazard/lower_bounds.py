@@ -11,7 +11,8 @@ nowhere above 1 / r^2 when they are interpolated.
 
 **Of a member of a swarm**, ``docs/joint.md``: in every configuration of n members, a member whose
 single-agent rate is b has a rate of at least phi(b), where phi is the minimum of nondecreasing
-affine functions.
+affine functions. Where the densities of its neighbours are known to add up to at most S, fewer of
+them count.
 """
 
 from __future__ import annotations
@@ -128,10 +129,38 @@ def _lower_hull(x: FloatArray, y: FloatArray) -> list[int]:
     return hull
 
 
-def saturation_least_rate(
+@dataclass(frozen=True, eq=False)
+class LeastRateLines:
+    """Lower bounds of a member's rate by the total density S of its neighbours.
+
+    For single-agent rates b, the rate is at least intercepts_k + slopes_k b while S is between
+    densities_k and densities_(k+1), or between the last of these and the number of neighbours.
+
+    Parameters
+    ----------
+    densities, intercepts, slopes : (k,)
+        Densities increase from 0, intercepts do not decrease, and slopes do not increase.
+    """
+
+    densities: FloatArray
+    intercepts: FloatArray
+    slopes: FloatArray
+
+    def least_rate(self) -> LeastRate:
+        """phi, the least rate at any density."""
+        return LeastRate(self.intercepts, self.slopes)
+
+    def at_most(self, largest: FloatArray, rates: FloatArray) -> FloatArray:
+        """Least rates (q, d) at densities up to `largest` (q,), for single-agent rates (d,)."""
+        last = np.searchsorted(self.densities, largest, "right") - 1
+        lines = self.intercepts[:, None] + self.slopes[:, None] * rates
+        return np.asarray(np.minimum.accumulate(lines)[last])
+
+
+def saturation_least_rates(
     n: int, alpha_2: float, collision: Callable[[FloatArray], FloatArray]
-) -> LeastRate:
-    """phi of the paper's rates; `collision` is g, the collision rate at densities h in (0, 1]."""
+) -> LeastRateLines:
+    """Of the paper's rates; `collision` is g, the collision rate at densities h in (0, 1]."""
     neighbours = n - 1
     h = np.linspace(0.0, 1.0, _INTERVALS + 1)
     g = np.zeros_like(h)
@@ -139,10 +168,13 @@ def saturation_least_rate(
         g[1:] = np.nan_to_num(collision(h[1:]), nan=0.0, posinf=1e300)
     # on [h_k, h_(k+1)) g is at least g(h_k): the convex hull of the steps' lower right corners
     corners = np.append(0.0, g[:-1])
-    hull = _lower_hull(h, corners)
-    psi = np.interp(h, h[hull], corners[hull])
+    psi = np.zeros_like(h)
+    if corners.any():
+        hull = _lower_hull(h, corners)
+        psi = np.interp(h, h[hull], corners[hull])
     density = 1.0 + neighbours * h[1:]
-    return LeastRate(
+    return LeastRateLines(
+        neighbours * h[:-1],
         neighbours * psi[:-1] * _ROUNDED,
         (1 + alpha_2) / (1 + alpha_2 * density) * _ROUNDED,
     )

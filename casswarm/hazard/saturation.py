@@ -6,13 +6,15 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from .._util.threads import locked_cache
 from ..typing import Expr, FloatArray
 from .kernels import KernelHazard, lowered_kernels, regular, require_finite
 from .lower_bounds import (
     LeastRate,
+    LeastRateLines,
     inverse_squares_below,
     least_inverse_squares,
-    saturation_least_rate,
+    saturation_least_rates,
 )
 
 
@@ -78,12 +80,17 @@ class Saturation(KernelHazard):
 
     def least_rate(self, n: int) -> LeastRate | None:
         """With the neighbours at the best compromise of saturation and collisions."""
+        return _least_rates(self, n).least_rate() if self._is_papers else None
+
+    def least_rates(self, n: int, densities: FloatArray, rates: FloatArray) -> FloatArray | None:
+        """The same, as far as the density of the neighbours allows it."""
+        return _least_rates(self, n).at_most(densities, rates) if self._is_papers else None
+
+    def density_bound(self, squared_distances: FloatArray) -> FloatArray:
+        """h, which decreases with distance."""
         if not self._is_papers:
-            return None
-        collision = lowered_kernels(self)[2]
-        return saturation_least_rate(
-            n, self.alpha_2, lambda h: collision((1.0 / h - 1.0) / self.alpha_3)
-        )
+            return super().density_bound(squared_distances)
+        return (1 + 1e-14) / (1.0 + self.alpha_3 * squared_distances)
 
     @property
     def _is_papers(self) -> bool:
@@ -120,3 +127,12 @@ class SaturationCollision(Saturation):
         return ca.exp(
             0.5 * self.beta_2 * ca.log(self.beta_1**2 / regular(squared_distance, self.core_radius))
         )
+
+
+@locked_cache(maxsize=64)
+def _least_rates(hazard: Saturation, n: int) -> LeastRateLines:
+    """Lower bounds of a member's rate among n."""
+    collision = lowered_kernels(hazard)[2]
+    return saturation_least_rates(
+        n, hazard.alpha_2, lambda h: collision((1.0 / h - 1.0) / hazard.alpha_3)
+    )

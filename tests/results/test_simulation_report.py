@@ -59,7 +59,7 @@ def test_page_shows_tables_of_folder(folder, page):
 def test_page_shows_success_bound(folder, page):
     bound = json.loads((folder / "run.json").read_text())["result"]["success_bound"]
     assert bound["certified"]
-    shown = float(re.search(r"No policy can exceed (0\.\d+): proven", plain(page))[1])
+    shown = float(re.search(r"No policy can exceed (0\.\d+) \([a-z ]+\): proven", plain(page))[1])
     assert 0 <= shown - bound["bound"] < 1e-3
 
 

@@ -1,14 +1,19 @@
 """A proven upper bound on the success probability of every policy, feedback included.
 
-With r_i a lower bound on the risk that member i has accumulated when it arrives, whichever members
-protect it, P(success) <= 1 - prod_i (1 - exp(-r_i)): the proof is in ``docs/joint.md``. r_i is the
-least integral of phi(b) along any path from the member's initial position within the speed limit,
-with phi from `Hazard.least_rate` and b the single-agent rate.
+The least of two bounds:
+
+- *independent clocks*: with r_i a lower bound on the risk that member i has accumulated when it
+  arrives, whichever members protect it, P(success) <= 1 - prod_i (1 - exp(-r_i)): the proof is in
+  ``docs/joint.md``. r_i is the least integral of phi(b) along any path from the member's initial
+  position within the speed limit, with phi from `Hazard.least_rate` and b the single-agent rate.
+- *level game*: `casswarm.planning.bounds.level_game`, which accounts for the protection that the
+  lost no longer give; the proof is in ``docs/success-bound.md``.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass, replace
 from decimal import ROUND_FLOOR, Context
 from functools import lru_cache
@@ -27,6 +32,7 @@ from .dynamic_programming import (
     rounding,
     trace,
 )
+from .game_bound import Effort, game_bound
 from .grid import Block, Grid, Relaxation, bilinear, node_count
 from .risk_bound import arrival_multiplier
 
@@ -38,6 +44,18 @@ MAX_NODES = 1_000_000
 
 _MULTIPLIER_NODES = 50_000
 """Nodes of the grid on which the multiplier of arrival is estimated."""
+
+MAX_WORK = 6e7
+"""Default amount of work of a level game: about a second; 1.5e8 is worth while for
+five members."""
+
+ACCURACY = 0.01
+"""Default relative improvement of the bound on failure below which it is not refined."""
+
+CLOCKS, GAME = "independent clocks", "level game"
+"""Methods."""
+
+_GAME_NODES = 4  # of potentials, for a node of the grid of risks
 
 _ROUND_DOWN = 1 - 1e-12  # by more than the rounding of exponentials and products
 
@@ -55,11 +73,20 @@ class SuccessBound:
         member that cannot arrive by t_f, 0 if nothing is proven.
     reason : str
         Why nothing is proven; empty for a certified bound.
+    method : str
+        Which bound it is: "independent clocks" or "level game".
+    seconds : float
+        Time that it took.
+    limited : bool
+        Whether the time limit ended its refinement: on a faster machine it might be lower.
     """
 
     failure: float
     risks: tuple[float, ...]
     reason: str = ""
+    method: str = CLOCKS
+    seconds: float = 0.0
+    limited: bool = False
 
     @property
     def certified(self) -> bool:
@@ -82,6 +109,9 @@ class SuccessBound:
             "risks": list(self.risks),
             "certified": self.certified,
             "reason": self.reason,
+            "method": self.method,
+            "seconds": self.seconds,
+            "limited": self.limited,
         }
 
     def __str__(self) -> str:
@@ -89,15 +119,24 @@ class SuccessBound:
             return f"success is not certified: {self.reason}"
         if self.failure < 1e-9:
             below = Context(prec=2, rounding=ROUND_FLOOR).create_decimal_from_float(self.failure)
-            return f"no policy can exceed 1 - {float(below):.1e}"
+            return f"no policy can exceed 1 - {float(below):.1e} ({self.method})"
         digits = max(4, 1 - math.floor(math.log10(self.failure)))
-        return f"no policy can exceed {rounded_up(self.value, digits):.{digits}f}"
+        value = f"{rounded_up(self.value, digits):.{digits}f}"
+        return f"no policy can exceed {value} ({self.method})"
 
 
-def success_bound(scenario: Scenario, max_nodes: int = MAX_NODES) -> SuccessBound:
+def success_bound(
+    scenario: Scenario,
+    max_nodes: int = MAX_NODES,
+    *,
+    max_work: float = MAX_WORK,
+    accuracy: float = ACCURACY,
+    time_limit: float = math.inf,
+) -> SuccessBound:
     """Proven upper bound on the probability that some member arrives alive, for every policy.
 
-    The bound covers feedback, randomised and history-dependent policies, with any acceleration.
+    The bound covers feedback, randomised and history-dependent policies, with any acceleration. It
+    depends on the speed of the machine only if a time limit ends its refinement.
 
     Parameters
     ----------
@@ -106,6 +145,14 @@ def success_bound(scenario: Scenario, max_nodes: int = MAX_NODES) -> SuccessBoun
         Of a grid, which takes at most 400 bytes of memory a node: 400 MB by default, wherever the
         members are. More nodes sharpen the members' risks, whose error falls as 1 / nodes if the
         grid can sample every time step.
+    max_work : float
+        Largest number of values that a level game looks up, about: 1e8 take a second or two. 0 for
+        the bound of independent clocks alone, which takes some hundredths of a second.
+    accuracy : float
+        The level game is refined until this raises the lower bound on the probability of failure by
+        less than this fraction of it.
+    time_limit : float
+        Seconds after which no further game is begun.
 
     Returns
     -------
@@ -116,27 +163,42 @@ def success_bound(scenario: Scenario, max_nodes: int = MAX_NODES) -> SuccessBoun
     Raises
     ------
     ValueError
-        Fewer than a thousand nodes.
+        Fewer than a thousand nodes, or a negative work, accuracy or time.
     """
     require_scenario("success_bound", scenario)
     if max_nodes < 1000:
         raise ValueError(f"max_nodes = {max_nodes!r}; allowed: whole numbers from 1000")
-    return _bound(scenario, max_nodes)
+    limits = {"max_work": max_work, "accuracy": accuracy, "time_limit": time_limit}
+    for name, limit in limits.items():
+        if not limit >= 0:
+            raise ValueError(f"{name} = {limit!r}; allowed: numbers from 0")
+    return _bound(scenario, max_nodes, max_work, accuracy, time_limit)
 
 
 @lru_cache(maxsize=64)
-def _bound(scenario: Scenario, max_nodes: int) -> SuccessBound:
+def _bound(
+    scenario: Scenario, max_nodes: int, max_work: float, accuracy: float, time_limit: float
+) -> SuccessBound:
+    started = time.monotonic()
     task = Relaxation.from_scenario(scenario)
-    task = replace(task, least=task.hazard.least_rate(scenario.n))
-    if task.least is None or not task.bounded:
+    among = replace(task, least=task.hazard.least_rate(scenario.n))
+    if among.least is None or not task.bounded:
         reason = (
             f"{type(task.hazard).__name__} does not provide the least rate of a member among "
             f"{scenario.n}; Saturation and SaturationCollision do"
         )
         return SuccessBound(0.0, (0.0,) * scenario.n, reason)
-    risks = lowest_risks(task, scenario.positions, max_nodes)
+    risks = lowest_risks(among, scenario.positions, max_nodes)
     failure = _ROUND_DOWN * float(np.prod(-np.expm1(-risks)))
-    return SuccessBound(failure, tuple(risks.tolist()))
+    method, limited = CLOCKS, False
+    if scenario.n > 1 and max_work > 0:
+        effort = Effort(_GAME_NODES * max_nodes, max_work, accuracy, started + time_limit)
+        game = game_bound(task, scenario.positions, _multiplier(task), effort)
+        limited = game.limited
+        if 1.0 - game.value > failure:
+            failure, method = math.nextafter(1.0 - game.value, 0.0), GAME
+    seconds = time.monotonic() - started
+    return SuccessBound(failure, tuple(risks.tolist()), "", method, seconds, limited)
 
 
 def lowest_risks(task: Relaxation, starts: FloatArray, max_nodes: int) -> FloatArray:
