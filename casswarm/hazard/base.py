@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ..errors import HazardError
 from ..typing import BoolArray, Expr, FloatArray
 from .lower_bounds import LeastRate
+from .pair_bounds import PairBounds
 
 
 class Hazard(ABC):
@@ -155,6 +156,21 @@ class Hazard(ABC):
 
         Success is certified for hazards that provide it and `single_agent_rates_below`: see
         `casswarm.planning.bounds.success_bound`.
+        """
+        return None
+
+    def pair_bounds(self, shape: tuple[int, int], spacing: float) -> PairBounds | None:  # noqa: ARG002
+        """Lower bounds of the rates of two members, as values at nodes; None if none are known.
+
+        The optimal value of two members is certified for hazards that provide them: see
+        `casswarm.planning.bounds.PairValueFunction`.
+
+        Parameters
+        ----------
+        shape : pair of int
+            n and m: the nodes are the differences h (i, j) of positions, |i| < n, |j| < m.
+        spacing : float
+            h.
         """
         return None
 

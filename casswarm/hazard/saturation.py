@@ -14,6 +14,7 @@ from .lower_bounds import (
     least_inverse_squares,
     saturation_least_rate,
 )
+from .pair_bounds import PairBounds, pair_bounds
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,19 @@ class Saturation(KernelHazard):
             n, self.alpha_2, lambda h: collision((1.0 / h - 1.0) / self.alpha_3)
         )
 
+    def pair_bounds(self, shape: tuple[int, int], spacing: float) -> PairBounds | None:
+        """Share and collision rate minus the error of interpolation."""
+        if not self._is_papers:
+            return None
+        return pair_bounds(
+            shape, spacing, (self.alpha_2, self.alpha_3), self._collision_scales, self.core_radius
+        )
+
+    @property
+    def _collision_scales(self) -> tuple[float, float] | None:
+        """beta_1 and beta_2, where members collide."""
+        return None
+
     @property
     def _is_papers(self) -> bool:
         """Whether the rates are the paper's, for which bounds are proven: a subclass may differ."""
@@ -109,6 +123,10 @@ class SaturationCollision(Saturation):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_finite(self, positive=("beta_1", "beta_2"))
+
+    @property
+    def _collision_scales(self) -> tuple[float, float]:
+        return self.beta_1, self.beta_2
 
     @property
     def gathers(self) -> bool:

@@ -1,0 +1,226 @@
+"""Node values of the dynamic program of two members: risks, protection, and lone survivors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from ...typing import FloatArray
+from .dynamic_programming import StageCosts, costs_to_go, least_cost, minimum_within_reach
+from .grid import UNIT, Block, Grid, Relaxation
+
+if TYPE_CHECKING:
+    from .pair_kernels import MemberNodes, PairNodes
+
+_MULTIPLIER_NODES = 50_000
+
+
+class Rectangle(NamedTuple):
+    """Nodes from `low` to `high`, pairs of indices, both included."""
+
+    low: tuple[int, int]
+    high: tuple[int, int]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of nodes along each axis."""
+        return self.high[0] - self.low[0] + 1, self.high[1] - self.low[1] + 1
+
+    def common(self, other: Rectangle) -> Rectangle:
+        """Nodes that both hold."""
+        low = max(self.low[0], other.low[0]), max(self.low[1], other.low[1])
+        return Rectangle(
+            low, (min(self.high[0], other.high[0]), min(self.high[1], other.high[1]))
+        )
+
+    def within(self, outer: Rectangle) -> tuple[slice, slice]:
+        """Slices of these nodes in the arrays of a larger rectangle."""
+        first = self.low[0] - outer.low[0], self.low[1] - outer.low[1]
+        return slice(first[0], first[0] + self.shape[0]), slice(first[1], first[1] + self.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class PairLattice:
+    """Functions on the nodes x_1(0) + h (i, j), for both members, and on their differences.
+
+    Parameters
+    ----------
+    grid : Grid
+        Of a single agent, from either start.
+    region : Rectangle
+        All nodes that either member visits.
+    risk, slopes, spread : (n, m), (2, n, m), (n, m)
+        As of `MemberNodes`.
+    alone, guarded : (N+1, n, m)
+        Upper bounds, for steps 0 to N, of the probability that a single agent arrives, and that an
+        agent does that is always protected by an immortal one out of reach of the target.
+    pair : PairNodes
+    """
+
+    grid: Grid
+    region: Rectangle
+    risk: FloatArray
+    slopes: FloatArray
+    spread: FloatArray
+    alone: FloatArray
+    guarded: FloatArray
+    pair: PairNodes
+
+    def member(self, step: int, nodes: Rectangle) -> MemberNodes:
+        """Functions on the nodes of one member after step `step`, from 1."""
+        from .pair_kernels import MemberNodes
+
+        at = nodes.within(self.region)
+        arrays = self.risk[at], self.slopes[:, *at], self.spread[at], self.alone[step][at]
+        return MemberNodes(*map(np.ascontiguousarray, arrays))
+
+    def offset(self, first: Rectangle, second: Rectangle) -> tuple[int, int]:
+        """Index in `pair` of the difference of the first nodes of two rectangles."""
+        center = np.array(self.pair.share.shape) // 2
+        i, j = center + np.array(first.low) - np.array(second.low)
+        return int(i), int(j)
+
+
+def pair_lattice(
+    task: Relaxation, starts: FloatArray, reach: int, region: Rectangle, margin: int
+) -> PairLattice:
+    """All node functions for a spacing of s / `reach`; `margin` (in nodes) is that of
+    `guarded`."""
+    from .pair_kernels import PairNodes
+
+    grid = Grid.full(task, 1, reach, starts)
+    h, hazard = grid.spacing, task.hazard
+    wide = Block((region.low[0] - 1, region.low[1] - 1), np.ones(np.add(region.shape, 1), bool))
+    exact = 1.0 - _rounding(task, h)
+    costs = StageCosts(grid, multiplier=multiplier(task))
+    risk = task.dt * exact * _positive_rates_below(task, *grid.axes(wide.low, wide.shape), h)
+    bounds = hazard.pair_bounds(region.shape, h)
+    assert bounds is not None
+    share, collision = bounds.share, task.dt * exact * bounds.collision
+    kept = np.maximum(collision, 0.0)
+    pair = PairNodes(
+        share,
+        _slopes(share),
+        _spread(share),
+        collision,
+        _around(_cells(kept, np.minimum), np.minimum),
+        _around(_cells(kept, np.maximum) - _cells(kept, np.minimum), np.maximum),
+    )
+    inner = (slice(1, -1), slice(1, -1))
+    row, column = np.array(share.shape) // 2
+    guarded = float(share[min(row + margin, 2 * row), column])  # it increases with the distance
+    return PairLattice(
+        grid,
+        region,
+        np.ascontiguousarray(risk[inner]),
+        np.ascontiguousarray(_slopes(risk)[:, *inner]),
+        np.ascontiguousarray(_spread(risk)[inner]),
+        lone_values(costs, region, 1.0, exact),
+        lone_values(costs, region, guarded, exact),
+        pair,
+    )
+
+
+def lone_values(
+    costs: StageCosts, region: Rectangle, share: float, exact: float
+) -> FloatArray:
+    """Upper bounds (N, n, m) of the probability that an agent arrives, from every node.
+
+    Its risk is `share` times that of a single agent. The cost of arrival is not scaled.
+    """
+    grid = costs.grid
+    out = np.zeros((len(grid.blocks) + 1, *region.shape))
+    following: list[FloatArray] = []
+    blocks: tuple[Block, ...] = ()
+    for sample in reversed(range(len(grid.blocks))):
+        values = []
+        for block, cost in zip(grid.blocks[sample], costs.nodes[sample], strict=True):
+            to_go = minimum_within_reach(following, blocks, block, grid.reach)
+            np.minimum(to_go, costs.terminal(block), out=to_go)
+            nodes = Rectangle(block.low, block.high)
+            common = nodes.common(region)
+            if min(common.shape) > 0:
+                out[sample + 1][common.within(region)] = np.exp(-to_go[common.within(nodes)])
+            values.append(to_go + cost * (share * exact))
+        following, blocks = values, grid.blocks[sample]
+    all_nodes = Block(region.low, np.ones(np.subtract(region.shape, 1), bool))
+    out[0] = np.exp(-minimum_within_reach(following, blocks, all_nodes, grid.reach))
+    return out
+
+
+def multiplier(task: Relaxation) -> float:
+    """Multiplier of arrival with the largest bound of a single agent's risk; any one is valid.
+
+    The bound is a concave function of it, as the least of affine ones.
+    """
+    grid = Grid.finest(task, _MULTIPLIER_NODES)
+    if grid.stride > 1:
+        return 0.0
+    nodes = StageCosts(grid).nodes
+
+    def loss(multiplier: float) -> float:
+        costs = StageCosts(grid, multiplier=multiplier)
+        costs.__dict__["nodes"] = nodes  # the cached property: it does not depend on it
+        return -least_cost(costs, costs_to_go(costs))
+
+    if not np.isfinite(loss(0.0)):
+        return 0.0
+    largest = -loss(0.0) / task.radius
+    while loss(largest) < loss(largest / 2):
+        largest *= 2
+    return float(minimize_scalar(loss, bounds=(0.0, largest), options={"maxiter": 12}).x)
+
+
+def _rounding(task: Relaxation, spacing: float) -> float:
+    """Bound on the relative rounding error of a node's risk: docs/two-members.md."""
+    far = np.abs([task.start, task.center]).max() + task.radius + task.steps * task.step
+    operations = 2 * len(task.hazard.radar_positions) + 128
+    return float(UNIT * (operations + 64 * far / spacing))
+
+
+def _positive_rates_below(
+    task: Relaxation, east: FloatArray, north: FloatArray, spacing: float
+) -> FloatArray:
+    below = task.rates_below(east, north, spacing)
+    assert below is not None
+    if (below <= 0).any():
+        nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)
+        least = task.hazard.single_agent_lower_bound(nodes - spacing, nodes + spacing)
+        assert least is not None
+        below = least
+    return below
+
+
+def _slopes(values: FloatArray) -> FloatArray:
+    """Largest change (2, n, m) between neighbours along each axis in the cells around a node."""
+    slopes = []
+    for axis in (0, 1):
+        change = np.abs(np.diff(values, axis=axis))
+        across = np.moveaxis(change, axis, 0)
+        wide = np.pad(across, ((1, 1), (1, 1)), mode="edge")
+        wide = np.maximum(wide[:-1], wide[1:])
+        wide = np.maximum(np.maximum(wide[:, :-2], wide[:, 1:-1]), wide[:, 2:])
+        slopes.append(np.moveaxis(wide, 0, axis))
+    return np.stack(slopes)
+
+
+def _cells(values: FloatArray, combine: np.ufunc) -> FloatArray:
+    """Values of the corners of every cell, combined."""
+    rows = combine(values[:-1], values[1:])
+    return np.asarray(combine(rows[:, :-1], rows[:, 1:]))
+
+
+def _around(cells: FloatArray, combine: np.ufunc) -> FloatArray:
+    """Values of the cells around every node, combined."""
+    padded = np.pad(cells, 1, mode="edge")
+    rows = combine(padded[:-1], padded[1:])
+    return np.asarray(combine(rows[:, :-1], rows[:, 1:]))
+
+
+def _spread(values: FloatArray) -> FloatArray:
+    """Largest logarithm of the ratio of two corners of a cell around every node."""
+    ratio = np.log(_cells(values, np.maximum) / _cells(values, np.minimum))
+    return _around(ratio, np.maximum) + 1e-12
