@@ -15,7 +15,6 @@ import numpy as np
 from ..typing import FloatArray
 from .lower_bounds import largest_around
 
-_CAP = 3.0  # spacings within which collisions count as if at that distance
 _ROUNDED = 1e-13  # by more than the rounding of a node's value
 
 
@@ -28,7 +27,7 @@ class PairBounds:
     share : ndarray
         Of the ratio of a member's rate without collisions and its single-agent rate; above zero.
     collision : ndarray
-        Of the rate of collisions; it may be negative.
+        Of the rate of collisions; not negative.
     """
 
     share: FloatArray
@@ -59,18 +58,31 @@ def pair_bounds(
     x, y = (spacing * np.arange(1 - count, count) for count in shape)
     share = 1.0 - _share_deficit(x[:, None] ** 2 + y**2, *alpha)
     error = _over_cells(x, y, lambda *squares: _share_curvature(*squares, *alpha))
-    share -= largest_around(np.pad(error, 1, mode="edge")) * spacing**2 / 8 + _ROUNDED
+    share -= largest_around(np.pad(error, 1)) * spacing**2 / 8 + _ROUNDED
     if share.min() <= 0:  # on coarse grids: the least value in the cells around
         nearest = [np.maximum(np.abs(axis) - spacing, 0.0) ** 2 for axis in (x, y)]
         share = 1.0 - _share_deficit(nearest[0][:, None] + nearest[1], *alpha) - _ROUNDED
     collision = np.zeros_like(share)
     if beta is not None:
-        cap = max(_CAP * spacing, core_radius)
-        squared = np.maximum(x[:, None] ** 2 + y**2, cap**2)
-        collision = (beta[0] ** 2 / squared) ** (beta[1] / 2)
-        error = _over_cells(x, y, lambda *squares: _collision_curvature(*squares, *beta, cap))
-        collision -= largest_around(np.pad(error, 1, mode="edge")) * spacing**2 / 8 + _ROUNDED * collision
+        collision = _collisions_below(x, y, beta, core_radius)
     return PairBounds(share, collision)
+
+
+def _collisions_below(
+    x: FloatArray, y: FloatArray, beta: tuple[float, float], core_radius: float
+) -> FloatArray:
+    """With the smallest cap, in whole spacings, that leaves no node value below zero."""
+    spacing = abs(x[1] - x[0]) if len(x) > 1 else abs(y[1] - y[0]) if len(y) > 1 else 0.0
+    squared = x[:, None] ** 2 + y**2
+    for spacings in range(2, 100):
+        cap = max(spacings * spacing, 2 * core_radius)
+        rates = (beta[0] ** 2 / np.maximum(squared, cap**2)) ** (beta[1] / 2)
+        rates *= 1 + beta[1] / 2 * np.maximum(1 - squared / cap**2, 0.0)
+        error = _over_cells(x, y, lambda *squares, cap=cap: _collision_curvature(*squares, *beta, cap))
+        below = rates * (1 - _ROUNDED) - largest_around(np.pad(error, 1)) * spacing**2 / 8
+        if (below >= 0.7 * rates).all():
+            return np.asarray(below)
+    return np.zeros_like(squared)
 
 
 def _share_deficit(squared: FloatArray, alpha_2: float, alpha_3: float) -> FloatArray:

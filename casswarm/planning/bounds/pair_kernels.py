@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..._util.jit import kernel
-from ...typing import FloatArray
+from ...typing import BoolArray, FloatArray
 
 _ROUNDED_UP = 1 + 2.0**-48  # by more than the rounding of a node's value
 
@@ -49,7 +49,7 @@ class PairNodes(NamedTuple):
     collision : (n, m)
         Lower bound, when interpolated, of the risk of a collision.
     collision_low, collision_range : (n, m)
-        Of its positive part: the least value, and the largest difference, in the cells around.
+        Its least value, and the largest difference, in the cells around.
     """
 
     share: FloatArray
@@ -73,10 +73,10 @@ def _member(member: MemberNodes, i: int, j: int, pair: PairNodes, k: int, m: int
     loss = 1.0 - survival * (1.0 - covariance)
     spread = member.spread[i, j] + pair.spread[k, m]
     if pair.collision_range[k, m] > 0.0:
-        loss += survival * max(0.0, -pair.collision[k, m])
         least = single * math.exp(-spread) + pair.collision_low[k, m]
         spread = math.log(math.exp(spread) + pair.collision_range[k, m] / least)
-    return survival, loss * math.exp(0.125 * spread * spread), risk
+    gap = 0.125 * spread * spread  # exp(gap) <= 1 + gap + gap^2 up to 1.7
+    return survival, loss * (1.0 + gap + gap * gap if gap < 1.7 else math.exp(gap)), risk
 
 
 @kernel
@@ -188,3 +188,32 @@ def window_maximum(
                         out[a, q, begin + b] = before[high, b] if whole else after[low, b]
                     else:
                         out[a, q, begin + b] = max(after[low, b], before[high, b])
+
+
+@kernel
+def discard(needed: FloatArray, values: FloatArray) -> None:
+    """Set negative least values to -infinity at the nodes (count,) where they are not reached."""
+    for node in range(len(needed)):
+        if -needed[node] > values[node]:
+            needed[node] = -np.inf
+
+
+@kernel
+def project(
+    needed: FloatArray,
+    ij: BoolArray,
+    ik: BoolArray,
+    im: BoolArray,
+    jk: BoolArray,
+    jm: BoolArray,
+    km: BoolArray,
+) -> None:
+    """Mark the pairs of indices (i, j, k, m) of nodes that are above -infinity."""
+    n1, m1, n2, m2 = needed.shape
+    for i in range(n1):
+        for j in range(m1):
+            for k in range(n2):
+                for m in range(m2):
+                    if needed[i, j, k, m] > -np.inf:
+                        ij[i, j] = ik[i, k] = im[i, m] = True
+                        jk[j, k] = jm[j, m] = km[k, m] = True

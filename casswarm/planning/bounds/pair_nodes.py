@@ -85,29 +85,32 @@ class PairLattice:
 
 
 def pair_lattice(
-    task: Relaxation, starts: FloatArray, reach: int, region: Rectangle, margin: int
+    task: Relaxation,
+    starts: FloatArray,
+    reach: int,
+    region: Rectangle,
+    margin: int,
+    multiplier: float,
 ) -> PairLattice:
-    """All node functions for a spacing of s / `reach`; `margin` (in nodes) is that of
-    `guarded`."""
+    """All node functions for a spacing of s / `reach`; `margin` is that of `guarded`, in nodes."""
     from .pair_kernels import PairNodes
 
     grid = Grid.full(task, 1, reach, starts)
     h, hazard = grid.spacing, task.hazard
     wide = Block((region.low[0] - 1, region.low[1] - 1), np.ones(np.add(region.shape, 1), bool))
     exact = 1.0 - _rounding(task, h)
-    costs = StageCosts(grid, multiplier=multiplier(task))
+    costs = StageCosts(grid, multiplier=multiplier)
     risk = task.dt * exact * _positive_rates_below(task, *grid.axes(wide.low, wide.shape), h)
     bounds = hazard.pair_bounds(region.shape, h)
     assert bounds is not None
     share, collision = bounds.share, task.dt * exact * bounds.collision
-    kept = np.maximum(collision, 0.0)
     pair = PairNodes(
         share,
         _slopes(share),
         _spread(share),
         collision,
-        _around(_cells(kept, np.minimum), np.minimum),
-        _around(_cells(kept, np.maximum) - _cells(kept, np.minimum), np.maximum),
+        _around(_cells(collision, np.minimum), np.minimum),
+        _around(_cells(collision, np.maximum) - _cells(collision, np.minimum), np.maximum),
     )
     inner = (slice(1, -1), slice(1, -1))
     row, column = np.array(share.shape) // 2
@@ -151,7 +154,7 @@ def lone_values(
     return out
 
 
-def multiplier(task: Relaxation) -> float:
+def best_multiplier(task: Relaxation) -> float:
     """Multiplier of arrival with the largest bound of a single agent's risk; any one is valid.
 
     The bound is a concave function of it, as the least of affine ones.

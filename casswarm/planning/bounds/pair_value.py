@@ -1,218 +1,188 @@
-"""The optimal value of two members: proven upper bounds by dynamic programming.
-
-The proof is in ``docs/two-members.md``.
-"""
+"""Proven upper bounds of the success of every policy of two members."""
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...typing import BoolArray, FloatArray
+from ...errors import PlanningError
+from ...scenario.io import require_scenario
 from .grid import Relaxation
-from .pair_nodes import PairLattice, Rectangle, pair_lattice
+from .pair_nodes import best_multiplier
+from .pair_program import PairProgram
+from .pair_tube import Tube
 
-_TILE = 64  # columns at once in a running maximum
-_MARGIN = 1.5  # for the density 1 / (1 + d): distance at which a member that stays behind leaves
+if TYPE_CHECKING:
+    from ...scenario import Scenario
+
+MAX_NODES = 100_000_000
+"""Default maximum number of joint nodes of a grid, over all steps: 8 bytes each."""
+
+TOLERANCE = 1e-3
+TIME_LIMIT = 60.0
+
+_FIRST_NODES = 3_000_000
+_REACHES = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
+_PROTECTION = 0.5  # by a member at the margin beyond reach of the target, relative
 
 
-@dataclass(frozen=True, eq=False)
-class Tube:
-    """Positions of two members that a policy worth considering may visit.
+@dataclass(frozen=True)
+class PairLevel:
+    """One grid: nodes per step of a coordinate, joint nodes, bound, and seconds so far."""
+
+    reach: int
+    nodes: int
+    bound: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class PairBound:
+    """A proven upper bound of the success probability of every policy of two members.
 
     Parameters
     ----------
-    low, high : (N+1, 2, 2)
-        Corners of a rectangle for every step and member, relative to the first member's start.
-    back_low, back_high : (N+1, 2)
-        Corners of the rectangle outside which a member leaves the problem: it is out of reach of
-        the target, by more than a margin.
-    leaving : (N, 2) bool
-        Whether member i may leave between steps t and t + 1.
+    value : float
+        No policy exceeds it, with or without limits of acceleration.
+    known : float
+        The success probability that was given: policies that do not exceed it were not considered.
+    reason : str
+        Why the refinement ended.
+    levels : tuple of PairLevel
     """
 
-    low: FloatArray
-    high: FloatArray
-    back_low: FloatArray
-    back_high: FloatArray
-    leaving: BoolArray
+    value: float
+    known: float
+    reason: str
+    levels: tuple[PairLevel, ...] = field(default=(), repr=False)
 
-    @classmethod
-    def full(cls, task: Relaxation, starts: FloatArray, margin: float) -> Tube:
-        """All positions within reach of the starts, and almost within reach of the target."""
-        steps = np.arange(task.steps + 1)[:, None]
-        slack = task.radius + (task.steps - steps) * task.step + margin
-        center = task.center - task.start
-        back_low, back_high = center - slack, center + slack
-        out = steps[..., None] * task.step
-        low = np.maximum((starts - task.start) - out, back_low[:, None])
-        high = np.minimum((starts - task.start) + out, back_high[:, None])
-        return cls(low, high, back_low, back_high, np.ones((task.steps, 2), bool))
-
-    def rectangles(self, spacing: float) -> list[tuple[Rectangle, Rectangle]]:
-        """Nodes of the cells of both members, for every step."""
-        low = np.floor(self.low / spacing).astype(int)
-        high = np.maximum(np.ceil(self.high / spacing).astype(int), low + 1)
-        pairs = np.stack([low, high], axis=2).tolist()
-        return [
-            (Rectangle(tuple(a[0]), tuple(a[1])), Rectangle(tuple(b[0]), tuple(b[1])))
-            for a, b in pairs
-        ]
+    @property
+    def gap(self) -> float:
+        """value - known."""
+        return self.value - self.known
 
 
-def box_maximum(
-    values: FloatArray, at: tuple[Rectangle, Rectangle], to: tuple[Rectangle, Rectangle], reach: int
-) -> FloatArray:
-    """Largest value within reach along all four axes, at the nodes of other rectangles."""
-    from .pair_kernels import window_maximum
+def pair_bound(
+    scenario: Scenario,
+    known: float = 0.0,
+    *,
+    tolerance: float = TOLERANCE,
+    max_nodes: int = MAX_NODES,
+    time_limit: float = TIME_LIMIT,
+) -> PairBound:
+    """Proven upper bound of the optimal success probability of two members.
 
-    for axis in (3, 2, 1, 0):
-        member, along = divmod(axis, 2)
-        shape = list(values.shape)
-        outer, count, inner = int(np.prod(shape[:axis])), shape[axis], int(np.prod(shape[axis + 1 :]))
-        shape[axis] = to[member].shape[along]
-        out = np.empty(shape)
-        first = to[member].low[along] - at[member].low[along]
-        scratch = np.empty((2, count, min(_TILE, inner)))
-        window_maximum(
-            values.reshape(outer, count, inner),
-            out.reshape(outer, shape[axis], inner),
-            first,
-            reach,
-            scratch,
+    It is optimal among all policies: with feedback, memory and randomisation. Limits of
+    acceleration are not taken into account.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Of two members.
+    known : float
+        Success probability of a policy. The better it is, the fewer states must be considered.
+        Acceleration need not be limited.
+    tolerance : float
+        Difference of the bound and `known` at which to stop.
+    max_nodes : int
+        Maximum number of joint nodes of a grid; they take 8 bytes each, and half as much again for
+        the largest steps.
+    time_limit : float
+        Seconds.
+
+    Returns
+    -------
+    PairBound
+        Its value is at least `known`.
+
+    Raises
+    ------
+    PlanningError
+        The scenario has another number of members, a hazard without bounds, or more steps than
+        the coarsest grid of `max_nodes` nodes can hold.
+    """
+    require_scenario("pair_bound", scenario)
+    started = time.monotonic()
+    program = first_program(scenario, max_nodes)
+    deadline, levels, value = started + time_limit, [], 1.0
+    reason = ""
+    while not reason:
+        object.__setattr__(program, "deadline", deadline)
+        try:
+            bound, kept = program.backward()
+            value = max(known, min(value, bound))
+            nodes, seconds = program.tube.nodes(program.spacing), time.monotonic() - started
+            levels.append(PairLevel(program.reach, nodes, value, seconds))
+            if value - known <= tolerance:
+                reason = f"the difference of {tolerance:g} is reached"
+                break
+            tube = program.forward(kept, known)
+        except TimeoutError:
+            reason = f"the time limit of {time_limit:g} s is reached"
+            break
+        del kept
+        spent = time.monotonic() - started - (levels[-2].seconds if len(levels) > 1 else 0.0)
+        affordable = 0.7 * nodes * (deadline - time.monotonic()) / max(spent, 0.05)
+        if any(not len(boxes) for boxes in tube.boxes):
+            value, reason = known, "no policy exceeds the known one"
+            break
+        finer = _finer(program, tube, min(max_nodes, affordable))
+        if finer is None:
+            reason = f"the next grid has more than {max_nodes:,} nodes or takes too long"
+            break
+        program = finer
+    return PairBound(value, known, reason, tuple(levels))
+
+
+def first_program(scenario: Scenario, max_nodes: int) -> PairProgram:
+    """The dynamic program on the finest full grid of at most 3 million nodes, or the coarsest."""
+    if scenario.n != 2:
+        raise PlanningError(
+            f"the optimal value is computed for two members; {scenario.name!r} has {scenario.n}: "
+            "vary n",
+            members=scenario.n,
         )
-        values = out
-    return values
+    starts = np.asarray(scenario.positions, float)
+    task = Relaxation.from_scenario(scenario, starts[0])
+    if not task.bounded or task.hazard.pair_bounds((1, 1), task.step) is None:
+        raise PlanningError(
+            f"{type(task.hazard).__name__} does not provide `pair_bounds`, bounds of the rates of "
+            "two members; Saturation and SaturationCollision do"
+        )
+    candidates = [(reach, *_full_tube(task, starts, reach)) for reach in _REACHES[:4]]
+    sizes = [tube.nodes(task.step / reach) for reach, tube, _ in candidates]
+    if sizes[0] > max_nodes:
+        raise PlanningError(
+            f"the value of two members needs {sizes[0]:,} nodes, more than max_nodes = "
+            f"{max_nodes:,}; a larger time.dt or a smaller t_f makes it smaller",
+            nodes=sizes[0],
+        )
+    fitting = [k for k, size in enumerate(sizes) if size <= min(_FIRST_NODES, max_nodes)]
+    reach, tube, margin = candidates[max(fitting, default=0)]
+    return PairProgram(task, starts, tube, reach, margin, best_multiplier(task))
 
 
-class PairProgram:
-    def __init__(self, task, starts, tube, reach, margin):
-        self.task, self.starts, self.tube, self.reach, self.margin = task, starts, tube, reach, margin
-        h = task.step / reach
-        self.h = h
-        self.rects = tube.rectangles(h)
-        lows = np.array([[r.low for r in p] for p in self.rects]).min(axis=(0, 1))
-        highs = np.array([[r.high for r in p] for p in self.rects]).max(axis=(0, 1))
-        self.region = Rectangle(tuple(lows.tolist()), tuple(highs.tolist()))
-        self.size = sum(int(np.prod(a.shape)) * int(np.prod(b.shape)) for a, b in self.rects)
-        self.lattice = pair_lattice(task, starts, reach, self.region, round(margin / h))
+def _full_tube(task: Relaxation, starts: np.ndarray, reach: int) -> tuple[Tube, float]:
+    """All positions, with a margin of whole nodes beyond reach of the target."""
+    spacing = task.step / reach
+    bounds = task.hazard.pair_bounds((2 * reach + 1, 1), spacing)
+    assert bounds is not None
+    protection = 1.0 - bounds.share[2 * reach :, 0]
+    weak = protection <= _PROTECTION * protection[0]
+    margin = spacing * (max(1, int(weak.argmax())) if weak.any() else 2 * reach)
+    return Tube.full(task, starts, margin), margin
 
-    def backward(self, keep):
-        from .pair_kernels import step_back
 
-        N = self.task.steps
-        a, b = self.rects[N]
-        values = np.zeros((*a.shape, *b.shape))
-        kept = []
-        for t in range(N - 1, -1, -1):
-            at = self.rects[t + 1]
-            step_back(
-                self.lattice.member(t + 1, at[0]),
-                self.lattice.member(t + 1, at[1]),
-                self.lattice.pair,
-                self.lattice.offset(*at),
-                values,
+def _finer(program: PairProgram, tube: Tube, max_nodes: float) -> PairProgram | None:
+    """The program on a tube with the finest grid, at most twice as fine, that is affordable."""
+    step = program.task.step
+    for reach in reversed(_REACHES):
+        if program.reach < reach <= 2 * program.reach and tube.nodes(step / reach) <= max_nodes:
+            return PairProgram(
+                program.task, program.starts, tube, reach, program.margin, program.multiplier
             )
-            if keep:
-                kept.append(values)
-            values = box_maximum(values, at, self.rects[t], self.reach)
-            for member in (0, 1):
-                self.leave(t, member, values)
-        return values, kept[::-1]
-
-    def leaves(self, t, member):
-        rect = self.rects[t][member]
-        low = np.ceil(self.tube.back_low[t + 1] / self.h) + self.reach
-        high = np.floor(self.tube.back_high[t + 1] / self.h) - self.reach
-        x, y = (np.arange(rect.low[a], rect.high[a] + 1) for a in (0, 1))
-        ox, oy = (x <= low[0]) | (x >= high[0]), (y <= low[1]) | (y >= high[1])
-        return ox[:, None] | oy
-
-    def leave(self, t, member, values):
-        if not self.tube.leaving[t, member]:
-            return
-        out = self.leaves(t, member)
-        if not out.any():
-            return
-        other = self.rects[t][1 - member]
-        g = self.lattice.guarded[t][other.within(self.lattice.region)]
-        if member == 1:
-            values[:, :, out] = np.maximum(values[:, :, out], g[:, :, None])
-        else:
-            values[out] = np.maximum(values[out], g)
-
-    def bound(self, first):
-        """Geometric interpolation at the starts."""
-        frac = (self.starts[1] - self.task.start) / self.h
-        low = np.array(self.rects[0][1].low)
-        low1 = -np.array(self.rects[0][0].low)
-        v = first[low1[0], low1[1]]
-        w = frac - low
-        tot = 0.0
-        for i in (0, 1):
-            for j in (0, 1):
-                weight = (w[0] if i else 1 - w[0]) * (w[1] if j else 1 - w[1])
-                if weight > 1e-9:
-                    tot += weight * np.log(v[i, j]) if v[i, j] > 0 else -np.inf
-        return float(np.exp(tot))
-
-    def forward(self, kept, least):
-        from .pair_kernels import step_forward
-
-        N = self.task.steps
-        a, b = self.rects[0]
-        needed = np.full((*a.shape, *b.shape), -least)
-        low, high = self.tube.low.copy(), self.tube.high.copy()
-        leaving = np.zeros((N, 2), bool)
-        for t in range(N):
-            for member in (0, 1):
-                if self.tube.leaving[t, member]:
-                    out = self.leaves(t, member)
-                    if out.any():
-                        g = self.lattice.guarded[t][self.rects[t][1 - member].within(self.lattice.region)]
-                        T = -needed[:, :, out] if member == 1 else -needed[out]
-                        leaving[t, member] = (T <= (g[:, :, None] if member == 1 else g)).any()
-            to = self.rects[t + 1]
-            needed = box_maximum(needed, self.rects[t], to, self.reach)
-            viable = -needed <= kept[t]
-            needed[~viable] = -np.inf
-            for member in (0, 1):
-                axes = (2, 3) if member == 0 else (0, 1)
-                m = viable.any(axis=axes)
-                for ax in (0, 1):
-                    ix = np.flatnonzero(m.any(axis=1 - ax))
-                    if ix.size == 0:
-                        return None
-                    base = to[member].low[ax]
-                    low[t + 1, member, ax] = max(low[t + 1, member, ax], (base + ix[0] - 1) * self.h)
-                    high[t + 1, member, ax] = min(high[t + 1, member, ax], (base + ix[-1] + 1) * self.h)
-            step_forward(
-                self.lattice.member(t + 1, to[0]),
-                self.lattice.member(t + 1, to[1]),
-                self.lattice.pair,
-                self.lattice.offset(*to),
-                needed,
-            )
-        return Tube(low, high, self.tube.back_low, self.tube.back_high, leaving)
-
-    def path(self, kept):
-        """Greedy path on nodes."""
-        pos = self.starts - self.task.start
-        out = [pos.copy()]
-        for t in range(self.task.steps):
-            at = self.rects[t + 1]
-            sl = []
-            for m in (0, 1):
-                for a in (0, 1):
-                    lo = int(np.ceil((pos[m, a] - self.task.step) / self.h - 1e-9)) - at[m].low[a]
-                    hi = int(np.floor((pos[m, a] + self.task.step) / self.h + 1e-9)) - at[m].low[a]
-                    sl.append(slice(max(lo, 0), hi + 1))
-            w = kept[t][tuple(sl)]
-            ix = np.unravel_index(w.argmax(), w.shape)
-            n = np.array([s.start + i for s, i in zip(sl, ix)]).reshape(2, 2) + np.array([r.low for r in at])
-            pos = n * self.h
-            out.append(pos.copy())
-        return np.array(out) + self.task.start
+    return None
