@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..._util.constants import SPEED_TOL
 from ...typing import BoolArray, FloatArray, IntArray
 from .grid import Relaxation
 from .pair_nodes import Rectangle
@@ -75,15 +76,26 @@ class Tube:
     leaving: BoolArray
 
     @classmethod
-    def full(cls, task: Relaxation, starts: FloatArray, margin: float) -> Tube:
-        """All positions within reach of the starts, and almost within reach of the target."""
+    def full(
+        cls,
+        task: Relaxation,
+        starts: FloatArray,
+        margin: float,
+        velocities: FloatArray,
+        change: float,
+    ) -> Tube:
+        """All positions within reach of the starts, and almost within reach of the target.
+
+        The members have initial `velocities` (2, 2), and change them by at most `change` in a step.
+        """
         steps = np.arange(task.steps + 1)[:, None]
         slack = task.radius + (task.steps - steps) * task.step + margin
         center = task.center - task.start
         retreat = np.stack([center - slack, center + slack], axis=1)
-        origin, out = (starts - task.start).ravel(), steps * task.step
-        low = np.maximum(origin - out, np.tile(retreat[:, 0], 2))
-        high = np.minimum(origin + out, np.tile(retreat[:, 1], 2))
+        origin = (starts - task.start).ravel()
+        back, out = (origin + np.cumsum(m, axis=0) for m in _moves(task, velocities, change))
+        low = np.maximum(back, np.tile(retreat[:, 0], 2))
+        high = np.minimum(out, np.tile(retreat[:, 1], 2))
         boxes = tuple(np.stack([low, high], axis=1)[:, None])
         return cls(boxes, retreat, np.ones((task.steps, 2), bool))
 
@@ -94,6 +106,18 @@ class Tube:
     def nodes(self, spacing: float) -> int:
         """Number of nodes of all blocks."""
         return sum(block.size for blocks in self.blocks(spacing) for block in blocks)
+
+
+def _moves(
+    task: Relaxation, velocities: FloatArray, change: float
+) -> tuple[FloatArray, FloatArray]:
+    """Least and largest change (N+1, 4) of every coordinate in every step, from 0 before step 1."""
+    possible = np.arange(task.steps + 1)[:, None] * (change * (1 + SPEED_TOL) + SPEED_TOL * task.speed)
+    slack = task.step - task.speed * task.dt  # rounding
+    low, high = (task.dt * (velocities.ravel() + sign * possible) for sign in (-1, 1))
+    low, high = np.maximum(low - slack, -task.step), np.minimum(high + slack, task.step)
+    low[0] = high[0] = 0.0
+    return low, high
 
 
 def box_maximum(values: FloatArray, at: PairBlock, to: PairBlock, reach: int) -> FloatArray:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...errors import PlanningError
 from ...scenario.io import require_scenario
+from ...typing import FloatArray
 from .grid import Relaxation
 from .pair_nodes import best_multiplier
 from .pair_program import PairProgram
@@ -70,6 +71,7 @@ def pair_bound(
     scenario: Scenario,
     known: float = 0.0,
     *,
+    initial_velocities: FloatArray | None = None,
     tolerance: float = TOLERANCE,
     max_nodes: int = MAX_NODES,
     time_limit: float = TIME_LIMIT,
@@ -107,7 +109,7 @@ def pair_bound(
     """
     require_scenario("pair_bound", scenario)
     started = time.monotonic()
-    program = first_program(scenario, max_nodes)
+    program = first_program(scenario, max_nodes, initial_velocities)
     deadline, levels, value = started + time_limit, [], 1.0
     reason = ""
     while not reason:
@@ -138,7 +140,9 @@ def pair_bound(
     return PairBound(value, known, reason, tuple(levels))
 
 
-def first_program(scenario: Scenario, max_nodes: int) -> PairProgram:
+def first_program(
+    scenario: Scenario, max_nodes: int, initial_velocities: FloatArray | None = None
+) -> PairProgram:
     """The dynamic program on the finest full grid of at most 3 million nodes, or the coarsest."""
     if scenario.n != 2:
         raise PlanningError(
@@ -153,7 +157,14 @@ def first_program(scenario: Scenario, max_nodes: int) -> PairProgram:
             f"{type(task.hazard).__name__} does not provide `pair_bounds`, bounds of the rates of "
             "two members; Saturation and SaturationCollision do"
         )
-    candidates = [(reach, *_full_tube(task, starts, reach)) for reach in _REACHES[:4]]
+    velocities, change = np.zeros((2, 2)), math.inf
+    if initial_velocities is not None:
+        velocities, change = initial_velocities, math.sqrt(scenario.swarm.a_max)
+    margins = [_margin(task, reach) for reach in _REACHES[:4]]
+    candidates = [
+        (reach, Tube.full(task, starts, margin, velocities, change), margin)
+        for reach, margin in zip(_REACHES, margins, strict=False)
+    ]
     sizes = [tube.nodes(task.step / reach) for reach, tube, _ in candidates]
     if sizes[0] > max_nodes:
         raise PlanningError(
@@ -166,15 +177,14 @@ def first_program(scenario: Scenario, max_nodes: int) -> PairProgram:
     return PairProgram(task, starts, tube, reach, margin, best_multiplier(task))
 
 
-def _full_tube(task: Relaxation, starts: np.ndarray, reach: int) -> tuple[Tube, float]:
-    """All positions, with a margin of whole nodes beyond reach of the target."""
+def _margin(task: Relaxation, reach: int) -> float:
+    """Distance beyond reach of the target, in whole nodes, where a member hardly protects."""
     spacing = task.step / reach
     bounds = task.hazard.pair_bounds((2 * reach + 1, 1), spacing)
     assert bounds is not None
     protection = 1.0 - bounds.share[2 * reach :, 0]
     weak = protection <= _PROTECTION * protection[0]
-    margin = spacing * (max(1, int(weak.argmax())) if weak.any() else 2 * reach)
-    return Tube.full(task, starts, margin), margin
+    return spacing * (max(1, int(weak.argmax())) if weak.any() else 2 * reach)
 
 
 def _finer(program: PairProgram, tube: Tube, max_nodes: float) -> PairProgram | None:
