@@ -159,7 +159,12 @@ class Hazard(ABC):
         """
         return None
 
-    def pair_bounds(self, shape: tuple[int, int], spacing: float) -> PairBounds | None:  # noqa: ARG002
+    def pair_bounds(
+        self,
+        shape: tuple[int, int],  # noqa: ARG002
+        spacing: float,  # noqa: ARG002
+        certified: bool = True,  # noqa: ARG002
+    ) -> PairBounds | None:
         """Lower bounds of the rates of two members, as values at nodes; None if none are known.
 
         The optimal value of two members is certified for hazards that provide them: see
@@ -171,6 +176,8 @@ class Hazard(ABC):
             n and m: the nodes are the differences h (i, j) of positions, |i| < n, |j| < m.
         spacing : float
             h.
+        certified : bool
+            Whether values are bounds when they are interpolated, or the rates at the nodes.
         """
         return None
 

@@ -40,8 +40,9 @@ def pair_bounds(
     alpha: tuple[float, float],
     beta: tuple[float, float] | None,
     core_radius: float,
+    certified: bool = True,
 ) -> PairBounds:
-    """Lower bounds for the paper's rates.
+    """Lower bounds for the paper's rates, or the rates themselves at the nodes.
 
     Parameters
     ----------
@@ -54,9 +55,14 @@ def pair_bounds(
     beta : pair of float, optional
         beta_1 and beta_2, if members collide.
     core_radius : float
+    certified : bool
     """
     x, y = (spacing * np.arange(1 - count, count) for count in shape)
     share = 1.0 - _share_deficit(x[:, None] ** 2 + y**2, *alpha)
+    if not certified:
+        squared = np.maximum(x[:, None] ** 2 + y**2, core_radius**2)
+        scales = beta or (0.0, 1.0)
+        return PairBounds(share, (scales[0] ** 2 / squared) ** (scales[1] / 2))
     error = _over_cells(x, y, lambda *squares: _share_curvature(*squares, *alpha))
     share -= largest_around(np.pad(error, 1)) * spacing**2 / 8 + _ROUNDED
     if share.min() <= 0:  # on coarse grids: the least value in the cells around

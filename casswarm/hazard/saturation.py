@@ -86,12 +86,15 @@ class Saturation(KernelHazard):
             n, self.alpha_2, lambda h: collision((1.0 / h - 1.0) / self.alpha_3)
         )
 
-    def pair_bounds(self, shape: tuple[int, int], spacing: float) -> PairBounds | None:
+    def pair_bounds(
+        self, shape: tuple[int, int], spacing: float, certified: bool = True
+    ) -> PairBounds | None:
         """Share and collision rate minus the error of interpolation."""
         if not self._is_papers:
             return None
+        alpha = self.alpha_2, self.alpha_3
         return pair_bounds(
-            shape, spacing, (self.alpha_2, self.alpha_3), self._collision_scales, self.core_radius
+            shape, spacing, alpha, self._collision_scales, self.core_radius, certified
         )
 
     @property

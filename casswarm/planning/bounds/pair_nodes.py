@@ -90,46 +90,52 @@ def pair_lattice(
     reach: int,
     region: Rectangle,
     margin: int,
-    multiplier: float,
+    multiplier: float | None,
 ) -> PairLattice:
-    """All node functions for a spacing of s / `reach`; `margin` is that of `guarded`, in nodes."""
+    """All node functions for a spacing of s / `reach`; `margin` is that of `guarded`, in nodes.
+
+    Without a `multiplier` of arrival they are no bounds: rates are those at the nodes.
+    """
+    grid, certified = Grid.full(task, 1, reach, starts), multiplier is not None
+    costs = StageCosts(grid, certified, multiplier or 0.0, inside=not certified)
+    risk, exact = task.dt * _rates(grid, region, certified), 1.0
+    if certified:
+        exact -= _rounding(task, grid.spacing)
+        risk *= exact
+    bounds = task.hazard.pair_bounds(region.shape, grid.spacing, certified)
+    assert bounds is not None
+    pair = _pair_nodes(bounds.share, exact * task.dt * bounds.collision)
+    slopes, spread = _slopes(risk), _spread(risk)
+    if not certified:
+        pair = pair._replace(
+            slopes=0 * pair.slopes,
+            spread=0 * pair.spread,
+            collision_range=0 * pair.collision_range,
+        )
+        slopes, spread = 0 * slopes, 0 * spread
+    row, column = np.array(pair.share.shape) // 2
+    guarded = float(pair.share[min(row + margin, 2 * row), column])  # it increases outwards
+    inner = (slice(1, -1), slice(1, -1))
+    arrays = risk[inner], slopes[:, *inner], spread[inner]
+    alone, with_guard = (lone_values(costs, region, share, exact) for share in (1.0, guarded))
+    return PairLattice(grid, region, *map(np.ascontiguousarray, arrays), alone, with_guard, pair)
+
+
+def _pair_nodes(share: FloatArray, collision: FloatArray) -> PairNodes:
     from .pair_kernels import PairNodes
 
-    grid = Grid.full(task, 1, reach, starts)
-    h, hazard = grid.spacing, task.hazard
-    wide = Block((region.low[0] - 1, region.low[1] - 1), np.ones(np.add(region.shape, 1), bool))
-    exact = 1.0 - _rounding(task, h)
-    costs = StageCosts(grid, multiplier=multiplier)
-    risk = task.dt * exact * _positive_rates_below(task, *grid.axes(wide.low, wide.shape), h)
-    bounds = hazard.pair_bounds(region.shape, h)
-    assert bounds is not None
-    share, collision = bounds.share, task.dt * exact * bounds.collision
-    pair = PairNodes(
+    least, largest = (_cells(collision, combine) for combine in (np.minimum, np.maximum))
+    return PairNodes(
         share,
         _slopes(share),
         _spread(share),
         collision,
-        _around(_cells(collision, np.minimum), np.minimum),
-        _around(_cells(collision, np.maximum) - _cells(collision, np.minimum), np.maximum),
-    )
-    inner = (slice(1, -1), slice(1, -1))
-    row, column = np.array(share.shape) // 2
-    guarded = float(share[min(row + margin, 2 * row), column])  # it increases with the distance
-    return PairLattice(
-        grid,
-        region,
-        np.ascontiguousarray(risk[inner]),
-        np.ascontiguousarray(_slopes(risk)[:, *inner]),
-        np.ascontiguousarray(_spread(risk)[inner]),
-        lone_values(costs, region, 1.0, exact),
-        lone_values(costs, region, guarded, exact),
-        pair,
+        _around(least, np.minimum),
+        _around(largest - least, np.maximum),
     )
 
 
-def lone_values(
-    costs: StageCosts, region: Rectangle, share: float, exact: float
-) -> FloatArray:
+def lone_values(costs: StageCosts, region: Rectangle, share: float, exact: float) -> FloatArray:
     """Upper bounds (N, n, m) of the probability that an agent arrives, from every node.
 
     Its risk is `share` times that of a single agent. The cost of arrival is not scaled.
@@ -184,16 +190,18 @@ def _rounding(task: Relaxation, spacing: float) -> float:
     return float(UNIT * (operations + 64 * far / spacing))
 
 
-def _positive_rates_below(
-    task: Relaxation, east: FloatArray, north: FloatArray, spacing: float
-) -> FloatArray:
-    below = task.rates_below(east, north, spacing)
+def _rates(grid: Grid, region: Rectangle, certified: bool) -> FloatArray:
+    """Rates of a single agent at the nodes of the region and at those around it."""
+    task, h = grid.task, grid.spacing
+    shape = region.shape[0] + 2, region.shape[1] + 2
+    east, north = grid.axes((region.low[0] - 1, region.low[1] - 1), shape)
+    nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)
+    if not certified:
+        return task.rates(nodes)
+    below = task.rates_below(east, north, h)
+    if below is None or (below <= 0).any():
+        below = task.hazard.single_agent_lower_bound(nodes - h, nodes + h)
     assert below is not None
-    if (below <= 0).any():
-        nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)
-        least = task.hazard.single_agent_lower_bound(nodes - spacing, nodes + spacing)
-        assert least is not None
-        below = least
     return below
 
 

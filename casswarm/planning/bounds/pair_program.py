@@ -37,8 +37,8 @@ class PairProgram:
         Nodes by which a coordinate changes in a step: the spacing is s / reach.
     margin : float
         Of the tube, in units of length.
-    multiplier : float
-        Of arrival.
+    multiplier : float or None
+        Of arrival; None for values without bounds.
     deadline : float
         Time of `time.monotonic` at which recursions end with a TimeoutError.
     """
@@ -48,7 +48,7 @@ class PairProgram:
     tube: Tube
     reach: int
     margin: float
-    multiplier: float
+    multiplier: float | None
     deadline: float = math.inf
 
     @property

@@ -112,7 +112,8 @@ def _moves(
     task: Relaxation, velocities: FloatArray, change: float
 ) -> tuple[FloatArray, FloatArray]:
     """Least and largest change (N+1, 4) of every coordinate in every step, from 0 before step 1."""
-    possible = np.arange(task.steps + 1)[:, None] * (change * (1 + SPEED_TOL) + SPEED_TOL * task.speed)
+    change = min(change * (1 + SPEED_TOL) + SPEED_TOL * task.speed, 4 * task.speed)
+    possible = change * np.arange(task.steps + 1)[:, None]
     slack = task.step - task.speed * task.dt  # rounding
     low, high = (task.dt * (velocities.ravel() + sign * possible) for sign in (-1, 1))
     low, high = np.maximum(low - slack, -task.step), np.minimum(high + slack, task.step)
