@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +14,7 @@ from ...scenario.io import require_scenario
 from ...typing import FloatArray
 from .grid import Relaxation
 from .pair_nodes import best_multiplier
-from .pair_program import PairProgram
+from .pair_program import Arrays, PairProgram
 from .pair_tube import Tube
 
 if TYPE_CHECKING:
@@ -27,7 +27,10 @@ TOLERANCE = 1e-3
 TIME_LIMIT = 60.0
 
 _FIRST_NODES = 5_000_000
-_REACHES = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
+_REACHES = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 28, 32, 40, 48, 56, 64)
+_SLOWER = 2.5  # a larger grid, back and forth, than a forward recursion, per node
+_FEW_NODES = 2_000_000  # of a grid on which multipliers of arrival are compared
+_FACTORS = (0.3, 2.0)
 _PROTECTION = 0.5  # by a member at the margin beyond reach of the target, relative
 
 
@@ -109,35 +112,49 @@ def pair_bound(
     """
     require_scenario("pair_bound", scenario)
     started = time.monotonic()
-    program = first_program(scenario, max_nodes, initial_velocities)
-    deadline, levels, value = started + time_limit, [], 1.0
-    reason = ""
-    while not reason:
-        object.__setattr__(program, "deadline", deadline)
+    deadline = started + time_limit
+    program: PairProgram | None = first_program(scenario, max_nodes, initial_velocities)
+    levels: list[PairLevel] = []
+    value, reason = 1.0, ""
+    while program is not None:
         try:
-            bound, kept = program.backward()
+            program, bound, kept = _best_multiplier(program, deadline)
             value = max(known, min(value, bound))
-            nodes, seconds = program.tube.nodes(program.spacing), time.monotonic() - started
-            levels.append(PairLevel(program.reach, nodes, value, seconds))
+            nodes = program.tube.nodes(program.spacing)
+            levels.append(PairLevel(program.reach, nodes, value, time.monotonic() - started))
             if value - known <= tolerance:
                 reason = f"the difference of {tolerance:g} is reached"
                 break
-            tube = program.forward(kept, known)
+            begun = time.monotonic()
+            tube = program.forward(kept, known, deadline)
         except TimeoutError:
             reason = f"the time limit of {time_limit:g} s is reached"
             break
         del kept
-        spent = time.monotonic() - started - (levels[-2].seconds if len(levels) > 1 else 0.0)
-        affordable = 0.7 * nodes * (deadline - time.monotonic()) / max(spent, 0.05)
-        if any(not len(boxes) for boxes in tube.boxes):
-            value, reason = known, "no policy exceeds the known one"
+        if not len(tube.boxes[1]) and not tube.leaving[0].any():
+            value, reason = known, "no other policy exceeds the known one"
             break
-        finer = _finer(program, tube, min(max_nodes, affordable))
-        if finer is None:
-            reason = f"the next grid has more than {max_nodes:,} nodes or takes too long"
-            break
-        program = finer
+        now = time.monotonic()
+        affordable = nodes * (deadline - now) / max(_SLOWER * (now - begun), 0.05)
+        program = _finer(program, tube, min(max_nodes, max(affordable, _FEW_NODES)))
+        reason = f"the next grid has more than {max_nodes:,} nodes, or would exceed the time limit"
     return PairBound(value, known, reason, tuple(levels))
+
+
+def _best_multiplier(
+    program: PairProgram, deadline: float
+) -> tuple[PairProgram, float, list[Arrays]]:
+    """The program, its bound and its values, with the best multiplier of pairs on small grids."""
+    best = program, *program.backward(deadline)
+    if program.multipliers is None or program.tube.nodes(program.spacing) > _FEW_NODES:
+        return best
+    single, pair = program.multipliers
+    for factor in _FACTORS:
+        other = replace(best[0], multipliers=(single, pair * factor))
+        found = other, *other.backward(deadline)
+        if found[1] < best[1]:
+            return found
+    return best
 
 
 def first_program(
@@ -167,8 +184,8 @@ def first_program(
         )
     fitting = [k for k, size in enumerate(sizes) if size <= min(_FIRST_NODES, max_nodes)]
     reach, tube, margin = candidates[max(fitting, default=0)]
-    multiplier = best_multiplier(task) if certified else None
-    return PairProgram(task, starts, tube, reach, margin, multiplier)
+    multipliers = (best_multiplier(task),) * 2 if certified else None
+    return PairProgram(task, starts, tube, reach, margin, multipliers)
 
 
 def require_pair(scenario: Scenario) -> None:
@@ -202,6 +219,6 @@ def _finer(program: PairProgram, tube: Tube, max_nodes: float) -> PairProgram | 
     for reach in reversed(_REACHES):
         if program.reach < reach <= 2 * program.reach and tube.nodes(step / reach) <= max_nodes:
             return PairProgram(
-                program.task, program.starts, tube, reach, program.margin, program.multiplier
+                program.task, program.starts, tube, reach, program.margin, program.multipliers
             )
     return None

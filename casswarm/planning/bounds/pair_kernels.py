@@ -29,12 +29,15 @@ class MemberNodes(NamedTuple):
         Largest logarithm of a ratio of values of `risk` in one of these cells.
     alone : (n, m)
         Upper bound of the probability that a single agent there arrives.
+    floor : (n, m)
+        Another one, below which values of two living members are not taken.
     """
 
     risk: FloatArray
     slopes: FloatArray
     spread: FloatArray
     alone: FloatArray
+    floor: FloatArray
 
 
 class PairNodes(NamedTuple):
@@ -100,14 +103,14 @@ def step_back(
     n1, m1, n2, m2 = values.shape
     for i in range(n1):
         for j in range(m1):
-            one = first.alone[i, j]
+            one, floor = first.alone[i, j], first.floor[i, j]
             for k in range(n2):
                 for m in range(m2):
                     row, column = offset[0] + i - k, offset[1] + j - m
                     p1, l1, _ = _member(first, i, j, pair, row, column)
                     p2, l2, _ = _member(second, k, m, pair, row, column)
                     two = second.alone[k, m]
-                    both = max(values[i, j, k, m], max(one, two))
+                    both = max(values[i, j, k, m], max(floor, second.floor[k, m]))
                     values[i, j, k, m] = _ROUNDED_UP * (
                         p1 * p2 * both + p1 * l2 * one + p2 * l1 * two
                     )

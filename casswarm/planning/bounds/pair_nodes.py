@@ -54,9 +54,10 @@ class PairLattice:
         All nodes that either member visits.
     risk, slopes, spread : (n, m), (2, n, m), (n, m)
         As of `MemberNodes`.
-    alone, guarded : (N+1, n, m)
-        Upper bounds, for steps 0 to N, of the probability that a single agent arrives, and that an
-        agent does that is always protected by an immortal one out of reach of the target.
+    alone, floor, guarded : (N+1, n, m)
+        Upper bounds, for steps 0 to N, of the probability that a single agent arrives, with the
+        multipliers of arrival of an agent and of a pair, and that an agent does that is always
+        protected by an immortal one out of reach of the target.
     pair : PairNodes
     """
 
@@ -66,6 +67,7 @@ class PairLattice:
     slopes: FloatArray
     spread: FloatArray
     alone: FloatArray
+    floor: FloatArray
     guarded: FloatArray
     pair: PairNodes
 
@@ -74,7 +76,8 @@ class PairLattice:
         from .pair_kernels import MemberNodes
 
         at = nodes.within(self.region)
-        arrays = self.risk[at], self.slopes[:, *at], self.spread[at], self.alone[step][at]
+        risk = self.risk[at], self.slopes[:, *at], self.spread[at]
+        arrays = *risk, self.alone[step][at], self.floor[step][at]
         return MemberNodes(*map(np.ascontiguousarray, arrays))
 
     def offset(self, first: Rectangle, second: Rectangle) -> tuple[int, int]:
@@ -90,14 +93,19 @@ def pair_lattice(
     reach: int,
     region: Rectangle,
     margin: int,
-    multiplier: float | None,
+    multipliers: tuple[float, float] | None,
 ) -> PairLattice:
     """All node functions for a spacing of s / `reach`; `margin` is that of `guarded`, in nodes.
 
-    Without a `multiplier` of arrival they are no bounds: rates are those at the nodes.
+    Without `multipliers` of arrival, of an agent and of a pair, they are no bounds: rates are those
+    at the nodes.
     """
-    grid, certified = Grid.full(task, 1, reach, starts), multiplier is not None
-    costs = StageCosts(grid, certified, multiplier or 0.0, inside=not certified)
+    grid, certified = Grid.full(task, 1, reach, starts), multipliers is not None
+    single, both = (
+        StageCosts(grid, certified, multiplier, inside=not certified)
+        for multiplier in multipliers or (0.0, 0.0)
+    )
+    both.__dict__["nodes"] = single.nodes  # the cached property: it does not depend on it
     risk, exact = task.dt * _rates(grid, region, certified), 1.0
     if certified:
         exact -= _rounding(task, grid.spacing)
@@ -117,8 +125,11 @@ def pair_lattice(
     guarded = float(pair.share[min(row + margin, 2 * row), column])  # it increases outwards
     inner = (slice(1, -1), slice(1, -1))
     arrays = risk[inner], slopes[:, *inner], spread[inner]
-    alone, with_guard = (lone_values(costs, region, share, exact) for share in (1.0, guarded))
-    return PairLattice(grid, region, *map(np.ascontiguousarray, arrays), alone, with_guard, pair)
+    values = (
+        lone_values(costs, region, share, exact)
+        for costs, share in ((single, 1.0), (both, 1.0), (both, guarded))
+    )
+    return PairLattice(grid, region, *map(np.ascontiguousarray, arrays), *values, pair)
 
 
 def _pair_nodes(share: FloatArray, collision: FloatArray) -> PairNodes:
@@ -152,12 +163,17 @@ def lone_values(costs: StageCosts, region: Rectangle, share: float, exact: float
             nodes = Rectangle(block.low, block.high)
             common = nodes.common(region)
             if min(common.shape) > 0:
-                out[sample + 1][common.within(region)] = np.exp(-to_go[common.within(nodes)])
+                out[sample + 1][common.within(region)] = _survival(to_go[common.within(nodes)])
             values.append(to_go + cost * (share * exact))
         following, blocks = values, grid.blocks[sample]
     all_nodes = Block(region.low, np.ones(np.subtract(region.shape, 1), bool))
-    out[0] = np.exp(-minimum_within_reach(following, blocks, all_nodes, grid.reach))
+    out[0] = _survival(minimum_within_reach(following, blocks, all_nodes, grid.reach))
     return out
+
+
+def _survival(risk: FloatArray) -> FloatArray:
+    """exp(-risk), rounded up by more than the rounding of sums of risks and terminal costs."""
+    return np.asarray(np.exp(-risk) * (1 + 1e-12))
 
 
 def best_multiplier(task: Relaxation) -> float:

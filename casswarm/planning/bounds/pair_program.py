@@ -18,6 +18,7 @@ from .pair_nodes import PairLattice, Rectangle, pair_lattice
 from .pair_tube import PairBlock, Tube, largest_within_reach, viable_boxes
 
 _NO_WEIGHT = 1e-6  # at most so much weight may be due to the rounding of positions
+_ROUNDED_UP = 1 + 1e-10  # by more than weights and logarithms are rounded
 
 Arrays = list[FloatArray]
 """Values (n1, m1, n2, m2) at the nodes of every block of a step."""
@@ -37,10 +38,8 @@ class PairProgram:
         Nodes by which a coordinate changes in a step: the spacing is s / reach.
     margin : float
         Of the tube, in units of length.
-    multiplier : float or None
-        Of arrival; None for values without bounds.
-    deadline : float
-        Time of `time.monotonic` at which recursions end with a TimeoutError.
+    multipliers : pair of float or None
+        Of arrival, of a single agent and of both; None for values without bounds.
     """
 
     task: Relaxation
@@ -48,8 +47,7 @@ class PairProgram:
     tube: Tube
     reach: int
     margin: float
-    multiplier: float | None
-    deadline: float = math.inf
+    multipliers: tuple[float, float] | None
 
     @property
     def spacing(self) -> float:
@@ -69,16 +67,22 @@ class PairProgram:
         high = np.max([r.high for r in rectangles], axis=0).tolist()
         region = Rectangle((low[0], low[1]), (high[0], high[1]))
         margin = int(self.margin / self.spacing)
-        return pair_lattice(self.task, self.starts, self.reach, region, margin, self.multiplier)
+        return pair_lattice(self.task, self.starts, self.reach, region, margin, self.multipliers)
 
-    def backward(self) -> tuple[float, list[Arrays]]:
-        """Upper bound of the optimal value, and values of steps 1 to N before losses are drawn."""
+    def backward(self, deadline: float = math.inf) -> tuple[float, list[Arrays]]:
+        """Upper bound of the optimal value, and values of steps 1 to N before losses are drawn.
+
+        Raises
+        ------
+        TimeoutError
+            It is not complete at the `deadline`, a time of `time.monotonic`.
+        """
         from .pair_kernels import step_back
 
         values = [np.zeros(block.shape) for block in self.blocks[-1]]
         kept: list[Arrays] = []
         for step in reversed(range(self.task.steps)):
-            if time.monotonic() > self.deadline:
+            if time.monotonic() > deadline:
                 raise TimeoutError
             following = self.blocks[step + 1]
             for array, block in zip(values, following, strict=True):
@@ -92,14 +96,20 @@ class PairProgram:
                 self._let_leave(step, block, array)
         return self._at_starts(values[0], self.blocks[0][0]), kept[::-1]
 
-    def forward(self, kept: list[Arrays], known: float) -> Tube:
-        """The tube of the policies of success above `known`; `kept` is from `backward`."""
+    def forward(self, kept: list[Arrays], known: float, deadline: float = math.inf) -> Tube:
+        """The tube of the policies of success above `known`; `kept` is from `backward`.
+
+        Raises
+        ------
+        TimeoutError
+            As `backward`.
+        """
         from .pair_kernels import discard, step_forward
 
         needed = [np.full(block.shape, -known) for block in self.blocks[0]]
         boxes, leaving = [self.tube.boxes[0]], np.zeros_like(self.tube.leaving)
         for step in range(self.task.steps):
-            if time.monotonic() > self.deadline:
+            if time.monotonic() > deadline:
                 raise TimeoutError
             for array, block in zip(needed, self.blocks[step], strict=True):
                 leaving[step] |= self._may_leave(step, block, array)
@@ -164,7 +174,9 @@ class PairProgram:
         for k in (0, 1):
             for m in (0, 1):
                 weight = abs(1 - k - at[0]) * abs(1 - m - at[1])
-                if weight > _NO_WEIGHT:
-                    value = float(values[i, j, k, m])
-                    total += weight * math.log(value) if value > 0 else -math.inf
-        return math.exp(total) * (1 + 1e-12)
+                value = float(values[i, j, k, m])
+                if value > 0:
+                    total += weight * math.log(value)
+                elif weight > _NO_WEIGHT:
+                    return 0.0
+        return math.exp(total) * _ROUNDED_UP

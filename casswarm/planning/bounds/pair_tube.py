@@ -96,6 +96,7 @@ class Tube:
         back, out = (origin + np.cumsum(m, axis=0) for m in _moves(task, velocities, change))
         low = np.maximum(back, np.tile(retreat[:, 0], 2))
         high = np.minimum(out, np.tile(retreat[:, 1], 2))
+        low[0] = high[0] = origin  # even beyond the rectangle, which such a member then leaves
         boxes = tuple(np.stack([low, high], axis=1)[:, None])
         return cls(boxes, retreat, np.ones((task.steps, 2), bool))
 
