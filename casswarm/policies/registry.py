@@ -34,7 +34,7 @@ POLICIES = {
     "leader-feedback": "leader, on the best path from where it is",
     "joint": "the paths of all members, planned at once for the swarm's success",
     "joint-replanning": "joint, and survivors replan after losses",
-    "optimal": "for two members: the best known plan, and the best steps from other states",
+    "optimal": "joint-replanning for two members, from the best path of their dynamic program, too",
     "constrained-mpc-3": "constrained, with a horizon of 3 steps, or of any other number",
     "leader-mpc-3": "leader, with a horizon of 3 steps, or of any other number",
 }
@@ -117,7 +117,7 @@ def make_policy(
         OptimalPolicy.require_pair(scenario)  # before a guide is planned
     guide = plan(scenario, guide_solver(solver), certify=False) if guide is None else guide
     if kind == "optimal":
-        return OptimalPolicy.from_scenario(scenario, guide, backend)
+        return OptimalPolicy.from_scenario(scenario, guide)
     if kind == "naive":
         return NaivePolicy(motion, member_guides(scenario, guide))
     if kind.startswith("joint"):
