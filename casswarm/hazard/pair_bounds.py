@@ -84,7 +84,9 @@ def _collisions_below(
         cap = max(spacings * spacing, 2 * core_radius)
         rates = (beta[0] ** 2 / np.maximum(squared, cap**2)) ** (beta[1] / 2)
         rates *= 1 + beta[1] / 2 * np.maximum(1 - squared / cap**2, 0.0)
-        error = _over_cells(x, y, lambda *squares, cap=cap: _collision_curvature(*squares, *beta, cap))
+        error = _over_cells(
+            x, y, lambda *squares, cap=cap: _collision_curvature(*squares, *beta, cap)
+        )
         below = rates * (1 - _ROUNDED) - largest_around(np.pad(error, 1)) * spacing**2 / 8
         if (below >= (1 - min(0.3, 1.2 * spacing / beta[0])) * rates).all():
             return np.asarray(below)

@@ -59,8 +59,8 @@ def make_policy(
     ----------
     name : str
         ``"naive"``, ``"constrained"``, ``"leader"``, ``"constrained-feedback"``,
-        ``"leader-feedback"``, ``"joint"``, ``"joint-replanning"``, ``"optimal"``; or ``"constrained"`` and
-        ``"leader"`` with their horizon, such as ``"leader-mpc-3"``.
+        ``"leader-feedback"``, ``"joint"``, ``"joint-replanning"``, ``"optimal"``; or
+        ``"constrained"`` and ``"leader"`` with their horizon, such as ``"leader-mpc-3"``.
     scenario : Scenario
     guide : Guide, optional
         Planned from the scenario by default; feedback policies need none.

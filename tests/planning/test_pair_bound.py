@@ -226,7 +226,9 @@ def test_box_maximum_equals_maximum_filter(seed, reach):
     shape = tuple(rng.integers(1, 7, 4).tolist())
     values = rng.normal(size=shape)
     low, high = rng.integers(-3, 3, 4), rng.integers(3, 8, 4)
-    at = PairBlock(Rectangle((0, 0), (shape[0] - 1, shape[1] - 1)), Rectangle((0, 0), shape_end(shape)))
+    at = PairBlock(
+        Rectangle((0, 0), (shape[0] - 1, shape[1] - 1)), Rectangle((0, 0), shape_end(shape))
+    )
     to = PairBlock(
         Rectangle(tuple(low[:2]), tuple(high[:2])), Rectangle(tuple(low[2:]), tuple(high[2:]))
     )

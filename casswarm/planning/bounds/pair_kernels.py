@@ -110,7 +110,7 @@ def step_back(
                     p1, l1, _ = _member(first, i, j, pair, row, column)
                     p2, l2, _ = _member(second, k, m, pair, row, column)
                     two = second.alone[k, m]
-                    both = max(values[i, j, k, m], max(floor, second.floor[k, m]))
+                    both = max(values[i, j, k, m], floor, second.floor[k, m])
                     values[i, j, k, m] = _ROUNDED_UP * (
                         p1 * p2 * both + p1 * l2 * one + p2 * l1 * two
                     )

@@ -32,9 +32,7 @@ class Rectangle(NamedTuple):
     def common(self, other: Rectangle) -> Rectangle:
         """Nodes that both hold."""
         low = max(self.low[0], other.low[0]), max(self.low[1], other.low[1])
-        return Rectangle(
-            low, (min(self.high[0], other.high[0]), min(self.high[1], other.high[1]))
-        )
+        return Rectangle(low, (min(self.high[0], other.high[0]), min(self.high[1], other.high[1])))
 
     def within(self, outer: Rectangle) -> tuple[slice, slice]:
         """Slices of these nodes in the arrays of a larger rectangle."""
@@ -202,7 +200,7 @@ def best_multiplier(task: Relaxation) -> float:
 def _rounding(task: Relaxation, spacing: float) -> float:
     """Bound on the relative rounding error of a node's risk: docs/two-members.md."""
     far = np.abs([task.start, task.center]).max() + task.radius + task.steps * task.step
-    operations = 2 * len(task.hazard.radar_positions) + 128
+    operations = 8 * len(task.hazard.radar_positions) + 256
     return float(UNIT * (operations + 64 * far / spacing))
 
 

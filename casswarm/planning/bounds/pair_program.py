@@ -115,11 +115,16 @@ class PairProgram:
                 leaving[step] |= self._may_leave(step, block, array)
             found, following = [], self.blocks[step + 1]
             last, needed = needed, []
-            for block, values, box in zip(following, kept[step], self.tube.boxes[step + 1], strict=True):
+            for block, values, box in zip(
+                following, kept[step], self.tube.boxes[step + 1], strict=True
+            ):
                 array = largest_within_reach(last, self.blocks[step], block, self.reach)
                 discard(array.ravel(), values.ravel())
                 for viable in viable_boxes(array, block, self.spacing):
-                    viable[0], viable[1] = np.maximum(viable[0], box[0]), np.minimum(viable[1], box[1])
+                    viable[0], viable[1] = (
+                        np.maximum(viable[0], box[0]),
+                        np.minimum(viable[1], box[1]),
+                    )
                     found.append(viable)
                 step_forward(*self._nodes(step + 1, block), array)
                 needed.append(array)
@@ -147,7 +152,10 @@ class PairProgram:
         if self.tube.leaving[step, 0]:
             leavers = self._leavers(step, block.first)
             np.maximum(
-                values, self._guarded(step, block.second), out=values, where=leavers[..., None, None]
+                values,
+                self._guarded(step, block.second),
+                out=values,
+                where=leavers[..., None, None],
             )
         if self.tube.leaving[step, 1]:
             leavers = self._leavers(step, block.second)

@@ -199,7 +199,7 @@ def _best_cut(
                 ahead = np.logical_or.accumulate(rows, axis=0)[cuts - 1]
                 behind = np.logical_or.accumulate(rows[::-1], axis=0)[::-1][cuts]
                 for part, found in zip(sizes, (ahead, behind), strict=True):
-                    part *= _extents(found) + 2
+                    np.multiply(part, _extents(found) + 2, out=part)
         total = sizes[0] + sizes[1]
         at = int(total.argmin())
         if best is None or total[at] < best[0]:

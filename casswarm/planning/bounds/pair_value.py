@@ -46,9 +46,7 @@ class PairValueFunction:
     values: tuple[FloatArray, ...] = field(repr=False)
 
     @classmethod
-    def from_scenario(
-        cls, scenario: Scenario, max_nodes: int = _MAX_NODES
-    ) -> PairValueFunction:
+    def from_scenario(cls, scenario: Scenario, max_nodes: int = _MAX_NODES) -> PairValueFunction:
         """Value function of a scenario of two members, on a grid of about `max_nodes` nodes.
 
         Raises
