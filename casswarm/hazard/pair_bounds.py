@@ -8,7 +8,9 @@ are positive. ``docs/two-members.md`` derives them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -57,13 +59,13 @@ def pair_bounds(
     core_radius : float
     certified : bool
     """
-    x, y = (spacing * np.arange(1 - count, count) for count in shape)
+    x, y = (np.asarray(spacing * np.arange(1 - count, count), float) for count in shape)
     share = 1.0 - _share_deficit(x[:, None] ** 2 + y**2, *alpha)
     if not certified:
         squared = np.maximum(x[:, None] ** 2 + y**2, core_radius**2)
         scales = beta or (0.0, 1.0)
         return PairBounds(share, (scales[0] ** 2 / squared) ** (scales[1] / 2))
-    error = _over_cells(x, y, lambda *squares: _share_curvature(*squares, *alpha))
+    error = _over_cells(x, y, lambda near, far: _share_curvature(near, far, *alpha))
     share -= largest_around(np.pad(error, 1)) * spacing**2 / 8 + _ROUNDED
     if share.min() <= 0:  # on coarse grids: the least value in the cells around
         nearest = [np.maximum(np.abs(axis) - spacing, 0.0) ** 2 for axis in (x, y)]
@@ -84,9 +86,7 @@ def _collisions_below(
         cap = max(spacings * spacing, 2 * core_radius)
         rates = (beta[0] ** 2 / np.maximum(squared, cap**2)) ** (beta[1] / 2)
         rates *= 1 + beta[1] / 2 * np.maximum(1 - squared / cap**2, 0.0)
-        error = _over_cells(
-            x, y, lambda *squares, cap=cap: _collision_curvature(*squares, *beta, cap)
-        )
+        error = _over_cells(x, y, partial(_collision_curvature, beta=beta, cap=cap))
         below = rates * (1 - _ROUNDED) - largest_around(np.pad(error, 1)) * spacing**2 / 8
         if (below >= (1 - min(0.3, 1.2 * spacing / beta[0])) * rates).all():
             return np.asarray(below)
@@ -116,11 +116,11 @@ def _share_curvature(
 def _collision_curvature(
     near: tuple[FloatArray, FloatArray],
     far: tuple[FloatArray, FloatArray],
-    beta_1: float,
-    beta_2: float,
+    beta: tuple[float, float],
     cap: float,
 ) -> FloatArray:
     """The same of the collision rate (beta_1 / r)^beta_2, at distances of at least `cap`."""
+    beta_1, beta_2 = beta
     nearest = np.maximum(near[0] + near[1], cap**2)
     east = np.maximum((beta_2 + 1) * far[0] - near[1], 0.0)
     north = np.maximum((beta_2 + 1) * far[1] - near[0], 0.0)
@@ -129,7 +129,7 @@ def _collision_curvature(
     return np.where(far[0] + far[1] <= cap**2, 0.0, curvature)
 
 
-def _over_cells(x: FloatArray, y: FloatArray, function) -> FloatArray:  # type: ignore[no-untyped-def]
+def _over_cells(x: FloatArray, y: FloatArray, function: Callable[..., FloatArray]) -> FloatArray:
     """A function of the least and the largest squared coordinates, for every cell."""
     low, high = [], []
     for axis in (x, y):

@@ -122,12 +122,13 @@ def pair_lattice(
     row, column = np.array(pair.share.shape) // 2
     guarded = float(pair.share[min(row + margin, 2 * row), column])  # it increases outwards
     inner = (slice(1, -1), slice(1, -1))
-    arrays = risk[inner], slopes[:, *inner], spread[inner]
-    values = (
+    alone, floor, with_guard = (
         lone_values(costs, region, share, exact)
         for costs, share in ((single, 1.0), (both, 1.0), (both, guarded))
     )
-    return PairLattice(grid, region, *map(np.ascontiguousarray, arrays), *values, pair)
+    return PairLattice(
+        grid, region, risk[inner], slopes[:, *inner], spread[inner], alone, floor, with_guard, pair
+    )
 
 
 def _pair_nodes(share: FloatArray, collision: FloatArray) -> PairNodes:

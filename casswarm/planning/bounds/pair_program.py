@@ -9,6 +9,7 @@ import math
 import time
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from ...typing import BoolArray, FloatArray
 from .grid import Relaxation
 from .pair_nodes import PairLattice, Rectangle, pair_lattice
 from .pair_tube import PairBlock, Tube, largest_within_reach, viable_boxes
+
+if TYPE_CHECKING:
+    from .pair_kernels import MemberNodes, PairNodes
 
 _NO_WEIGHT = 1e-6  # at most so much weight may be due to the rounding of positions
 _ROUNDED_UP = 1 + 1e-10  # by more than weights and logarithms are rounded
@@ -131,21 +135,24 @@ class PairProgram:
             boxes.append(np.array(found).reshape(-1, 2, 4))
         return Tube(tuple(boxes), self.tube.retreat, leaving)
 
-    def _nodes(self, step: int, block: PairBlock):  # type: ignore[no-untyped-def]
+    def _nodes(
+        self, step: int, block: PairBlock
+    ) -> tuple[MemberNodes, MemberNodes, PairNodes, tuple[int, int]]:
         """Arguments of kernels for a block."""
         lattice = self.lattice
-        members = lattice.member(step, block.first), lattice.member(step, block.second)
-        return *members, lattice.pair, lattice.offset(*block)
+        first, second = (lattice.member(step, nodes) for nodes in block)
+        return first, second, lattice.pair, lattice.offset(*block)
 
     def _leavers(self, step: int, nodes: Rectangle) -> BoolArray:
         """Nodes (n, m) from which a member may leave the tube's rectangle."""
         low = np.ceil(self.tube.retreat[step + 1, 0] / self.spacing) + self.reach
         high = np.floor(self.tube.retreat[step + 1, 1] / self.spacing) - self.reach
         x, y = (np.arange(a, b + 1) for a, b in zip(nodes.low, nodes.high, strict=True))
-        return ((x <= low[0]) | (x >= high[0]))[:, None] | (y <= low[1]) | (y >= high[1])
+        leavers = ((x <= low[0]) | (x >= high[0]))[:, None] | (y <= low[1]) | (y >= high[1])
+        return np.asarray(leavers)
 
     def _guarded(self, step: int, nodes: Rectangle) -> FloatArray:
-        return self.lattice.guarded[step][nodes.within(self.lattice.region)]
+        return np.asarray(self.lattice.guarded[step][nodes.within(self.lattice.region)])
 
     def _let_leave(self, step: int, block: PairBlock, values: FloatArray) -> None:
         """Raise values where a member leaves to what the other one can then have at most."""
@@ -172,7 +179,7 @@ class PairProgram:
             leavers = self._leavers(step, block.second)
             guarded = self._guarded(step, block.first)[..., None]
             result[1] = (-needed[:, :, leavers] <= guarded).any()
-        return result
+        return np.asarray(result)
 
     def _at_starts(self, values: FloatArray, block: PairBlock) -> float:
         """Geometric interpolation of the values of step 0 at the starts; the first is a node."""

@@ -156,7 +156,7 @@ def largest_within_reach(
 def viable_boxes(needed: FloatArray, block: PairBlock, spacing: float) -> Iterator[FloatArray]:
     """Boxes (2, 4) of all cells around the nodes of a block that are not -infinity."""
     for low, high in _split(needed, np.zeros(4, int)):
-        yield spacing * (np.stack([low - 1, high + 1]) + block.low)
+        yield np.asarray(spacing * (np.stack([low - 1, high + 1]) + block.low), float)
 
 
 def _split(needed: FloatArray, origin: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
@@ -167,7 +167,7 @@ def _split(needed: FloatArray, origin: IntArray) -> Iterator[tuple[IntArray, Int
     project(needed, *shadows)
     shadow = dict(zip(_PAIRS, shadows, strict=True))
     shadow |= {(b, a): values.T for (a, b), values in shadow.items()}
-    ends = [_ends(shadow[axis, (axis + 1) % 4].any(axis=1)) for axis in range(4)]
+    ends = [_ends(np.asarray(shadow[axis, (axis + 1) % 4].any(axis=1))) for axis in range(4)]
     if ends[0] is None:
         return
     low, high = np.array(ends).T
