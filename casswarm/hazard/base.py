@@ -173,7 +173,7 @@ class Hazard(ABC):
         Parameters
         ----------
         shape : pair of int
-            n and m: the nodes are the differences h (i, j) of positions, |i| < n, |j| < m.
+            n and m: the nodes are the differences h (i, j) of positions, from (1 - n, 1 - m) on.
         spacing : float
             h.
         certified : bool

@@ -22,13 +22,13 @@ _ROUNDED = 1e-13  # by more than the rounding of a node's value
 
 @dataclass(frozen=True, eq=False)
 class PairBounds:
-    """Lower bounds at the nodes (2 n - 1, 2 m - 1) of differences h (i, j), |i| < n, |j| < m.
+    """Lower bounds at the nodes h (i, j) of differences, from (1 - n, 1 - m) to (n - 1, m - 1).
 
     Parameters
     ----------
-    share : ndarray
+    share : (2 n - 1, 2 m - 1)
         Of the ratio of a member's rate without collisions and its single-agent rate; above zero.
-    collision : ndarray
+    collision : (2 n - 1, 2 m - 1)
         Of the rate of collisions; not negative.
     """
 

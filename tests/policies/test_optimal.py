@@ -72,6 +72,7 @@ def test_pair_off_plan_succeeds_more_often_than_straight_lines():
     assert found.low > naive.high
 
 
+@pytest.mark.slow
 def test_optimal_is_at_least_as_good_as_every_other_policy():
     laws = {
         name: csw.evaluate(scenario(), name, 1e-6, guide=guide()).success
