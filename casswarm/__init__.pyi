@@ -38,6 +38,7 @@ from .planning.plan import plan
 from .policies import Decision, Policy, as_policy, make_policy
 from .scenario import Scenario, builtin_scenarios, load_scenario, save_scenario
 from .studies.evaluation import estimate, evaluate
+from .studies.optimal_value import OptimalValue, optimal_value
 from .studies.simulation import Study, runs_needed, simulate
 from .studies.sweep import Sweep, sweep
 from .typing import Interval, Progress
@@ -60,6 +61,7 @@ __all__ = [
     "HazardError",
     "Interval",
     "KernelHazard",
+    "OptimalValue",
     "OutcomeDistribution",
     "PlanningError",
     "Policy",
@@ -97,6 +99,7 @@ __all__ = [
     "load_scenario",
     "make_policy",
     "make_solver",
+    "optimal_value",
     "plan",
     "plan_swarm",
     "read_problems",

@@ -206,8 +206,9 @@ class PolicyOptions:
         metavar="NAME",
         shell_complete=completion.policies,
         help="Policy to run: naive, constrained, leader, constrained-feedback, leader-feedback, "
-        "joint, joint-replanning, leader-mpc-H or constrained-mpc-H with a horizon of H steps, or "
-        "your own as module:function. Repeatable. [default: naive, constrained, leader]",
+        "joint, joint-replanning, optimal (for two members), leader-mpc-H or constrained-mpc-H "
+        "with a horizon of H steps, or your own as module:function. Repeatable. "
+        "[default: naive, constrained, leader]",
     )
     policy_time_limit: float | None = option(
         "--policy-time-limit",

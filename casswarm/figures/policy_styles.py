@@ -33,6 +33,7 @@ POLICIES = {
     "leader-feedback": PolicyStyle(SKY, (0, (2, 1, 1, 1)), "v"),
     "joint": PolicyStyle(PURPLE, (0, (1, 1)), "P"),
     "joint-replanning": PolicyStyle("#882255", (0, (4, 1, 1, 1)), "p"),  # darker shade
+    "optimal": PolicyStyle("#555555", (0, (10, 2)), "X"),
     "constrained-mpc": PolicyStyle("#00573F", (0, (8, 1.5, 1, 1.5)), "d"),  # darker shade
     "leader-mpc": PolicyStyle("#003B6F", (0, (3, 1, 1, 1, 1, 1)), "*"),  # darker shade
 }

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ..errors import HazardError
 from ..typing import BoolArray, Expr, FloatArray
 from .lower_bounds import LeastRate
+from .pair_bounds import PairBounds
 
 
 class Hazard(ABC):
@@ -182,6 +183,28 @@ class Hazard(ABC):
     def density_bound(self, squared_distances: FloatArray) -> FloatArray:
         """Upper bounds (...), at most 1, of the density that a neighbour this far away adds."""
         return np.ones_like(squared_distances)
+
+    def pair_bounds(
+        self,
+        shape: tuple[int, int],  # noqa: ARG002
+        spacing: float,  # noqa: ARG002
+        certified: bool = True,  # noqa: ARG002
+    ) -> PairBounds | None:
+        """Lower bounds of the rates of two members, as values at nodes; None if none are known.
+
+        The optimal value of two members is certified for hazards that provide them: see
+        `casswarm.planning.bounds.PairValueFunction`.
+
+        Parameters
+        ----------
+        shape : pair of int
+            n and m: the nodes are the differences h (i, j) of positions, from (1 - n, 1 - m) on.
+        spacing : float
+            h.
+        certified : bool
+            Whether values are bounds when they are interpolated, or the rates at the nodes.
+        """
+        return None
 
     def single_agent_rates_below(
         self, east: FloatArray, north: FloatArray, spacing: float

@@ -1,7 +1,7 @@
 """Lower bounds of rates, for certificates; derived in the two pages named here.
 
 **Of single-agent rates**, ``docs/global-guide.md``, Node rates: with the regularisation of
-`casswarm.hazard.kernels.regular` below the core radius e, and with R = max(8 h, e) on a grid of
+`casswarm.hazard.kernels.regular` below the core radius e, and with R = max(3 h, e) on a grid of
 spacing h, the values
 
     min(1 / r^2, 1 / R^2) - d
@@ -31,7 +31,7 @@ _ROUNDED = 1 - 1e-12
 
 def cap_radius(spacing: float, core_radius: float) -> float:
     """R, the distance to a radar below which the rate counts as if at R."""
-    return max(8.0 * spacing, core_radius)
+    return max(3.0 * spacing, core_radius)
 
 
 def inverse_squares_below(
@@ -56,18 +56,32 @@ def inverse_squares_below(
     squared_cap = cap_radius(spacing, core_radius) ** 2
     total = np.zeros((len(east), len(north)))
     for (x_radar, y_radar), strength in zip(radars, strengths, strict=True):
-        x, y = np.abs(east - x_radar)[:, None], np.abs(north - y_radar)
-        x_near, y_near = (np.maximum(a - spacing, 0.0) ** 2 for a in (x, y))
-        x_far, y_far = ((a + spacing) ** 2 for a in (x, y))
-        value = np.maximum(x**2 + y**2, squared_cap)
+        x, y = east - x_radar, north - y_radar
+        value = np.maximum((x**2)[:, None] + y**2, squared_cap)
         total += np.divide(strength, value, out=value)
-        curved = np.maximum(6 * x_far - 2 * y_near, 0.0)
-        curved += np.maximum(6 * y_far - 2 * x_near, 0.0)
-        nearest = x_near + y_near
-        nearest[x_far + y_far <= squared_cap] = np.inf
+        (x_near, x_far), (y_near, y_far) = (_squares_over_cells(axis, spacing) for axis in (x, y))
+        curved = np.maximum(6 * x_far[:, None] - 2 * y_near, 0.0)
+        curved += np.maximum(6 * y_far - 2 * x_near[:, None], 0.0)
+        nearest = np.maximum(x_near[:, None] + y_near, squared_cap)
+        nearest[x_far[:, None] + y_far <= squared_cap] = np.inf
         curved *= strength * spacing**2 / 8
-        total -= np.divide(curved, nearest**3, out=curved)
+        total -= largest_around(np.divide(curved, nearest**3, out=curved))
     return total
+
+
+def _squares_over_cells(nodes: FloatArray, spacing: float) -> tuple[FloatArray, FloatArray]:
+    """Least and largest square in the n + 1 intervals before, between and after n nodes."""
+    low = np.append(nodes - spacing, nodes[-1])
+    high = low + spacing
+    crosses = (low <= 0) & (high >= 0)
+    low, high = low**2, high**2
+    return np.where(crosses, 0.0, np.minimum(low, high)), np.maximum(low, high)
+
+
+def largest_around(cells: FloatArray) -> FloatArray:
+    """Largest value (n, m) of the cells (n+1, m+1) around every node."""
+    rows = np.maximum(cells[:-1], cells[1:])
+    return np.asarray(np.maximum(rows[:, :-1], rows[:, 1:]))
 
 
 def least_inverse_squares(

@@ -16,6 +16,7 @@ from .lower_bounds import (
     least_inverse_squares,
     saturation_least_rates,
 )
+from .pair_bounds import PairBounds, pair_bounds
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,22 @@ class Saturation(KernelHazard):
             return super().density_bound(squared_distances)
         return (1 + 1e-14) / (1.0 + self.alpha_3 * squared_distances)
 
+    def pair_bounds(
+        self, shape: tuple[int, int], spacing: float, certified: bool = True
+    ) -> PairBounds | None:
+        """Share and collision rate minus the error of interpolation."""
+        if not self._is_papers:
+            return None
+        alpha = self.alpha_2, self.alpha_3
+        return pair_bounds(
+            shape, spacing, alpha, self._collision_scales, self.core_radius, certified
+        )
+
+    @property
+    def _collision_scales(self) -> tuple[float, float] | None:
+        """beta_1 and beta_2, where members collide."""
+        return None
+
     @property
     def _is_papers(self) -> bool:
         """Whether the rates are the paper's, for which bounds are proven: a subclass may differ."""
@@ -116,6 +133,10 @@ class SaturationCollision(Saturation):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_finite(self, positive=("beta_1", "beta_2"))
+
+    @property
+    def _collision_scales(self) -> tuple[float, float]:
+        return self.beta_1, self.beta_2
 
     @property
     def gathers(self) -> bool:

@@ -3,6 +3,7 @@ from .decision import Decision
 from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy
 from .leader_selection import LEADER_SELECTION
+from .optimal import OptimalPolicy
 from .planned_paths import JointPolicy, NaivePolicy, ReplanningPolicy
 from .registry import POLICIES, make_policy, member_guides
 from .user import UserPolicy, as_policy
@@ -17,6 +18,7 @@ __all__ = [
     "LeaderFeedbackPolicy",
     "LeaderPolicy",
     "NaivePolicy",
+    "OptimalPolicy",
     "Policy",
     "ReplanningPolicy",
     "UserPolicy",

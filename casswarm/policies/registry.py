@@ -20,6 +20,7 @@ from .base import Policy
 from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy
 from .leader_selection import LEADER_SELECTION
+from .optimal import OptimalPolicy
 from .planned_paths import JointPolicy, NaivePolicy, ReplanningPolicy
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ POLICIES = {
     "leader-feedback": "leader, on the best path from where it is",
     "joint": "the paths of all members, planned at once for the swarm's success",
     "joint-replanning": "joint, and survivors replan after losses",
+    "optimal": "joint-replanning for two members, from the best path of their dynamic program, too",
     "constrained-mpc-3": "constrained, with a horizon of 3 steps, or of any other number",
     "leader-mpc-3": "leader, with a horizon of 3 steps, or of any other number",
 }
@@ -57,8 +59,8 @@ def make_policy(
     ----------
     name : str
         ``"naive"``, ``"constrained"``, ``"leader"``, ``"constrained-feedback"``,
-        ``"leader-feedback"``, ``"joint"``, ``"joint-replanning"``; or ``"constrained"`` and
-        ``"leader"`` with their horizon, such as ``"leader-mpc-3"``.
+        ``"leader-feedback"``, ``"joint"``, ``"joint-replanning"``, ``"optimal"``; or
+        ``"constrained"`` and ``"leader"`` with their horizon, such as ``"leader-mpc-3"``.
     scenario : Scenario
     guide : Guide, optional
         Planned from the scenario by default; feedback policies need none.
@@ -111,7 +113,11 @@ def make_policy(
         if kind == "leader-feedback":
             return LeaderFeedbackPolicy(scenario.hazard, motion, value, backend)
         return ConstrainedFeedbackPolicy(scenario.hazard, motion, value, backend, rho)
+    if kind == "optimal":
+        OptimalPolicy.require_pair(scenario)  # before a guide is planned
     guide = plan(scenario, guide_solver(solver), certify=False) if guide is None else guide
+    if kind == "optimal":
+        return OptimalPolicy.from_scenario(scenario, guide)
     if kind == "naive":
         return NaivePolicy(motion, member_guides(scenario, guide))
     if kind.startswith("joint"):

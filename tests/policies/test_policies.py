@@ -38,6 +38,9 @@ def scenario() -> Scenario:
     return small(POSITIONS, (4.0, 1.5), [(2.0, 0.2)], 14, guide__search="local", guide__a_max=0.3)
 
 
+ANY_SIZE = [name for name in POLICIES if name != "optimal"]  # which is for two members
+
+
 @cache
 def guide() -> Guide:
     return plan(scenario())
@@ -66,7 +69,7 @@ def decided(name: str, state: tuple[Array, ...], step: int = 2, **options: Any) 
 # --- every policy
 
 
-@pytest.mark.parametrize("name", POLICIES)
+@pytest.mark.parametrize("name", ANY_SIZE)
 def test_decision_respects_hard_constraints(name: str) -> None:
     positions, previous_velocities, alive = states(40, seed=0)
     velocities = decided(name, (positions, previous_velocities, alive)).velocities
@@ -77,7 +80,7 @@ def test_decision_respects_hard_constraints(name: str) -> None:
     assert (velocities[~alive] == 0).all()
 
 
-@pytest.mark.parametrize("name", POLICIES)
+@pytest.mark.parametrize("name", ANY_SIZE)
 def test_decision_of_batch_equals_single_states(name: str) -> None:
     state = states(9, seed=1)
     together = decided(name, state)
@@ -88,7 +91,7 @@ def test_decision_of_batch_equals_single_states(name: str) -> None:
         assert together.failures[b] == alone.failures[0] == 0
 
 
-@pytest.mark.parametrize("name", POLICIES)
+@pytest.mark.parametrize("name", ANY_SIZE)
 def test_velocities_equal_those_of_decision(name: str) -> None:
     state = states(5, seed=2)
     found = policy(name).velocities(3, *state)
@@ -96,7 +99,7 @@ def test_velocities_equal_those_of_decision(name: str) -> None:
     assert policy(name).name == name
 
 
-@pytest.mark.parametrize("name", POLICIES)
+@pytest.mark.parametrize("name", ANY_SIZE)
 def test_single_state_equals_batch_of_one(name: str) -> None:
     state = tuple(part[0] for part in states(1, seed=5))
     batch = decided(name, tuple(part[None] for part in state))
@@ -113,7 +116,7 @@ def test_state_of_wrong_shape_raises_policy_error_with_shapes() -> None:
     assert caught.value.shapes == [(3, 4, 2), (3, 4, 2), (4,)]
 
 
-@pytest.mark.parametrize("name", POLICIES)
+@pytest.mark.parametrize("name", ANY_SIZE)
 def test_policy_pickles(name: str) -> None:
     state = states(5, seed=3)
     again = pickle.loads(pickle.dumps(policy(name)))

@@ -8,8 +8,9 @@ from casswarm.policies import POLICIES
 from casswarm.studies.evaluation import evaluate
 from casswarm.studies.simulation import PAPER_POLICIES
 
-PAIRS = [("paper-1", policy) for policy in POLICIES]
-PAIRS += [("paper-2", policy) for policy in POLICIES if "mpc" not in policy]  # beyond any budget
+ANY_SIZE = [policy for policy in POLICIES if policy != "optimal"]  # which is for two members
+PAIRS = [("paper-1", policy) for policy in ANY_SIZE]
+PAIRS += [("paper-2", policy) for policy in ANY_SIZE if "mpc" not in policy]  # beyond any budget
 WIDE = {
     ("paper-2", "constrained"),
     ("paper-1", "constrained-mpc-3"),

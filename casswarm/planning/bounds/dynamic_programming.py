@@ -125,11 +125,11 @@ def rounding(stage_costs: StageCosts, risk: float, interpolated: bool = False) -
         Whether costs are interpolated at the start of the path.
     """
     grid, task = stage_costs.grid, stage_costs.grid.task
-    operations = 4 * len(grid.blocks) + 2 * len(task.hazard.radar_positions) + 64
+    operations = 4 * len(grid.blocks) + 8 * len(task.hazard.radar_positions) + 256
     wide = task.radius + task.steps * task.step
     far = np.maximum(np.abs(task.start), np.abs(task.center)).max() + wide
     core_radius = getattr(task.hazard, "core_radius", 0.0)
-    coordinates = 16 * far / cap_radius(grid.spacing, core_radius)
+    coordinates = 32 * far / cap_radius(grid.spacing, core_radius)
     if interpolated:
         coordinates += 32 * (np.abs(task.start - task.center).max() + wide) / grid.spacing
     return float(UNIT * (operations + coordinates) * (risk + 2 * stage_costs.max_terminal))

@@ -1,3 +1,4 @@
+from .alternative import alternative_plan
 from .distribution import MAX_EXACT, PlanDistribution
 from .initial_guesses import INITIAL_GUESSES
 from .optimize import plan_swarm
@@ -15,5 +16,6 @@ __all__ = [
     "PlanTree",
     "SwarmOutcome",
     "SwarmPlan",
+    "alternative_plan",
     "plan_swarm",
 ]

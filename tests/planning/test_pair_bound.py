@@ -1,0 +1,296 @@
+"""The bound of two members' success: lemmas of its proof, known answers, and plans below it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import maximum_filter
+from small_scenarios import DT, V_MAX, patrolled, small
+from test_success_bound import adversary, some_scenario
+
+from casswarm import Saturation, SaturationCollision, load_scenario, success_bound
+from casswarm.errors import PlanningError
+from casswarm.planning.bounds import pair_bound
+from casswarm.planning.bounds.grid import Relaxation
+from casswarm.planning.bounds.pair_bound import first_program
+from casswarm.planning.bounds.pair_kernels import MemberNodes, step_back
+from casswarm.planning.bounds.pair_nodes import Rectangle, pair_lattice
+from casswarm.planning.bounds.pair_program import PairProgram
+from casswarm.planning.bounds.pair_tube import PairBlock, box_maximum, viable_boxes
+from casswarm.planning.joint import PlanDistribution
+
+RADARS = [(1.3, 0.7), (2.1, -0.9)]
+COLLISIONS = {
+    "hazard__kind": "saturation+collision",
+    "hazard__beta_1": 0.2,
+    "hazard__beta_2": 6.0,
+}
+PAIR = [(0.0, 0.0), (0.2, 0.3)]
+
+
+def one_step(**values):
+    """Both members reach the target in one step, in which they may be anywhere together."""
+    return small([(0.0, 0.0), (0.0, 0.0)], (1.0, 0.0), [(2.0, 0.4)], 1, **values)
+
+
+# --- never below
+
+
+@pytest.mark.parametrize("collides", [False, True])
+def test_pair_bound_exceeds_random_plans(collides):
+    rng = np.random.default_rng([7, collides])
+    near = 0
+    for _ in range(10):
+        scenario = some_scenario(rng, 2, int(rng.integers(1, 6)), collides)
+        plans = [adversary(scenario, rng) for _ in range(8)]
+        laws = [PlanDistribution.from_positions(scenario, paths).success for paths in plans]
+        known = max(law.low for law in laws)
+        bound = pair_bound(scenario, known / 2, max_nodes=100_000)
+        assert bound.value >= max(law.high for law in laws)
+        near += bound.value < known + 0.1
+    assert near > 0
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 10**6), st.booleans())
+def test_pair_bound_with_known_policy_is_not_below_it(seed, collides):
+    rng = np.random.default_rng(seed)
+    scenario = some_scenario(rng, 2, int(rng.integers(1, 5)), collides)
+    plans = [adversary(scenario, rng) for _ in range(4)]
+    laws = [PlanDistribution.from_positions(scenario, paths).success for paths in plans]
+    best = max(law.low for law in laws)
+    without = pair_bound(scenario, 0.0, max_nodes=150_000).value
+    assert best <= pair_bound(scenario, best * (1 - 1e-12), max_nodes=150_000).value <= 1.0
+    assert best <= without
+
+
+# --- known answers
+
+
+@pytest.mark.parametrize("collides", [False, True])
+def test_pair_bound_of_one_step_matches_best_positions(collides):
+    scenario = one_step(**(COLLISIONS if collides else {}))
+    axis = np.linspace(0.5, 0.66, 15)
+    east, north = np.meshgrid(axis, np.linspace(-0.5, 0.5, 41))
+    spots = np.column_stack([east.ravel(), north.ravel()])
+    spots = spots[np.hypot(*(spots - [1.0, 0.0]).T) <= 0.5]
+    pairs = np.array(list(itertools.product(spots, spots)))
+    survival = np.exp(-DT * scenario.hazard.rates(pairs))
+    best = float((1 - (1 - survival).prod(axis=1)).max())
+    bound = pair_bound(scenario, tolerance=1e-4, max_nodes=2_000_000)
+    assert best <= bound.value <= best + 0.002
+
+
+def test_pair_bound_of_two_steps_matches_brute_force():
+    scenario = small([(0.0, 0.0), (0.0, 0.0)], (1.7, 0.0), [(1.0, 0.6)], 2, swarm__a_max=100.0)
+    axes = np.linspace(0.56, 0.66, 3), np.linspace(-0.66, 0.66, 15)
+    spots = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    ends = np.stack(np.meshgrid(np.linspace(1.2, 1.32, 3), np.linspace(-0.4, 0.4, 9)), axis=-1)
+    ends = ends.reshape(-1, 2)
+    ends = ends[np.hypot(*(ends - [1.7, 0.0]).T) <= 0.5]
+    pairs = np.array(list(itertools.product(ends, ends)))
+    last = 1 - (1 - np.exp(-DT * scenario.hazard.rates(pairs))).prod(axis=1)
+    alone = np.exp(-DT * scenario.hazard.single_agent_rates(ends))
+    best = 0.0
+    for a, b in itertools.product(spots, spots):
+        near_a, near_b = (np.abs(ends - x).max(axis=1) <= DT * V_MAX + 1e-12 for x in (a, b))
+        both = np.outer(near_a, near_b).ravel()
+        if not both.any():
+            continue
+        p, q = np.exp(-DT * scenario.hazard.rates([a, b]))
+        value = p * q * last[both].max()
+        value += p * (1 - q) * alone[near_a].max() + q * (1 - p) * alone[near_b].max()
+        best = max(best, value)
+    bound = pair_bound(scenario, best, max_nodes=4_000_000)
+    assert best <= bound.value <= best + 0.01
+
+
+def test_pair_bound_of_partner_out_of_reach_is_that_of_protected_agent():
+    scenario = small([(0.0, 0.0), (-9.0, 0.0)], (1.2, 0.0), [(0.9, 0.5)], 3)
+    alone = scenario.with_values({"swarm.positions": [[0.0, 0.0]]})
+    single, bound = float(success_bound(alone)), pair_bound(scenario, tolerance=1e-3).value
+    assert single - 0.01 <= bound <= single + 0.2  # the proof lets the partner be at the margin
+
+
+@pytest.mark.parametrize("collides", [False, True])
+def test_pair_bound_is_equal_for_mirrored_scenarios(collides):
+    kind = COLLISIONS if collides else {}
+
+    def bound(turn):
+        positions, radars = ([turn(x, y) for x, y in points] for points in (PAIR, RADARS))
+        return pair_bound(small(positions, turn(2.0, 0.4), radars, 4, **kind), max_nodes=300_000)
+
+    images = [lambda x, y: (x, y), lambda x, y: (-x, y), lambda x, y: (y, x)]
+    first, *others = [bound(turn).value for turn in images]
+    np.testing.assert_allclose(others, first, rtol=1e-3)
+
+
+def test_pair_bound_falls_with_rates():
+    bounds = [
+        pair_bound(
+            small(PAIR, (2.0, 0.4), RADARS, 4, hazard__alpha_1=strength), max_nodes=300_000
+        ).value
+        for strength in (1.0, 4.0, 16.0)
+    ]
+    assert bounds[0] > bounds[1] > bounds[2] > 0
+
+
+def test_initial_velocities_lower_bound():
+    scenario = small(PAIR, (2.0, 0.4), RADARS, 5, swarm__a_max=0.3)
+    free = pair_bound(scenario, max_nodes=500_000).value
+    away = np.array([[-1.5, 0.0], [-1.5, 0.0]])
+    assert pair_bound(scenario, initial_velocities=away, max_nodes=500_000).value < free
+
+
+# --- lemmas
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.005, 0.7), st.floats(0.0, 8.0), st.floats(0.2, 9.0), st.integers(0, 99))
+def test_interpolated_pair_bounds_are_below_rates(spacing, alpha_2, alpha_3, seed):
+    hazard = SaturationCollision([(0, 0)], alpha_2=alpha_2, alpha_3=alpha_3)
+    count = 20
+    bounds = hazard.pair_bounds((count, count), spacing)
+    rng = np.random.default_rng(seed)
+    at = rng.uniform(0, 2 * count - 2, (4000, 2))
+    at[:1000] = rng.uniform(count - 4, count + 2, (1000, 2))
+    cells = np.minimum(np.floor(at).astype(int), 2 * count - 3)
+    offsets = spacing * (at - (count - 1))
+    squared = (offsets**2).sum(axis=1)
+    share = (1 + alpha_2) / (1 + alpha_2 * (1 + 1 / (1 + alpha_3 * squared)))
+    pairs = np.stack([100.0 + offsets, np.full_like(offsets, 100.0)], axis=1)
+    exact = hazard.rates(pairs)[:, 0] - share * hazard.single_agent_rates(pairs[:, 0])
+    for values, function in ((bounds.share, share), (bounds.collision, exact)):
+        found = np.zeros(len(at))
+        for i, j in itertools.product((0, 1), (0, 1)):
+            weights = np.abs(1 - i - (at - cells)[:, 0]) * np.abs(1 - j - (at - cells)[:, 1])
+            found += weights * values[cells[:, 0] + i, cells[:, 1] + j]
+        assert (found <= function * (1 + 1e-9) + 1e-9).all()
+    assert (bounds.collision >= 0).all()
+
+
+def common_offset_mean(values, at, rng, count=4000):
+    """Mean of values at positions (4,) that are rounded with one random offset for each axis."""
+    offsets = rng.random((count, 2))
+    nodes = np.floor(at + np.tile(offsets, 2)).astype(int)
+    return values[tuple(nodes.T)].mean()
+
+
+@pytest.mark.parametrize("collides", [False, True])
+def test_step_back_is_above_every_position_between_nodes(collides):
+    rng = np.random.default_rng(3)
+    hazard = SaturationCollision(RADARS) if collides else Saturation(RADARS)
+    scenario = small(PAIR, (2.0, 0.4), RADARS, 4, **(COLLISIONS if collides else {}))
+    task = Relaxation.from_scenario(scenario, np.array(PAIR[0]))
+    region = Rectangle((0, 0), (9, 9))
+    lattice = pair_lattice(task, np.array(PAIR), 6, region, 2, (0.0, 0.0))
+    alone = rng.uniform(0.2, 0.6, (2, 10, 10))
+    members = [
+        MemberNodes(lattice.risk, lattice.slopes, lattice.spread, nodes, nodes) for nodes in alone
+    ]
+    values = np.maximum(alone[0][:, :, None, None], alone[1])
+    values = np.maximum(values, rng.uniform(0.3, 1.0, (10, 10, 10, 10)))
+    after = values.copy()
+    step_back(*members, lattice.pair, (9, 9), after)
+    spacing = lattice.grid.spacing
+    for _ in range(100):
+        at = rng.uniform(0, 8, 4)
+        if rng.random() < 0.5:  # close together
+            at[2:] = np.clip(at[:2] + rng.normal(0, 1, 2), 0, 8)
+        seed = int(rng.integers(1 << 30))
+        first, second = (
+            np.exp(common_offset_mean(np.log(lifted), at, np.random.default_rng(seed)))
+            for lifted in (
+                np.broadcast_to(alone[0][:, :, None, None], values.shape),
+                np.broadcast_to(alone[1], values.shape),
+            )
+        )
+        both, found = (
+            np.exp(common_offset_mean(np.log(array), at, np.random.default_rng(seed)))
+            for array in (values, after)
+        )
+        p, q = np.exp(-DT * hazard.rates(spacing * at.reshape(2, 2)))
+        exact = p * q * both + p * (1 - q) * first + q * (1 - p) * second
+        assert exact <= found * (1 + 0.01)  # up to the error of the mean
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 4))
+def test_box_maximum_equals_maximum_filter(seed, reach):
+    rng = np.random.default_rng(seed)
+    shape = tuple(rng.integers(1, 7, 4).tolist())
+    values = rng.normal(size=shape)
+    low, high = rng.integers(-3, 3, 4), rng.integers(3, 8, 4)
+    at = PairBlock(
+        Rectangle((0, 0), (shape[0] - 1, shape[1] - 1)), Rectangle((0, 0), shape_end(shape))
+    )
+    to = PairBlock(
+        Rectangle(tuple(low[:2]), tuple(high[:2])), Rectangle(tuple(low[2:]), tuple(high[2:]))
+    )
+    found = box_maximum(values, at, to, reach)
+    padded = np.pad(values, 12, constant_values=-np.inf)
+    expected = maximum_filter(padded, 2 * reach + 1, mode="constant", cval=-np.inf)
+    window = tuple(slice(12 + a, 12 + b + 1) for a, b in zip(low, high, strict=True))
+    np.testing.assert_array_equal(found, expected[window])
+
+
+def shape_end(shape):
+    return shape[2] - 1, shape[3] - 1
+
+
+def test_viable_boxes_hold_all_cells_around_viable_nodes():
+    rng = np.random.default_rng(0)
+    needed = np.full((16, 16, 16, 16), -np.inf)
+    for corner in ((1, 1, 1, 1), (11, 11, 11, 11)):
+        window = tuple(slice(c, c + 4) for c in corner)
+        needed[window] = np.where(rng.random((4, 4, 4, 4)) < 0.3, -0.5, -np.inf)
+    block = PairBlock(Rectangle((3, 3), (18, 18)), Rectangle((-5, -5), (10, 10)))
+    boxes = list(viable_boxes(needed, block, 0.5))
+    assert len(boxes) >= 2
+    assert sum(np.prod((box[1] - box[0]) / 0.5 + 1) for box in boxes) < 0.25 * needed.size
+    for node in np.argwhere(needed > -np.inf) + block.low:
+        assert any(
+            (0.5 * (node - 1) >= box[0] - 1e-9).all() and (0.5 * (node + 1) <= box[1] + 1e-9).all()
+            for box in boxes
+        )
+
+
+@pytest.mark.parametrize("collides", [False, True])
+def test_tube_keeps_bound_of_full_grid(collides):
+    kind = COLLISIONS if collides else {}
+    scenario = small(PAIR, (2.0, 0.4), RADARS, 5, **kind)
+    program = first_program(scenario, 300_000)
+    bound, kept = program.backward()
+    values = program.task, program.starts
+    options = 2 * program.reach, program.margin, program.multipliers
+    full, _ = PairProgram(*values, program.tube, *options).backward()
+    known = full * 0.97  # a policy that is a little worse than the bound
+    tube = program.forward(kept, known)
+    within, _ = PairProgram(*values, tube, *options).backward()
+    assert tube.nodes(program.spacing) < program.tube.nodes(program.spacing)
+    assert math.isclose(max(within, known), full, rel_tol=1e-12)
+    assert full <= bound
+
+
+# --- errors
+
+
+def test_pair_bound_of_five_members_raises():
+    with pytest.raises(PlanningError, match="computed for two members; 'paper-1' has 5"):
+        pair_bound(load_scenario("paper-1"))
+
+
+def test_pair_bound_of_users_rates_raises():
+    scenario = small(PAIR, (2.0, 0.4), RADARS, 4).with_hazard(patrolled, radars=RADARS)
+    with pytest.raises(PlanningError, match="CustomHazard does not provide `pair_bounds`"):
+        pair_bound(scenario)
+
+
+def test_pair_bound_with_too_few_nodes_raises():
+    with pytest.raises(PlanningError, match="more than max_nodes = 10"):
+        pair_bound(small(PAIR, (2.0, 0.4), RADARS, 4), max_nodes=10)
