@@ -85,7 +85,9 @@ class Saturation(KernelHazard):
 
     def least_rates(self, n: int, densities: FloatArray, rates: FloatArray) -> FloatArray | None:
         """The same, as far as the density of the neighbours allows it."""
-        return _least_rates(self, n).at_most(densities, rates) if self._is_papers else None
+        if not self._is_papers:
+            return super().least_rates(n, densities, rates)
+        return _least_rates(self, n).at_most(densities, rates)
 
     def density_bound(self, squared_distances: FloatArray) -> FloatArray:
         """h, which decreases with distance."""

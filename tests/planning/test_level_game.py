@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from small_scenarios import DT, V_MAX, Array, small
 from test_success_bound import adversary, some_scenario
 
-from casswarm import Scenario, load_scenario, success_bound
+from casswarm import Saturation, SaturationCollision, Scenario, load_scenario, success_bound
+from casswarm.hazard.lower_bounds import LeastRate
 from casswarm.planning.bounds import Relaxation
+from casswarm.planning.bounds.game_bound import Effort, game_bound
 from casswarm.planning.bounds.level_game import LevelGame
 from casswarm.planning.bounds.level_game_kernels import fill_levels
 from casswarm.planning.bounds.potential import Potential, PotentialFamily
@@ -22,6 +25,70 @@ ALLEY = load_scenario("alley")
 def potential(scenario: Scenario, slope: float, largest: float, nodes: int = 100_000) -> Potential:
     task = Relaxation.from_scenario(scenario)
     return PotentialFamily(task, scenario.positions, nodes, 0.5).potential(slope, largest)
+
+
+# --- rates by density
+
+
+@pytest.mark.parametrize("collides", [False, True])
+def test_least_rates_are_below_rates_of_formations(collides: bool) -> None:
+    rng = np.random.default_rng(collides)
+    radars = [(-1.0, 2.0), (2.0, 0.5)]
+    hazard = SaturationCollision(radars, beta_2=4.0) if collides else Saturation(radars)
+    tightest = np.inf
+    for _ in range(60):
+        n = int(rng.integers(2, 6))
+        x = rng.uniform(-3, 3, 2) + 10 ** rng.uniform(-2, 0.5) * rng.normal(size=(n, 2))
+        squared = ((x[:, None] - x) ** 2).sum(axis=-1)
+        densities = hazard.density_bound(squared).sum(axis=1) - 1
+        rates, single = hazard.rates(x), hazard.single_agent_rates(x)
+        least = hazard.least_rates(n, densities, single)
+        all_densities = hazard.least_rate(n)
+        assert least is not None
+        assert all_densities is not None
+        assert (np.diagonal(least) <= rates * (1 + 1e-9)).all()
+        assert (np.diagonal(least) >= all_densities(single) * (1 - 1e-9)).all()
+        tightest = min(tightest, float((rates / np.diagonal(least)).min()))
+    assert tightest < 1.01
+
+
+def test_least_rates_of_other_hazards_ignore_density() -> None:
+    class Other(Saturation):
+        def least_rate(self, n: int) -> LeastRate:
+            return LeastRate(np.zeros(1), np.full(1, 1.0 / n))
+
+    hazard = Other([(0.0, 0.0)])
+    least = hazard.least_rates(3, np.array([0.0, 2.0]), np.array([1.0, 3.0]))
+    assert least is not None
+    np.testing.assert_allclose(least, [[1 / 3, 1.0], [1 / 3, 1.0]])
+    np.testing.assert_array_equal(hazard.density_bound(np.array([0.0, 9.0])), [1.0, 1.0])
+
+
+def test_game_of_a_hazard_without_densities_is_valid() -> None:
+    class Bounded(Saturation):
+        """The paper's rates, of which only the least ones are known."""
+
+        def single_agent_lower_bound(self, lower: Array, upper: Array) -> Array:
+            return papers.single_agent_lower_bound(lower, upper)
+
+        def least_rate(self, n: int) -> LeastRate | None:
+            return papers.least_rate(n)
+
+    papers = Saturation([(0.0, 1.5), (0.0, -1.5)])
+    starts = np.array([(-2.0, 0.0), (-2.2, 0.1)])
+    tasks = [
+        replace(
+            Relaxation.from_scenario(ALLEY),
+            hazard=hazard,
+            start=starts[0],
+            center=np.array([2.0, 0]),
+        )
+        for hazard in (papers, Bounded(papers.radars))
+    ]
+    effort = Effort(3_000_000, 1e6, 0.0, math.inf)
+    known, unknown = (game_bound(task, starts, 0.0, effort).value for task in tasks)
+    assert known <= unknown + 0.005  # whose rates at the nodes are other lower bounds
+    assert unknown < 0.95
 
 
 # --- potentials
