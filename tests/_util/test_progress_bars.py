@@ -19,7 +19,10 @@ CALLS = {
 }
 
 
-@pytest.mark.parametrize("name", CALLS)
+NAMES = [pytest.param(n, marks=pytest.mark.slow) if n == "plan_swarm" else n for n in CALLS]
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_true_reports_on_standard_error(name, capsys):
     CALLS[name](True)
     printed = capsys.readouterr()
@@ -27,7 +30,7 @@ def test_true_reports_on_standard_error(name, capsys):
     assert not printed.out
 
 
-@pytest.mark.parametrize("name", CALLS)
+@pytest.mark.parametrize("name", NAMES)
 def test_false_reports_nothing(name, capsys):
     CALLS[name](False)
     printed = capsys.readouterr()

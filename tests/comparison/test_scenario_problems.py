@@ -38,6 +38,7 @@ def test_formation_problems_are_of_policies_and_seeded(scenario, formations) -> 
         np.testing.assert_array_equal(cold.p, warm.p)
 
 
+@pytest.mark.slow
 def test_formation_problems_of_mpc_are_those_of_its_horizon(scenario) -> None:
     problems = csw.formation_problems(scenario, ["leader-mpc-3"], 2, runs=3)
     assert [p.traits["policy"] for p in problems] == 2 * ["leader-mpc-3"]

@@ -35,7 +35,13 @@ def posed(name: str, n: int, objective: str, separated: bool, seed: int) -> tupl
 
 
 @pytest.mark.parametrize("name", ["paper-1", "paper-2"])
-@pytest.mark.parametrize("objective", ["success", "arrivals", "survivors"])
+@pytest.mark.parametrize(
+    "objective",
+    [
+        "success",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("arrivals", "survivors")),
+    ],
+)
 @given(n=st.integers(1, 4), separated=st.booleans(), seed=st.integers(0, 2**32 - 1))
 def test_values_and_derivatives_equal_casadis(
     name: str, objective: str, n: int, separated: bool, seed: int

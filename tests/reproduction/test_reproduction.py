@@ -147,7 +147,7 @@ def test_saved_table_2_is_in_the_papers_order_and_intervals():
     [
         "I: alley",
         pytest.param("I: ring", marks=pytest.mark.slow),
-        "II: the paper's, local guide",
+        pytest.param("II: the paper's, local guide", marks=pytest.mark.slow),
     ],
 )
 def test_beyond_equals_saved_table(name):

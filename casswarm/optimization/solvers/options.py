@@ -28,6 +28,7 @@ Positive = Annotated[float, Allowed(lambda value: value > 0, "above zero")]
 PositiveFinite = Annotated[float, Allowed(lambda value: 0 < value < inf, "above zero, finite")]
 NonNegative = Annotated[float, Allowed(lambda value: value >= 0, "zero or above")]
 PositiveInt = Annotated[int, Allowed(lambda value: value >= 1, "whole numbers from 1")]
+Flag = Annotated[bool, Allowed(lambda value: isinstance(value, bool), "True or False")]
 NonNegativeInt = Annotated[int, Allowed(lambda value: value >= 0, "zero or above")]
 
 

@@ -15,7 +15,7 @@ from ...._util.user_code import USER_ERRORS
 from ...problem import Instances, Nlp
 from ...solution import BatchSolution, Status
 from ..base import VIOLATION, Answer, Capabilities, Solver, backend_error
-from ..options import Allowed, NonNegative, NonNegativeInt, Positive
+from ..options import Allowed, Flag, NonNegative, NonNegativeInt, Positive
 from .compiled_problems import numeric_problems, program_tapes
 from .engine import minimise
 from .iterates import Options, Results
@@ -67,7 +67,7 @@ class FilterInteriorPoint(Solver):
     mu_init: Positive = 0.1
     bound_push: Positive = 0.01
     constr_mult_init_max: NonNegative = 1000.0
-    restoration: bool = True
+    restoration: Flag = True
     fallback: Fallback = None
 
     name: ClassVar[str] = "interior-point"
