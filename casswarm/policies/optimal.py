@@ -45,7 +45,7 @@ class OptimalPolicy(ReplanningPolicy):
         """
         cls.require_pair(scenario)
         value = PairValueFunction.from_scenario(scenario)
-        plan = plan_swarm(scenario, guide=guide)
+        plan = plan_swarm(scenario, guide=guide, certify=False)
         plan = alternative_plan(scenario, plan, value.path(scenario.positions))
         tree = PlanTree(scenario, plan, min_probability=_MIN_PROBABILITY)
         return cls(tree, JointPolicy.from_plan(plan, cls.name))

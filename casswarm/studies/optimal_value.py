@@ -88,7 +88,7 @@ def optimal_value(
     >>> from casswarm.scenario.variations import with_parameters
     >>> scenario = with_parameters(csw.load_scenario("gauntlet"), {"n": 2, "time.t_f": 5.3})
     >>> low, high = csw.optimal_value(scenario, time_limit=1.0).success
-    >>> 0 < low <= high < 1
+    >>> 0 < low <= high <= 1
     True
     """
     require_scenario("optimal_value", scenario)

@@ -41,6 +41,7 @@ def plan_swarm(
     min_distance: float | None = None,
     time_limit: float | None = None,
     guide: Guide | None = None,
+    certify: bool = True,
     solver_options: Mapping[str, Any] | None = None,
     progress: Progress | bool | None = None,
 ) -> SwarmPlan:
@@ -70,6 +71,8 @@ def plan_swarm(
     guide : Guide, optional
         Provides V(-1) if the scenario leaves that to the guide; planned from the scenario by
         default, so that every policy begins with the same velocity.
+    certify : bool
+        Whether to compute `SwarmPlan.bound`, which takes up to some seconds.
     solver_options : mapping, optional
         Options of the solver, if it is given by name, with which it runs in all stages of the
         search; without them, ``"auto"`` and ``"ipopt"`` have settings for each stage.
@@ -103,7 +106,8 @@ def plan_swarm(
     if time_limit is not None and not time_limit > 0:
         raise ValueError(f"time_limit = {time_limit!r}; allowed: seconds above 0")
     guide = plan(scenario, certify=False) if guide is None else guide
-    bound = success_bound(scenario)  # before the search, whose result it could cost
+    # before the search, whose result it could cost
+    bound = success_bound(scenario) if certify else None
     velocities = initial_velocities(scenario, guide)
     frame = Frame.of_scenario(scenario, velocities[0])
     framed = frame.scenario_in(scenario)

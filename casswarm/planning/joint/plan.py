@@ -89,7 +89,7 @@ class SwarmPlan(Displayed):
     outcomes : tuple of SwarmOutcome
         The outcome of every start, failures included, in the order of the search.
     bound : SuccessBound or None
-        Upper bound on the success probability of every policy.
+        Upper bound on the success probability of every policy; None if it was not computed.
     min_distance : float or None
         Required distance of any two members from step 1 on, if any.
     seconds : float
