@@ -93,7 +93,7 @@ class SpectralProjectedGradient(BatchSolver):
 
 def batch_data(nlp: Nlp, instances: Instances, x0: FloatArray) -> Batch:
     """Arrays of B instances and their initial guesses (B, nx) for kernels on products of sets."""
-    from .spg_batch_kernels import Batch, Method
+    from .spg_batch_kernels import Batch
 
     assert nlp.compiled is not None
     assert isinstance(instances.feasible_set, PlanarSets)

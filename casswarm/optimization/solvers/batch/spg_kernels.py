@@ -205,9 +205,7 @@ def verify(x: FloatArray, problem: Problem, work: Workspace, verified: FloatArra
 
 
 @kernel
-def judge(
-    x: FloatArray, f: float, problem: Problem, work: Workspace, verified: FloatArray
-) -> None:
+def judge(x: FloatArray, f: float, problem: Problem, work: Workspace, verified: FloatArray) -> None:
     """`verify`, with the objective, its gradient and the projected step at x already there."""
     gradient, residual = work.vectors[GRADIENT], work.vectors[DIRECTION]
     largest, finite = 0.0, math.isfinite(f)
