@@ -150,9 +150,9 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
 
     batch, n = task.step.alive.shape
     results = StepResults(
-        np.zeros((batch, n, 2)),
+        np.empty((batch, n, 2)),
         np.empty((batch, 3)),
-        np.zeros(batch, np.int64),
+        np.empty(batch, np.int64),
         np.empty(batch, bool),
     )
     limits = Limits(VIOLATION, min(solver.stationarity, MAX_STATIONARITY))

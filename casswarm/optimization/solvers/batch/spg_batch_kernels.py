@@ -19,7 +19,7 @@ from .multistart_kernels import (
     orient,
     write_start,
 )
-from .spg_kernels import judge, minimise, project, verify, workspace
+from .spg_kernels import minimise, project, verify, workspace
 
 COARSE = 1e-3  # tolerance to which starts are compared
 SPREAD = 2.0  # standard deviation of further starts, in radii of the smallest disc
@@ -88,6 +88,9 @@ def solve(
     project(guess, problem.sets, best)
     if starts.initial > 1:
         place_starts(guess, problem, scratch)
+    elif verify(best, problem, work, verified) <= method.tolerance:  # a solution in closed form
+        counts[1] += 1
+        return CONVERGED
     least, hits, solved = math.inf, 0, 0
     while needs_start(solved, hits, starts):
         write_start(solved, guess, starts, 0, x)
@@ -99,12 +102,8 @@ def solve(
                 least = f
                 copy(x, best)
         solved += 1
-    steps = counts[0]
-    f, outcome = minimise(best, problem, method.tolerance, method.max_iter, work, counts)
-    if outcome == CONVERGED and counts[0] == steps:  # at once, with the step that is verified
-        judge(best, f, problem, work, verified)
-    else:
-        verify(best, problem, work, verified)
+    _f, outcome = minimise(best, problem, method.tolerance, method.max_iter, work, counts)
+    verify(best, problem, work, verified)
     return outcome
 
 

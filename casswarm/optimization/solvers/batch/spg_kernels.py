@@ -191,35 +191,29 @@ def minimise(
 
 
 @kernel
-def verify(x: FloatArray, problem: Problem, work: Workspace, verified: FloatArray) -> None:
+def verify(x: FloatArray, problem: Problem, work: Workspace, verified: FloatArray) -> float:
     """Write objective, violation and stationarity of a point, from the problem alone.
 
-    Stationarity is the largest component of x - P(x - gradient) in units of x and f.
+    Stationarity is the largest component of x - P(x - gradient) in units of x and f. Returns the
+    length of the longest member's part, which `minimise` compares with its tolerance.
     """
-    f = evaluate(problem, x, work.vectors[GRADIENT])
-    work.step_sizes[:] = problem.scale[0] * problem.scale[0] / problem.scale[1]
-    projected_step(
-        x, work.vectors[GRADIENT], work.step_sizes, problem.sets, work.vectors[DIRECTION]
-    )
-    judge(x, f, problem, work, verified)
-
-
-@kernel
-def judge(x: FloatArray, f: float, problem: Problem, work: Workspace, verified: FloatArray) -> None:
-    """`verify`, with the objective, its gradient and the projected step at x already there."""
     gradient, residual = work.vectors[GRADIENT], work.vectors[DIRECTION]
-    largest, finite = 0.0, math.isfinite(f)
+    f = evaluate(problem, x, gradient)
+    verified[0], verified[1], verified[2] = f, 0.0, math.nan
     for i in range(problem.sets.shape[0]):
         distance = violation(x[2 * i], x[2 * i + 1], problem.sets, i)
-        if not distance <= largest:
-            largest = distance
-    verified[0], verified[1] = f, largest
-    if not (finite and math.isfinite(largest)):
+        if not distance <= verified[1]:
+            verified[1] = distance
+    if not (math.isfinite(f) and math.isfinite(verified[1])):
         verified[1] = math.inf
-        finite = False
-    for c in range(x.size):  # which a projection onto a box would hide
-        finite = finite and math.isfinite(gradient[c])
-    verified[2] = largest_component(residual) / problem.scale[0] if finite else math.nan
+        return math.nan
+    for c in range(x.size):
+        if not math.isfinite(gradient[c]):
+            return math.nan  # which a projection onto a box would hide
+    work.step_sizes[:] = problem.scale[0] * problem.scale[0] / problem.scale[1]
+    projected_step(x, gradient, work.step_sizes, problem.sets, residual)
+    verified[2] = largest_component(residual) / problem.scale[0]
+    return longest_displacement(residual) / problem.scale[0]
 
 
 @allocating_kernel
