@@ -246,7 +246,7 @@ def _follower_weight(hazard: Hazard) -> float:
 
 def _formation(task: FormationTask, problems: StateProblem) -> Formation:
     """Formation of the problems that kernels wrote."""
-    (batch, n), corridor = task.step.alive.shape, task.rho is not None
+    batch, corridor = len(task.leaders), task.rho is not None
     sets = PlanarSets.from_packed(problems.sets, 2 if corridor else 1)
     squared = (sets.radii / task.step.motion.v_max) ** 2  # constraints bound squared distances
     instances = Instances(
@@ -257,7 +257,7 @@ def _formation(task: FormationTask, problems: StateProblem) -> Formation:
         lbg=np.full((batch, task.nlp.sizes[2]), -np.inf),
         ubg=np.moveaxis(squared, -1, 1).reshape(batch, -1),  # in the order of `constraints`
         feasible_set=sets,
-        scale=formation_scale(task.step, problems.p[:, 5 * n : 6 * n]),
+        scale=_step_scale(task, problems.p),
     )
     fallback = sets.project(task.step.previous_velocities)
     return Formation(task.nlp, instances, problems.free, sets, fallback, problems.infeasible)
@@ -266,5 +266,22 @@ def _formation(task: FormationTask, problems: StateProblem) -> Formation:
 def formation_scale(step: Step, weights: FloatArray) -> FloatArray:
     """Scales (B, 2): v_max, and the rate of isolated members at the present positions, H steps."""
     isolated = (weights * step.hazard.single_agent_rates(step.positions)).sum(axis=1)
-    rates = step.horizon * np.where(isolated > 0, isolated, 1.0)
-    return np.stack([np.full(len(isolated), step.motion.v_max), rates], 1)
+    return _scale(step, step.horizon * isolated)
+
+
+def _scale(step: Step, rates: FloatArray) -> FloatArray:
+    return np.stack([np.full(len(rates), step.motion.v_max), np.where(rates > 0, rates, 1.0)], 1)
+
+
+def _step_scale(task: FormationTask, p: FloatArray) -> FloatArray:
+    """`formation_scale` of one step; by the compiled objective if there is one, to the last bit."""
+    (batch, n), compiled = task.step.alive.shape, task.nlp.compiled
+    if compiled is not None:
+        from .formation_state_kernels import isolated_rates
+
+        rates = np.empty(batch)
+        alive = contiguous(task.step.alive)
+        isolated_rates(compiled.evaluate, p, alive, compiled.constants, rates)
+        if (np.isfinite(rates) & (rates >= 0)).all():
+            return _scale(task.step, rates)
+    return formation_scale(task.step, p[:, 5 * n : 6 * n])  # which names a rate that is no rate

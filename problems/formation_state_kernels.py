@@ -7,9 +7,11 @@ from another, both for its records (`Formation`) and for policies that solve in 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from .._util.jit import kernel
+import numpy as np
+
+from .._util.jit import allocating_kernel, kernel
 from ..optimization.feasible_sets.planar_kernels import approach, fix, nearest_to_anchor, projected
 from ..typing import BoolArray, FloatArray, IntArray
 from .step_kernels import motion_set
@@ -190,6 +192,40 @@ def corridor_problem(states: States, row: int, terms: Terms, out: StateProblem) 
             solvable = write_free(i, vx, vy, out) and solvable
         out.infeasible[i] = infeasible
     return solvable
+
+
+@kernel
+def isolated_rate(
+    evaluate: Any,
+    p: FloatArray,
+    alive: BoolArray,
+    constants: FloatArray,
+    vectors: FloatArray,
+    scratch: FloatArray,
+) -> float:
+    """Weighted sum of the members' rates if each were alone, at the present positions.
+
+    It is the objective for velocities of 0 with nobody alive, and so without pairs of members; then
+    p has `alive` (n,) again. `vectors` (2, 2n) and `scratch` are overwritten.
+    """
+    n = alive.size
+    for i in range(n):
+        vectors[0, 2 * i], vectors[0, 2 * i + 1], p[4 * n + i] = 0.0, 0.0, 0.0
+    rate: float = evaluate(vectors[0], p, constants, vectors[1], scratch)
+    for i in range(n):
+        p[4 * n + i] = alive[i]
+    return rate
+
+
+@allocating_kernel
+def isolated_rates(
+    evaluate: Any, p: FloatArray, alive: BoolArray, constants: FloatArray, rates: FloatArray
+) -> None:
+    """Write `isolated_rate` (B,) of all states."""
+    n = alive.shape[1]
+    vectors, scratch = np.empty((2, 2 * n)), np.empty(n * (n + 8))
+    for row in range(rates.size):
+        rates[row] = isolated_rate(evaluate, p[row], alive[row], constants, vectors, scratch)
 
 
 @kernel

@@ -1,6 +1,6 @@
 """A step of the formation policies in one pass: state in, verified velocities out.
 
-For every state: its problem, its scale, the solution by the spectral projected gradient, and the
+For every state: its problem and scale, the solution by the spectral projected gradient, and the
 verification. What `casswarm.policies.formation` otherwise does in arrays, for any solver.
 """
 
@@ -13,9 +13,15 @@ import numpy as np
 
 from .._util.jit import allocating_kernel, kernel
 from ..optimization.feasible_sets.planar_kernels import projected
-from ..optimization.solvers.batch.face_newton_kernels import GRADIENT, STEP, Problem, evaluate
-from ..optimization.solvers.batch.spg_batch_kernels import Method, Scratch, scratch_for, solve
-from ..problems.formation_state_kernels import StateProblem, States, Terms, state_problem
+from ..optimization.solvers.batch.face_newton_kernels import Problem
+from ..optimization.solvers.batch.spg_batch_kernels import Method, scratch_for, solve
+from ..problems.formation_state_kernels import (
+    StateProblem,
+    States,
+    Terms,
+    isolated_rate,
+    state_problem,
+)
 from ..typing import BoolArray, FloatArray, IntArray
 
 
@@ -44,21 +50,6 @@ class StepResults(NamedTuple):
     verified: FloatArray
     infeasible: IntArray
     accepted: BoolArray
-
-
-@kernel
-def write_scale(problem: Problem, terms: Terms, scratch: Scratch) -> bool:
-    """Write v_max, and the rate of isolated members at the present positions; False for no rate.
-
-    The objective itself with nobody alive and velocities of 0: no member has neighbours.
-    """
-    p, zeros = problem.p, scratch.work.vectors[STEP]
-    n = zeros.size // 2
-    zeros[:] = 0.0
-    p[4 * n : 5 * n] = 0.0
-    isolated = evaluate(problem, zeros, scratch.work.vectors[GRADIENT])
-    problem.scale[0], problem.scale[1] = terms.v_max, isolated if isolated > 0.0 else 1.0
-    return 0.0 <= isolated < math.inf
 
 
 @kernel
@@ -92,18 +83,19 @@ def decide_states(
         np.empty(n, np.bool_),
         np.empty(n, np.bool_),
     )
-    numbers = np.empty(n * (n + 8))
-    problem = Problem(evaluate, own.p, constants, own.sets, np.empty(2), numbers)
+    scale, vectors, numbers = np.empty(2), np.empty((2, 2 * n)), np.empty(n * (n + 8))
+    problem = Problem(evaluate, own.p, constants, own.sets, scale, numbers)
     for row in range(rows[0], rows[1]):
         verified = results.verified[row]
         results.accepted[row] = False
         if not state_problem(states, row, terms, own):
             continue
-        if not write_scale(problem, terms, scratch):
+        rate = isolated_rate(evaluate, own.p, states.alive[row], constants, vectors, numbers)
+        if not 0.0 <= rate < math.inf:
             continue
+        scale[0], scale[1] = terms.v_max, rate if rate > 0.0 else 1.0
         infeasible = 0
         for i in range(n):
-            own.p[4 * n + i] = states.alive[row, i]
             infeasible += own.infeasible[i]
         solve(own.guess, problem, method, scratch, verified, counts)
         results.infeasible[row] = infeasible
