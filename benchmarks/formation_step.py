@@ -111,7 +111,7 @@ def cores(quick: bool) -> Iterator[list[str]]:
         work = decide(recorded(scenario, policy, 10_000, n), 10_000)
 
         def with_threads(number: int, work: Callable[[], object] = work) -> object:
-            with mock.patch.object(engine, "_cores", lambda: number):
+            with mock.patch.object(engine, "_cores", return_value=number):
                 return work()
 
         one, two, _ = in_turn(lambda: with_threads(1), lambda: with_threads(2), 7 if quick else 21)

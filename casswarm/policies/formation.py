@@ -6,7 +6,7 @@ import logging
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from ..optimization.solvers import Solver
 from ..optimization.solvers.auto import Auto
 from ..optimization.solvers.base import VIOLATION
 from ..optimization.solvers.batch.engine import execute
-from ..optimization.solvers.batch.spg import PER_THREAD
+from ..optimization.solvers.batch.spg import PER_THREAD, SpectralProjectedGradient
 from ..planning.guide import Guide
 from ..problems.formation import Formation, FormationTask, or_none
 from ..problems.step import Motion, Step
@@ -143,8 +143,9 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
     The default solver's batch method does so in one pass over the states. Those that it does not
     solve to tolerance, and all states for other solvers, are solved as `applied_decision` does.
     """
-    compiled = task.nlp.compiled
-    if compiled is None or not isinstance(solver, Auto):
+    nlp = task.nlp
+    compiled = nlp.compiled
+    if compiled is None or not _is_default(solver):
         return applied_decision(task.step, task.formation(), solver)
     from .formation_step_kernels import Limits, StepResults, decide_states
 
@@ -157,7 +158,7 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
     )
     limits = Limits(VIOLATION, min(solver.stationarity, MAX_STATIONARITY))
     arguments = (compiled.evaluate, compiled.constants, task.states, task.terms)
-    arguments += (solver.batch.method(task.nlp), limits)
+    arguments += (solver.batch.method(nlp), limits)
     execute(decide_states, arguments, results, PER_THREAD)
     failures, fallbacks = np.zeros((2, batch), np.int64)
     left = np.flatnonzero(~results.accepted)
@@ -170,6 +171,11 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
         )
         failures[left], fallbacks[left] = decision.failures, decision.fallbacks
     return Decision(results.velocities, results.infeasible, failures, fallbacks)
+
+
+def _is_default(solver: Solver) -> TypeGuard[Auto]:
+    """Whether the solver's methods are those of the pass, not of a subclass."""
+    return type(solver) is Auto and type(solver.batch) is SpectralProjectedGradient
 
 
 def applied_decision(step: Step, formation: Formation, solver: Solver) -> Decision:
