@@ -115,7 +115,8 @@ def write_parameters(states: States, row: int, terms: Terms, p: FloatArray) -> b
         p[4 * n + i], p[5 * n + i] = states.alive[row, i], 0.0
     p[6 * n], p[6 * n + 1] = states.goals[row, 0], states.goals[row, 1]
     p[6 * n + 2], p[6 * n + 3] = terms.dt, terms.v_max
-    return total + 0.0 * p[6 * n] + 0.0 * p[6 * n + 1] == 0.0
+    finite: bool = total + 0.0 * p[6 * n] + 0.0 * p[6 * n + 1] == 0.0
+    return finite
 
 
 @kernel

@@ -104,8 +104,8 @@ class Step:
 
     def __getitem__(self, rows: IntArray) -> Step:
         goals = self.goals if self.goals.ndim == 2 else self.goals[:, rows]
-        states = (self.positions, self.previous_velocities, self.alive)
-        return Step(self.hazard, self.motion, *(array[rows] for array in states), goals)
+        positions, velocities = self.positions[rows], self.previous_velocities[rows]
+        return Step(self.hazard, self.motion, positions, velocities, self.alive[rows], goals)
 
     @property
     def horizon(self) -> int:

@@ -157,18 +157,16 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
         np.empty(batch, bool),
     )
     limits = Limits(VIOLATION, min(solver.stationarity, MAX_STATIONARITY))
-    arguments = (compiled.evaluate, compiled.constants, task.states, task.terms)
-    arguments += (solver.batch.method(nlp), limits)
+    method = solver.batch.method(nlp)
+    arguments = compiled.evaluate, compiled.constants, task.states, task.terms, method, limits
     execute(decide_states, arguments, results, PER_THREAD)
     failures, fallbacks = np.zeros((2, batch), np.int64)
     left = np.flatnonzero(~results.accepted)
     if left.size:
         rest = task[left]
         decision = applied_decision(rest.step, rest.formation(), solver)
-        results.velocities[left], results.infeasible[left] = (
-            decision.velocities,
-            decision.infeasible,
-        )
+        results.velocities[left] = decision.velocities
+        results.infeasible[left] = decision.infeasible
         failures[left], fallbacks[left] = decision.failures, decision.fallbacks
     return Decision(results.velocities, results.infeasible, failures, fallbacks)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from .._util.jit import allocating_kernel, kernel
 from ..optimization.feasible_sets.planar_kernels import projected
-from ..optimization.solvers.batch.face_newton_kernels import Problem
+from ..optimization.solvers.batch.face_newton_kernels import Problem, copy
 from ..optimization.solvers.batch.spg_batch_kernels import Method, scratch_for, solve
 from ..problems.formation_state_kernels import (
     StateProblem,
@@ -97,6 +97,7 @@ def decide_states(
         infeasible = 0
         for i in range(n):
             infeasible += own.infeasible[i]
+        copy(own.guess, scratch.best)
         solve(own.guess, problem, method, scratch, verified, counts)
         results.infeasible[row] = infeasible
         if verified[1] <= limits.violation and verified[2] <= limits.stationarity:

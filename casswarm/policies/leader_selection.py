@@ -27,7 +27,8 @@ def nearest(step: Step, reference: FloatArray) -> NDArray[np.intp]:
     batch = len(step.alive)
     points = np.broadcast_to(reference.reshape(-1, 2), (batch, 2))
     leaders, tie = np.empty(batch, np.intp), _TIE * step.motion.v_max * step.motion.dt
-    nearest_living(*map(contiguous, (step.positions, step.alive, points)), tie, leaders)
+    positions, alive = contiguous(step.positions), contiguous(step.alive)
+    nearest_living(positions, alive, contiguous(points), tie, leaders)
     return leaders
 
 

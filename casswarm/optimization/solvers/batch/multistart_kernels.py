@@ -66,8 +66,8 @@ class Starts(NamedTuple):
         batch, members = spread.shape
         starts = empty_starts(initial, start_displacements(initial, members), batch)
         starts.spread[:] = spread
-        flat = (contiguous(array.reshape(batch, -1)) for array in (guesses, places))
-        orient_batch(*flat, starts)
+        guesses, places = guesses.reshape(batch, -1), places.reshape(batch, -1).copy()
+        orient_batch(contiguous(guesses), contiguous(places), starts)
         return starts
 
 

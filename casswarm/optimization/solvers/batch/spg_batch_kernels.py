@@ -80,12 +80,12 @@ def solve(
     verified: FloatArray,
     counts: IntArray,
 ) -> int:
-    """Solve a state from its guess, to `scratch.best`; write its residuals, return the outcome.
+    """Solve a state from its guess; write its residuals, return the outcome.
 
-    From every start the state is solved coarsely, and from the best of the ends to tolerance.
+    The guess's projection in `scratch.best` is replaced by the solution. From every start the state
+    is solved coarsely, and from the best of the ends to tolerance.
     """
     work, starts, x, best = scratch
-    project(guess, problem.sets, best)
     if starts.initial > 1:
         place_starts(guess, problem, scratch)
     elif verify(best, problem, work, verified) <= method.tolerance:  # a solution in closed form
@@ -118,6 +118,7 @@ def minimise_batch(
         problem = Problem(
             evaluate, batch.p[row], batch.constants, batch.sets[row], batch.scale[row], numbers
         )
+        project(batch.x0[row], problem.sets, scratch.best)
         results.outcome[row] = solve(
             batch.x0[row], problem, method, scratch, results.verified[row], results.counts[row]
         )

@@ -213,7 +213,8 @@ def verify(x: FloatArray, problem: Problem, work: Workspace, verified: FloatArra
     work.step_sizes[:] = problem.scale[0] * problem.scale[0] / problem.scale[1]
     projected_step(x, gradient, work.step_sizes, problem.sets, residual)
     verified[2] = largest_component(residual) / problem.scale[0]
-    return longest_displacement(residual) / problem.scale[0]
+    longest: float = longest_displacement(residual) / problem.scale[0]
+    return longest
 
 
 @allocating_kernel
