@@ -99,6 +99,8 @@ def _stamp() -> bytes:
 
 def contiguous(array: _Array) -> _Array:
     """The array as kernels take it: contiguous and writable, so that one type is compiled."""
+    if array.flags.c_contiguous and array.flags.writeable:  # a tenth of the time of the following
+        return array
     return cast("_Array", np.require(array, None, ("C", "W")))
 
 

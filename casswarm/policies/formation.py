@@ -18,7 +18,7 @@ from ..optimization.solvers import Solver
 from ..optimization.solvers.auto import Auto
 from ..optimization.solvers.base import VIOLATION
 from ..optimization.solvers.batch.engine import execute
-from ..optimization.solvers.batch.spg import PER_THREAD, SpectralProjectedGradient
+from ..optimization.solvers.batch.spg import SpectralProjectedGradient
 from ..planning.guide import Guide
 from ..problems.formation import Formation, FormationTask, or_none
 from ..problems.step import Motion, Step
@@ -33,6 +33,9 @@ LOG = logging.getLogger(__name__)
 MAX_STATIONARITY = 1e-3
 """Stationarity, in `Instances.scale`, above which a solution counts as failed, whatever status its
 solver reports: loose, because solvers report success by tolerances of their own."""
+
+
+_PER_THREAD = 1024  # states with a single start that are worth a thread
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,9 +160,9 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
         np.empty(batch, bool),
     )
     limits = Limits(VIOLATION, min(solver.stationarity, MAX_STATIONARITY))
-    method = solver.batch.method(nlp)
+    method = solver.batch.method(nlp.n_starts, n)
     arguments = compiled.evaluate, compiled.constants, task.states, task.terms, method, limits
-    execute(decide_states, arguments, results, PER_THREAD)
+    execute(decide_states, arguments, results, _PER_THREAD // nlp.n_starts)
     failures, fallbacks = np.zeros((2, batch), np.int64)
     left = np.flatnonzero(~results.accepted)
     if left.size:

@@ -93,9 +93,9 @@ def test_decision_of_a_state_does_not_depend_on_its_batch(kind: str, hazard: str
 
 
 def test_threads_decide_as_one_does() -> None:
-    problem = task("corridor", HAZARDS["plain"], 1100, 5, seed=3)
+    problem = task("corridor", HAZARDS["plain"], 2200, 5, seed=3)
     whole = formation_decision(problem, Auto())
-    parts = [formation_decision(problem[rows], Auto()) for rows in np.split(np.arange(1100), 11)]
+    parts = [formation_decision(problem[rows], Auto()) for rows in np.split(np.arange(2200), 11)]
     np.testing.assert_array_equal(whole.velocities, np.concatenate([p.velocities for p in parts]))
     assert whole.infeasible.sum() == sum(part.infeasible.sum() for part in parts) > 0
 

@@ -17,7 +17,7 @@ from .engine import BatchRun, BatchSolver, Results, execute
 if TYPE_CHECKING:
     from .spg_batch_kernels import Batch, Method
 
-PER_THREAD = 256  # instances that are worth a thread
+_PER_THREAD = 256  # instances that are worth a thread
 
 
 @dataclass(frozen=True)
@@ -76,19 +76,19 @@ class SpectralProjectedGradient(BatchSolver):
 
         assert nlp.compiled is not None
         data = batch_data(nlp, instances, instances.x0)
-        arguments = nlp.compiled.evaluate, data, self.method(nlp)
+        arguments = nlp.compiled.evaluate, data, self.method(nlp.n_starts, nlp.sizes[0] // 2)
         results = Results.empty(instances.x0.shape)
-        seconds = execute(minimise_batch, arguments, results, PER_THREAD)
+        seconds = execute(minimise_batch, arguments, results, _PER_THREAD)
         return BatchRun(results, seconds)
 
-    def method(self, nlp: Nlp) -> Method:
-        """The options as kernels take them, for a problem."""
+    def method(self, n_starts: int, members: int) -> Method:
+        """The options as kernels take them, with `Nlp.n_starts` as the default."""
         from .multistart_kernels import start_displacements
         from .spg_batch_kernels import Method
 
-        initial, size = self.n_starts or nlp.n_starts, nlp.sizes[0]
-        directions = start_displacements(initial, size // 2)
-        return Method(initial, directions, self.tolerance, self.max_iter or 300 + size)
+        initial = self.n_starts or n_starts
+        directions = start_displacements(initial, members)
+        return Method(initial, directions, self.tolerance, self.max_iter or 300 + 2 * members)
 
 
 def batch_data(nlp: Nlp, instances: Instances, x0: FloatArray) -> Batch:
