@@ -14,20 +14,20 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 from _timing import arguments, in_turn, print_table, timed
 
 import casswarm as csw
-from casswarm.optimization.feasible_sets.planar import PlanarSets
 from casswarm.optimization.problem import Instances, Nlp
 from casswarm.optimization.solvers import Auto, Ipopt
 from casswarm.policies import Decision, Policy
 from casswarm.policies.leader_selection import LEADER_SELECTION
-from casswarm.problems.formation import corridor_formation, leader_formation
+from casswarm.problems.formation import FormationTask, or_none
 from casswarm.problems.step import Motion, Step
+from casswarm.scenario.variations import with_parameters
 
 PROBLEMS = {
     "leader": ("paper-1", "leader", 1000),
@@ -54,56 +54,26 @@ class Recorder(Policy):
         return self.inner.decide_batch(step, positions, previous_velocities, alive)
 
 
-def formations(name: str, policy: str, states: int) -> tuple[csw.Scenario, Nlp, Instances]:
+def recorded(name: str, policy: str, states: int, n: int | None = None) -> FormationTask:
     """Formation problems of states at random from 300 runs, at least two members alive."""
     scenario = csw.load_scenario(name)
     guide = csw.plan(scenario)
+    if n is not None:
+        scenario = with_parameters(scenario, {"n": n})
     recorder = Recorder(csw.make_policy(policy, scenario, guide), [])
     csw.simulate(scenario, [recorder], runs=300, guide=guide)
-    places = [
-        (k, row)
-        for k, (_, _, _, alive) in enumerate(recorder.seen)
-        for row in np.flatnonzero(alive.sum(axis=1) > 1)
-    ]
-    chosen = np.random.default_rng(0).choice(len(places), states, replace=states > len(places))
-    nlp, parts = None, []
-    for k, (step, positions, previous_velocities, alive) in enumerate(recorder.seen):
-        rows = np.array([places[c][1] for c in chosen if places[c][0] == k], dtype=int)
-        if rows.size:
-            goal = guide.reference(step + 1)
-            data = Step(
-                scenario.hazard,
-                Motion.from_scenario(scenario),
-                positions[rows],
-                previous_velocities[rows],
-                alive[rows],
-                goal[None],
-            )
-            formation = (
-                leader_formation(data, LEADER_SELECTION["nearest"](data, guide.reference(step)))
-                if policy == "leader"
-                else corridor_formation(data, scenario.formation.rho)
-            )
-            nlp = formation.nlp
-            parts.append(formation.instances)
-    assert nlp is not None
-    return scenario, nlp, joined(parts)
-
-
-def joined(parts: list[Instances]) -> Instances:
-    """All instances as one batch."""
-
-    def arrays(name: str, owner: Callable[[Instances], object]) -> np.ndarray:
-        return np.concatenate([getattr(owner(part), name) for part in parts])
-
-    sets = (
-        arrays(name, lambda p: p.feasible_set) for name in ("lower", "upper", "centers", "radii")
-    )
-    names = ("x0", "p", "lbx", "ubx", "lbg", "ubg")
-    whole = Instances(
-        *(arrays(name, lambda p: p) for name in names), feasible_set=PlanarSets(*sets)
-    )
-    return replace(whole, scale=arrays("scale", lambda p: p))
+    steps = np.concatenate([np.full(len(seen[-1]), seen[0]) for seen in recorder.seen])
+    arrays = [np.concatenate(parts) for parts in list(zip(*recorder.seen, strict=True))[1:]]
+    several = np.flatnonzero(arrays[-1].sum(axis=1) > 1)
+    rng = np.random.default_rng(0)
+    chosen = several[rng.choice(len(several), states, replace=states > len(several))]
+    goals = np.array([guide.reference(step + 1) for step in steps[chosen]])
+    motion = Motion.from_scenario(scenario)
+    step = Step(scenario.hazard, motion, *(array[chosen] for array in arrays), goals[None])
+    if policy != "leader":
+        return FormationTask(step, or_none(None, states), scenario.formation.rho)
+    references = np.array([guide.reference(step) for step in steps[chosen]])
+    return FormationTask(step, LEADER_SELECTION["nearest"](step, references))
 
 
 def ipopt(nlp: Nlp, instances: Instances) -> tuple[float, np.ndarray]:
@@ -168,14 +138,15 @@ def alpaqa(nlp: Nlp, instances: Instances) -> Callable[[], object]:
     return run
 
 
-def jax(scenario: csw.Scenario, nlp: Nlp, instances: Instances) -> Callable[[], np.ndarray]:
-    """All states at once by the same algorithm in JAX, from the same first starts."""
+def jax(task: FormationTask, n_starts: int) -> Callable[[], np.ndarray]:
+    """All states at once by the same algorithm in JAX, from the first of the same starts."""
     from jax_program import batch_program
 
     from casswarm.optimization.solvers.batch.multistart_kernels import Starts
-    from casswarm.optimization.solvers.batch.spg import surroundings
+    from casswarm.optimization.solvers.batch.spg_batch_kernels import SPREAD
 
-    hazard, batch, n = scenario.hazard, len(instances), nlp.sizes[0] // 2
+    hazard, instances = task.step.hazard, task.formation().instances
+    batch, n = task.step.alive.shape
     keys = ("alpha_1", "alpha_2", "alpha_3", "beta_1", "beta_2")
     numbers = {key: getattr(hazard, key) for key in keys if hasattr(hazard, key)}
     assert instances.feasible_set is not None
@@ -199,8 +170,11 @@ def jax(scenario: csw.Scenario, nlp: Nlp, instances: Instances) -> Callable[[], 
         "metric": units[:, 0] ** 2 / units[:, 1],
     }
     lanes = {key: np.moveaxis(array, 0, -1).copy() for key, array in data.items()}
-    starts = Starts.around(nlp.n_starts, *surroundings(instances))
-    moves = starts.directions[: nlp.n_starts].reshape(-1, 1, n, 2) * starts.spread[..., None]
+    sets, guesses = instances.feasible_set, instances.x0.reshape(batch, n, 2)
+    radii = sets.radii.min(axis=-1)
+    spread = SPREAD * np.where(np.isfinite(radii), radii, 0.0)
+    starts = Starts.around(n_starts, spread, guesses, sets.centers.sum(axis=-2))
+    moves = starts.directions[:n_starts].reshape(-1, 1, n, 2) * starts.spread[..., None]
     starts = instances.x0.reshape(batch, n, 2) + moves
     first = np.stack([np.moveaxis(ordered(start), 0, -1) for start in starts])
 
@@ -213,7 +187,8 @@ def jax(scenario: csw.Scenario, nlp: Nlp, instances: Instances) -> Callable[[], 
 def row(name: str, states: int, repeats: int) -> list[str]:
     """Measure one problem; its row of the table."""
     scenario_name, policy, goal = PROBLEMS[name]
-    scenario, nlp, instances = formations(scenario_name, policy, states)
+    task = recorded(scenario_name, policy, states)
+    nlp, instances = task.nlp, task.formation().instances
     solver = Auto()
 
     def ours() -> object:
@@ -229,7 +204,7 @@ def row(name: str, states: int, repeats: int) -> list[str]:
     cells.append(f"{1e3 * opti(nlp, instances[slice(0, 20)]):.1f} ms")
     for other, program in (
         ("alpaqa", lambda: (alpaqa(nlp, few), 100)),
-        ("jax", lambda: (jax(scenario, nlp, instances), states)),
+        ("jax", lambda: (jax(task, nlp.n_starts), states)),
     ):
         try:
             work, number = program()

@@ -24,13 +24,15 @@ v_max and a_max allow, and counts as infeasible. The destroyed do not move.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from .._util.jit import contiguous
 from .._util.threads import locked_cache
 from ..hazard import Hazard, KernelHazard
 from ..optimization.feasible_sets.planar import PlanarSets
@@ -38,6 +40,9 @@ from ..optimization.problem import Instances, Nlp
 from ..typing import BoolArray, FloatArray, IntArray
 from .formation_kernels import formation_objective
 from .step import Step
+
+if TYPE_CHECKING:
+    from .formation_state_kernels import StateProblem, States, Terms
 
 FOLLOWER_WEIGHT = 0.01
 """Weight of the other members' rates in leader protection, where members collide.
@@ -127,102 +132,156 @@ class Formation:
     failures: IntArray | None = None
 
 
-def leader_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
+@dataclass(frozen=True, eq=False)
+class FormationTask:
+    """The formation problems of one step in B states: leader protection, or a corridor.
+
+    Parameters
+    ----------
+    step : Step
+        Of a single step, H = 1.
+    leaders : (B,) int
+        Members that move to the goal, living ones; -1 for none, which only a corridor allows.
+    rho : float, optional
+        Bound on the squared distance to the goal, with a corridor.
+    """
+
+    step: Step
+    leaders: IntArray
+    rho: float | None = None
+
+    @property
+    def nlp(self) -> Nlp:
+        """The program of all states."""
+        return formation_nlp(self.step.hazard, self.step.alive.shape[1], self.rho is not None)
+
+    @property
+    def states(self) -> States:
+        """The states as kernels take them."""
+        from .formation_state_kernels import States  # Numba takes a second to import
+
+        step, goals = self.step, np.broadcast_to(self.step.goal[:, 0], (len(self.leaders), 2))
+        arrays = (step.positions, step.previous_velocities, goals)
+        positions, velocities, goals = (np.asarray(array, float) for array in arrays)
+        leaders = np.asarray(self.leaders, np.int64)
+        return States(*map(contiguous, (positions, velocities, step.alive, goals, leaders)))
+
+    @property
+    def terms(self) -> Terms:
+        """What the problems have in common."""
+        from .formation_state_kernels import Terms  # Numba takes a second to import
+
+        motion, hazard = self.step.motion, self.step.hazard
+        return Terms(
+            dt=float(motion.dt),
+            v_max=float(motion.v_max),
+            change=motion.max_change,
+            at_goal=motion.position_tol,
+            corridor=-1.0 if self.rho is None else math.sqrt(self.rho) / motion.dt,
+            gathers=_gathers(hazard),
+            follower_weight=_follower_weight(hazard),
+        )
+
+    def __getitem__(self, rows: IntArray) -> FormationTask:
+        return FormationTask(self.step[rows], self.leaders[rows], self.rho)
+
+    def formation(self) -> Formation:
+        """The problems as arrays, for any solver.
+
+        Raises
+        ------
+        ValueError
+            A number is not finite, or a member's limits of motion allow no velocity.
+        """
+        from .formation_state_kernels import StateProblem, write_problems
+
+        batch, n = self.step.alive.shape
+        problems = StateProblem(
+            np.empty((batch, 6 * n + 4)),
+            np.empty((batch, 2 * n)),
+            np.empty((batch, n, 10)),
+            *np.empty((2, batch, n), bool),
+        )
+        solvable = np.empty(batch, bool)
+        write_problems(self.states, self.terms, problems, solvable)
+        if not solvable.all():
+            raise ValueError(
+                f"{np.count_nonzero(~solvable)} of {batch} states have no formation problem: "
+                "positions, velocities and goals must be finite, and previous velocities within "
+                "v_max, or so close to it that a_max allows to return"
+            )
+        return _formation(self, problems)
+
+
+def leader_formation(step: Step, leaders: IntArray) -> Formation:
     """Leader protection, problem (6); `leaders` (B,) are the indices of living members."""
-    leads = np.arange(step.alive.shape[1]) == leaders[:, None]
-    sets = step.motion.sets(step.previous_velocities)
-    positions, goal = step.positions[leads], step.goal[:, 0]
-    velocity = step.motion.toward(positions, step.previous_velocities[leads], goal)
-    prescribed = np.zeros_like(step.positions)
-    prescribed[leads] = velocity
-    infeasible = np.zeros_like(step.alive)
-    infeasible[leads] = step.motion.misses(positions, velocity, goal)
-    infeasible &= step.alive  # where no member is alive, none is infeasible
-    guess = None
-    if isinstance(step.hazard, KernelHazard) and step.hazard.gathers:
-        # closed form: the closer to the leader the better, for every follower independently
-        following = positions + step.motion.dt * velocity
-        guess = (following[:, None] - step.positions) / step.motion.dt
-    followers = step.alive & ~leads
-    weights = leader_weights(step, leads)
-    return _formation(step, sets, weights, followers, prescribed, infeasible, guess)
+    return FormationTask(step, leaders).formation()
 
 
-def leader_weights(step: Step, leads: BoolArray) -> FloatArray:
-    """Weights (B, n) of the members' rates in leader protection, for leaders (B, n)."""
-    gathers = isinstance(step.hazard, KernelHazard) and step.hazard.gathers
-    return np.where(leads, 1.0, 0.0 if gathers else FOLLOWER_WEIGHT) * step.alive
-
-
-def corridor_formation(
-    step: Step, rho: float, lead_agents: NDArray[np.intp] | None = None
-) -> Formation:
+def corridor_formation(step: Step, rho: float, lead_agents: IntArray | None = None) -> Formation:
     """Constrained trajectory, problem (7); `rho` bounds the squared distance to the goal.
 
     `lead_agents` (B,), if given, are the indices of members that move to the goal itself.
     """
-    hard = step.motion.sets(step.previous_velocities)
-    to_goal = (step.goal - step.positions) / step.motion.dt
-    corridor = PlanarSets(
-        hard.lower,
-        hard.upper,
-        np.stack([step.previous_velocities, to_goal], axis=-2),
-        np.sqrt([step.motion.a_max, rho]) / [1.0, step.motion.dt],
-    )
-    sets, infeasible = corridor.relax_infeasible()
-    free, prescribed = step.alive & ~infeasible, sets.lower
-    if lead_agents is not None:
-        leads = np.arange(step.alive.shape[1]) == lead_agents[:, None]
-        free &= ~leads
-        prescribed = np.where(leads[..., None], hard.project(to_goal), prescribed)
-    weights = step.alive.astype(float)
-    return _formation(step, sets, weights, free, prescribed, step.alive & infeasible)
+    return FormationTask(step, or_none(lead_agents, len(step.alive)), rho).formation()
 
 
-def _formation(
-    step: Step,
-    sets: PlanarSets,
-    weights: FloatArray,
-    free: BoolArray,
-    prescribed: FloatArray,
-    infeasible: BoolArray,
-    guess: FloatArray | None = None,
-) -> Formation:
-    """Formation in which living members that are not free have `prescribed` velocities (B, n, 2).
+def or_none(leaders: IntArray | None, batch: int) -> IntArray:
+    """The leaders (B,), or -1 for all states where there are none."""
+    return np.full(batch, -1) if leaders is None else leaders
 
-    The initial guess is the projection of `guess` (B, n, 2), by default of the previous velocities.
-    """
-    nlp = formation_nlp(step.hazard, step.alive.shape[1], sets.radii.shape[-1] == 2)
-    fixed = np.where(step.alive[..., None], prescribed, 0.0)
-    lower = np.where(free[..., None], sets.lower, fixed)
-    upper = np.where(free[..., None], sets.upper, fixed)
-    radii = np.where(free[..., None], sets.radii, np.inf)
-    sets = PlanarSets(lower, upper, sets.centers, radii)
-    fallback = sets.project(step.previous_velocities)
-    squared = (radii / step.motion.v_max) ** 2  # the constraints bound squared distances
+
+def leader_weights(step: Step, leads: BoolArray) -> FloatArray:
+    """Weights (B, n) of the members' rates in leader protection, for leaders (B, n)."""
+    return np.where(leads, 1.0, _follower_weight(step.hazard)) * step.alive
+
+
+def _gathers(hazard: Hazard) -> bool:
+    return isinstance(hazard, KernelHazard) and hazard.gathers
+
+
+def _follower_weight(hazard: Hazard) -> float:
+    return 0.0 if _gathers(hazard) else FOLLOWER_WEIGHT
+
+
+def _formation(task: FormationTask, problems: StateProblem) -> Formation:
+    """Formation of the problems that kernels wrote."""
+    batch, corridor = len(task.leaders), task.rho is not None
+    sets = PlanarSets.from_packed(problems.sets, 2 if corridor else 1)
+    squared = (sets.radii / task.step.motion.v_max) ** 2  # constraints bound squared distances
     instances = Instances(
-        x0=nlp.pack_variables(displacements=fallback if guess is None else sets.project(guess)),
-        p=nlp.pack_parameters(
-            positions=step.positions,
-            previous_velocities=step.previous_velocities,
-            alive=step.alive[..., None],
-            weights=weights[..., None],
-            goal=step.goal,
-            dt=step.motion.dt,
-            v_max=step.motion.v_max,
-        ),
-        lbx=nlp.pack_variables(displacements=lower),
-        ubx=nlp.pack_variables(displacements=upper),
-        lbg=np.full((len(free), nlp.sizes[2]), -np.inf),
-        ubg=np.moveaxis(squared, -1, 1).reshape(len(free), -1),  # in the order of `constraints`
+        x0=problems.guess,
+        p=problems.p,
+        lbx=sets.lower.reshape(batch, -1),
+        ubx=sets.upper.reshape(batch, -1),
+        lbg=np.full((batch, task.nlp.sizes[2]), -np.inf),
+        ubg=np.moveaxis(squared, -1, 1).reshape(batch, -1),  # in the order of `constraints`
         feasible_set=sets,
-        scale=formation_scale(step, weights),
+        scale=_step_scale(task, problems.p),
     )
-    return Formation(nlp, instances, free, sets, fallback, infeasible)
+    fallback = sets.project(task.step.previous_velocities)
+    return Formation(task.nlp, instances, problems.free, sets, fallback, problems.infeasible)
 
 
 def formation_scale(step: Step, weights: FloatArray) -> FloatArray:
     """Scales (B, 2): v_max, and the rate of isolated members at the present positions, H steps."""
     isolated = (weights * step.hazard.single_agent_rates(step.positions)).sum(axis=1)
-    rates = step.horizon * np.where(isolated > 0, isolated, 1.0)
-    return np.stack([np.full(len(isolated), step.motion.v_max), rates], 1)
+    return _scale(step, step.horizon * isolated)
+
+
+def _scale(step: Step, rates: FloatArray) -> FloatArray:
+    return np.stack([np.full(len(rates), step.motion.v_max), np.where(rates > 0, rates, 1.0)], 1)
+
+
+def _step_scale(task: FormationTask, p: FloatArray) -> FloatArray:
+    """`formation_scale` of one step; by the compiled objective if there is one, to the last bit."""
+    (batch, n), compiled = task.step.alive.shape, task.nlp.compiled
+    if compiled is not None:
+        from .formation_state_kernels import isolated_rates
+
+        rates = np.empty(batch)
+        alive = contiguous(task.step.alive)
+        isolated_rates(compiled.evaluate, p, alive, compiled.constants, rates)
+        if (np.isfinite(rates) & (rates >= 0)).all():
+            return _scale(task.step, rates)
+    return formation_scale(task.step, p[:, 5 * n : 6 * n])  # which names a rate that is no rate

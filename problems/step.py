@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._util.jit import contiguous
 from ..hazard import Hazard
 from ..optimization.feasible_sets.planar import PlanarSets
-from ..typing import BoolArray, FloatArray
+from ..typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -42,12 +44,22 @@ class Motion:
 
     def sets(self, previous_velocities: FloatArray) -> PlanarSets:
         """Sets of velocities (..., 2) allowed after `previous_velocities` (..., 2)."""
-        return PlanarSets(
-            np.full(2, -self.v_max),
-            np.full(2, self.v_max),
-            previous_velocities[..., None, :],
-            np.full(1, np.sqrt(self.a_max)),
-        )
+        from .step_kernels import motion_sets  # Numba takes a second to import
+
+        rows = np.empty((*previous_velocities.shape[:-1], 10))
+        flat = contiguous(previous_velocities.reshape(-1, 2).astype(float))
+        motion_sets(flat, self.v_max, self.max_change, rows.reshape(-1, 10))
+        return PlanarSets.from_packed(rows, 1)
+
+    @property
+    def max_change(self) -> float:
+        """Bound on ||V(t) - V(t-1)||."""
+        return math.sqrt(self.a_max)
+
+    @property
+    def position_tol(self) -> float:
+        """Distance up to which a member counts as being at a position."""
+        return POSITION_TOL * self.v_max * self.dt
 
     def toward(
         self, positions: FloatArray, previous_velocities: FloatArray, goals: FloatArray
@@ -64,7 +76,7 @@ class Motion:
         """Whether steps (..., 2) end farther than `radius` from the goals, shape (...)."""
         offset = positions + self.dt * velocities - goals
         distance = np.hypot(offset[..., 0], offset[..., 1])
-        return np.asarray(distance > radius + POSITION_TOL * self.v_max * self.dt)
+        return np.asarray(distance > radius + self.position_tol)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +101,11 @@ class Step:
     previous_velocities: FloatArray
     alive: BoolArray
     goals: FloatArray
+
+    def __getitem__(self, rows: IntArray) -> Step:
+        goals = self.goals if self.goals.ndim == 2 else self.goals[:, rows]
+        positions, velocities = self.positions[rows], self.previous_velocities[rows]
+        return Step(self.hazard, self.motion, positions, velocities, self.alive[rows], goals)
 
     @property
     def horizon(self) -> int:

@@ -24,12 +24,12 @@ from numpy.typing import NDArray
 from ..hazard import Hazard
 from ..optimization.solvers import Solver
 from ..planning.bounds import ValueFunction
-from ..problems.formation import corridor_formation, leader_formation
+from ..problems.formation import FormationTask
 from ..problems.step import Motion, Step
 from ..typing import BoolArray, FloatArray
 from .base import Policy
 from .decision import Decision
-from .formation import applied_decision
+from .formation import formation_decision
 
 _VELOCITIES = 9  # target velocities of manoeuvres per axis, from -v_max to v_max
 _EXTRA_STEPS = 3  # of a manoeuvre, beyond those that it takes to stop
@@ -158,7 +158,7 @@ class LeaderFeedbackPolicy(FeedbackPolicy):
         """Solve problem (6) around the leader's best path; see `Policy.decide_batch`."""
         leaders, goals = self.lead_agents(step, positions, previous_velocities, alive)
         data = Step(self.hazard, self.motion, positions, previous_velocities, alive, goals[None])
-        return applied_decision(data, leader_formation(data, leaders), self.solver)
+        return formation_decision(FormationTask(data, leaders), self.solver)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,4 +185,4 @@ class ConstrainedFeedbackPolicy(FeedbackPolicy):
         """Solve problem (7) around the lead agent's best path; see `Policy.decide_batch`."""
         lead, goals = self.lead_agents(step, positions, previous_velocities, alive)
         data = Step(self.hazard, self.motion, positions, previous_velocities, alive, goals[None])
-        return applied_decision(data, corridor_formation(data, self.rho, lead), self.solver)
+        return formation_decision(FormationTask(data, lead, self.rho), self.solver)

@@ -6,7 +6,7 @@ import logging
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,10 @@ from ..optimization.solution import BatchSolution
 from ..optimization.solvers import Solver
 from ..optimization.solvers.auto import Auto
 from ..optimization.solvers.base import VIOLATION
+from ..optimization.solvers.batch.engine import execute
+from ..optimization.solvers.batch.spg import SpectralProjectedGradient
 from ..planning.guide import Guide
-from ..problems.formation import Formation, corridor_formation, leader_formation
+from ..problems.formation import Formation, FormationTask, or_none
 from ..problems.step import Motion, Step
 from ..typing import BoolArray, FloatArray
 from .base import Policy
@@ -31,6 +33,9 @@ LOG = logging.getLogger(__name__)
 MAX_STATIONARITY = 1e-3
 """Stationarity, in `Instances.scale`, above which a solution counts as failed, whatever status its
 solver reports: loose, because solvers report success by tolerances of their own."""
+
+
+_PER_THREAD = 1024  # states with a single start that are worth a thread
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +67,10 @@ class FormationPolicy(Policy):
     ) -> Decision:
         """Solve the formation problem of every state; see `Policy.decide_batch`."""
         data = self._data(step, positions, previous_velocities, alive)
-        formation = self._formation(data, self.guide.reference(step))
-        return applied_decision(data, formation, self.solver)
+        if data.horizon > 1:
+            formation = self._mpc_formation(data, self.guide.reference(step))
+            return applied_decision(data, formation, self.solver)
+        return formation_decision(self._task(data, self.guide.reference(step)), self.solver)
 
     def _data(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
@@ -73,8 +80,12 @@ class FormationPolicy(Policy):
         return Step(self.hazard, self.motion, positions, previous_velocities, alive, goals)
 
     @abstractmethod
-    def _formation(self, data: Step, reference: FloatArray) -> Formation:
-        """Problems of a step; `reference` (2,) is the guide's present point X*(t)."""
+    def _task(self, data: Step, reference: FloatArray) -> FormationTask:
+        """Problems of a single step; `reference` (2,) is the guide's present point X*(t)."""
+
+    @abstractmethod
+    def _mpc_formation(self, data: Step, reference: FloatArray) -> Formation:
+        """Problems of several steps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,9 +110,12 @@ class LeaderPolicy(FormationPolicy):
         data = self._data(step, positions, previous_velocities, alive)
         return LEADER_SELECTION[self.leader_selection](data, self.guide.reference(step))
 
-    def _formation(self, data: Step, reference: FloatArray) -> Formation:
-        build = leader_formation if data.horizon == 1 else leader_mpc_formation
-        return build(data, LEADER_SELECTION[self.leader_selection](data, reference))
+    def _task(self, data: Step, reference: FloatArray) -> FormationTask:
+        return FormationTask(data, LEADER_SELECTION[self.leader_selection](data, reference))
+
+    def _mpc_formation(self, data: Step, reference: FloatArray) -> Formation:
+        leaders = LEADER_SELECTION[self.leader_selection](data, reference)
+        return leader_mpc_formation(data, leaders)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,9 +133,50 @@ class ConstrainedPolicy(FormationPolicy):
     rho: float = 0.05
     name: str = "constrained"
 
-    def _formation(self, data: Step, reference: FloatArray) -> Formation:  # noqa: ARG002
-        build = corridor_formation if data.horizon == 1 else corridor_mpc_formation
-        return build(data, self.rho)
+    def _task(self, data: Step, reference: FloatArray) -> FormationTask:  # noqa: ARG002
+        return FormationTask(data, or_none(None, len(data.alive)), self.rho)
+
+    def _mpc_formation(self, data: Step, reference: FloatArray) -> Formation:  # noqa: ARG002
+        return corridor_mpc_formation(data, self.rho)
+
+
+def formation_decision(task: FormationTask, solver: Solver) -> Decision:
+    """Decide by the formation problems of one step.
+
+    The default solver's batch method does so in one pass over the states. Those that it does not
+    solve to tolerance, and all states for other solvers, are solved as `applied_decision` does.
+    """
+    nlp = task.nlp
+    compiled = nlp.compiled
+    if compiled is None or not _is_default(solver):
+        return applied_decision(task.step, task.formation(), solver)
+    from .formation_step_kernels import Limits, StepResults, decide_states
+
+    batch, n = task.step.alive.shape
+    results = StepResults(
+        np.empty((batch, n, 2)),
+        np.empty((batch, 3)),
+        np.empty(batch, np.int64),
+        np.empty(batch, bool),
+    )
+    limits = Limits(VIOLATION, min(solver.stationarity, MAX_STATIONARITY))
+    method = solver.batch.method(nlp.n_starts, n)
+    arguments = compiled.evaluate, compiled.constants, task.states, task.terms, method, limits
+    execute(decide_states, arguments, results, _PER_THREAD // nlp.n_starts)
+    failures, fallbacks = np.zeros((2, batch), np.int64)
+    left = np.flatnonzero(~results.accepted)
+    if left.size:
+        rest = task[left]
+        decision = applied_decision(rest.step, rest.formation(), solver)
+        results.velocities[left] = decision.velocities
+        results.infeasible[left] = decision.infeasible
+        failures[left], fallbacks[left] = decision.failures, decision.fallbacks
+    return Decision(results.velocities, results.infeasible, failures, fallbacks)
+
+
+def _is_default(solver: Solver) -> TypeGuard[Auto]:
+    """Whether the solver's methods are those of the pass, not of a subclass."""
+    return type(solver) is Auto and type(solver.batch) is SpectralProjectedGradient
 
 
 def applied_decision(step: Step, formation: Formation, solver: Solver) -> Decision:

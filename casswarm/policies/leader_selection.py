@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from .._util.jit import contiguous
 from ..problems.step import Step
 from ..typing import FloatArray
 
@@ -21,10 +22,14 @@ _TIE = 1e-9  # of rates, and of distances in v_max dt: a tie, in which the lower
 
 def nearest(step: Step, reference: FloatArray) -> NDArray[np.intp]:
     """The living member nearest to the guide's present point `reference` (2,), ties by index."""
-    offset = step.positions - reference
-    distance = np.where(step.alive, np.hypot(offset[..., 0], offset[..., 1]), np.inf)
-    tie = _TIE * step.motion.v_max * step.motion.dt
-    return np.asarray(np.argmax(distance <= distance.min(axis=1, keepdims=True) + tie, axis=1))
+    from .leader_selection_kernels import nearest_living  # Numba takes a second to import
+
+    batch = len(step.alive)
+    points = np.broadcast_to(reference.reshape(-1, 2), (batch, 2))
+    leaders, tie = np.empty(batch, np.intp), _TIE * step.motion.v_max * step.motion.dt
+    positions, alive = contiguous(step.positions), contiguous(step.alive)
+    nearest_living(positions, alive, contiguous(points), tie, leaders)
+    return leaders
 
 
 def first(step: Step, reference: FloatArray) -> NDArray[np.intp]:  # noqa: ARG001

@@ -12,7 +12,7 @@ import casswarm as csw
 from casswarm.errors import SolverError
 from casswarm.hazard import KernelHazard, regular
 from casswarm.optimization.solvers import Auto, Ipopt, SpectralProjectedGradient
-from casswarm.optimization.solvers.batch.spg_kernels import minimise_batch
+from casswarm.optimization.solvers.batch.spg_batch_kernels import minimise_batch
 from casswarm.problems.formation import corridor_formation, formation_nlp, leader_formation
 from casswarm.problems.step import Motion, Step
 

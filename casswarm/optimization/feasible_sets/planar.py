@@ -28,7 +28,7 @@ sqrt(e). Magnitudes should lie between 1e-140 and 1e140 (or be zero).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -83,6 +83,12 @@ class PlanarSets:
         for name, array in arrays.items():
             object.__setattr__(self, name, np.broadcast_to(array, shape + ends[name]))
 
+    @classmethod
+    def from_packed(cls, rows: FloatArray, discs: int = 2) -> PlanarSets:
+        """Sets with the first `discs` discs of rows (..., 10), as `packed` returns them."""
+        centers = rows[..., 4:].reshape(*rows.shape[:-1], 2, 3)[..., :discs, :]
+        return cls(rows[..., 0:2], rows[..., 2:4], centers[..., :2], centers[..., 2])
+
     @cached_property
     def packed(self) -> FloatArray:
         """The sets as rows of ten numbers, (..., 10), for `planar_kernels`."""
@@ -125,10 +131,10 @@ class PlanarSets:
             If a set is empty (see `is_empty`, `relax_infeasible`), or if shapes do not fit.
         """
         flat, sets, shape = self._paired(points)
-        nearest, exists = _search(flat, sets)
-        if not exists.all():  # a sliver as thin as rounding may have candidates only from within
-            rows = np.flatnonzero(~exists)
-            nearest[rows], exists[rows] = _search(_anchors(sets[rows]), sets[rows])
+        from .planar_kernels import nearest_batch  # Numba takes a second to import
+
+        nearest, exists = np.empty(flat.shape), np.empty(len(flat), dtype=bool)
+        nearest_batch(flat, sets, nearest, exists)
         if not exists.all():
             raise ValueError(
                 f"{np.count_nonzero(~exists)} of {exists.size} points have no projection: their "
@@ -148,8 +154,12 @@ class PlanarSets:
     @cached_property
     def is_empty(self) -> BoolArray:
         """Which sets are empty, shape `shape`; gaps of the order of rounding do not count."""
+        from .planar_kernels import empty_batch  # Numba takes a second to import
+
         sets = self.packed.reshape(-1, 10)
-        return np.asarray(~_search(_anchors(sets), sets)[1]).reshape(self.shape)
+        empty = np.empty(len(sets), dtype=bool)
+        empty_batch(sets, empty)
+        return empty.reshape(self.shape)
 
     def relax_infeasible(self) -> tuple[PlanarSets, BoolArray]:
         """Make every set non-empty by relaxing soft constraints that cannot be met.
@@ -173,17 +183,18 @@ class PlanarSets:
         infeasible = self.is_empty
         if not infeasible.any():
             return self, infeasible
-        relaxed = self[infeasible]
-        hard = replace(relaxed, centers=relaxed.centers[:, :1], radii=relaxed.radii[:, :1])
-        if hard.is_empty.any():
+        from .planar_kernels import approach_batch
+
+        packed = self.packed.copy()
+        relaxed, exists = packed[infeasible], np.empty(np.count_nonzero(infeasible), dtype=bool)
+        approach_batch(relaxed, exists)
+        if not exists.all():
             raise ValueError(
-                f"{np.count_nonzero(hard.is_empty)} of {infeasible.size} sets are empty even "
+                f"{np.count_nonzero(~exists)} of {infeasible.size} sets are empty even "
                 "without disc 1: widen the box, or move or enlarge disc 0"
             )
-        lower, upper, radii = self.lower.copy(), self.upper.copy(), self.radii.copy()
-        lower[infeasible] = upper[infeasible] = hard.project(relaxed.centers[:, 1])
-        radii[infeasible] = np.inf
-        return replace(self, lower=lower, upper=upper, radii=radii), infeasible
+        packed[infeasible] = relaxed
+        return PlanarSets.from_packed(packed, self.radii.shape[-1]), infeasible
 
     def _paired(self, points: ArrayLike) -> tuple[FloatArray, FloatArray, tuple[int, ...]]:
         """Points (M, 2), their sets' rows (M, 10), and the shape to return to."""
@@ -194,17 +205,3 @@ class PlanarSets:
         flat = np.broadcast_to(x, (*shape, 2)).reshape(-1, 2)
         sets = self.packed if shape == self.shape else np.broadcast_to(self.packed, (*shape, 10))
         return contiguous(flat), contiguous(sets.reshape(-1, 10)), shape
-
-
-def _anchors(sets: FloatArray) -> FloatArray:
-    """Points (M, 2) to search sets (M, 10) from: the centre of their smaller disc."""
-    return np.where(sets[:, 9:] < sets[:, 6:7], sets[:, 7:9], sets[:, 4:6])
-
-
-def _search(points: FloatArray, sets: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Nearest points (M, 2), and whether there is one (M,); NaN counts as one."""
-    from .planar_kernels import nearest_batch  # Numba takes a second to import
-
-    nearest, exists = np.empty(points.shape), np.empty(len(points), dtype=bool)
-    nearest_batch(points, sets, nearest, exists)
-    return nearest, exists

@@ -87,6 +87,39 @@ def nearest(px: float, py: float, sets: FloatArray, i: int) -> Candidate:
 
 
 @kernel
+def nearest_to_anchor(sets: FloatArray, i: int) -> Candidate:
+    """Nearest point of set i to the centre of its smaller disc, and whether the set has a point."""
+    k = DISCS[1] if sets[i, DISCS[1] + 2] < sets[i, DISCS[0] + 2] else DISCS[0]
+    return nearest(sets[i, k], sets[i, k + 1], sets, i)
+
+
+@kernel
+def projected(px: float, py: float, sets: FloatArray, i: int) -> Candidate:
+    """`nearest`, and for slivers as thin as rounding, which have candidates only from within."""
+    x, y, exists = nearest(px, py, sets, i)
+    if not exists:
+        x, y, exists = nearest_to_anchor(sets, i)
+    return x, y, exists
+
+
+@kernel
+def fix(x: float, y: float, sets: FloatArray, i: int) -> None:
+    """Make set i a point: a box of zero width, with the discs absent."""
+    sets[i, 0], sets[i, 1], sets[i, 2], sets[i, 3] = x, y, x, y
+    for k in DISCS:
+        sets[i, k + 2] = math.inf
+
+
+@kernel
+def approach(sets: FloatArray, i: int) -> bool:
+    """Make set i its point nearest to disc 1, regardless of that disc; False if it has none."""
+    sets[i, DISCS[1] + 2] = math.inf
+    x, y, exists = projected(sets[i, DISCS[1]], sets[i, DISCS[1] + 1], sets, i)
+    fix(x, y, sets, i)
+    return exists
+
+
+@kernel
 def nearest_crossing(px: float, py: float, sets: FloatArray, i: int) -> Candidate:
     """Nearest feasible crossing of circles with lines of the box or with each other."""
     best = (px, py, False)
@@ -144,10 +177,24 @@ def nearest_batch(
     """
     for i in range(points.shape[0]):
         if math.isfinite(points[i, 0]) and math.isfinite(points[i, 1]):
-            x, y, exists[i] = nearest(points[i, 0], points[i, 1], sets, i)
+            x, y, exists[i] = projected(points[i, 0], points[i, 1], sets, i)
             projections[i, 0], projections[i, 1] = x, y
         else:
             projections[i, 0], projections[i, 1], exists[i] = math.nan, math.nan, True
+
+
+@kernel
+def empty_batch(sets: FloatArray, empty: BoolArray) -> None:
+    """Write which sets (M, 10) are empty (M,)."""
+    for i in range(sets.shape[0]):
+        empty[i] = not nearest_to_anchor(sets, i)[2]
+
+
+@kernel
+def approach_batch(sets: FloatArray, exists: BoolArray) -> None:
+    """Apply `approach` to sets (M, 10); write whether they had a point (M,)."""
+    for i in range(sets.shape[0]):
+        exists[i] = approach(sets, i)
 
 
 @kernel

@@ -126,11 +126,11 @@ class BatchSolver(Solver):
 
 
 def execute(
-    kernel: Callable[..., None], arguments: tuple[Any, ...], results: Results, per_thread: int
+    kernel: Callable[..., None], arguments: tuple[Any, ...], results: Any, per_thread: int
 ) -> float:
     """Call ``kernel(rows, *arguments, results)`` for all rows, on threads; return the seconds.
 
-    A thread gets at least `per_thread` instances.
+    `results` are arrays, such as `Results`, with a row each. A thread gets at least `per_thread`.
     """
     announce(kernel)
     started = time.perf_counter()
@@ -138,8 +138,8 @@ def execute(
     def work(first: int, last: int) -> None:
         kernel((first, last), *arguments, results)
 
-    size = len(results.x)
-    threads = min(os.cpu_count() or 1, size // per_thread)
+    size = len(results[0])
+    threads = min(_cores(), size // per_thread)
     if threads < 2:
         work(0, size)
     else:
@@ -149,5 +149,10 @@ def execute(
 
 
 @lru_cache(maxsize=1)
+def _cores() -> int:
+    return os.cpu_count() or 1
+
+
+@lru_cache(maxsize=1)
 def _pool(process: int) -> ThreadPoolExecutor:  # noqa: ARG001  (threads do not survive a fork)
-    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="casswarm")
+    return ThreadPoolExecutor(_cores(), thread_name_prefix="casswarm")

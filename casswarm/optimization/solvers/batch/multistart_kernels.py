@@ -8,13 +8,14 @@ Boender and Rinnooy Kan (Math. Program. 37, 1987), and most states need no more 
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from ...._util.jit import kernel
-from ....typing import BoolArray, FloatArray, IntArray
+from ...._util.jit import allocating_kernel, contiguous, kernel
+from ....typing import FloatArray, IntArray
 
 HITS = 8  # times that the least minimum is found where starts disagree
 MAX_STARTS = 64  # where starts disagree
@@ -52,8 +53,7 @@ class Starts(NamedTuple):
     @classmethod
     def single(cls) -> Starts:
         """The initial guesses alone."""
-        none = np.zeros((1, 1))
-        return cls(1, none, none, none[None], np.zeros((1, 1), np.int64))
+        return empty_starts(1, start_displacements(1, 1), 1)
 
     @classmethod
     def around(
@@ -61,38 +61,82 @@ class Starts(NamedTuple):
     ) -> Starts:
         """Starts around guesses (B, n, 2), for `spread` (B, n), 0 for members that are not free.
 
-        The sums of guesses and `places` (B, n, 2), of where the members' sets lie, define the axes.
-        Members whose guess is 0, as that of the destroyed is, have no part in them.
+        `places` (B, n, 2) are where the members' sets lie; see `orient`.
         """
-        members = spread.shape[1]
-        limit = min(MAX_STARTS, MAX_PAIRS // members**2)
-        moving = (guesses != 0.0).any(axis=-1)
-        points = np.where(moving[..., None], guesses + places, 0.0)
-        axes_and_ranks = _axes_and_ranks(points, moving, spread > 0.0)
-        return cls(initial, _directions(max(initial, limit), members), spread, *axes_and_ranks)
+        batch, members = spread.shape
+        starts = empty_starts(initial, start_displacements(initial, members), batch)
+        starts.spread[:] = spread
+        guesses, places = guesses.reshape(batch, -1), places.reshape(batch, -1).copy()
+        orient_batch(contiguous(guesses), contiguous(places), starts)
+        return starts
 
 
-def _axes_and_ranks(
-    points: FloatArray, counted: BoolArray, free: BoolArray
-) -> tuple[FloatArray, IntArray]:
-    """Axes (B, 2, 2), the first along the mean of the points, and ranks (B, n) along it.
+@allocating_kernel
+def empty_starts(initial: int, directions: FloatArray, states: int) -> Starts:
+    """Starts of so many states whose spread, axes and ranks are not yet written."""
+    members = directions.shape[1] // 2
+    return Starts(
+        initial,
+        directions,
+        np.empty((states, members)),
+        np.empty((states, 2, 2)),
+        np.empty((states, members), np.int64),
+    )
 
-    The second axis is perpendicular, on the side for which the points' covariance is positive.
+
+@kernel
+def orient(guess: FloatArray, places: FloatArray, starts: Starts, row: int) -> None:
+    """Write the axes and ranks of a state, from its guess and where its sets lie, both (2n,).
+
+    The sums of guesses and places define the axes: the first is along their mean, the second
+    perpendicular, on the side for which their covariance is positive. Members whose guess is 0, as
+    that of the destroyed is, have no part in them. Free members are ranked along the first axis,
+    before all others. `places` is overwritten.
     """
-    mean = points.sum(axis=1) / np.maximum(1, counted.sum(axis=1))[:, None]
-    length = np.hypot(mean[:, 0], mean[:, 1])[:, None]
-    first = np.where(length > 0.0, mean / np.where(length > 0.0, length, 1.0), [1.0, 0.0])
-    second = np.stack([-first[:, 1], first[:, 0]], axis=1)
-    offsets = points - mean[:, None]
-    along = np.einsum("bnc,bc->bn", offsets, first)
-    across = np.einsum("bnc,bc->bn", offsets, second)
-    second[(along * across * counted).sum(axis=1) < 0.0] *= -1.0
-    order = np.where(free, along, np.inf).argsort(axis=1, kind="stable")
-    return np.stack([first, second], axis=1), order.argsort(axis=1, kind="stable")
+    members, counted, east, north = guess.size // 2, 0, 0.0, 0.0
+    for i in range(members):
+        if guess[2 * i] != 0.0 or guess[2 * i + 1] != 0.0:
+            counted += 1
+            places[2 * i] += guess[2 * i]
+            places[2 * i + 1] += guess[2 * i + 1]
+            east += places[2 * i]
+            north += places[2 * i + 1]
+        else:
+            places[2 * i], places[2 * i + 1] = 0.0, 0.0
+    if counted > 0:
+        east, north = east / counted, north / counted
+    length = math.sqrt(east * east + north * north)
+    ux, uy = (east / length, north / length) if length > 0.0 else (1.0, 0.0)
+    covariance = 0.0
+    for i in range(members):
+        dx, dy = places[2 * i] - east, places[2 * i + 1] - north
+        along, across = dx * ux + dy * uy, dy * ux - dx * uy
+        if guess[2 * i] != 0.0 or guess[2 * i + 1] != 0.0:
+            covariance += along * across
+        places[2 * i] = along if starts.spread[row, i] > 0.0 else math.inf
+    for i in range(members):
+        starts.ranks[row, i] = 0
+        for j in range(members):
+            a, b = places[2 * j], places[2 * i]
+            starts.ranks[row, i] += a < b or (a == b and j < i)
+    side = -1.0 if covariance < 0.0 else 1.0
+    axes = starts.axes[row]
+    axes[0, 0], axes[0, 1], axes[1, 0], axes[1, 1] = ux, uy, -side * uy, side * ux
+
+
+@kernel
+def orient_batch(guesses: FloatArray, places: FloatArray, starts: Starts) -> None:
+    """`orient` for all states; `places` (B, 2n) are overwritten."""
+    for row in range(guesses.shape[0]):
+        orient(guesses[row], places[row], starts, row)
 
 
 @lru_cache(maxsize=16)
-def _directions(number: int, members: int) -> FloatArray:
+def start_displacements(initial: int, members: int) -> FloatArray:
+    """`Starts.directions`; none for a single start."""
+    if initial == 1:
+        return np.zeros((1, 2 * members))
+    number = max(initial, min(MAX_STARTS, MAX_PAIRS // members**2))
     directions = np.zeros((number, 2 * members))
     directions[1:] = np.random.default_rng(1).normal(size=(number - 1, 2 * members))
     return directions

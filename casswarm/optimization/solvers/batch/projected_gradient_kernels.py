@@ -11,7 +11,8 @@ from ...._util.jit import allocating_kernel, kernel
 from ....typing import FloatArray, IntArray
 from .engine import CONVERGED, EXHAUSTED, NOT_FINITE, Results
 from .face_newton_kernels import GRADIENT, TRIAL, Problem, Workspace, copy, evaluate
-from .spg_kernels import Batch, project, verify, workspace
+from .spg_batch_kernels import Batch
+from .spg_kernels import project, verify, workspace
 
 
 @kernel
@@ -72,5 +73,4 @@ def descend_batch(
             x, problem, step, tolerance, max_iter, work, results.counts[row]
         )
         copy(x, results.x[row])
-        verified = results.verified[row]
-        verified[0], verified[1], verified[2] = verify(x, problem, work)
+        verify(x, problem, work, results.verified[row])

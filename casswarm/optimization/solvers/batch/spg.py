@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
 from ...._util.jit import contiguous
 from ....errors import SolverError
 from ....typing import FloatArray
@@ -17,10 +15,9 @@ from ..options import PositiveFinite, PositiveInt
 from .engine import BatchRun, BatchSolver, Results, execute
 
 if TYPE_CHECKING:
-    from .spg_kernels import Batch
+    from .spg_batch_kernels import Batch, Method
 
 _PER_THREAD = 256  # instances that are worth a thread
-_SPREAD = 2.0  # standard deviation of further starts, in radii of the smallest disc
 
 
 @dataclass(frozen=True)
@@ -75,24 +72,28 @@ class SpectralProjectedGradient(BatchSolver):
                 f"spectral cannot take {nlp.name}: it needs constraints that are products of boxes "
                 "and discs in the plane, and an objective made of kernels; take auto or ipopt"
             )
-        from .multistart_kernels import Starts  # Numba takes a second to import
-        from .spg_kernels import minimise_batch
+        from .spg_batch_kernels import minimise_batch  # Numba takes a second to import
 
         assert nlp.compiled is not None
-        batch, size = instances.x0.shape
-        number = self.n_starts or nlp.n_starts
-        starts = Starts.single() if number == 1 else Starts.around(number, *surroundings(instances))
-        limit = self.max_iter or 300 + size
         data = batch_data(nlp, instances, instances.x0)
-        arguments = nlp.compiled.evaluate, data, starts, self.tolerance, limit
-        results = Results.empty((batch, size))
+        arguments = nlp.compiled.evaluate, data, self.method(nlp.n_starts, nlp.sizes[0] // 2)
+        results = Results.empty(instances.x0.shape)
         seconds = execute(minimise_batch, arguments, results, _PER_THREAD)
         return BatchRun(results, seconds)
+
+    def method(self, n_starts: int, members: int) -> Method:
+        """The options as kernels take them, with `Nlp.n_starts` as the default."""
+        from .multistart_kernels import start_displacements
+        from .spg_batch_kernels import Method
+
+        initial = self.n_starts or n_starts
+        directions = start_displacements(initial, members)
+        return Method(initial, directions, self.tolerance, self.max_iter or 300 + 2 * members)
 
 
 def batch_data(nlp: Nlp, instances: Instances, x0: FloatArray) -> Batch:
     """Arrays of B instances and their initial guesses (B, nx) for kernels on products of sets."""
-    from .spg_kernels import Batch
+    from .spg_batch_kernels import Batch
 
     assert nlp.compiled is not None
     assert isinstance(instances.feasible_set, PlanarSets)
@@ -103,12 +104,3 @@ def batch_data(nlp: Nlp, instances: Instances, x0: FloatArray) -> Batch:
         scale=contiguous(instances.scale),
         sets=instances.feasible_set.packed,
     )
-
-
-def surroundings(instances: Instances) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What `Starts.around` takes: deviations of the size of the sets, guesses, and their places."""
-    sets = instances.feasible_set
-    assert isinstance(sets, PlanarSets)
-    radius = sets.radii.min(axis=-1, initial=np.inf)
-    spread = _SPREAD * np.where(np.isfinite(radius), radius, 0.0)
-    return spread, instances.x0.reshape(*sets.shape, 2), sets.centers.sum(axis=-2)

@@ -8,14 +8,13 @@ large swarms their curvatures differ by orders of magnitude.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...._util.jit import allocating_kernel, kernel
 from ....typing import FloatArray, IntArray
 from ...feasible_sets.planar_kernels import clip, nearest, violation
-from .engine import CONVERGED, EXHAUSTED, NOT_FINITE, STALLED, Results
+from .engine import CONVERGED, EXHAUSTED, NOT_FINITE, STALLED
 from .face_newton_kernels import (
     DIRECTION,
     GRADIENT,
@@ -23,13 +22,11 @@ from .face_newton_kernels import (
     TRIAL_GRADIENT,
     Problem,
     Workspace,
-    copy,
     evaluate,
     largest_component,
     longest_displacement,
     newton_step,
 )
-from .multistart_kernels import Starts, count_hits, needs_start, write_start
 
 MEMORY = 10  # objective values that the nonmonotone search looks back on
 SUFFICIENT = 1e-4  # sufficient decrease, as a fraction of what the gradient predicts
@@ -37,17 +34,6 @@ SHORTEST, LONGEST = 1e-10, 1e10  # spectral step sizes
 SPREAD = 100.0  # largest ratio of a member's step size to that of all
 PATIENCE = 4  # spectral steps before the first Newton step; doubled when one is refused
 TRIALS = 60  # of a spectral step's length
-COARSE = 1e-3  # tolerance to which starts are compared
-
-
-class Batch(NamedTuple):
-    """B problems: initial guesses x0 (B, 2n), p (B, np), scale (B, 2), sets (B, n, 10)."""
-
-    x0: FloatArray
-    p: FloatArray
-    constants: FloatArray
-    scale: FloatArray
-    sets: FloatArray
 
 
 @kernel
@@ -205,26 +191,30 @@ def minimise(
 
 
 @kernel
-def verify(x: FloatArray, problem: Problem, work: Workspace) -> tuple[float, float, float]:
-    """Objective, violation and stationarity of a point, recomputed from the problem alone.
+def verify(x: FloatArray, problem: Problem, work: Workspace, verified: FloatArray) -> float:
+    """Write objective, violation and stationarity of a point, from the problem alone.
 
-    Stationarity is the largest component of x - P(x - gradient) in units of x and f.
+    Stationarity is the largest component of x - P(x - gradient) in units of x and f. Returns the
+    length of the longest member's part, which `minimise` compares with its tolerance.
     """
-    gradient, residual, scale = work.vectors[GRADIENT], work.vectors[DIRECTION], problem.scale
+    gradient, residual = work.vectors[GRADIENT], work.vectors[DIRECTION]
     f = evaluate(problem, x, gradient)
-    largest = 0.0
+    verified[0], verified[1], verified[2] = f, 0.0, math.nan
     for i in range(problem.sets.shape[0]):
         distance = violation(x[2 * i], x[2 * i + 1], problem.sets, i)
-        if not distance <= largest:
-            largest = distance
-    if not (math.isfinite(f) and math.isfinite(largest)):
-        return f, math.inf, math.nan
+        if not distance <= verified[1]:
+            verified[1] = distance
+    if not (math.isfinite(f) and math.isfinite(verified[1])):
+        verified[1] = math.inf
+        return math.nan
     for c in range(x.size):
         if not math.isfinite(gradient[c]):
-            return f, largest, math.nan  # which a projection onto a box would hide
-    work.step_sizes[:] = scale[0] * scale[0] / scale[1]
+            return math.nan  # which a projection onto a box would hide
+    work.step_sizes[:] = problem.scale[0] * problem.scale[0] / problem.scale[1]
     projected_step(x, gradient, work.step_sizes, problem.sets, residual)
-    return f, largest, largest_component(residual) / scale[0]
+    verified[2] = largest_component(residual) / problem.scale[0]
+    longest: float = longest_displacement(residual) / problem.scale[0]
+    return longest
 
 
 @allocating_kernel
@@ -233,43 +223,3 @@ def workspace(members: int) -> Workspace:
     return Workspace(
         np.empty((8, 2 * members)), np.empty(members), np.empty(MEMORY), np.empty((members, 4))
     )
-
-
-@allocating_kernel
-def minimise_batch(
-    rows: tuple[int, int],
-    evaluate: Any,
-    batch: Batch,
-    starts: Starts,
-    tolerance: float,
-    max_iter: int,
-    results: Results,
-) -> None:
-    """Solve the states ``rows[0]`` to ``rows[1] - 1`` and verify the answers.
-
-    From every start a state is solved coarsely, and from the best of the ends to tolerance.
-    """
-    members = batch.sets.shape[1]
-    work, scratch = workspace(members), np.empty(members * (members + 8))
-    x, best = np.empty(2 * members), np.empty(2 * members)
-    for row in range(rows[0], rows[1]):
-        problem = Problem(
-            evaluate, batch.p[row], batch.constants, batch.sets[row], batch.scale[row], scratch
-        )
-        counts = results.counts[row]
-        project(batch.x0[row], problem.sets, best)
-        least, hits, solved = math.inf, 0, 0
-        while needs_start(solved, hits, starts):
-            write_start(solved, batch.x0[row], starts, row, x)
-            project(x, problem.sets, x)
-            f, outcome = minimise(x, problem, COARSE, max_iter, work, counts)
-            if outcome != NOT_FINITE:
-                hits = count_hits(f, least, hits)
-                if f < least:
-                    least = f
-                    copy(x, best)
-            solved += 1
-        _f, results.outcome[row] = minimise(best, problem, tolerance, max_iter, work, counts)
-        copy(best, results.x[row])
-        verified = results.verified[row]
-        verified[0], verified[1], verified[2] = verify(best, problem, work)
