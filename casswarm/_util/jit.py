@@ -32,6 +32,7 @@ _PACKAGE = Path(__file__).parent.parent
 
 _OPTIONS: dict[str, Any] = {"error_model": "numpy"}
 _UNCOUNTED: dict[str, Any] = {"_nrt": False}  # as Numba itself compiles its functions of strings
+_REORDERED: dict[str, Any] = {"fastmath": {"reassoc"}}
 _OBJECTIVE = "float64(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])"
 _HEADER = """\
 # compiled code of this module is kept in files with checksums
@@ -74,14 +75,15 @@ def objective(function: _Function) -> _Function:
     """Compile ``f(x, p, constants, gradient, scratch)`` to a value that kernels take as argument.
 
     The arguments are contiguous vectors. All objectives have one type, so that a solver is compiled
-    once for all of them.
+    once for all of them. Sums may be computed in any order, so that loops are vectorised.
     """
     from numba.core.ccallback import CFunc
     from numba.core.sigutils import normalize_signature
 
     from .compiled_files import compiled_files
 
-    compiled: Any = CFunc(function, normalize_signature(_OBJECTIVE), {}, _OPTIONS | _UNCOUNTED)
+    options = _OPTIONS | _UNCOUNTED | _REORDERED
+    compiled: Any = CFunc(function, normalize_signature(_OBJECTIVE), {}, options)
     compiled._cache = compiled_files(function, _stamp())
     compiled.compile()  # as `numba.cfunc` does, with its own cache
     return cast("_Function", compiled)
