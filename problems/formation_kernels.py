@@ -13,6 +13,7 @@ from ..errors import HazardError
 from ..hazard import Hazard, KernelHazard
 from ..hazard.kernels import differentiated_kernels
 from ..optimization.problem import CompiledObjective
+from .formation_curvature_kernels import BLOCKS
 
 _EVALUATE = """
 @objective
@@ -106,9 +107,13 @@ def evaluate(x, p, constants, gradient, scratch):
     for k in range(living):
         i = int(members[k])
         gradient[2 * i], gradient[2 * i + 1] = gradient_east[k], gradient_north[k]
+    if gradient.size == 5 * n:
+        hessian_blocks(first, living, p, constants, parameters, scratch, gradient[2 * n :])
     return objective
 """
 """Objective of `x` (2n,) and its gradient, for positions, alive and weights in `p`.
+
+Where `gradient` has 5n entries, the diagonal blocks of the Hessian follow the gradient.
 
 Every pair of members is evaluated once. `scratch` (n (n + 8),) is overwritten. Text, because the
 kernels that it calls are generated: compiled in one module with them, they are inlined.
@@ -133,7 +138,7 @@ def formation_objective(hazard: Hazard) -> CompiledObjective | None:
     radars = np.column_stack([hazard.radar_positions, hazard.radar_strengths])
     constants = np.concatenate([[len(radars)], radars.ravel(), parameters])
     places = [f"constants[1 + 3 * radars + {i}]" for i in range(len(parameters))]
-    evaluate = _EVALUATE.format(
+    text = (BLOCKS + _EVALUATE).format(
         collides=hazard.collides, parameters=f"({', '.join(places)}{',' if places else ''})"
     )
-    return CompiledObjective(f"{source}\n{evaluate}", constants)
+    return CompiledObjective(f"{source}\n{text}", constants)

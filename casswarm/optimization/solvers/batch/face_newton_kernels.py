@@ -13,11 +13,13 @@ from typing import Any, NamedTuple
 from ...._util.jit import kernel
 from ....typing import FloatArray, IntArray
 from ...feasible_sets.planar_kernels import DISCS, nearest
+from .preconditioner_kernels import invert_blocks, precondition
 
 ACTIVE = 1e-10  # a boundary nearer than this is active, in units of x
 FIXED = 1e-9  # a member whose projected gradient is shorter is fixed, in units of x
 DIFFERENCE = 1e-7  # length of the gradient's differences, in units of x
 FORCING = 1e-3  # residual at which the conjugate gradients stop, relative to the first
+PRECONDITIONED = 16  # members from which on conjugate gradients are preconditioned
 MAX_ITERATIONS = 30  # of the conjugate gradients
 MAX_STEP = 0.1  # the longest component of a step, in units of x
 TRIALS = 4  # of a step's length
@@ -71,6 +73,7 @@ class Workspace(NamedTuple):
     step_sizes: FloatArray
     history: FloatArray
     face: FloatArray
+    blocks: FloatArray
 
 
 @kernel
@@ -207,17 +210,38 @@ def hessian_product(x: FloatArray, problem: Problem, work: Workspace) -> float:
 
 
 @kernel
+def write_preconditioner(
+    x: FloatArray, problem: Problem, work: Workspace, counts: IntArray
+) -> None:
+    """Write the inverse of the preconditioner on the face; of few members, the identity there."""
+    face, inverse = work.face, work.blocks[x.size :]
+    if face.shape[0] >= PRECONDITIONED:
+        evaluate(problem, x, work.blocks)
+        counts[1] += 1
+        invert_blocks(inverse, face)
+    else:
+        for i in range(face.shape[0]):
+            free, tx, ty = face[i, 0] == 2.0, face[i, 1], face[i, 2]
+            inverse[3 * i], inverse[3 * i + 1], inverse[3 * i + 2] = tx * tx, tx * ty, ty * ty
+            if free:
+                inverse[3 * i], inverse[3 * i + 2] = 1.0, 1.0
+
+
+@kernel
 def conjugate_gradients(x: FloatArray, problem: Problem, work: Workspace, counts: IntArray) -> bool:
     """Write the Newton step on the face; return whether there is one."""
     residual, step = work.vectors[RESIDUAL], work.vectors[STEP]
     q, product = work.vectors[CONJUGATE], work.vectors[PRODUCT]
-    first = square = project_on_face(work.vectors[GRADIENT], work.face, residual)
+    project_on_face(work.vectors[GRADIENT], work.face, residual)
+    inverse = work.blocks[x.size :]
+    write_preconditioner(x, problem, work, counts)
+    first = square = precondition(residual, inverse, q)
     if not 0.0 < first < math.inf:
         return False
     for c in range(x.size):
         step[c] = 0.0
         residual[c] = -residual[c]
-        q[c] = residual[c]
+        q[c] = -q[c]
     for _ in range(MAX_ITERATIONS):
         curvature = hessian_product(x, problem, work)
         counts[1] += 1
@@ -227,15 +251,14 @@ def conjugate_gradients(x: FloatArray, problem: Problem, work: Workspace, counts
                 step[c] += length * q[c]
             break
         length = square / curvature
-        next_square = 0.0
         for c in range(x.size):
             step[c] += length * q[c]
             residual[c] -= length * product[c]
-            next_square += residual[c] * residual[c]
+        next_square = precondition(residual, inverse, product)
         if next_square <= FORCING * FORCING * first:
             break
         for c in range(x.size):
-            q[c] = residual[c] + next_square / square * q[c]
+            q[c] = product[c] + next_square / square * q[c]
         square = next_square
     return True
 

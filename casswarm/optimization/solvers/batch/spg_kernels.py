@@ -231,7 +231,8 @@ def verify(x: FloatArray, problem: Problem, work: Workspace) -> tuple[float, flo
 def workspace(members: int) -> Workspace:
     """Arrays for problems of so many members."""
     return Workspace(
-        np.empty((8, 2 * members)), np.empty(members), np.empty(MEMORY), np.empty((members, 4))
+        np.empty((8, 2 * members)), np.empty(members), np.empty(MEMORY), np.empty((members, 4)),
+        np.zeros(5 * members),
     )
 
 
