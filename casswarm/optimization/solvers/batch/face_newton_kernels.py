@@ -228,8 +228,8 @@ def write_preconditioner(
 
 
 @kernel
-def conjugate_gradients(x: FloatArray, problem: Problem, work: Workspace, counts: IntArray) -> bool:
-    """Write the Newton step on the face; return whether there is one."""
+def conjugate_gradients(x: FloatArray, problem: Problem, work: Workspace, counts: IntArray) -> tuple[bool, bool]:
+    """Write the Newton step on the face; return whether there is one, and no negative curvature."""
     residual, step = work.vectors[RESIDUAL], work.vectors[STEP]
     q, product = work.vectors[CONJUGATE], work.vectors[PRODUCT]
     project_on_face(work.vectors[GRADIENT], work.face, residual)
@@ -237,7 +237,7 @@ def conjugate_gradients(x: FloatArray, problem: Problem, work: Workspace, counts
     write_preconditioner(x, problem, work, counts)
     first = square = precondition(residual, inverse, q)
     if not 0.0 < first < math.inf:
-        return False
+        return False, False
     for c in range(x.size):
         step[c] = 0.0
         residual[c] = -residual[c]
@@ -249,7 +249,7 @@ def conjugate_gradients(x: FloatArray, problem: Problem, work: Workspace, counts
             length = MAX_STEP * problem.scale[0] / largest_component(q)
             for c in range(x.size):  # unbounded below along q: the longest step that is allowed
                 step[c] += length * q[c]
-            break
+            return True, False
         length = square / curvature
         for c in range(x.size):
             step[c] += length * q[c]
@@ -260,14 +260,27 @@ def conjugate_gradients(x: FloatArray, problem: Problem, work: Workspace, counts
         for c in range(x.size):
             q[c] = product[c] + next_square / square * q[c]
         square = next_square
-    return True
+    return True, True
+
+
+@kernel
+def shorten_members(step: FloatArray, longest: float) -> bool:
+    """Shorten the parts of members that are longer; return whether there are none."""
+    kept = True
+    for i in range(step.size // 2):
+        length = math.sqrt(step[2 * i] ** 2 + step[2 * i + 1] ** 2)
+        if length > longest:
+            step[2 * i] *= longest / length
+            step[2 * i + 1] *= longest / length
+            kept = False
+    return kept
 
 
 @kernel
 def newton_step(
     x: FloatArray, f: float, problem: Problem, work: Workspace, counts: IntArray
-) -> tuple[float, bool]:
-    """Try a Newton step from x: (f at `trial`, whether it is accepted).
+) -> tuple[float, bool, bool]:
+    """Try a Newton step from x: (f at `trial`, whether it is accepted, and in full length).
 
     Reads the vectors `GRADIENT` and `DIRECTION`; writes `TRIAL` and `TRIAL_GRADIENT`.
     """
@@ -276,14 +289,16 @@ def newton_step(
     step, trial = work.vectors[STEP], work.vectors[TRIAL]
     for i in range(sets.shape[0]):
         face[i, 0], face[i, 1], face[i, 2], face[i, 3] = tangent(i, x, gradient, direction, problem)
-    if not conjugate_gradients(x, problem, work, counts):
-        return f, False
+    exists, full = conjugate_gradients(x, problem, work, counts)
+    if not exists:
+        return f, False, False
+    full = shorten_members(step, MAX_STEP * unit) and full
     slope = 0.0
     for c in range(x.size):
         slope += gradient[c] * step[c]
     if not slope < 0.0:
-        return f, False
-    length = min(1.0, MAX_STEP * unit / largest_component(step))
+        return f, False, False
+    length = 1.0
     blocked = blocking_length(x, step, problem)
     for attempt in range(TRIALS):
         for i in range(sets.shape[0]):
@@ -292,6 +307,6 @@ def newton_step(
         trial_f = evaluate(problem, trial, work.vectors[TRIAL_GRADIENT])
         counts[1] += 1
         if trial_f <= f + SUFFICIENT * length * slope + 2.0**-50 * abs(f):
-            return trial_f, True
+            return trial_f, True, full and attempt == 0
         length = blocked if attempt == 0 and blocked < length else 0.25 * length
-    return f, False
+    return f, False, False

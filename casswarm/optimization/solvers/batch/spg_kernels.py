@@ -185,9 +185,9 @@ def minimise(
         counts[0] += 1
         trial_f, accepted = f, False
         if waited >= patience:
-            trial_f, accepted = newton_step(x, f, problem, work, counts)
+            trial_f, accepted, full = newton_step(x, f, problem, work, counts)
             patience = patience if accepted else 2 * patience
-            waited = waited if accepted else 0
+            waited = waited if full else 0
         if not accepted:
             waited += 1
             trial_f, accepted = line_search(x, f, slope, problem, work, counts)
