@@ -292,7 +292,7 @@ def newton_step(
     exists, full = conjugate_gradients(x, problem, work, counts)
     if not exists:
         return f, False, False
-    full = shorten_members(step, MAX_STEP * unit) and full
+    shorten_members(step, MAX_STEP * unit)
     slope = 0.0
     for c in range(x.size):
         slope += gradient[c] * step[c]
@@ -307,6 +307,6 @@ def newton_step(
         trial_f = evaluate(problem, trial, work.vectors[TRIAL_GRADIENT])
         counts[1] += 1
         if trial_f <= f + SUFFICIENT * length * slope + 2.0**-50 * abs(f):
-            return trial_f, True, full and attempt == 0
+            return trial_f, True, full
         length = blocked if attempt == 0 and blocked < length else 0.25 * length
     return f, False, False
