@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import HazardError
 from ..hazard import Hazard, KernelHazard
 from ..hazard.kernels import differentiated_kernels
-from ..optimization.problem import CompiledObjective
+from ..optimization.problem import LARGE_SWARM, CompiledObjective
 from .formation_curvature_kernels import BLOCKS
 
 _EVALUATE = """
@@ -107,13 +107,12 @@ def evaluate(x, p, constants, gradient, scratch):
     for k in range(living):
         i = int(members[k])
         gradient[2 * i], gradient[2 * i + 1] = gradient_east[k], gradient_north[k]
-    if gradient.size == 5 * n:
-        hessian_blocks(first, living, p, constants, parameters, scratch, gradient[2 * n :])
+{blocks}
     return objective
 """
 """Objective of `x` (2n,) and its gradient, for positions, alive and weights in `p`.
 
-Where `gradient` has 5n entries, the diagonal blocks of the Hessian follow the gradient.
+Where `gradient` has 5n entries, the Hessian's diagonal blocks follow, as `CompiledObjective` says.
 
 Every pair of members is evaluated once. `scratch` (n (n + 8),) is overwritten. Text, because the
 kernels that it calls are generated: compiled in one module with them, they are inlined.
@@ -124,10 +123,17 @@ compiler must check that these do not overlap).
 """
 
 
-def formation_objective(hazard: Hazard) -> CompiledObjective | None:
+_CALL = """
+    if gradient.size == 5 * n:
+        hessian_blocks(first, living, p, constants, parameters, scratch, gradient[2 * n :])
+"""
+
+
+def formation_objective(hazard: Hazard, n: int) -> CompiledObjective | None:
     """The compiled objective; its constants are the hazard's radars, strengths and parameters.
 
-    None for hazards that are not made of kernels, or of such as have no counterpart in Python.
+    For large swarms, n members, it also writes blocks of the Hessian. None for hazards that are not
+    made of kernels, or of such as have no counterpart in Python.
     """
     if not isinstance(hazard, KernelHazard):
         return None
@@ -137,8 +143,11 @@ def formation_objective(hazard: Hazard) -> CompiledObjective | None:
         return None
     radars = np.column_stack([hazard.radar_positions, hazard.radar_strengths])
     constants = np.concatenate([[len(radars)], radars.ravel(), parameters])
-    places = [f"constants[1 + 3 * radars + {i}]" for i in range(len(parameters))]
-    text = (BLOCKS + _EVALUATE).format(
-        collides=hazard.collides, parameters=f"({', '.join(places)}{',' if places else ''})"
+    large = n >= LARGE_SWARM
+    names = [f"constants[1 + 3 * radars + {i}]," for i in range(len(parameters))]
+    text = ((BLOCKS if large else "") + _EVALUATE).format(
+        collides=hazard.collides,
+        parameters=f"({' '.join(names)})",
+        blocks=_CALL if large else "",
     )
     return CompiledObjective(f"{source}\n{text}", constants)

@@ -38,9 +38,20 @@ def invert_blocks(blocks: FloatArray, face: FloatArray) -> None:
 
 
 @kernel
-def curvatures(
-    blocks: FloatArray, face: FloatArray, i: int
-) -> tuple[float, float, float, float]:
+def write_identity(face: FloatArray, inverse: FloatArray) -> None:
+    """Write the blocks (3n,) of the projection on the face."""
+    for i in range(face.shape[0]):
+        tx, ty = face[i, 1], face[i, 2]  # both zero but on a single boundary
+        free = 1.0 if face[i, 0] == 2.0 else 0.0
+        inverse[3 * i], inverse[3 * i + 1], inverse[3 * i + 2] = (
+            free + tx * tx,
+            tx * ty,
+            free + ty * ty,
+        )
+
+
+@kernel
+def curvatures(blocks: FloatArray, face: FloatArray, i: int) -> tuple[float, float, float, float]:
     """Magnitudes of member i's curvatures across and along a unit vector, and that vector.
 
     On a boundary the vector is its tangent, elsewhere the principal direction of larger curvature.

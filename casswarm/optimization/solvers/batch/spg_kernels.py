@@ -35,7 +35,7 @@ MEMORY = 10  # objective values that the nonmonotone search looks back on
 SUFFICIENT = 1e-4  # sufficient decrease, as a fraction of what the gradient predicts
 SHORTEST, LONGEST = 1e-10, 1e10  # spectral step sizes
 SPREAD = 100.0  # largest ratio of a member's step size to that of all
-PATIENCE = 4  # spectral steps before the first Newton step; doubled when one is refused
+PATIENCE = 4  # spectral steps before a Newton step; doubled when one is refused
 TRIALS = 60  # of a spectral step's length
 COARSE = 1e-3  # tolerance to which starts are compared
 
@@ -185,9 +185,9 @@ def minimise(
         counts[0] += 1
         trial_f, accepted = f, False
         if waited >= patience:
-            trial_f, accepted, full = newton_step(x, f, problem, work, counts)
+            trial_f, accepted, convex = newton_step(x, f, problem, work, counts)
             patience = patience if accepted else 2 * patience
-            waited = waited if full else 0
+            waited = waited if convex else 0
         if not accepted:
             waited += 1
             trial_f, accepted = line_search(x, f, slope, problem, work, counts)
@@ -231,7 +231,10 @@ def verify(x: FloatArray, problem: Problem, work: Workspace) -> tuple[float, flo
 def workspace(members: int) -> Workspace:
     """Arrays for problems of so many members."""
     return Workspace(
-        np.empty((8, 2 * members)), np.empty(members), np.empty(MEMORY), np.empty((members, 4)),
+        np.empty((8, 2 * members)),
+        np.empty(members),
+        np.empty(MEMORY),
+        np.empty((members, 4)),
         np.zeros(5 * members),
     )
 
