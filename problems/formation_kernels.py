@@ -14,126 +14,92 @@ from ..hazard import Hazard, KernelHazard
 from ..hazard.kernels import differentiated_kernels
 from ..optimization.problem import LARGE_SWARM, CompiledObjective
 from .formation_curvature_kernels import BLOCKS
+from .formation_vectorized_kernels import EVALUATE
 
 _EVALUATE = """
 @objective
 def evaluate(x, p, constants, gradient, scratch):
-    collides = {collides}
     n = x.size // 2
     radars = int(constants[0])
-    parameters = {parameters}
+    parameters = constants[1 + 3 * radars :]
     dt = p[6 * n + 2]
-    east, north = scratch[:n], scratch[n : 2 * n]
-    densities, collisions = scratch[2 * n : 3 * n], scratch[3 * n : 4 * n]
-    gradient_east, gradient_north = scratch[4 * n : 5 * n], scratch[5 * n : 6 * n]
-    members, pairs = scratch[6 * n : 7 * n], scratch[7 * n :]
+    density_sums, collision_sums, slopes = 2 * n, 3 * n, 4 * n  # where these begin in `scratch`
+    for c in range(2 * n):
+        scratch[c] = p[c] + dt * x[c]
+        scratch[density_sums + c] = 0.0
+        gradient[c] = 0.0
+    k = slopes
+    for i in range(n):
+        if p[5 * n + i] == 0.0:
+            continue
+        east, north = scratch[2 * i], scratch[2 * i + 1]
+        for j in range(n):
+            weighted = p[5 * n + j] != 0.0
+            if p[4 * n + j] == 0.0 or j == i or (weighted and j < i):
+                continue
+            de, dn = east - scratch[2 * j], north - scratch[2 * j + 1]
+            squared = de * de + dn * dn
+            pair_density, scratch[k] = density(squared, parameters)
+            pair_collision, scratch[k + 1] = collision(squared, parameters)
+            scratch[density_sums + i] += pair_density
+            scratch[collision_sums + i] += pair_collision
+            if weighted:
+                scratch[density_sums + j] += pair_density
+                scratch[collision_sums + j] += pair_collision
+            k += 2
+    total = 0.0
     own_density = density(0.0, parameters)[0]
-    living, first = 0, 0
-    for weighted in range(2):  # the members without a weight, and then from `first` on those with
-        first = living
-        for i in range(n):
-            if p[4 * n + i] != 0.0 and (p[5 * n + i] != 0.0) == (weighted == 1):
-                members[living] = i
-                east[living] = p[2 * i] + dt * x[2 * i]
-                north[living] = p[2 * i + 1] + dt * x[2 * i + 1]
-                densities[living], collisions[living] = own_density, 0.0
-                living += 1
-    start = 0
-    for i in range(first, living):
-        east_i, north_i, total = east[i], north[i], 0.0
-        slopes = pairs[start : start + i]
-        for j in range(i):
-            de, dn = east_i - east[j], north_i - north[j]
-            value, slopes[j] = density(de * de + dn * dn, parameters)
-            total += value
-            densities[j] += value
-        densities[i] += total
-        start += i
-        if collides:
-            total = 0.0
-            slopes = pairs[start : start + i]
-            for j in range(i):
-                de, dn = east_i - east[j], north_i - north[j]
-                value, slopes[j] = collision(de * de + dn * dn, parameters)
-                total += value
-                collisions[j] += value
-            collisions[i] += total
-            start += i
-    objective = 0.0
-    for k in range(first):
-        densities[k], collisions[k] = 0.0, 0.0
-        gradient_east[k], gradient_north[k] = 0.0, 0.0
-    for k in range(first, living):
-        weight = p[5 * n + int(members[k])]
+    for i in range(n):
+        weight = p[5 * n + i]
+        if weight == 0.0:
+            continue
+        east, north = scratch[2 * i], scratch[2 * i + 1]
         risk, risk_east, risk_north = 0.0, 0.0, 0.0
         for r in range(1, 1 + 3 * radars, 3):
-            de, dn, strength = east[k] - constants[r], north[k] - constants[r + 1], constants[r + 2]
+            de, dn, strength = east - constants[r], north - constants[r + 1], constants[r + 2]
             value, slope = source(de * de + dn * dn, parameters)
             risk += strength * value
             risk_east += strength * slope * de
             risk_north += strength * slope * dn
         rate, by_risk, by_density, by_collision = combine(
-            risk, densities[k], collisions[k], parameters
+            risk, scratch[density_sums + i] + own_density, scratch[collision_sums + i], parameters
         )
-        objective += weight * rate
-        factor = 2.0 * dt * weight
-        gradient_east[k] = factor * by_risk * risk_east
-        gradient_north[k] = factor * by_risk * risk_north
-        densities[k], collisions[k] = factor * by_density, factor * by_collision
-    start = 0
-    for i in range(first, living):
-        east_i, north_i, own = east[i], north[i], densities[i]
-        slopes = pairs[start : start + i]
-        for j in range(i):
-            slopes[j] *= own + densities[j]
-        start += i
-        if collides:
-            own = collisions[i]
-            collision_slopes = pairs[start : start + i]
-            for j in range(i):
-                slopes[j] += (own + collisions[j]) * collision_slopes[j]
-            start += i
-        total_east, total_north = 0.0, 0.0
-        for j in range(i):
-            de, dn = slopes[j] * (east_i - east[j]), slopes[j] * (north_i - north[j])
-            total_east += de
-            total_north += dn
-            gradient_east[j] -= de
-            gradient_north[j] -= dn
-        gradient_east[i] += total_east
-        gradient_north[i] += total_north
-    for c in range(2 * n):
-        gradient[c] = 0.0
-    for k in range(living):
-        i = int(members[k])
-        gradient[2 * i], gradient[2 * i + 1] = gradient_east[k], gradient_north[k]
-{blocks}
-    return objective
+        total += weight * rate
+        gradient[2 * i] += 2.0 * dt * weight * by_risk * risk_east
+        gradient[2 * i + 1] += 2.0 * dt * weight * by_risk * risk_north
+        scratch[density_sums + i] = 2.0 * dt * weight * by_density
+        scratch[collision_sums + i] = 2.0 * dt * weight * by_collision
+    k = slopes
+    for i in range(n):
+        if p[5 * n + i] == 0.0:
+            continue
+        east, north = scratch[2 * i], scratch[2 * i + 1]
+        for j in range(n):
+            if p[4 * n + j] == 0.0 or j == i or (p[5 * n + j] != 0.0 and j < i):
+                continue
+            slope = (scratch[density_sums + i] + scratch[density_sums + j]) * scratch[k]
+            slope += (scratch[collision_sums + i] + scratch[collision_sums + j]) * scratch[k + 1]
+            de, dn = slope * (east - scratch[2 * j]), slope * (north - scratch[2 * j + 1])
+            gradient[2 * i] += de
+            gradient[2 * i + 1] += dn
+            gradient[2 * j] -= de
+            gradient[2 * j + 1] -= dn
+            k += 2
+    return total
 """
 """Objective of `x` (2n,) and its gradient, for positions, alive and weights in `p`.
 
-Where `gradient` has 5n entries, the Hessian's diagonal blocks follow, as `CompiledObjective` says.
-
 Every pair of members is evaluated once. `scratch` (n (n + 8),) is overwritten. Text, because the
 kernels that it calls are generated: compiled in one module with them, they are inlined.
-
-The living are copied to vectors of their coordinates, so that the loops over pairs are vectorised:
-their indices begin at zero, they have no branches, and each reads and writes few arrays (the
-compiler must check that these do not overlap).
-"""
-
-
-_CALL = """
-    if gradient.size == 5 * n:
-        hessian_blocks(first, living, p, constants, parameters, scratch, gradient[2 * n :])
 """
 
 
 def formation_objective(hazard: Hazard, n: int) -> CompiledObjective | None:
     """The compiled objective; its constants are the hazard's radars, strengths and parameters.
 
-    For large swarms, n members, it also writes blocks of the Hessian. None for hazards that are not
-    made of kernels, or of such as have no counterpart in Python.
+    For large swarms, of n members, its loops are vectorised, and it also writes blocks of the
+    Hessian. None for hazards that are not made of kernels, or of such as have no counterpart in
+    Python.
     """
     if not isinstance(hazard, KernelHazard):
         return None
@@ -143,11 +109,10 @@ def formation_objective(hazard: Hazard, n: int) -> CompiledObjective | None:
         return None
     radars = np.column_stack([hazard.radar_positions, hazard.radar_strengths])
     constants = np.concatenate([[len(radars)], radars.ravel(), parameters])
-    large = n >= LARGE_SWARM
-    names = [f"constants[1 + 3 * radars + {i}]," for i in range(len(parameters))]
-    text = ((BLOCKS if large else "") + _EVALUATE).format(
-        collides=hazard.collides,
-        parameters=f"({' '.join(names)})",
-        blocks=_CALL if large else "",
-    )
-    return CompiledObjective(f"{source}\n{text}", constants)
+    evaluate = _EVALUATE
+    if n >= LARGE_SWARM:
+        names = [f"constants[1 + 3 * radars + {i}]," for i in range(len(parameters))]
+        evaluate = (BLOCKS + EVALUATE).format(
+            collides=hazard.collides, parameters=f"({' '.join(names)})"
+        )
+    return CompiledObjective(f"{source}\n{evaluate}", constants)

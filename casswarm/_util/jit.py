@@ -41,7 +41,7 @@ import math
 import numpy as np
 from math import inf, nan
 
-from casswarm._util.jit import kernel, objective
+from casswarm._util.jit import kernel, objective, vectorized_objective
 
 
 """
@@ -75,15 +75,24 @@ def objective(function: _Function) -> _Function:
     """Compile ``f(x, p, constants, gradient, scratch)`` to a value that kernels take as argument.
 
     The arguments are contiguous vectors. All objectives have one type, so that a solver is compiled
-    once for all of them. Sums may be computed in any order, so that loops are vectorised.
+    once for all of them.
     """
+    return _objective(function, _UNCOUNTED)
+
+
+def vectorized_objective(function: _Function) -> _Function:
+    """Compile like `objective`, with sums in any order, so that loops that sum are vectorised."""
+    return _objective(function, _UNCOUNTED | _REORDERED)
+
+
+def _objective(function: _Function, options: dict[str, Any]) -> _Function:
     from numba.core.ccallback import CFunc
     from numba.core.sigutils import normalize_signature
 
     from .compiled_files import compiled_files
 
-    options = _OPTIONS | _UNCOUNTED | _REORDERED
-    compiled: Any = CFunc(function, normalize_signature(_OBJECTIVE), {}, options)
+    signature = normalize_signature(_OBJECTIVE)
+    compiled: Any = CFunc(function, signature, {}, _OPTIONS | options)
     compiled._cache = compiled_files(function, _stamp())
     compiled.compile()  # as `numba.cfunc` does, with its own cache
     return cast("_Function", compiled)
@@ -112,7 +121,7 @@ def announce(compiled: Any) -> None:
 
 @locked_cache(maxsize=64)
 def generated_module(source: str) -> ModuleType:
-    """Module of a Python text that uses the names `math`, `np`, `kernel` and `objective`."""
+    """Module of a Python text that uses `math`, `np` and the decorators of this module."""
     text = _HEADER + source
     name = f"casswarm_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
     path = _file(name, text)

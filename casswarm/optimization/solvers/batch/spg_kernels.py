@@ -15,6 +15,7 @@ import numpy as np
 from ...._util.jit import allocating_kernel, kernel
 from ....typing import FloatArray, IntArray
 from ...feasible_sets.planar_kernels import clip, nearest, violation
+from ...problem import LARGE_SWARM
 from .engine import CONVERGED, EXHAUSTED, NOT_FINITE, STALLED, Results
 from .face_newton_kernels import (
     DIRECTION,
@@ -172,7 +173,7 @@ def minimise(
     counts[1] += 1
     history[:] = f
     step_sizes[:] = metric
-    patience, waited = PATIENCE, 0
+    patience, waited, few = PATIENCE, 0, step_sizes.size < LARGE_SWARM
     for iteration in range(max_iter + 1):  # the first only determines the first step size
         slope = projected_step(x, gradient, step_sizes, sets, direction)
         if not (math.isfinite(f) and math.isfinite(slope)):
@@ -187,7 +188,7 @@ def minimise(
         if waited >= patience:
             trial_f, accepted, convex = newton_step(x, f, problem, work, counts)
             patience = patience if accepted else 2 * patience
-            waited = waited if convex else 0
+            waited = waited if convex or (accepted and few) else 0
         if not accepted:
             waited += 1
             trial_f, accepted = line_search(x, f, slope, problem, work, counts)
