@@ -97,6 +97,6 @@ def hessian_blocks(first, living, p, constants, parameters, scratch, blocks):
 """
 """Blocks (east east, east north, north north) of members, zero for those that are not living.
 
-Called by `evaluate` of `casswarm.problems.formation_vectorized_kernels`, with its `scratch`: the coordinates
-of the living are read, the rest is overwritten.
+Called by `evaluate` of `casswarm.problems.formation_vectorized_kernels`, with its `scratch`: the
+coordinates of the living are read, the rest is overwritten.
 """

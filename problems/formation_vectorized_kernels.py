@@ -1,6 +1,6 @@
 """The formation objective of large swarms as source, with loops over pairs that are vectorised.
 
-It is the objective of `casswarm.problems.formation_kernels`, whose loops are faster for few members.
+It is the objective of `casswarm.problems.formation_kernels`, which is faster for few members.
 """
 
 from __future__ import annotations

@@ -40,8 +40,11 @@ def velocities(step, squared, solver=None):
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("area", [0.01, 0.075])
-def test_objective_of_fifty_members_equals_ipopts(seed, area, n=50):
-    step, squared = swarm(n, seed, area)
+def test_objective_of_fifty_members_equals_ipopts(seed, area):
+    assert_objective_equals_ipopts(*swarm(50, seed, area))
+
+
+def assert_objective_equals_ipopts(step, squared):
     _, found = velocities(step, squared)
     _, expected = velocities(step, squared, Ipopt(tolerance=1e-12))
     assert found.objective == pytest.approx(expected.objective, rel=1e-6)
@@ -49,7 +52,7 @@ def test_objective_of_fifty_members_equals_ipopts(seed, area, n=50):
 
 @pytest.mark.slow
 def test_objective_of_two_hundred_members_equals_ipopts():
-    test_objective_of_fifty_members_equals_ipopts(0, 0.01, n=200)
+    assert_objective_equals_ipopts(*swarm(200))
 
 
 @pytest.mark.parametrize("n", [50, 200])

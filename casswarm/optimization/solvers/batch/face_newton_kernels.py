@@ -20,7 +20,7 @@ from .preconditioner_kernels import invert_blocks, precondition, write_identity
 DIFFERENCE = 1e-7  # length of the gradient's differences, in units of x
 FORCING = 1e-3  # residual at which the conjugate gradients stop, relative to the first
 MAX_ITERATIONS = 30  # of the conjugate gradients
-MAX_STEP = 0.1  # the longest part of a member in a step, in units of x
+MAX_STEP = 0.1  # the longest step, or of large swarms that of a member, in units of x
 TRIALS = 4  # of a step's length
 SUFFICIENT = 1e-4  # sufficient decrease, as a fraction of what the slope predicts
 
@@ -198,13 +198,17 @@ def newton_step(
     exists, convex = conjugate_gradients(x, problem, work, counts)
     if not exists:
         return f, False, False
-    shorten_members(step, MAX_STEP * unit)
+    length = 1.0
+    if sets.shape[0] < LARGE_SWARM:
+        length = min(1.0, MAX_STEP * unit / largest_component(step))
+    else:  # where a member's large step must not shorten those of all
+        shorten_members(step, MAX_STEP * unit)
     slope = 0.0
     for c in range(x.size):
         slope += gradient[c] * step[c]
     if not slope < 0.0:
         return f, False, False
-    length, blocked = 1.0, blocking_length(x, step, sets, unit)
+    blocked = blocking_length(x, step, sets, unit)
     for attempt in range(TRIALS):
         for i in range(sets.shape[0]):
             px, py = x[2 * i] + length * step[2 * i], x[2 * i + 1] + length * step[2 * i + 1]
