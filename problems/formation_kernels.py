@@ -12,7 +12,9 @@ import numpy as np
 from ..errors import HazardError
 from ..hazard import Hazard, KernelHazard
 from ..hazard.kernels import differentiated_kernels
-from ..optimization.problem import CompiledObjective
+from ..optimization.problem import LARGE_SWARM, CompiledObjective
+from .formation_curvature_kernels import BLOCKS
+from .formation_vectorized_kernels import EVALUATE
 
 _EVALUATE = """
 @objective
@@ -92,10 +94,12 @@ kernels that it calls are generated: compiled in one module with them, they are 
 """
 
 
-def formation_objective(hazard: Hazard) -> CompiledObjective | None:
+def formation_objective(hazard: Hazard, n: int) -> CompiledObjective | None:
     """The compiled objective; its constants are the hazard's radars, strengths and parameters.
 
-    None for hazards that are not made of kernels, or of such as have no counterpart in Python.
+    For large swarms, of n members, its loops are vectorised, and it also writes blocks of the
+    Hessian. None for hazards that are not made of kernels, or of such as have no counterpart in
+    Python.
     """
     if not isinstance(hazard, KernelHazard):
         return None
@@ -105,4 +109,10 @@ def formation_objective(hazard: Hazard) -> CompiledObjective | None:
         return None
     radars = np.column_stack([hazard.radar_positions, hazard.radar_strengths])
     constants = np.concatenate([[len(radars)], radars.ravel(), parameters])
-    return CompiledObjective(f"{source}\n{_EVALUATE}", constants)
+    evaluate = _EVALUATE
+    if n >= LARGE_SWARM:
+        names = [f"constants[1 + 3 * radars + {i}]," for i in range(len(parameters))]
+        evaluate = (BLOCKS + EVALUATE).format(
+            collides=hazard.collides, parameters=f"({' '.join(names)})"
+        )
+    return CompiledObjective(f"{source}\n{evaluate}", constants)

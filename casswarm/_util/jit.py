@@ -33,6 +33,7 @@ _PACKAGE = Path(__file__).parent.parent
 
 _OPTIONS: dict[str, Any] = {"error_model": "numpy"}
 _UNCOUNTED: dict[str, Any] = {"_nrt": False}  # as Numba itself compiles its functions of strings
+_REORDERED: dict[str, Any] = {"fastmath": {"reassoc"}}
 _OBJECTIVE = "float64(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])"
 _HEADER = """\
 # compiled code of this module is kept in files with checksums
@@ -41,7 +42,7 @@ import math
 import numpy as np
 from math import inf, nan
 
-from casswarm._util.jit import kernel, objective
+from casswarm._util.jit import kernel, objective, vectorized_objective
 
 
 """
@@ -77,12 +78,22 @@ def objective(function: _Function) -> _Function:
     The arguments are contiguous vectors. All objectives have one type, so that a solver is compiled
     once for all of them.
     """
+    return _objective(function, _UNCOUNTED)
+
+
+def vectorized_objective(function: _Function) -> _Function:
+    """Compile like `objective`, with sums in any order, so that loops that sum are vectorised."""
+    return _objective(function, _UNCOUNTED | _REORDERED)
+
+
+def _objective(function: _Function, options: dict[str, Any]) -> _Function:
     from numba.core.ccallback import CFunc
     from numba.core.sigutils import normalize_signature
 
     from .compiled_files import compiled_files
 
-    compiled: Any = CFunc(function, normalize_signature(_OBJECTIVE), {}, _OPTIONS | _UNCOUNTED)
+    signature = normalize_signature(_OBJECTIVE)
+    compiled: Any = CFunc(function, signature, {}, _OPTIONS | options)
     compiled._cache = compiled_files(function, _stamp())
     compiled.compile()  # as `numba.cfunc` does, with its own cache
     return cast("_Function", compiled)
@@ -115,7 +126,7 @@ def announce(compiled: Any) -> None:
 
 @locked_cache(maxsize=64)
 def generated_module(source: str) -> ModuleType:
-    """Module of a Python text that uses the names `math`, `np`, `kernel` and `objective`."""
+    """Module of a Python text that uses `math`, `np` and the decorators of this module."""
     text = _HEADER + source
     name = f"casswarm_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
     path = _file(name, text)

@@ -109,20 +109,28 @@ def lower_derivatives(
     kernel: Callable[..., Expr], inputs: int, name: str
 ) -> Callable[..., tuple[FloatArray, ...]]:
     """Like `lower`: the value, the gradient, and the upper triangle of the Hessian by rows."""
-    symbols = ca.SX.sym("x", inputs)
-    value = ca.SX(kernel(*ca.vertsplit(symbols)))
-    gradient = ca.gradient(value, symbols)
-    hessian = ca.jacobian(gradient, symbols)
-    upper = [hessian[i, j] for i in range(inputs) for j in range(i, inputs)]
-    arguments = {f"x{i}": symbols[i] for i in range(inputs)}
-    return _compiled(name, lower_source(name, arguments, [value, *ca.vertsplit(gradient), *upper]))
+    symbols, outputs = _derivatives(kernel, inputs, order=2)
+    return _compiled(name, lower_source(name, symbols, outputs))
 
 
 def differentiated_source(
-    kernel: Callable[..., Expr], inputs: int, name: str, parameters: Expr
+    kernel: Callable[..., Expr], inputs: int, name: str, parameters: Expr, order: int = 1
 ) -> str:
-    """Python source of ``name(x0, ..., parameters)``: the kernel and its partial derivatives."""
+    """Python source of ``name(x0, ..., parameters)``: the kernel and its partial derivatives.
+
+    Those of second order are the upper triangle of the Hessian by rows.
+    """
+    symbols, outputs = _derivatives(kernel, inputs, order)
+    return lower_source(name, symbols | {"parameters": parameters}, outputs)
+
+
+def _derivatives(
+    kernel: Callable[..., Expr], inputs: int, order: int
+) -> tuple[dict[str, Expr], list[Expr]]:
+    """Symbols of a kernel's arguments, its value, and its derivatives up to an order, 1 or 2."""
     symbols = {f"x{i}": ca.SX.sym(f"x{i}") for i in range(inputs)}
-    value = ca.SX(kernel(*symbols.values()))
-    partials = [ca.gradient(value, symbol) for symbol in symbols.values()]
-    return lower_source(name, symbols | {"parameters": parameters}, [value, *partials])
+    x = list(symbols.values())
+    value = ca.SX(kernel(*x))
+    first = [ca.gradient(value, symbol) for symbol in x]
+    second = [ca.gradient(first[i], x[j]) for i in range(inputs) for j in range(i, inputs)]
+    return symbols, [value, *first, *(second if order == 2 else [])]

@@ -221,6 +221,9 @@ def lowered_derivatives(hazard: KernelHazard) -> tuple[Callable[..., tuple[Float
 def differentiated_kernels(hazard: KernelHazard) -> tuple[str, tuple[float, ...]]:
     """Python source of the kernels with their derivatives, and the parameters that it reads.
 
+    ``density(x0, parameters)`` returns value and derivative, ``second_density`` the second
+    derivative too, and so on; where there are several arguments, the upper triangle by rows.
+
     The numerical fields of the hazard are parameters of the source, so that all hazards of a class
     share compiled code.
     """
@@ -240,7 +243,8 @@ def differentiated_kernels(hazard: KernelHazard) -> tuple[str, tuple[float, ...]
 
 def _kernel_sources(hazard: KernelHazard, parameters: Expr) -> str:
     sources = (
-        differentiated_source(getattr(hazard, name), inputs, name, parameters)
+        differentiated_source(getattr(hazard, name), inputs, f"{prefix}{name}", parameters, order)
         for name, inputs in _KERNELS.items()
+        for prefix, order in (("", 1), ("second_", 2))
     )
     return "\n\n".join(f"@kernel\n{source}" for source in sources)

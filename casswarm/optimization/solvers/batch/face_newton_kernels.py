@@ -1,8 +1,8 @@
 """Newton steps on the active face of a product of planar sets, state by state.
 
-On the face every member is free (in the plane), on one boundary (free along it), or fixed in a
-corner. The Lagrangian is minimised on it by conjugate gradients, with Hessian products from
+On the face the Lagrangian is minimised by conjugate gradients, with Hessian products from
 differences of gradients; a circle of radius r with multiplier m adds the curvature m / r along it.
+In large swarms the Hessian's diagonal blocks precondition them.
 """
 
 from __future__ import annotations
@@ -12,14 +12,15 @@ from typing import Any, NamedTuple
 
 from ...._util.jit import kernel
 from ....typing import FloatArray, IntArray
-from ...feasible_sets.planar_kernels import DISCS, nearest
+from ...feasible_sets.planar_kernels import nearest
+from ...problem import LARGE_SWARM
+from .face_kernels import blocking_length, project_on_face, shorten_members, tangent
+from .preconditioner_kernels import invert_blocks, precondition, write_identity
 
-ACTIVE = 1e-10  # a boundary nearer than this is active, in units of x
-FIXED = 1e-9  # a member whose projected gradient is shorter is fixed, in units of x
 DIFFERENCE = 1e-7  # length of the gradient's differences, in units of x
 FORCING = 1e-3  # residual at which the conjugate gradients stop, relative to the first
 MAX_ITERATIONS = 30  # of the conjugate gradients
-MAX_STEP = 0.1  # the longest component of a step, in units of x
+MAX_STEP = 0.1  # the longest step, or of large swarms that of a member, in units of x
 TRIALS = 4  # of a step's length
 SUFFICIENT = 1e-4  # sufficient decrease, as a fraction of what the slope predicts
 
@@ -65,78 +66,21 @@ class Workspace(NamedTuple):
         The last objective values.
     face : (n, 4)
         What `tangent` returns of every member.
+    blocks : (5n,)
+        A gradient, and the preconditioner's inverse (xx, xy, yy) of every member.
     """
 
     vectors: FloatArray
     step_sizes: FloatArray
     history: FloatArray
     face: FloatArray
+    blocks: FloatArray
 
 
 @kernel
 def evaluate(problem: Problem, x: FloatArray, gradient: FloatArray) -> float:
     """Objective at x; its gradient is written."""
     return problem.evaluate(x, problem.p, problem.constants, gradient, problem.scratch)  # type: ignore[no-any-return]
-
-
-@kernel
-def tangent(
-    i: int, x: FloatArray, gradient: FloatArray, direction: FloatArray, problem: Problem
-) -> tuple[int, float, float, float]:
-    """Tangent space of member i's face: (degrees of freedom, tx, ty, curvature).
-
-    Only the active boundaries that the negative gradient presses on count.
-    """
-    sets, unit = problem.sets, problem.scale[0]
-    gx, gy = gradient[2 * i], gradient[2 * i + 1]
-    px, py = x[2 * i], x[2 * i + 1]
-    dx, dy = direction[2 * i], direction[2 * i + 1]
-    displacement = math.sqrt(dx * dx + dy * dy)
-    pressed, tx, ty, curvature, largest = 0, 0.0, 0.0, 0.0, 0.0
-    for side in range(4):  # the box's normals: -x, -y, +x, +y
-        if abs((px if side % 2 == 0 else py) - sets[i, side]) <= ACTIVE * unit:
-            sign = -1.0 if side < 2 else 1.0
-            multiplier = -sign * (gx if side % 2 == 0 else gy)
-            if multiplier > 0.0:
-                pressed += 1
-                if multiplier > largest:
-                    largest, curvature = multiplier, 0.0
-                    tx, ty = (0.0, 1.0) if side % 2 == 0 else (1.0, 0.0)
-    for k in DISCS:
-        r = sets[i, k + 2]
-        if r < math.inf:
-            nx, ny = px - sets[i, k], py - sets[i, k + 1]
-            distance = math.sqrt(nx * nx + ny * ny)
-            if distance > 0.0 and abs(distance - r) <= ACTIVE * unit:
-                nx, ny = nx / distance, ny / distance
-                multiplier = -(gx * nx + gy * ny)
-                if multiplier > 0.0:
-                    pressed += 1
-                    if multiplier > largest:
-                        largest, curvature = multiplier, multiplier / r
-                        tx, ty = -ny, nx
-    if pressed == 0:
-        return 2, 0.0, 0.0, 0.0
-    point = sets[i, 0] == sets[i, 2] and sets[i, 1] == sets[i, 3]
-    if point or (pressed > 1 and displacement <= FIXED * unit):
-        return 0, 0.0, 0.0, 0.0
-    return 1, tx, ty, curvature
-
-
-@kernel
-def project_on_face(vector: FloatArray, face: FloatArray, out: FloatArray) -> float:
-    """Write the part of a vector in the face's tangent space; return its squared length."""
-    total = 0.0
-    for i in range(vector.size // 2):
-        vx, vy = vector[2 * i], vector[2 * i + 1]
-        if face[i, 0] == 1.0:
-            along = vx * face[i, 1] + vy * face[i, 2]
-            vx, vy = along * face[i, 1], along * face[i, 2]
-        elif face[i, 0] == 0.0:
-            vx, vy = 0.0, 0.0
-        out[2 * i], out[2 * i + 1] = vx, vy
-        total += vx * vx + vy * vy
-    return total
 
 
 @kernel
@@ -165,29 +109,6 @@ def longest_displacement(vector: FloatArray) -> float:
 
 
 @kernel
-def blocking_length(x: FloatArray, step: FloatArray, problem: Problem) -> float:
-    """Length of a step at which it meets the first boundary that is not active at x."""
-    sets, unit = problem.sets, problem.scale[0]
-    shortest = math.inf
-    for i in range(sets.shape[0]):
-        sx, sy = step[2 * i], step[2 * i + 1]
-        for side in range(4):
-            distance = sets[i, side] - (x[2 * i] if side % 2 == 0 else x[2 * i + 1])
-            rate = sx if side % 2 == 0 else sy
-            if abs(distance) > ACTIVE * unit and distance * rate > 0.0:
-                shortest = min(shortest, distance / rate)
-        for k in DISCS:
-            wx, wy, r = x[2 * i] - sets[i, k], x[2 * i + 1] - sets[i, k + 1], sets[i, k + 2]
-            if r < math.inf and math.sqrt(wx * wx + wy * wy) < r - ACTIVE * unit:
-                inside = r * r - wx * wx - wy * wy
-                outward, square = wx * sx + wy * sy, sx * sx + sy * sy
-                rate = outward + math.sqrt(outward * outward + square * inside)
-                if rate > 0.0:
-                    shortest = min(shortest, inside / rate)
-    return shortest
-
-
-@kernel
 def hessian_product(x: FloatArray, problem: Problem, work: Workspace) -> float:
     """Write the reduced Hessian of the Lagrangian times q = `CONJUGATE`; return q'Hq."""
     q, product, gradient = work.vectors[CONJUGATE], work.vectors[PRODUCT], work.vectors[GRADIENT]
@@ -207,17 +128,37 @@ def hessian_product(x: FloatArray, problem: Problem, work: Workspace) -> float:
 
 
 @kernel
-def conjugate_gradients(x: FloatArray, problem: Problem, work: Workspace, counts: IntArray) -> bool:
-    """Write the Newton step on the face; return whether there is one."""
+def write_preconditioner(
+    x: FloatArray, problem: Problem, work: Workspace, counts: IntArray
+) -> None:
+    """Write the preconditioner's inverse on the face: of few members, the identity there."""
+    inverse = work.blocks[x.size :]
+    if work.face.shape[0] < LARGE_SWARM:
+        write_identity(work.face, inverse)
+        return
+    inverse[:] = 0.0  # what an objective without blocks leaves
+    evaluate(problem, x, work.blocks)
+    counts[1] += 1
+    invert_blocks(inverse, work.face)
+
+
+@kernel
+def conjugate_gradients(
+    x: FloatArray, problem: Problem, work: Workspace, counts: IntArray
+) -> tuple[bool, bool]:
+    """Write the Newton step on the face: (whether there is one, without negative curvature)."""
     residual, step = work.vectors[RESIDUAL], work.vectors[STEP]
     q, product = work.vectors[CONJUGATE], work.vectors[PRODUCT]
-    first = square = project_on_face(work.vectors[GRADIENT], work.face, residual)
+    project_on_face(work.vectors[GRADIENT], work.face, residual)
+    inverse = work.blocks[x.size :]
+    write_preconditioner(x, problem, work, counts)
+    first = square = precondition(residual, inverse, q)
     if not 0.0 < first < math.inf:
-        return False
+        return False, False
     for c in range(x.size):
         step[c] = 0.0
         residual[c] = -residual[c]
-        q[c] = residual[c]
+        q[c] = -q[c]
     for _ in range(MAX_ITERATIONS):
         curvature = hessian_product(x, problem, work)
         counts[1] += 1
@@ -225,26 +166,25 @@ def conjugate_gradients(x: FloatArray, problem: Problem, work: Workspace, counts
             length = MAX_STEP * problem.scale[0] / largest_component(q)
             for c in range(x.size):  # unbounded below along q: the longest step that is allowed
                 step[c] += length * q[c]
-            break
+            return True, False
         length = square / curvature
-        next_square = 0.0
         for c in range(x.size):
             step[c] += length * q[c]
             residual[c] -= length * product[c]
-            next_square += residual[c] * residual[c]
+        next_square = precondition(residual, inverse, product)
         if next_square <= FORCING * FORCING * first:
             break
         for c in range(x.size):
-            q[c] = residual[c] + next_square / square * q[c]
+            q[c] = product[c] + next_square / square * q[c]
         square = next_square
-    return True
+    return True, True
 
 
 @kernel
 def newton_step(
     x: FloatArray, f: float, problem: Problem, work: Workspace, counts: IntArray
-) -> tuple[float, bool]:
-    """Try a Newton step from x: (f at `trial`, whether it is accepted).
+) -> tuple[float, bool, bool]:
+    """Try a Newton step: (f at `trial`, whether it is accepted, without negative curvature).
 
     Reads the vectors `GRADIENT` and `DIRECTION`; writes `TRIAL` and `TRIAL_GRADIENT`.
     """
@@ -252,16 +192,23 @@ def newton_step(
     gradient, direction = work.vectors[GRADIENT], work.vectors[DIRECTION]
     step, trial = work.vectors[STEP], work.vectors[TRIAL]
     for i in range(sets.shape[0]):
-        face[i, 0], face[i, 1], face[i, 2], face[i, 3] = tangent(i, x, gradient, direction, problem)
-    if not conjugate_gradients(x, problem, work, counts):
-        return f, False
+        face[i, 0], face[i, 1], face[i, 2], face[i, 3] = tangent(
+            i, x, gradient, direction, sets, unit
+        )
+    exists, convex = conjugate_gradients(x, problem, work, counts)
+    if not exists:
+        return f, False, False
+    length = 1.0
+    if sets.shape[0] < LARGE_SWARM:
+        length = min(1.0, MAX_STEP * unit / largest_component(step))
+    else:  # where a member's large step must not shorten those of all
+        shorten_members(step, MAX_STEP * unit)
     slope = 0.0
     for c in range(x.size):
         slope += gradient[c] * step[c]
     if not slope < 0.0:
-        return f, False
-    length = min(1.0, MAX_STEP * unit / largest_component(step))
-    blocked = blocking_length(x, step, problem)
+        return f, False, False
+    blocked = blocking_length(x, step, sets, unit)
     for attempt in range(TRIALS):
         for i in range(sets.shape[0]):
             px, py = x[2 * i] + length * step[2 * i], x[2 * i + 1] + length * step[2 * i + 1]
@@ -269,6 +216,6 @@ def newton_step(
         trial_f = evaluate(problem, trial, work.vectors[TRIAL_GRADIENT])
         counts[1] += 1
         if trial_f <= f + SUFFICIENT * length * slope + 2.0**-50 * abs(f):
-            return trial_f, True
+            return trial_f, True, convex
         length = blocked if attempt == 0 and blocked < length else 0.25 * length
-    return f, False
+    return f, False, False

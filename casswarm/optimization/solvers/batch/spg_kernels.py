@@ -14,6 +14,7 @@ import numpy as np
 from ...._util.jit import allocating_kernel, kernel
 from ....typing import FloatArray, IntArray
 from ...feasible_sets.planar_kernels import clip, nearest, violation
+from ...problem import LARGE_SWARM
 from .engine import CONVERGED, EXHAUSTED, NOT_FINITE, STALLED
 from .face_newton_kernels import (
     DIRECTION,
@@ -32,7 +33,7 @@ MEMORY = 10  # objective values that the nonmonotone search looks back on
 SUFFICIENT = 1e-4  # sufficient decrease, as a fraction of what the gradient predicts
 SHORTEST, LONGEST = 1e-10, 1e10  # spectral step sizes
 SPREAD = 100.0  # largest ratio of a member's step size to that of all
-PATIENCE = 4  # spectral steps before the first Newton step; doubled when one is refused
+PATIENCE = 4  # spectral steps before a Newton step; doubled when one is refused
 TRIALS = 60  # of a spectral step's length
 
 
@@ -158,7 +159,7 @@ def minimise(
     counts[1] += 1
     history[:] = f
     step_sizes[:] = metric
-    patience, waited = PATIENCE, 0
+    patience, waited, few = PATIENCE, 0, step_sizes.size < LARGE_SWARM
     for iteration in range(max_iter + 1):  # the first only determines the first step size
         slope = projected_step(x, gradient, step_sizes, sets, direction)
         if not (math.isfinite(f) and math.isfinite(slope)):
@@ -171,9 +172,9 @@ def minimise(
         counts[0] += 1
         trial_f, accepted = f, False
         if waited >= patience:
-            trial_f, accepted = newton_step(x, f, problem, work, counts)
+            trial_f, accepted, convex = newton_step(x, f, problem, work, counts)
             patience = patience if accepted else 2 * patience
-            waited = waited if accepted else 0
+            waited = waited if convex or (accepted and few) else 0
         if not accepted:
             waited += 1
             trial_f, accepted = line_search(x, f, slope, problem, work, counts)
@@ -221,5 +222,9 @@ def verify(x: FloatArray, problem: Problem, work: Workspace, verified: FloatArra
 def workspace(members: int) -> Workspace:
     """Arrays for problems of so many members."""
     return Workspace(
-        np.empty((8, 2 * members)), np.empty(members), np.empty(MEMORY), np.empty((members, 4))
+        np.empty((8, 2 * members)),
+        np.empty(members),
+        np.empty(MEMORY),
+        np.empty((members, 4)),
+        np.zeros(5 * members),
     )
