@@ -39,9 +39,16 @@ def velocities(step, squared, solver=None):
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("area", [0.01, 0.075])
-def test_objective_of_fifty_members_equals_ipopts(seed, area):
-    assert_objective_equals_ipopts(*swarm(50, seed, area))
+def test_objective_of_fifty_members_equals_ipopts(seed):
+    assert_objective_equals_ipopts(*swarm(50, seed))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_objective_in_a_wide_corridor_is_no_worse_than_ipopts(seed):
+    step, squared = swarm(50, seed, area=0.075)  # these have several minima
+    _, found = velocities(step, squared)
+    _, expected = velocities(step, squared, Ipopt(tolerance=1e-12))
+    assert found.objective[0] <= (1 + 1e-6) * expected.objective[0]
 
 
 def assert_objective_equals_ipopts(step, squared):
