@@ -6,8 +6,9 @@ import ctypes
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import contextmanager, suppress
 from io import StringIO
+from typing import TextIO
 
 _STDOUT = 1
 
@@ -18,30 +19,46 @@ def silence() -> Iterator[None]:
 
     It may write to the process's standard output or, as CasADi's plugins do, to Python's, which is
     another one in notebooks. Buffers are flushed before and after, so that no other output is lost
-    or delayed.
+    or delayed, and a Ctrl-C at any point does not leave standard output redirected.
     """
-    with _process_silence(), redirect_stdout(StringIO()):
-        yield
-
-
-@contextmanager
-def _process_silence() -> Iterator[None]:
-    """Discard the process's standard output; does nothing if there is none."""
+    redirection = _Redirection()
     try:
-        saved = os.dup(_STDOUT)
-    except OSError:
-        yield
-        return
-    null = os.open(os.devnull, os.O_WRONLY)
-    _flush()
-    os.dup2(null, _STDOUT)
-    try:
+        redirection.begin()
         yield
     finally:
+        try:
+            redirection.end()
+        finally:  # the first call is cut short if Ctrl-C occurs in it
+            redirection.end()
+
+
+class _Redirection:
+    """Standard output of Python and of the process, redirected until `end`."""
+
+    def __init__(self) -> None:
+        self._python: list[TextIO] = []  # holds None where a program has no standard output
+        self._process: list[int] = []
+
+    def begin(self) -> None:
+        """Redirect; the process's standard output only if there is one."""
         _flush()
-        os.dup2(saved, _STDOUT)
-        os.close(saved)
-        os.close(null)
+        with suppress(OSError):
+            self._process.append(os.dup(_STDOUT))
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, _STDOUT)
+            os.close(null)
+        self._python.append(sys.stdout)
+        sys.stdout = StringIO()
+
+    def end(self) -> None:
+        """Undo `begin`, or what it did until it was interrupted; a second call does nothing."""
+        if self._python:
+            sys.stdout = self._python[0]
+            self._python.clear()
+        if self._process:
+            _flush()
+            os.dup2(self._process[0], _STDOUT)
+            os.close(self._process.pop())
 
 
 def _flush() -> None:
