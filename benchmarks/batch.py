@@ -5,7 +5,8 @@ Run with the installed package::
     python benchmarks/batch.py            # all, about ten minutes on two cores
     python benchmarks/batch.py --quick    # fewer states and repeats
 
-Needs ``pip install jax`` and ``pip install --pre alpaqa`` for their rows; without, they say so.
+Needs ``pip install jax pounce-solver`` and ``pip install --pre alpaqa`` for their columns, which
+otherwise say so. The share after other solvers is what they solved.
 Every state is n = 5, taken at random from simulated runs of the problem's own policy. Times are
 medians per state; every other program runs in turn with casswarm's, so that ratios are of one run.
 """
@@ -22,7 +23,7 @@ from _timing import arguments, in_turn, print_table, timed
 
 import casswarm as csw
 from casswarm.optimization.problem import Instances, Nlp
-from casswarm.optimization.solvers import Auto, Ipopt
+from casswarm.optimization.solvers import SOLVERS, Auto, Ipopt, make_solver
 from casswarm.policies import Decision, Policy
 from casswarm.policies.leader_selection import LEADER_SELECTION
 from casswarm.problems.formation import FormationTask, or_none
@@ -36,6 +37,8 @@ PROBLEMS = {
     "constrained, collisions": ("paper-2", "constrained", None),
 }
 """Scenario, policy, and how many times faster than Ipopt casswarm should be."""
+GENERIC = ("interior-point", "pounce")
+"""Interior-point methods for any problem: casswarm's for batches, and POUNCE."""
 
 
 @dataclass
@@ -80,6 +83,16 @@ def ipopt(nlp: Nlp, instances: Instances) -> tuple[float, np.ndarray]:
     """Seconds a state of a compiled parametric Ipopt, its judging not counted; its objectives."""
     found = Ipopt().solve_batch(nlp, instances)
     return found.seconds / len(instances), np.where(found.success, found.objective, np.inf)
+
+
+def generic(name: str, nlp: Nlp, instances: Instances) -> str:
+    """Time a state of one of casswarm's solvers for any problem, and the share it solves."""
+    if reason := SOLVERS[name].unavailable():
+        return reason
+    found = make_solver(name).solve_batch(nlp, instances)
+    again = make_solver(name).solve_batch(nlp, instances)
+    took = 1e6 * min(found.seconds, again.seconds) / len(instances)
+    return f"{took:.3g} us ({again.success.mean():.0%})"
 
 
 def opti(nlp: Nlp, instances: Instances) -> float:
@@ -201,6 +214,7 @@ def row(name: str, states: int, repeats: int) -> list[str]:
     worse = found.objective > objective + 1e-6 * np.abs(objective)
     better = found.objective < objective - 1e-6 * np.abs(objective)
     cells = [f"{1e6 * own:.2f} us", f"{1e3 * slow:.2f} ms ({slow / own:.0f} x)"]
+    cells += [generic(other, nlp, few) for other in GENERIC]
     cells.append(f"{1e3 * opti(nlp, instances[slice(0, 20)]):.1f} ms")
     for other, program in (
         ("alpaqa", lambda: (alpaqa(nlp, few), 100)),
@@ -226,7 +240,8 @@ def row(name: str, states: int, repeats: int) -> list[str]:
 def main() -> None:
     """Print the table."""
     states, repeats = (500, 5) if arguments(__doc__).quick else (2000, 21)
-    columns = ("problem", "casswarm auto", "Ipopt, compiled", "Opti, rebuilt", "alpaqa", "JAX")
+    columns = ("problem", "casswarm auto", "Ipopt, compiled", *GENERIC)
+    columns += ("Opti, rebuilt", "alpaqa", "JAX")
     print_table((*columns, "answers"), (row(name, states, repeats) for name in PROBLEMS))
 
 
