@@ -48,12 +48,10 @@ def cache(compiled, tmp_path):
 @pytest.mark.parametrize(
     ("suffix", "damage"),
     [
-        ("nbi", emptied),
         ("nbc", flipped),
-        ("py", cut),
-        *(pytest.param("nbi", damage, marks=slow) for damage in (cut, flipped, planted)),
+        *(pytest.param("nbi", damage, marks=slow) for damage in (emptied, cut, flipped, planted)),
         *(pytest.param("nbc", damage, marks=slow) for damage in (emptied, cut, planted)),
-        *(pytest.param("py", damage, marks=slow) for damage in (emptied, flipped, planted)),
+        *(pytest.param("py", damage, marks=slow) for damage in (emptied, cut, flipped, planted)),
     ],
 )
 def test_damaged_file_is_replaced(cache, suffix, damage):
@@ -132,6 +130,7 @@ def test_cache_folder_that_others_can_write_is_refused(cache):
 
 
 @posix
+@pytest.mark.slow
 def test_pycache_that_others_can_write_is_not_used(cache):
     (cache / "__pycache__").chmod(0o777)
     assert run_compiled(cache)[0] == "0 0"

@@ -44,6 +44,7 @@ def test_second_process_uses_compiled_code_of_first(tmp_path):
     assert not messages
 
 
+@pytest.mark.slow
 def test_interrupted_compilation_is_announced_again(tmp_path):
     run_compiled(tmp_path)
     for index in tmp_path.glob("__pycache__/*.nbi"):
@@ -58,6 +59,7 @@ def test_unwritable_cache_folder_is_replaced_by_temporary_one(tmp_path):
     assert "this process only" in messages
 
 
+@pytest.mark.slow
 def test_changed_file_in_cache_is_written_again(tmp_path):
     run_compiled(tmp_path)
     (path,) = tmp_path.glob("*.py")

@@ -113,6 +113,7 @@ def test_stage_between_steps_moves_members_at_constant_velocity():
         assert len(crosses) == lost  # during all frames of the step
 
 
+@pytest.mark.slow
 def test_animate_returns_a_matplotlib_animation():
     moving = csw.animate(SCENARIO, RUN, GUIDE)
     assert isinstance(moving, FuncAnimation)

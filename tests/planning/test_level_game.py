@@ -64,6 +64,7 @@ def test_least_rates_of_other_hazards_ignore_density() -> None:
     np.testing.assert_array_equal(hazard.density_bound(np.array([0.0, 9.0])), [1.0, 1.0])
 
 
+@pytest.mark.slow
 def test_game_of_a_hazard_without_densities_is_valid() -> None:
     class Bounded(Saturation):
         """The paper's rates, of which only the least ones are known."""

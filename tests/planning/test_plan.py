@@ -281,7 +281,9 @@ def test_plan_without_arrival_raises_and_counts_outcomes() -> None:
         plan(impossible(1e-4))
 
 
-@pytest.mark.parametrize("a_max", [1e-4, 1e-2, 0.1])
+@pytest.mark.parametrize(
+    "a_max", [1e-2, *(pytest.param(a_max, marks=pytest.mark.slow) for a_max in (1e-4, 0.1))]
+)
 def test_plan_unchecked_returns_guide_without_arrival(a_max: float) -> None:
     """Nor does a path that arrives by violating its limits count, such as solvers give up with."""
     guide = plan(impossible(a_max), check=False)

@@ -69,7 +69,13 @@ def decided(name: str, state: tuple[Array, ...], step: int = 2, **options: Any) 
 # --- every policy
 
 
-@pytest.mark.parametrize("name", ANY_SIZE)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name == "joint-replanning" else ())
+        for name in ANY_SIZE
+    ],
+)
 def test_decision_respects_hard_constraints(name: str) -> None:
     positions, previous_velocities, alive = states(40, seed=0)
     velocities = decided(name, (positions, previous_velocities, alive)).velocities

@@ -32,12 +32,17 @@ def forge(path: Path, **changes: Any) -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"steps": None},
         {"steps": np.ones(3, int)},
-        {"arrival": np.full(10, "soon")},
-        {"infeasible": np.zeros((10, 1), int)},
-        {"first": np.zeros(2, int)},
-        {"seconds": np.array("long")},
+        *(
+            pytest.param(changes, marks=pytest.mark.slow)
+            for changes in (
+                {"steps": None},
+                {"arrival": np.full(10, "soon")},
+                {"infeasible": np.zeros((10, 1), int)},
+                {"first": np.zeros(2, int)},
+                {"seconds": np.array("long")},
+            )
+        ),
     ],
     ids=str,
 )

@@ -64,7 +64,13 @@ def reference(scenario: Scenario) -> tuple[list[float], Array]:
     return numbers, exact(scenario, 1e-8, guide, POLICIES, 1e-7)
 
 
-@pytest.mark.parametrize(("length", "time"), LENGTHS + TIMES)
+SOME = ((10.0, 1.0), (1.0, 1000.0))
+
+
+@pytest.mark.parametrize(
+    ("length", "time"),
+    [pytest.param(*u, marks=() if u in SOME else pytest.mark.slow) for u in LENGTHS + TIMES],
+)
 @pytest.mark.parametrize("scenario", [SMALL, COLLIDING], ids=["saturation", "collision"])
 def test_results_are_independent_of_units(scenario: Scenario, length: float, time: float) -> None:
     other = scaled(scenario, length, time)
