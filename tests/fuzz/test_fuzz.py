@@ -22,11 +22,11 @@ def fuzz(*arguments):
 
 
 def test_mutated_files_and_options_end_as_they_may():
-    printed = fuzz("--mutations", 40, "--quick", "--seed", 0)
+    printed = fuzz("--mutations", 80, "--quick", "--seed", 0)
     assert "0 faults" in printed
     rows = [line.split() for line in printed.splitlines() if line.startswith("   ")]
     cases = {row[0]: list(map(int, row[1:5])) for row in rows[1:]}
-    assert sum(row[0] for row in cases.values()) == 40
+    assert sum(row[0] for row in cases.values()) == 80
     for kind in ("scenario", "text", "option", "record"):
         assert cases[kind][1] > 0, "no mutation is accepted"
         assert cases[kind][3] > 0 or kind == "record", "no mutation is refused"

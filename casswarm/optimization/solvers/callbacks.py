@@ -1,15 +1,66 @@
-"""A program's functions and sparse derivatives, for solvers that call them from Python."""
+"""Solvers of other packages, which call a program's functions and sparse derivatives."""
 
 from __future__ import annotations
 
+import time
+from abc import abstractmethod
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from ..._util.threads import locked_cache
+from ..._util.interrupts import interruptible
+from ..._util.threads import locked_cache, one_at_a_time
+from ...errors import SolverError
 from ...typing import Expr, FloatArray, IntArray
 from ..problem import Instances, Nlp
+from ..solution import Status
+from .base import Answer, Solver, error_text
+
+
+class CallbackSolver(Solver):
+    """A solver of an optional package, which takes one problem at a time, as `Callbacks`."""
+
+    def prepare(self, nlp: Nlp) -> None:
+        """See `Solver.prepare`."""
+        reason = self.unavailable()
+        if reason:
+            raise SolverError(f"{self.name} cannot run here: {reason}")
+        derivatives(nlp)
+
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        """See `Solver.run`."""
+        return [self._answer(nlp, instances[i : i + 1]) for i in range(len(instances))]
+
+    @one_at_a_time
+    def _answer(self, nlp: Nlp, instance: Instances) -> Answer:
+        started = time.perf_counter()
+        try:
+            with interruptible(), self.quiet():
+                result = self.optimize(nlp, instance)
+        except (ValueError, RuntimeError, TypeError) as error:  # such as bounds that cross
+            answer = Answer(instance.x0[0], Status.FAILED, error_text(error), 0, 0, 0.0)
+        else:
+            answer = self.answer(result, instance)
+        return replace(answer, seconds=time.perf_counter() - started)
+
+    def quiet(self) -> AbstractContextManager[None]:
+        """Context in which the package prints nothing."""
+        return nullcontext()
+
+    @abstractmethod
+    def optimize(self, nlp: Nlp, instance: Instances) -> Any:
+        """What the package returns on an instance, in units of its scale.
+
+        ValueError, RuntimeError and TypeError become the message of a failed answer.
+        """
+
+    @abstractmethod
+    def answer(self, result: Any, instance: Instances) -> Answer:
+        """The answer in a result; its seconds are replaced."""
 
 
 class Derivatives(NamedTuple):

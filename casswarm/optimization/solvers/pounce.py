@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import os
-import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, ClassVar
 
-from ..._util.interrupts import interruptible
-from ..._util.threads import locked_cache, one_at_a_time
-from ...errors import SolverError
+from ..._util.threads import locked_cache
 from ..problem import Instances, Nlp
 from ..solution import Status
-from .base import Answer, Capabilities, Solver, error_text
-from .callbacks import Callbacks, derivatives
+from .base import Answer, Capabilities
+from .callbacks import Callbacks, CallbackSolver
+from .ipopt import Ipopt
 from .options import NonNegativeInt, Positive
 
 _MISSING = "the package pounce-solver is not installed: pip install 'casswarm[pounce]'"
 
 
 @dataclass(frozen=True)
-class Pounce(Solver):
+class Pounce(CallbackSolver):
     """POUNCE (J. Kitchin, from version 0.13), derived from Ipopt, with exact derivatives.
 
     Needs the package ``pounce-solver``: ``pip install 'casswarm[pounce]'``.
@@ -46,16 +43,8 @@ class Pounce(Solver):
     name: ClassVar[str] = "pounce"
     summary: ClassVar[str] = "interior point in Rust, exact derivatives; any problem"
     capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
-    # its other messages are failures: small steps, failed restoration, invalid numbers, and errors
-    statuses: ClassVar[dict[str, Status]] = {
-        "Solve_Succeeded": Status.SOLVED,
-        "Solved_To_Acceptable_Level": Status.ACCEPTABLE,
-        "Infeasible_Problem_Detected": Status.INFEASIBLE,
-        "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
-        "Maximum_CpuTime_Exceeded": Status.TIME_LIMIT,
-        "Maximum_WallTime_Exceeded": Status.TIME_LIMIT,
-        "Diverging_Iterates": Status.DIVERGED,
-    }
+    # its messages are Ipopt's; others are failures: small steps, failed restoration, and errors
+    statuses: ClassVar[dict[str, Status]] = Ipopt.statuses
 
     @classmethod
     def unavailable(cls) -> str:
@@ -70,38 +59,25 @@ class Pounce(Solver):
         """With a small initial barrier parameter, which keeps it near its initial guess."""
         return self if self.mu_init is not None else replace(self, mu_init=1e-4)
 
-    def prepare(self, nlp: Nlp) -> None:
-        """See `Solver.prepare`."""
-        reason = self.unavailable()
-        if reason:
-            raise SolverError(f"{self.name} cannot run here: {reason}")
-        derivatives(nlp)
+    def optimize(self, nlp: Nlp, instance: Instances) -> Any:
+        """See `CallbackSolver.optimize`."""
+        length = instance.scale[0, 0]
+        problem = _package().Problem(
+            n=nlp.sizes[0],
+            m=nlp.sizes[2],
+            problem_obj=Callbacks(nlp, instance),
+            lb=instance.lbx[0] / length,
+            ub=instance.ubx[0] / length,
+            cl=instance.lbg[0],
+            cu=instance.ubg[0],
+        )
+        for option, setting in self._options().items():
+            problem.add_option(option, setting)
+        return problem.solve(instance.x0[0] / length)
 
-    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        """See `Solver.run`."""
-        return [self._solve(nlp, instances[i : i + 1]) for i in range(len(instances))]
-
-    @one_at_a_time
-    def _solve(self, nlp: Nlp, instance: Instances) -> Answer:
-        started = time.perf_counter()
-        (length, value), x0 = instance.scale[0], instance.x0[0]
-        try:
-            with interruptible():
-                problem = _package().Problem(
-                    n=nlp.sizes[0],
-                    m=nlp.sizes[2],
-                    problem_obj=Callbacks(nlp, instance),
-                    lb=instance.lbx[0] / length,
-                    ub=instance.ubx[0] / length,
-                    cl=instance.lbg[0],
-                    cu=instance.ubg[0],
-                )
-                for option, setting in self._options().items():
-                    problem.add_option(option, setting)
-                x, info = problem.solve(x0 / length)
-        except (ValueError, RuntimeError, TypeError) as error:  # such as bounds that cross
-            seconds = time.perf_counter() - started
-            return Answer(x0, Status.FAILED, error_text(error), 0, 0, seconds)
+    def answer(self, result: Any, instance: Instances) -> Answer:
+        """See `CallbackSolver.answer`."""
+        (x, info), (length, value) = result, instance.scale[0]
         message = str(info["status_msg"])
         return Answer(
             x=length * x,
@@ -109,7 +85,7 @@ class Pounce(Solver):
             message=message,
             iterations=int(info["iter_count"]),
             evaluations=int(info["n_obj_evals"]),
-            seconds=time.perf_counter() - started,
+            seconds=0.0,
             multipliers=(
                 value / length * (info["mult_x_U"] - info["mult_x_L"]),
                 value * info["mult_g"],

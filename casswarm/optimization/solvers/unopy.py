@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from ..._util.interrupts import interruptible
 from ..._util.silence import silence
-from ..._util.threads import one_at_a_time
-from ...errors import SolverError
 from ...typing import FloatArray
 from ..problem import Instances, Nlp
 from ..solution import Status
-from .base import Answer, Capabilities, Solver, error_text
-from .callbacks import Callbacks, derivatives
+from .base import Answer, Capabilities
+from .callbacks import Callbacks, CallbackSolver
 from .options import Positive, PositiveInt
 
 _MISSING = "the package unopy is not installed: pip install 'casswarm[unopy]'"
@@ -28,7 +25,7 @@ INTERRUPTED = "USER_INTERRUPTION"
 
 
 @dataclass(frozen=True)
-class Unopy(Solver):
+class Unopy(CallbackSolver):
     """Uno (Vanaret, Leyffer, arXiv:2406.13454), called without CasADi's interface.
 
     Needs the package ``unopy``: ``pip install 'casswarm[unopy]'``.
@@ -70,36 +67,26 @@ class Unopy(Solver):
         """Why the package cannot be used in this installation; empty if it can."""
         return "" if find_spec("unopy") else _MISSING
 
-    def prepare(self, nlp: Nlp) -> None:
-        """See `Solver.prepare`."""
-        reason = self.unavailable()
-        if reason:
-            raise SolverError(f"{self.name} cannot run here: {reason}")
-        derivatives(nlp)
+    def quiet(self) -> AbstractContextManager[None]:
+        """See `CallbackSolver.quiet`."""
+        return silence()  # it warns of rows without bounds on stdout
 
-    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        """See `Solver.run`."""
-        return [self._solve(nlp, instances[i : i + 1]) for i in range(len(instances))]
-
-    @one_at_a_time
-    def _solve(self, nlp: Nlp, instance: Instances) -> Answer:
+    def optimize(self, nlp: Nlp, instance: Instances) -> Any:
+        """See `CallbackSolver.optimize`."""
         from unopy import UnoSolver  # optional
 
-        started = time.perf_counter()
-        (length, value), x0 = instance.scale[0], instance.x0[0]
-        try:
-            with interruptible(), silence():  # it warns of rows without bounds on stdout
-                solver = UnoSolver()
-                solver.set_preset(self.preset)
-                for option, setting in self._options().items():
-                    solver.set_option(option, setting)
-                result = solver.optimize(_model(nlp, instance))
-        except (ValueError, RuntimeError, TypeError) as error:  # such as bounds that cross
-            seconds = time.perf_counter() - started
-            return Answer(x0, Status.FAILED, error_text(error), 0, 0, seconds)
+        solver = UnoSolver()
+        solver.set_preset(self.preset)
+        for option, setting in self._options().items():
+            solver.set_option(option, setting)
+        return solver.optimize(_model(nlp, instance))
+
+    def answer(self, result: Any, instance: Instances) -> Answer:
+        """See `CallbackSolver.answer`."""
         end, point = result.optimization_status.name, result.solution_status.name
         if end == INTERRUPTED:
             raise KeyboardInterrupt
+        length, value = instance.scale[0]
         bounds = np.add(result.lower_bound_dual_solution, result.upper_bound_dual_solution)
         return Answer(
             x=length * np.array(result.primal_solution),
@@ -107,7 +94,7 @@ class Unopy(Solver):
             message=point if end == "SUCCESS" else end,
             iterations=int(result.number_iterations),
             evaluations=int(result.number_objective_evaluations),
-            seconds=time.perf_counter() - started,
+            seconds=0.0,
             multipliers=(
                 value / length * bounds,
                 value * np.array(result.constraint_dual_solution),
