@@ -104,7 +104,7 @@ def runs(quick: bool) -> Rows:
 
 
 def every_state(*arrays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """As `distinct_states` would answer if no two states were equal."""
+    """As the functions of distinct states would answer if no two were equal."""
     rows = np.arange(len(arrays[0]))
     return rows, rows
 
@@ -122,7 +122,8 @@ def equal(quick: bool) -> Rows:
 
             sample()
             once, wall, cpu = timed(sample, 3)
-            with mock.patch.object(sampling, "distinct_states", every_state):
+            names = ("distinct_states", "distinct_survivors")
+            with mock.patch.multiple(sampling, **dict.fromkeys(names, every_state)):
                 each, wall_each, cpu_each = timed(sample)
             same = (once.runs["success"] == each.runs["success"]).mean()
             rows.append(

@@ -2,14 +2,13 @@
 
 A step is a `transition` and a draw of the survivors. A run ends at the first arrival of a living
 member, at the last destruction, or at the horizon. Policies are deterministic, so runs in equal
-states share one decision and one evaluation of rates.
+states share one decision and one evaluation of rates: a run is a row of a table of distinct states.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -19,9 +18,9 @@ from numpy.typing import NDArray
 from ..policies.base import Policy
 from ..typing import BoolArray, FloatArray, IntArray, Progress
 from .random_streams import Purpose, uniforms
-from .states import States, distinct_states
+from .states import States, distinct_states, distinct_survivors
 from .trajectories import RunTrajectory, TrajectoryRecorder
-from .transition import COUNTS, transition
+from .transition import COUNTS, Transition, transition
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -150,8 +149,8 @@ class Chain:
         PolicyError, HazardError
             Velocities or rates that are not finite or of the wrong shape.
         """
-        states = States.initial(self.scenario, self.initial_velocities, runs)
-        batch = _RunBatch(states, np.zeros(runs, np.int64), save_trajectories)
+        initial = States.initial(self.scenario, self.initial_velocities)
+        batch = _RunBatch(initial, np.zeros((2, runs), np.int64), save_trajectories)
         return batch.finish(self, policy, first, progress)
 
     def finish(self, policy: Policy, states: States, steps: IntArray) -> Runs:
@@ -165,38 +164,50 @@ class Chain:
         steps : (R,) int
             The step t of each.
         """
-        return _RunBatch(states, steps).finish(self, policy)
+        return _RunBatch(states, np.stack([np.arange(len(states)), steps])).finish(self, policy)
 
 
 class _RunBatch:
-    """Runs that advance together, from given states at given steps."""
+    """Runs that advance together.
 
-    def __init__(self, states: States, steps: IntArray, save_trajectories: int = 0) -> None:
+    Parameters
+    ----------
+    initial : States
+    starts : (2, R) int
+        The row among `initial`, and the step, from which every run starts.
+    save_trajectories : int
+    """
+
+    def __init__(self, initial: States, starts: IntArray, save_trajectories: int = 0) -> None:
         self.started = time.perf_counter()
-        self.states, self.steps = deepcopy(states), steps.copy()
-        self.running: BoolArray = np.ones(len(states), bool)
-        self.arrival: IntArray = np.full(len(states), -1)
-        self.counts = {name: np.zeros(len(states), np.int64) for name in COUNTS}
+        self.initial, (self.rows, self.starts) = initial, starts
+        self.table, self.row = initial[:0], self.rows.copy()
+        """Distinct states of the running runs, and the row of each run among them."""
+        self.running: BoolArray = np.zeros(len(self.rows), bool)
+        self.steps = self.starts.copy()
+        self.arrival: IntArray = np.full(len(self.rows), -1)
+        self.survivors = initial.alive.sum(axis=1)[self.rows]
+        self.counts = {name: np.zeros(len(self.rows), np.int64) for name in COUNTS}
         self.solved = 0
-        self.recorder = TrajectoryRecorder(states, save_trajectories)
+        self.recorder = TrajectoryRecorder(initial[self.rows[:save_trajectories]])
 
     def finish(
         self, chain: Chain, policy: Policy, first: int = 0, progress: Progress | None = None
     ) -> Runs:
         """Advance all runs to their ends; `first` is the index of the first one."""
-        scenario, runs = chain.scenario, len(self.states)
+        scenario, runs = chain.scenario, len(self.rows)
         for step in range(scenario.n_steps):
-            active = np.flatnonzero(self.running & (self.steps <= step))
-            if not active.size:
+            self.begin(step)
+            if not self.running.any():
                 continue
             draws = uniforms(chain.seed, step, first, runs, scenario.n, chain.purpose)
-            self.advance(scenario, policy, step, active, draws[active])
+            self.advance(scenario, policy, step, draws)
             if progress is not None:
                 progress(policy.name, runs - int(self.running.sum()), runs)
         return Runs(
             first=first,
             arrival=self.arrival,
-            survivors=self.states.alive.sum(axis=1),
+            survivors=self.survivors,
             steps=self.steps,
             counts=self.counts,
             states=self.solved,
@@ -204,24 +215,58 @@ class _RunBatch:
             trajectories=self.recorder.trajectories(self.steps),
         )
 
-    def advance(
-        self, scenario: Scenario, policy: Policy, step: int, active: IntArray, draws: FloatArray
-    ) -> None:
-        """Advance the active runs from `step` to step + 1; `draws` (len(active), n) are uniform."""
-        states, before = self.states, self.states[active]
-        first, inverse = distinct_states(before.positions, before.previous_velocities, before.alive)
-        move = transition(scenario, policy, step, before[first])
-        following = move.positions[inverse]
-        survives = before.alive & (draws < move.survival[inverse])
-        arrived = (survives & move.inside[inverse]).any(axis=1)
-        self.solved += len(first)
+    def begin(self, step: int) -> None:
+        """Add the runs that start at a step."""
+        starting = np.flatnonzero(self.starts == step)
+        if starting.size:
+            used, inverse = np.unique(self.rows[starting], return_inverse=True)
+            self.row[starting] = len(self.table) + inverse
+            self.running[starting] = True
+            self.set_table(States.concatenate([self.table, self.initial[used]]))
+
+    def set_table(self, table: States) -> None:
+        """Identify equal states of a table, in which `row` is the place of the running runs."""
+        first, inverse = distinct_states(table.positions, table.previous_velocities, table.alive)
+        self.table = table[first]
+        self.row[self.running] = inverse[self.row[self.running]]
+
+    def advance(self, scenario: Scenario, policy: Policy, step: int, draws: FloatArray) -> None:
+        """Advance the running runs from `step` to step + 1; `draws` (R, n) are uniform."""
+        active = np.flatnonzero(self.running)
+        rows = self.row[active]
+        move = transition(scenario, policy, step, self.table)
+        self.solved += len(self.table)
         for name, count in move.counts.items():
-            self.counts[name][active] += count[inverse]
-        living = survives[..., None]
-        states.positions[active] = np.where(living, following, 0.0)
-        states.previous_velocities[active] = np.where(living, move.velocities[inverse], 0.0)
-        states.alive[active] = survives
+            if count.any():
+                self.counts[name][active] += count[rows]
+        survival = np.where(self.table.alive, move.survival, 0.0)
+        first, child = distinct_survivors(active, rows, draws, survival)
+        parent = rows[first]
+        alive = draws[active[first]] < survival[parent]  # of the distinct states that follow
+        arrived = (alive & move.inside[parent]).any(axis=1)
+        self.record(policy, step, active, move, alive[child[: self.recorder.runs]])
         self.steps[active] = step + 1
-        self.arrival[active[arrived]] = step + 1
-        self.running[active] = survives.any(axis=1) & ~arrived
-        self.recorder.record(policy, step, active, before, following, states.alive)
+        self.survivors[active] = alive.sum(axis=1)[child]
+        self.arrival[active[arrived[child]]] = step + 1
+        runs_on = alive.any(axis=1) & ~arrived
+        self.running[active] = runs_on[child]
+        self.row[active] = (np.cumsum(runs_on) - 1)[child]
+        parent, living = parent[runs_on], alive[runs_on, :, None]
+        self.set_table(
+            States(
+                np.where(living, move.positions[parent], 0.0),
+                np.where(living, move.velocities[parent], 0.0),
+                alive[runs_on],
+                np.ones(len(parent)),
+            )
+        )
+
+    def record(
+        self, policy: Policy, step: int, active: IntArray, move: Transition, alive: BoolArray
+    ) -> None:
+        """Record a step of the runs whose trajectories are saved, before they advance."""
+        saved = active[active < self.recorder.runs]
+        rows = self.row[saved]
+        self.recorder.record(
+            policy, step, saved, self.table[rows], move.positions[rows], alive[: len(saved)]
+        )

@@ -238,3 +238,22 @@ def group(words: NDArray[Any], slots: IntArray, first: IntArray, inverse: IntArr
                 break
             slot = (slot + 1) & mask
     return groups
+
+
+@kernel
+def write_survivors(
+    runs: IntArray,
+    rows: IntArray,
+    draws: FloatArray,
+    survival: FloatArray,
+    words: NDArray[Any],
+) -> None:
+    """Write the row and the bits of the survivors of every run to `words` (B, 1 + n / 64), zeros.
+
+    Member i of run k survives where draws[runs[k], i] < survival[rows[k], i].
+    """
+    for k in range(rows.size):
+        words[k, 0] = np.uint64(rows[k])
+        for i in range(survival.shape[1]):
+            if draws[runs[k], i] < survival[rows[k], i]:
+                words[k, 1 + i // 64] |= np.uint64(1) << np.uint64(i % 64)

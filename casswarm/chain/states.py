@@ -153,8 +153,6 @@ def distinct_states(*arrays: NDArray[np.generic]) -> tuple[IntArray, IntArray]:
     inverse : (B,) int
         Index, among the D, of every row.
     """
-    from .state_kernels import group  # Numba takes a second to import
-
     count = len(arrays[0])
     columns = [np.ascontiguousarray(a).reshape(count, math.prod(a.shape[1:])) for a in arrays]
     widths = [column.shape[1] * column.itemsize for column in columns]
@@ -162,6 +160,35 @@ def distinct_states(*arrays: NDArray[np.generic]) -> tuple[IntArray, IntArray]:
     ends = np.cumsum(widths)
     for column, end, width in zip(columns, ends, widths, strict=True):
         words.view(np.uint8)[:, end - width : end] = column.view(np.uint8)
+    return _distinct(words)
+
+
+def distinct_survivors(
+    runs: IntArray, rows: IntArray, draws: FloatArray, survival: FloatArray
+) -> tuple[IntArray, IntArray]:
+    """Distinct pairs of a state and the set of its survivors, as `distinct_states` returns them.
+
+    Parameters
+    ----------
+    runs : (B,) int
+        Row among `draws` of every run.
+    rows : (B,) int
+        Row among `survival` of every run.
+    draws : (R, n)
+    survival : (D, n)
+        Members with draw < survival survive.
+    """
+    from .state_kernels import write_survivors  # Numba takes a second to import
+
+    words = np.zeros((len(runs), 1 + -(-survival.shape[1] // 64)), np.uint64)
+    write_survivors(runs, rows, draws, survival, words)
+    return _distinct(words)
+
+
+def _distinct(words: NDArray[np.uint64]) -> tuple[IntArray, IntArray]:
+    from .state_kernels import group
+
+    count = len(words)
     slots = np.full(1 << (2 * count).bit_length(), -1)
     first, inverse = np.empty(count, np.int64), np.empty(count, np.int64)
     return first[: group(words, slots, first, inverse)], inverse

@@ -36,38 +36,38 @@ class RunTrajectory:
 
 
 class TrajectoryRecorder:
-    """Snapshots of the first runs of a batch, at every step."""
+    """Snapshots of runs at every step, from their initial states (R)."""
 
-    def __init__(self, states: States, runs: int) -> None:
-        self.runs = min(runs, len(states))
-        self.positions, self.alive = [states.positions[:runs].copy()], [states.alive[:runs].copy()]
+    def __init__(self, states: States) -> None:
+        self.runs = len(states)
+        self.positions, self.alive = [states.positions], [states.alive]
         self.leaders: list[IntArray] = []
 
     def record(
         self,
         policy: Policy,
         step: int,
-        active: IntArray,
+        rows: IntArray,
         states: States,
         following: FloatArray,
         alive: BoolArray,
     ) -> None:
-        """Append a step: of the active runs, their `states` before it and `following` positions.
+        """Append a step: of the runs `rows`, their states before it, and what follows.
 
-        `alive` are the living members of all runs after it. The destroyed stay where they are.
+        The destroyed stay where they are, and so do all members of other runs.
         """
-        recorded = active < self.runs
-        rows, states = active[recorded], states[recorded]
-        positions, leaders = self.positions[-1].copy(), np.full(self.runs, -1)
+        positions, survivors = self.positions[-1].copy(), self.alive[-1].copy()
+        leaders = np.full(self.runs, -1)
         if rows.size:
             with policy_call(policy.name, step):
                 leaders[rows] = policy.leaders(
                     step, states.positions, states.previous_velocities, states.alive
                 )
         living = states.alive[..., None]
-        positions[rows] = np.where(living, following[recorded], positions[rows])
+        positions[rows] = np.where(living, following, positions[rows])
+        survivors[rows] = alive
         self.positions.append(positions)
-        self.alive.append(alive[: self.runs].copy())
+        self.alive.append(survivors)
         self.leaders.append(leaders)
 
     def trajectories(self, steps: IntArray) -> tuple[RunTrajectory, ...]:
