@@ -38,6 +38,13 @@ def states(scenario: Any, guide: Any, size: int) -> tuple[Any, ...]:
     return 5, positions * shown, velocities * shown, alive
 
 
+def with_members(scenario: Any, number: int) -> Any:
+    """The scenario with another number of members, on a lattice."""
+    from casswarm.scenario.variations import with_parameters
+
+    return with_parameters(scenario, {"n": number})
+
+
 def decision(name: str, policy: str, size: int, members: int | None = None) -> Work:
     """Decisions of a policy in random states."""
     import casswarm as csw
@@ -45,7 +52,7 @@ def decision(name: str, policy: str, size: int, members: int | None = None) -> W
     scenario = csw.load_scenario(name)
     guide = csw.plan(scenario, search="local")
     if members is not None:
-        scenario = scenario.with_values({"n": members})
+        scenario = with_members(scenario, members)
     maker = csw.make_policy(policy, scenario, guide)
     return partial(maker.decide_batch, *states(scenario, guide, size))
 
@@ -61,7 +68,7 @@ def jointly_planned() -> Work:
     """Paths of three members."""
     import casswarm as csw
 
-    return partial(csw.plan_swarm, csw.load_scenario("ring").with_values({"n": 3}))
+    return partial(csw.plan_swarm, with_members(csw.load_scenario("ring"), 3))
 
 
 def bounded() -> Work:

@@ -117,7 +117,7 @@ def missing(value: object, text: str) -> list[str]:
 @pytest.mark.parametrize(
     "test",
     [
-        test
+        pytest.param(test, marks=pytest.mark.slow if name == "optimal_value" else ())
         for name in PUBLIC
         for test in doctest.DocTestFinder().find(PUBLIC[name], name)
         if test.examples
