@@ -45,7 +45,9 @@ def stage_solver(name: str, hazard: Hazard, form: JointForm, iterations: int) ->
     exact: dict[str, Any] = {"tolerance": 1e-7, "bound_push": 1e-4, "mu_init": 1e-3}
     if form.exact and name == "auto" and isinstance(hazard, KernelHazard):
         if form.n <= MAX_NEWTON:
-            return FilterInteriorPoint(constr_mult_init_max=0.0, restoration=False, **near, **exact)
+            return FilterInteriorPoint(
+                constr_mult_init_max=0.0, restoration=False, scaling=False, **near, **exact
+            )
     elif form.exact and form.n <= MAX_MEMBERS:
         return Ipopt(time_limit=_TIME_LIMIT, **near, **exact)
     return Ipopt(

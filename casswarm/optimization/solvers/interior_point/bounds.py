@@ -7,6 +7,37 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ....typing import BoolArray, FloatArray, IntArray
+from ...problem import Instances
+
+INFINITE = 1e19
+"""Size from which a bound is none."""
+
+_EQUAL, _NEAR = 1e-9, 1e-12  # width of bounds that count as equal, absolute and relative
+
+
+def are_equal(lower: FloatArray, upper: FloatArray) -> BoolArray:
+    """Whether bounds are equal up to an error that is allowed."""
+    finite = np.isfinite(lower) & np.isfinite(upper)
+    width = np.subtract(upper, lower, out=np.full_like(lower, np.inf), where=finite)
+    return np.asarray(width <= np.maximum(_EQUAL, _NEAR * abs(lower)), bool) & finite
+
+
+def middle(lower: FloatArray, upper: FloatArray, where: BoolArray) -> FloatArray:
+    """Midpoints of some intervals, and zeros elsewhere."""
+    width = np.subtract(upper, lower, out=np.zeros_like(lower), where=where)
+    return np.add(lower, 0.5 * width, out=np.zeros_like(lower), where=where)
+
+
+def wrong_bounds(instances: Instances) -> dict[int, str]:
+    """What is wrong with the bounds of an instance, by its row: no number is between them."""
+    wrong: dict[int, str] = {}
+    for low, high in (("lbx", "ubx"), ("lbg", "ubg")):
+        lower, upper = getattr(instances, low), getattr(instances, high)
+        crossed = ~(lower <= upper) | (lower == np.inf) | (upper == -np.inf)
+        for row, k in zip(*np.nonzero(crossed), strict=True):
+            text = f"nothing is between {low}[{k}] = {lower[row, k]:g} and {high}[{k}] = "
+            wrong.setdefault(int(row), f"{text}{upper[row, k]:g}")
+    return wrong
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,7 +49,7 @@ class Bounds:
     lower, upper : (k, b)
         Infinite where there are none, and where the entry is fixed.
     fixed : (k, b) bool
-        Whether both bounds are equal: the entry stays there.
+        Whether both bounds are equal, or nearly so: the entry stays between them.
     """
 
     lower: FloatArray
@@ -27,8 +58,13 @@ class Bounds:
 
     @classmethod
     def of(cls, lower: FloatArray, upper: FloatArray) -> Bounds:
-        """Bounds from arrays in which those of a fixed entry are equal."""
-        fixed = lower == upper
+        """Bounds from arrays in which those of a fixed entry are nearly equal.
+
+        Those of 1e19 and more are infinite, as for Ipopt.
+        """
+        lower = np.where(lower <= -INFINITE, -np.inf, lower)
+        upper = np.where(upper >= INFINITE, np.inf, upper)
+        fixed = are_equal(lower, upper)
         return cls(np.where(fixed, -np.inf, lower), np.where(fixed, np.inf, upper), fixed)
 
     def take(self, places: IntArray, axis: int = -1) -> Bounds:

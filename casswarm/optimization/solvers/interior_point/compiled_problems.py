@@ -26,9 +26,11 @@ def program_tapes(nlp: Nlp) -> ProgramTapes | None:
 def numeric_problems(nlp: Nlp, p: FloatArray) -> Problems:
     """Instances of a program: by its own compiled code, by its tapes, or by CasADi."""
     if nlp.numeric is not None:
-        return RowProblems(nlp.numeric(p))
+        return RowProblems(nlp.numeric(p), nlp.sizes[2])
     tapes = program_tapes(nlp)
-    return RowProblems(CasadiProblems(nlp, p)) if tapes is None else CompiledProblems(tapes, p)
+    if tapes is None:
+        return RowProblems(CasadiProblems(nlp, p), nlp.sizes[2])
+    return CompiledProblems(tapes, p)
 
 
 class ProgramTapes:
@@ -110,8 +112,19 @@ class CompiledLinearisation:
         times(self._entries, columns, rows, vectors, out)
         return out
 
+    def row_sizes(self) -> FloatArray:
+        """See `Linearisation`."""
+        sizes = np.zeros((self._tapes.n_rows, self.gradient.shape[1]))
+        for row, entries in zip(self._tapes.jacobian[0], abs(self._entries), strict=True):
+            np.maximum(sizes[row], entries, out=sizes[row])
+        return sizes
+
     def factors(
-        self, multipliers: FloatArray, weights: FloatArray, last: FloatArray, objective: float = 1.0
+        self,
+        multipliers: FloatArray,
+        weights: FloatArray,
+        last: FloatArray,
+        objective: FloatArray | float = 1.0,
     ) -> Factors:
         """See `Linearisation`."""
         size, batch = self.gradient.shape
@@ -126,8 +139,8 @@ class CompiledLinearisation:
         weighted = jacobian * weights[size:].T[..., None]
         return DenseFactors(matrices + weighted.swapaxes(1, 2) @ jacobian, last)
 
-    def _hessian(self, multipliers: FloatArray, objective: float) -> FloatArray:
-        if objective == 0.0 and not multipliers.any():
+    def _hessian(self, multipliers: FloatArray, objective: FloatArray | float) -> FloatArray:
+        if not np.any(objective) and not multipliers.any():
             return np.zeros((self._tapes.hessian.patterns[0].shape[1], multipliers.shape[1]))
         of_f = np.full((1, multipliers.shape[1]), objective)
         return self._tapes.hessian(self._x, self._p, np.vstack([of_f, multipliers]))[0]
@@ -137,7 +150,11 @@ class SparseLinearisation(CompiledLinearisation):
     """One of a program whose condensed matrices have sparse factors."""
 
     def factors(
-        self, multipliers: FloatArray, weights: FloatArray, last: FloatArray, objective: float = 1.0
+        self,
+        multipliers: FloatArray,
+        weights: FloatArray,
+        last: FloatArray,
+        objective: FloatArray | float = 1.0,
     ) -> Factors:
         """See `Linearisation`."""
         system, size = self._tapes.system, len(self.gradient)

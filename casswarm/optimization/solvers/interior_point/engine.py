@@ -11,8 +11,9 @@ Each instance has a barrier parameter, a step length and a regularisation of its
 batch advance together; those that end make room for others, and no answer depends on the others.
 The method, and constants that are not explained, are those of A. Waechter and
 L. T. Biegler, On the implementation of an interior-point filter line-search algorithm for
-large-scale nonlinear programming, Math. Program. 106(1), 2006, without scaling, and with a
-restoration phase of its own (`restoration`).
+large-scale nonlinear programming, Math. Program. 106(1), 2006, with a restoration phase of its own
+(`restoration`). `scaling` poses the instances in units in which their gradients are neither large
+nor small.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 from ....typing import IntArray
 from ...problem import Instances
 from ...solution import Status
+from .bounds import wrong_bounds
 from .iterates import Iterates, Options, Residuals, Results, reduce_mu
 from .lane_kernels import LANES
 from .newton import estimate_multipliers
@@ -31,12 +33,15 @@ from .step import advance
 
 _REFILL = 0.75  # of the width: below it, others are started
 _NONE = np.arange(0)
+_INFEASIBLE = "the constraints may be infeasible"
 
 
 def minimise(problems: Problems, instances: Instances, options: Options, width: int) -> Results:
     """Solve every instance, at most `width` at the same time."""
-    results = Results.empty(instances)
-    waiting = np.arange(len(instances))
+    results, wrong = Results.empty(instances), wrong_bounds(instances)
+    for row, message in wrong.items():
+        results.end(np.array([row]), Status.FAILED, message)
+    waiting = np.setdiff1d(np.arange(len(instances)), list(wrong))
     iterates = _started(problems, instances, waiting[:width], options)
     stuck, waiting = iterates[_NONE], waiting[width:]
     while iterates.rows.size or stuck.rows.size:
@@ -96,7 +101,9 @@ def _restored(problems: Problems, stuck: Iterates, results: Results, options: Op
     restored, iterations = restore(problems, stuck)
     results.iterations[stuck.rows] += iterations
     failed = stuck[~restored]
-    results.end(failed.rows, Status.FAILED, "no point with a smaller violation was found")
+    for row, violation in zip(failed.rows, failed.violation, strict=True):
+        message = f"{_INFEASIBLE}: the sum of violations cannot be reduced below {violation:.3g}"
+        results.end(row[None], Status.FAILED, message)
     results.keep(failed, np.zeros_like(failed.y))
     again = stuck[restored]
     estimate_multipliers(problems, again, options.constr_mult_init_max)

@@ -10,7 +10,7 @@ import numpy as np
 from ....typing import BoolArray, FloatArray, IntArray
 from ...problem import Instances
 from ...solution import Status
-from .bounds import Bounds
+from .bounds import Bounds, middle
 from .filter import Filter
 from .problems import Linearisation, Problems
 
@@ -95,12 +95,15 @@ class Iterates:
             for name in ("x0", "lbx", "ubx", "lbg", "ubg")
         )
         mu = np.full(rows.size, options.mu_init)
-        x = Bounds.of(lbx, ubx).inside(np.clip(x0, lbx, ubx), options.bound_push)
+        box = Bounds.of(lbx, ubx)
+        x = box.inside(np.clip(x0, lbx, ubx), options.bound_push)
+        x = np.where(box.fixed, middle(lbx, ubx, box.fixed), x)
         f, g = problems.evaluate(rows, x)
-        lower = np.vstack([lbx, lbg])
-        bounds = Bounds.of(lower, np.vstack([ubx, ubg]))
-        y = np.where(bounds.fixed, lower, bounds.inside(np.vstack([x, g]), options.bound_push))
-        filters = Filter.empty(abs(g - y[len(x) :]).sum(axis=0))
+        lower, upper = np.vstack([lbx, lbg]), np.vstack([ubx, ubg])
+        bounds = Bounds.of(lower, upper)
+        y = bounds.inside(np.vstack([x, g]), options.bound_push)
+        y = np.where(bounds.fixed, middle(lower, upper, bounds.fixed), y)
+        filters = Filter.empty(violations(g, y))
         shift, barrier = np.zeros(rows.size), bounds.log_barrier(y)
         z, lam = np.empty((2, *y.shape)), np.empty_like(g)
         new = cls(rows, y, lam, z, f, g, mu, shift, barrier, bounds, filters)
@@ -115,7 +118,7 @@ class Iterates:
     @property
     def violation(self) -> FloatArray:
         """Sums (b,) of |g - s|."""
-        return np.asarray(abs(self.g - self.y[self.size :]).sum(axis=0))
+        return violations(self.g, self.y)
 
     @property
     def merit(self) -> FloatArray:
@@ -233,6 +236,15 @@ class Results:
         multipliers = np.where(iterates.bounds.fixed, -gradient, multipliers)
         self.lam_x[rows] = multipliers[:size].T
         self.lam_g[rows] = iterates.lam.T
+
+
+def violations(g: FloatArray, y: FloatArray) -> FloatArray:
+    """Sums (b,) of |g - s|, added in the same order for any b."""
+    from .search_kernels import violations as write
+
+    out = np.empty(g.shape[1])
+    write(g, y, out)
+    return out
 
 
 def reduce_mu(iterates: Iterates, residuals: Residuals, least: float) -> None:

@@ -30,12 +30,20 @@ class Linearisation(Protocol):
     def transposed_times(self, vectors: FloatArray) -> FloatArray:
         """J' w, (nx, b), of vectors w (ng, b)."""
 
+    def row_sizes(self) -> FloatArray:
+        """Largest absolute entries (ng, b) of the rows of J."""
+
     def factors(
-        self, multipliers: FloatArray, weights: FloatArray, last: FloatArray, objective: float = 1.0
+        self,
+        multipliers: FloatArray,
+        weights: FloatArray,
+        last: FloatArray,
+        objective: FloatArray | float = 1.0,
     ) -> Factors:
         """Factors of Hessians of objective f + multipliers' g, plus diag(w) + J' diag(v) J.
 
-        `weights` (nx + ng, b) are w and v; `last` (b,) the shifts that were last needed.
+        `weights` (nx + ng, b) are w and v; `last` (b,) the shifts that were last needed;
+        `objective` is a weight of f, or (b,).
         """
 
 
@@ -78,8 +86,8 @@ class NumericProblems(Protocol):
 class RowProblems:
     """`Problems` by those with instances first."""
 
-    def __init__(self, rows_first: NumericProblems) -> None:
-        self._rows_first = rows_first
+    def __init__(self, rows_first: NumericProblems, n_rows: int) -> None:
+        self._rows_first, self._n_rows = rows_first, n_rows
 
     def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `Problems`."""
@@ -88,14 +96,15 @@ class RowProblems:
 
     def linearise(self, rows: IntArray, x: FloatArray) -> TransposedLinearisation:
         """See `Problems`."""
-        return TransposedLinearisation(self._rows_first.linearise(rows, contiguous(x.T)))
+        at = self._rows_first.linearise(rows, contiguous(x.T))
+        return TransposedLinearisation(at, self._n_rows)
 
 
 class TransposedLinearisation:
     """`Linearisation` by one with instances first, with dense matrices."""
 
-    def __init__(self, rows_first: RowLinearisation) -> None:
-        self._rows_first = rows_first
+    def __init__(self, rows_first: RowLinearisation, n_rows: int) -> None:
+        self._rows_first, self._n_rows = rows_first, n_rows
         self.gradient = contiguous(rows_first.gradient.T)
 
     def times(self, vectors: FloatArray) -> FloatArray:
@@ -106,16 +115,29 @@ class TransposedLinearisation:
         """See `Linearisation`."""
         return contiguous(self._rows_first.transposed_times(contiguous(vectors.T)).T)
 
+    def row_sizes(self) -> FloatArray:
+        """See `Linearisation`."""
+        sizes = np.empty((self._n_rows, self.gradient.shape[1]))
+        for row, units in zip(sizes, np.eye(self._n_rows), strict=True):
+            vectors = np.tile(units, (sizes.shape[1], 1))
+            row[:] = abs(self._rows_first.transposed_times(vectors)).max(axis=1, initial=0.0)
+        return sizes
+
     def factors(
-        self, multipliers: FloatArray, weights: FloatArray, last: FloatArray, objective: float = 1.0
+        self,
+        multipliers: FloatArray,
+        weights: FloatArray,
+        last: FloatArray,
+        objective: FloatArray | float = 1.0,
     ) -> Factors:
         """See `Linearisation`."""
         diagonal = np.arange(len(self.gradient))
         of_x, of_g = contiguous(weights[: diagonal.size].T), contiguous(weights[diagonal.size :].T)
         matrices = self._rows_first.condensed(contiguous(multipliers.T), of_g)
-        if objective != 1.0:
+        without = np.reshape(1.0 - np.asarray(objective), (-1, 1, 1))
+        if without.any():
             none = np.zeros_like(of_g)
-            matrices -= (1.0 - objective) * self._rows_first.condensed(none, none)
+            matrices -= without * self._rows_first.condensed(none, none)
         matrices[:, diagonal, diagonal] += of_x
         return DenseFactors(matrices, last)
 

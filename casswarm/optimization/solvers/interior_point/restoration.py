@@ -68,7 +68,8 @@ def _point(
 
 def _squares(now: Iterates, nu: FloatArray | float) -> FloatArray:
     """The function that is reduced, (b,)."""
-    squares = ((now.g - now.y[now.size :]) ** 2).sum(axis=0)
+    r = now.g - now.y[now.size :]
+    squares = products(r, r)
     box = now.bounds.part(slice(now.size))
     return np.asarray(0.5 * squares + nu * box.log_barrier(now.y[: now.size]))
 
@@ -110,4 +111,13 @@ def _direction(problems: Problems, now: Iterates, nu: FloatArray) -> tuple[Float
     weights = np.vstack([of_x, r != 0.0])
     factors = at.factors(np.zeros_like(r), weights, np.zeros(nu.size), 0.0)
     step = np.where(box.fixed, 0.0, factors.solve(-ascent))
-    return step, np.asarray((ascent * step).sum(axis=0))
+    return step, products(ascent, step)
+
+
+def products(one: FloatArray, two: FloatArray) -> FloatArray:
+    """Sums (b,) of products of entries (k, b), added in the same order for any b."""
+    from .search_kernels import slopes
+
+    out = np.empty(one.shape[1])
+    slopes(one, two, out)
+    return out

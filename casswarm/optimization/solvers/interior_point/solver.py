@@ -5,21 +5,23 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
+from ...._util.blas_threads import one_blas_thread
 from ...._util.interrupts import interruptible
 from ...._util.user_code import USER_ERRORS
 from ...problem import Instances, Nlp
 from ...solution import BatchSolution, Status
-from ..base import VIOLATION, Answer, Capabilities, Solver, backend_error
+from ..base import Answer, Capabilities, Solver, backend_error
 from ..options import Allowed, Flag, NonNegative, NonNegativeInt, Positive
 from .compiled_problems import numeric_problems, program_tapes
 from .engine import minimise
 from .iterates import Options, Results
 from .lane_kernels import LANES
+from .scaling import ScaledProblems, Scaling
+from .verification import verified
 
 _ENTRIES = 1 << 16  # of x and g of the instances that advance together, which fit in a cache
 _DENSE = 1 << 22  # of their matrices, where those are dense
@@ -35,9 +37,8 @@ Fallback = Annotated[
 class FilterInteriorPoint(Solver):
     """Primal-dual interior point with a filter line search; many instances advance together.
 
-    The method of Ipopt (Waechter, Biegler, Math. Program. 106(1), 2006), without its scaling and
-    with a simpler restoration phase, with exact second derivatives: for programs of up to some
-    hundred variables.
+    The method of Ipopt (Waechter, Biegler, Math. Program. 106(1), 2006), with a simpler restoration
+    phase, and exact second derivatives: for programs of up to some hundred variables.
     Derivatives and Cholesky factors are lists of scalar operations, which compiled loops do for 64
     instances at a time; programs with operations that are not scalar are evaluated by CasADi.
 
@@ -57,6 +58,9 @@ class FilterInteriorPoint(Solver):
     restoration : bool
         Whether the violation of the constraints is reduced first where the line search finds no
         better point. Otherwise such an instance ends without a solution.
+    scaling : bool
+        Whether to solve in units of `Instances.scale`, and of the gradients of f and g at the
+        initial guess where those are large or small.
     fallback : Solver, optional
         Solves, from their initial guesses, the instances that are not solved.
     """
@@ -68,6 +72,7 @@ class FilterInteriorPoint(Solver):
     bound_push: Positive = 0.01
     constr_mult_init_max: NonNegative = 1000.0
     restoration: Flag = True
+    scaling: Flag = True
     fallback: Fallback = None
 
     name: ClassVar[str] = "interior-point"
@@ -81,10 +86,16 @@ class FilterInteriorPoint(Solver):
 
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         """See `Solver.run`."""
-        results, seconds = self._results(nlp, instances)
-        each = seconds / max(1, len(instances))
+        started = time.perf_counter()
+        results, scaling = self._results(nlp, instances)
+        each = (time.perf_counter() - started) / max(1, len(instances))
         answers = [_answer(results, i, each) for i in range(len(instances))]
-        left = np.flatnonzero(~_verified(nlp, instances, results, seconds).success)
+        solution = _verified(nlp, instances, results, scaling)
+        left = np.flatnonzero(~solution.success)
+        for i in left:
+            if answers[i].status.success:
+                message = str(solution.messages[i])
+                answers[i] = replace(answers[i], status=Status.FAILED, message=message)
         if self.fallback is not None and left.size:
             again = self.fallback.timed_answers(nlp, instances[left])[1]
             for i, answer in zip(left, again, strict=True):
@@ -98,21 +109,24 @@ class FilterInteriorPoint(Solver):
         Stationarity is the larger of the Lagrangian's gradient and of complementarity, in
         `Instances.scale`. `BatchSolution.used_fallback` marks those that the fallback solved.
         """
+        started = time.perf_counter()
         try:
             with interruptible():
-                results, seconds = self._results(nlp, instances)
-                solution = _verified(nlp, instances, results, seconds)
+                results, scaling = self._results(nlp, instances)
+                seconds = time.perf_counter() - started
+                solution = _verified(nlp, instances, results, scaling)
         except USER_ERRORS as error:  # of a function that the user wrote: of one instance, perhaps
             backend_error(error)
             return super().solve_batch(nlp, instances)
+        solution = replace(solution, seconds=seconds)
         left = np.flatnonzero(~solution.success)
         if self.fallback is None or not left.size:
             return solution
         again = self.fallback.solve_batch(nlp, instances[left])
         return solution.with_rows(left, replace(again, used_fallback=np.ones(left.size, bool)))
 
-    def _results(self, nlp: Nlp, instances: Instances) -> tuple[Results, float]:
-        """Results of all instances, and seconds."""
+    def _results(self, nlp: Nlp, instances: Instances) -> tuple[Results, Scaling]:
+        """Results of all instances, in their units, and the scaling that was used."""
         options = Options(
             self.tolerance,
             self.constraint_tolerance,
@@ -122,11 +136,19 @@ class FilterInteriorPoint(Solver):
             self.constr_mult_init_max,
             self.restoration,
         )
-        started = time.perf_counter()
-        with _blas_threads().limit(limits=1, user_api="blas"):
-            results = minimise(numeric_problems(nlp, instances.p), instances, options, _width(nlp))
+        problems, width = numeric_problems(nlp, instances.p), _width(nlp)
+        with one_blas_thread(), np.errstate(all="ignore"):  # numbers that are not finite are judged
+            scaling = Scaling.none(instances)
+            if self.scaling:
+                scaling = Scaling.of(problems, instances, width)
+            if scaling.trivial:
+                results = minimise(problems, instances, options, width)
+            else:
+                scaled = ScaledProblems(problems, scaling), scaling.scaled(instances)
+                results = minimise(*scaled, options, width)
+                scaling.restore(results)
         results.x = np.clip(results.x, instances.lbx, instances.ubx)  # of bounds that were moved
-        return results, time.perf_counter() - started
+        return results, scaling
 
 
 def _width(nlp: Nlp) -> int:
@@ -151,45 +173,6 @@ def _answer(results: Results, i: int, seconds: float) -> Answer:
     )
 
 
-def _verified(nlp: Nlp, instances: Instances, results: Results, seconds: float) -> BatchSolution:
-    """Results with residuals recomputed from the problem."""
-    problems, rows = numeric_problems(nlp, instances.p), np.arange(len(instances))
-    x, lam_x, lam_g = results.x, results.lam_x, results.lam_g
-    by_column = np.ascontiguousarray(x.T)
-    objective, g_by_column = problems.evaluate(rows, by_column)
-    at, g = problems.linearise(rows, by_column), g_by_column.T
-    lagrangian = (at.gradient + at.transposed_times(np.ascontiguousarray(lam_g.T))).T + lam_x
-    values = np.hstack([x, g])
-    below = np.hstack([instances.lbx, instances.lbg]) - values
-    above = values - np.hstack([instances.ubx, instances.ubg])
-    violation = np.maximum(below, above).max(axis=1, initial=0.0)
-    gradient = abs(lagrangian).max(axis=1, initial=0.0)
-    lam = np.hstack([lam_x, lam_g])
-    slack = np.where(lam > 0.0, above, below)
-    products = abs(lam * np.where(np.isfinite(slack), slack, 1.0))  # as `kkt_residuals`
-    length, value = instances.scale.T
-    stationarity = np.maximum(length / value * gradient, products.max(axis=1, initial=0.0) / value)
-    solved = np.array([status.success for status in results.status], dtype=bool)
-    success = solved & (violation <= VIOLATION) & np.isfinite(objective + stationarity)
-    messages = [
-        f"{Status.FAILED if status.success and not verified else status}: {message}"
-        for status, message, verified in zip(results.status, results.message, success, strict=True)
-    ]
-    return BatchSolution(
-        x=x,
-        objective=objective,
-        success=success,
-        violation=violation,
-        stationarity=stationarity,
-        used_fallback=np.zeros(len(instances), bool),
-        seconds=seconds,
-        messages=np.array(messages, dtype=object),
-    )
-
-
-@cache
-def _blas_threads() -> Any:
-    """The thread pools of BLAS: several would wait for each other on a busy machine."""
-    from threadpoolctl import ThreadpoolController
-
-    return ThreadpoolController()
+def _verified(nlp: Nlp, instances: Instances, results: Results, scaling: Scaling) -> BatchSolution:
+    problems = numeric_problems(nlp, instances.p)
+    return verified(problems, instances, results, scaling, _width(nlp))

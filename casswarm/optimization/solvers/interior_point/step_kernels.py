@@ -16,6 +16,7 @@ LARGE = 100.0
 
 _NEAR = 1e10  # factor by which a multiplier may differ from mu / gap
 _ROUNDING = 2.0**-50  # relative to y: gaps up to that are rounding error
+_ULP = 2.0**-51  # relative to y: rounding error of its gaps
 _WIDER = 2.0**-39  # relative to y: gaps to which bounds are moved, eps^(3/4) as in Ipopt
 
 
@@ -31,8 +32,9 @@ def residuals(
 
     The `results` are the gradient (k, b) of f + lam' (g - s), and g - s (ng, b). `out` (5, b) are
     the largest entry of the Lagrangian's gradient, the least and the largest product of a
-    multiplier and its gap, the largest violation, and what residuals are relative to. `point` is
-    (y, z, lam), `bounds` (lower, upper, fixed), `terms` (gradient of f, J' lam, g).
+    multiplier and its gap, up to the rounding of y, the largest violation, and what residuals are
+    relative to. `point` is (y, z, lam), `bounds` (lower, upper, fixed), `terms` (gradient of f,
+    J' lam, g).
     """
     (y, z, lam), (lower, upper, fixed) = point, bounds
     (objective, pulled, g), (gradient, primal) = terms, results
@@ -52,16 +54,17 @@ def residuals(
     for k in range(len(y)):
         for i in range(batch):
             below, above = z[0, k, i], z[1, k, i]
-            total[i] += below + above
+            total[i] += abs(above - below)
             error = 0.0 if fixed[k, i] else abs(gradient[k, i] - below + above)
             dual[i] = largest(dual[i], error)
             has_lower, has_upper = lower[k, i] > -math.inf, upper[k, i] < math.inf
             one = below * (y[k, i] - lower[k, i] if has_lower else 0.0)
             two = above * (upper[k, i] - y[k, i] if has_upper else 0.0)
-            least[i] = min(least[i], one if has_lower else math.inf)
-            least[i] = min(least[i], two if has_upper else math.inf)
-            most[i] = max(most[i], one if has_lower else -math.inf)
-            most[i] = max(most[i], two if has_upper else -math.inf)
+            error = _ULP * abs(y[k, i])  # of the gaps
+            least[i] = min(least[i], one + below * error if has_lower else math.inf)
+            least[i] = min(least[i], two + above * error if has_upper else math.inf)
+            most[i] = max(most[i], one - below * error if has_lower else -math.inf)
+            most[i] = max(most[i], two - above * error if has_upper else -math.inf)
     for i in range(batch):
         total[i] = max(LARGE, total[i] / (rows + 2 * len(y))) / LARGE
 
