@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numba
-from numba.core.runtime import rtsys
 from numba.core.caching import (
     CompileResultCacheImpl,
     FunctionCache,
@@ -26,6 +25,7 @@ from numba.core.caching import (
     _CacheLocator,
     _SourceFileBackedLocatorMixin,
 )
+from numba.core.runtime import rtsys
 
 from .private_folders import cache_folder, private_folder
 
@@ -177,7 +177,7 @@ class _CheckedCache(FunctionCache):
 
     def __init__(self, function: Callable[..., Any], stamp: bytes, kind: str) -> None:
         super().__init__(function)
-        base, sources = self._impl.filename_base + kind, self._impl.locator.get_source_stamp()
+        base, sources = kind + self._impl.filename_base, self._impl.locator.get_source_stamp()
         self._cache_file = _CheckedFile(self._cache_path, base, (sources, stamp))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:

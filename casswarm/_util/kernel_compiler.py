@@ -83,7 +83,9 @@ class _EntryLibrary(JITCodeLibrary):  # type: ignore[misc]
         """Machine code and the names of its functions, without their code: nothing links them."""
         self._ensure_finalized()
         names = [each.name for each in self.get_defined_functions()]
-        module = llvm.parse_assembly("".join(f'define void @"{n}"() {{ ret void }}\n' for n in names))
+        module = llvm.parse_assembly(
+            "".join(f'define void @"{n}"() {{ ret void }}\n' for n in names)
+        )
         return self.name, "object", (self._get_compiled_object(), module.as_bitcode())
 
 
@@ -237,8 +239,10 @@ def entry_dispatcher(function: Callable[..., Any], options: dict[str, Any], stam
 def linked_dispatcher(function: Callable[..., Any], options: dict[str, Any], stamp: bytes) -> Any:
     """Dispatcher of a function for calls from kernels."""
     wrappers = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    dispatcher = _LinkedDispatcher(function, {}, {"nopython": True, **wrappers, **options}, _LinkedCompiler)
-    dispatcher._cache = compiled_files(function, stamp, "linked")
+    dispatcher = _LinkedDispatcher(
+        function, {}, {"nopython": True, **wrappers, **options}, _LinkedCompiler
+    )
+    dispatcher._cache = compiled_files(function, stamp, "linked.")
     return dispatcher
 
 
