@@ -24,7 +24,7 @@ from numba.core.ccallback import CFunc
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, DefaultPassBuilder, Flags, PassManager, compile_result
 from numba.core.registry import CPUDispatcher
-from numba.core.types import unliteral
+from numba.core.types.misc import unliteral
 from numba.experimental import function_type  # noqa: F401  (registers the type of callbacks)
 
 from .compiled_files import compiled_files
@@ -44,7 +44,7 @@ _UNUSED = {
 take a tenth of the time."""
 
 
-class _SharedFlags(Flags):  # type: ignore[misc]
+class _SharedFlags(Flags):
     """Flags of which there is one instance for equal values, so that they are compared at once.
 
     Numba compares flags whenever it resolves an operator, for some thousand of them in a solver.
@@ -66,8 +66,10 @@ class _SharedFlags(Flags):  # type: ignore[misc]
         return self._instances[-1]
 
 
-class _EntryLibrary(JITCodeLibrary):  # type: ignore[misc]
+class _EntryLibrary(JITCodeLibrary):
     """Machine code of a function, with all that it calls."""
+
+    _linking_libraries: list[Any]
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout  # optimised with what it calls
@@ -99,10 +101,11 @@ class _NoEnvironments:
         self.names.add(name)
 
 
-class _Linked(JITCodeLibrary):  # type: ignore[misc]
+class _Linked(JITCodeLibrary):
     """Code of a function that kernels link in; `origin` is its module, name and signature."""
 
     origin: tuple[str, str, tuple[Any, ...]]
+    _linking_libraries: list[Any]
     codegen = _NoEnvironments()
 
     def _optimize_functions(self, ll_module: Any) -> None:
@@ -185,7 +188,7 @@ def linked_result(target: Any, payload: Any) -> Any:
     )
 
 
-class _Compiler(Compiler):  # type: ignore[misc]
+class _Compiler(Compiler):
     library: ClassVar[type[JITCodeLibrary]] = _EntryLibrary
 
     def __init__(self, *arguments: Any) -> None:
@@ -211,7 +214,7 @@ class _LinkedCompiler(_Compiler):
     library = _Linked
 
 
-class _EntryDispatcher(CPUDispatcher):  # type: ignore[misc]
+class _EntryDispatcher(CPUDispatcher):
     def _compilation_chain_init_hook(self) -> None:
         """Nothing: arguments are arrays, numbers and tuples, not types of Numba's extensions."""
 
@@ -221,7 +224,7 @@ class _EntryDispatcher(CPUDispatcher):  # type: ignore[misc]
             return super().compile(sig)
 
 
-class _LinkedDispatcher(CPUDispatcher):  # type: ignore[misc]
+class _LinkedDispatcher(CPUDispatcher):
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Resolve a call, without a specialisation for literal arguments."""
         plain = [unliteral(each) for each in args], {k: unliteral(kws[k]) for k in kws}
@@ -250,7 +253,7 @@ def callback(
     function: Callable[..., Any], signature: Any, options: dict[str, Any], stamp: bytes
 ) -> Any:
     """Compile a function to one that kernels take as argument, as `numba.cfunc` does."""
-    compiled = CFunc(function, signature, {}, options, _Compiler)
+    compiled: Any = CFunc(function, signature, {}, options, _Compiler)
     compiled._cache = compiled_files(function, stamp)
     with _without_collector():
         compiled.compile()
