@@ -150,7 +150,7 @@ def simulate(python: str) -> list[object]:
             before = sum(os.times()[2:4])
             run(python, code, str(Path(folder) / "cache"))
             used.append(sum(os.times()[2:4]) - before)
-    return ["simulate", "", *(f"{seconds:.2f}" for seconds in used)]
+    return ["simulate", python, *(f"{seconds:.2f}" for seconds in used)]
 
 
 def own_seconds(records: list[Any], label: Callable[[Any], str]) -> Counter[str]:
@@ -207,7 +207,7 @@ def main() -> None:
     columns = ("first use", "environment", "imports", "cold", "warm")
     print_table(columns, rows(names, pythons, options.repeats))
     if "simulate" in parts:
-        columns = ("command", "", "imports alone", "cold", "warm")
+        columns = ("command", "environment", "imports alone", "cold", "warm")
         print_table(columns, map(simulate, pythons))
 
 

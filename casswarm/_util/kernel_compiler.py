@@ -1,13 +1,12 @@
-"""How kernels are compiled: what kernels call is linked into them, and optimised there only.
+"""How kernels are compiled: those that kernels call are linked into them, and optimised once.
 
-By default, Numba optimises every function together with all that it calls, generates machine code
-of both, and wraps the function for Python. So what a kernel calls over k levels is optimised and
-generated k times, and wrappers of functions with many arrays take longer than the functions. Here
-a function that a kernel calls has neither: its code is an intermediate representation. The kernel
-that Python calls links all of them in, and is optimised once.
+By default, Numba optimises a function with all that it calls and generates its machine code, and
+does the same in every function that calls it. It also generates wrappers for calls from Python,
+which for functions of many arrays take as long as the functions. Here a kernel that kernels call
+remains an intermediate representation. The kernel that Python calls is linked with all of them, and
+only then optimised and wrapped.
 
-This module subclasses Numba's compiler, code library and dispatcher at the places that Numba's
-cache and its own compilers of other targets use; it takes nothing away from them.
+Numba's compiler, code library and dispatcher are subclassed; Numba itself remains as it is.
 """
 
 from __future__ import annotations
@@ -189,6 +188,8 @@ def linked_result(target: Any, payload: Any) -> Any:
 
 
 class _Compiler(Compiler):
+    """Numba's compiler without passes that kernels do not need."""
+
     library: ClassVar[type[JITCodeLibrary]] = _EntryLibrary
 
     def __init__(self, *arguments: Any) -> None:
