@@ -10,7 +10,7 @@ Run with the installed package::
 A part prepares what it needs, imports, scenario and guide, and then makes one call. Of that call
 the table gives the processor time in seconds, medians over processes: ``cold`` with an empty folder
 of compiled code, ``warm`` with that of the process before; ``imports`` is that of preparing.
-`simulate` is a whole command, against importing what it needs.
+`simulate` is a whole command, against importing CasADi, pandas and Matplotlib.
 """
 
 from __future__ import annotations
@@ -204,8 +204,9 @@ def main() -> None:
             kernels(name)
         return
     pythons = [sys.executable, *([options.against] if options.against else [])]
-    columns = ("first use", "environment", "imports", "cold", "warm")
-    print_table(columns, rows(names, pythons, options.repeats))
+    if names:
+        columns = ("first use", "environment", "imports", "cold", "warm")
+        print_table(columns, rows(names, pythons, options.repeats))
     if "simulate" in parts:
         columns = ("command", "environment", "imports alone", "cold", "warm")
         print_table(columns, map(simulate, pythons))
