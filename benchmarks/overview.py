@@ -10,8 +10,6 @@ Prints a Markdown table. Machines differ and are shared: ratios say more than se
 
 from __future__ import annotations
 
-import os
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -112,49 +110,7 @@ def rates() -> list[Row]:
     ]
 
 
-FIRST_USE = """
-import resource, time
-import numpy as np
-import casswarm as csw
-from casswarm.problems.formation import leader_formation
-from casswarm.problems.step import Motion, Step
-from casswarm.optimization.solvers import Auto
-scenario = csw.load_scenario("paper-2")
-x = scenario.positions[None]
-started = time.perf_counter()
-motion, alive = Motion.from_scenario(scenario), np.ones((1, 5), bool)
-step = Step(scenario.hazard, motion, x, 0.8 + 0 * x, alive, x[0, 1:2])
-problem = leader_formation(step, np.array([0]))
-assert Auto().solve_batch(problem.nlp, problem.instances).success.all()
-used = resource.getrusage(resource.RUSAGE_SELF)
-print(time.perf_counter() - started, used.ru_utime + used.ru_stime)
-"""
-
-
-def first_use() -> list[Row]:
-    """The first formation of a process, compiled code cached or not."""
-
-    def first(cache: str) -> tuple[float, float]:
-        done = subprocess.run(
-            [sys.executable, "-c", FIRST_USE],
-            env=os.environ | {"CASSWARM_CACHE": cache},
-            check=True,
-            capture_output=True,
-            text=True,
-        )
-        wall, cpu = map(float, done.stdout.split())
-        return wall, cpu
-
-    with tempfile.TemporaryDirectory() as cache:
-        wall, cpu = first(cache)
-        again = statistics.median(first(cache)[0] for _ in range(REPEATS))
-    return [
-        ("first formation of a process, nothing compiled", f"{wall:.1f} s", f"{cpu:.1f} s of CPU"),
-        ("the same, compiled code on disk", f"{again:.2f} s", ""),
-    ]
-
-
-PARTS = {part.__name__: part for part in (plan, simulate, formation, rates, first_use)}
+PARTS = {part.__name__: part for part in (plan, simulate, formation, rates)}
 
 
 def main() -> None:

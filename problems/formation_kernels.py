@@ -12,7 +12,8 @@ import numpy as np
 from ..errors import HazardError
 from ..hazard import Hazard, KernelHazard
 from ..hazard.kernels import differentiated_kernels
-from ..optimization.problem import LARGE_SWARM, CompiledObjective
+from ..optimization.objective_kernels import LARGE_SWARM
+from ..optimization.problem import CompiledObjective
 from .formation_curvature_kernels import BLOCKS
 from .formation_vectorized_kernels import EVALUATE
 

@@ -25,6 +25,7 @@ from numba.core.caching import (
     _CacheLocator,
     _SourceFileBackedLocatorMixin,
 )
+from numba.core.runtime import rtsys
 
 from .private_folders import cache_folder, private_folder
 
@@ -33,7 +34,7 @@ LOG = logging.getLogger(__name__)
 _HASH_SIZE = hashlib.sha256().digest_size
 
 
-def compiled_files(function: Callable[..., Any], stamp: bytes) -> Any:
+def compiled_files(function: Callable[..., Any], stamp: bytes, kind: str = "") -> Any:
     """Cache of a function's compiled code; an empty one if no folder can be used.
 
     Parameters
@@ -42,9 +43,11 @@ def compiled_files(function: Callable[..., Any], stamp: bytes) -> Any:
         Defined in a file.
     stamp : bytes
         Hash of the other sources that its compiled code depends on.
+    kind : str
+        What distinguishes the files of several kinds of compiled code of a function.
     """
     try:
-        return _CheckedCache(function, stamp)
+        return _CheckedCache(function, stamp, kind)
     except OSError as error:
         _warn_once(f"{error}: compiled code is for this process only")
         return NullCache()
@@ -156,14 +159,32 @@ def _folder(file: str, name: str) -> Path:
 class _Implementation(CompileResultCacheImpl):
     _locator_classes: ClassVar[list[type]] = [_Place]
 
+    def reduce(self, data: Any) -> Any:
+        from .kernel_compiler import reduced
+
+        return reduced(super().reduce(data))
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        from .kernel_compiler import is_linked, linked_result
+
+        if is_linked(payload):
+            return linked_result(target_context, payload)
+        return super().rebuild(target_context, payload)
+
 
 class _CheckedCache(FunctionCache):
     _impl_class = _Implementation
 
-    def __init__(self, function: Callable[..., Any], stamp: bytes) -> None:
+    def __init__(self, function: Callable[..., Any], stamp: bytes, kind: str) -> None:
         super().__init__(function)
-        base, sources = self._impl.filename_base, self._impl.locator.get_source_stamp()
+        base, sources = kind + self._impl.filename_base, self._impl.locator.get_source_stamp()
         self._cache_file = _CheckedFile(self._cache_path, base, (sources, stamp))
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Compiled code of a signature, or None; without what Numba needs to compile, as it is."""
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
 
 
 def _remove(path: str) -> None:

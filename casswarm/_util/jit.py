@@ -11,7 +11,7 @@ import hashlib
 import logging
 import sys
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cached_property, lru_cache, update_wrapper
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -48,28 +48,62 @@ from casswarm._util.jit import kernel, objective, vectorized_objective
 """
 
 
+class Kernel:
+    """A function that is compiled when it is first called, from Python or from another kernel.
+
+    Numba is imported then, too. For calls from Python there is machine code with a wrapper; what
+    other kernels call is linked into them (see `casswarm._util.kernel_compiler`).
+    """
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        update_wrapper(self, function)
+        self.py_func, self._options = function, _OPTIONS | options
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.entry(*arguments)
+
+    @cached_property
+    def entry(self) -> Any:
+        """Numba's dispatcher for calls from Python."""
+        from .kernel_compiler import entry_dispatcher
+
+        return entry_dispatcher(self.py_func, self._options, _stamp())
+
+    @cached_property
+    def linked(self) -> Any:
+        """Numba's dispatcher for calls from kernels."""
+        from .kernel_compiler import linked_dispatcher
+
+        return linked_dispatcher(self.py_func, self._options, _stamp())
+
+    @property
+    def signatures(self) -> list[Any]:
+        """Types of arguments that it is compiled for, for calls from Python."""
+        return list(self.entry.signatures)
+
+    @property
+    def stats(self) -> Any:
+        """Folder of its compiled code, and how often that was used, for calls from Python."""
+        return self.entry.stats
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What Numba's type inference takes a kernel for."""
+        return self.linked._numba_type_
+
+
 def kernel(function: _Function) -> _Function:
     """Compile a function when it is first called; the result is kept on disk.
 
     A kernel may make views of arrays, but neither allocate nor return them: Numba does without
     reference counts then, which halves the time of small problems.
     """
-    return _compiled(function, _UNCOUNTED)
+    return cast("_Function", Kernel(function, _UNCOUNTED))
 
 
 def allocating_kernel(function: _Function) -> _Function:
     """Compile a function like `kernel`, which may also allocate and return arrays."""
-    return _compiled(function, {})
-
-
-def _compiled(function: _Function, options: dict[str, Any]) -> _Function:
-    import numba
-
-    from .compiled_files import compiled_files
-
-    compiled: Any = numba.njit(nogil=True, **_OPTIONS, **options)(function)
-    compiled._cache = compiled_files(function, _stamp())
-    return cast("_Function", compiled)
+    return cast("_Function", Kernel(function, {}))
 
 
 def objective(function: _Function) -> _Function:
@@ -87,24 +121,21 @@ def vectorized_objective(function: _Function) -> _Function:
 
 
 def _objective(function: _Function, options: dict[str, Any]) -> _Function:
-    from numba.core.ccallback import CFunc
     from numba.core.sigutils import normalize_signature
 
-    from .compiled_files import compiled_files
+    from .kernel_compiler import callback
 
     signature = normalize_signature(_OBJECTIVE)
-    compiled: Any = CFunc(function, signature, {}, _OPTIONS | options)
-    compiled._cache = compiled_files(function, _stamp())
-    compiled.compile()  # as `numba.cfunc` does, with its own cache
-    return cast("_Function", compiled)
+    return cast("_Function", callback(function, signature, _OPTIONS | options, _stamp()))
 
 
 @lru_cache(maxsize=1)
 def _stamp() -> bytes:
-    """Hash of all kernels: a change of one must compile those that call it again."""
+    """Hash of all kernels and of how they are compiled: a change compiles all of them again."""
     problems = find_spec(f"{_PACKAGE.name}.problems")  # in a checkout beside the package
     folders = [_PACKAGE, *map(Path, problems.submodule_search_locations or () if problems else ())]
     files = sorted({path for folder in folders for path in folder.rglob("*_kernels.py")})
+    files += [Path(__file__), Path(__file__).with_name("kernel_compiler.py")]
     return hashlib.sha256(b"".join(path.read_bytes() for path in files)).digest()
 
 

@@ -17,9 +17,6 @@ from ..typing import Expr, FloatArray
 from .feasible_sets.planar import PlanarSets
 from .feasible_sets.trajectory import TrajectorySets
 
-LARGE_SWARM = 16
-"""Members from which on compiled solvers use the diagonal blocks of an objective's Hessian."""
-
 
 @dataclass(frozen=True, eq=False)
 class CompiledObjective:
@@ -30,9 +27,10 @@ class CompiledObjective:
     source : str
         Text of ``evaluate(x, p, constants, gradient, scratch)``, decorated with ``@objective``, and
         of the ``@kernel`` functions that it calls: it returns f(x; p) and writes the gradient. All
-        problems of a kind have the same source, which is compiled once. From `LARGE_SWARM` members
-        on (pairs of coordinates of x), it may also write blocks: where `gradient` has 5n entries,
-        the second derivatives (xx, xy, yy) of every member follow, which precondition Newton steps.
+        problems of a kind have the same source, which is compiled once. From
+        `casswarm.optimization.objective_kernels.LARGE_SWARM` members on (pairs of coordinates of
+        x), it may also write blocks: where `gradient` has 5n entries, the second derivatives (xx,
+        xy, yy) of every member follow, which precondition Newton steps.
     constants : (s,)
         Numbers that all instances share, such as the positions of radars.
     """

@@ -16,7 +16,8 @@ from ..feasible_sets.planar import PlanarSets
 from ..problem import Instances, Nlp
 from ..solution import BatchSolution, Status
 from .base import Answer, Capabilities, Solver
-from .batch.engine import CONVERGED, BatchRun, Results, execute
+from .batch.engine import BatchRun, Results, execute
+from .batch.outcome_kernels import CONVERGED
 from .batch.spg import SpectralProjectedGradient, batch_data
 from .iterates import IterateLog, Iterates
 from .options import NonNegative, NonNegativeInt, PositiveFinite

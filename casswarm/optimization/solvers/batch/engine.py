@@ -18,9 +18,7 @@ from ....typing import BoolArray, FloatArray, IntArray
 from ...problem import Instances, Nlp
 from ...solution import BatchSolution, Status
 from ..base import VIOLATION, Answer, Solver
-
-CONVERGED, EXHAUSTED, STALLED, NOT_FINITE, NO_INTERIOR = range(5)
-"""Outcomes of a kernel."""
+from .outcome_kernels import CONVERGED, EXHAUSTED, NO_INTERIOR, NOT_FINITE, STALLED
 
 _MESSAGES = {
     CONVERGED: (Status.SOLVED, "stationary to tolerance"),

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from ...._util.jit import kernel
 from ....typing import FloatArray, IntArray
 from ...feasible_sets.planar_kernels import nearest
-from ...problem import LARGE_SWARM
+from ...objective_kernels import LARGE_SWARM
 from .face_kernels import blocking_length, project_on_face, shorten_members, tangent
 from .preconditioner_kernels import invert_blocks, precondition, write_identity
 

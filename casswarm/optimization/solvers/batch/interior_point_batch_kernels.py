@@ -16,11 +16,12 @@ from ...feasible_sets.trajectory_kernels import (
     max_step_length,
     slacks,
 )
-from .engine import NO_INTERIOR, NOT_FINITE, Results
+from .engine import Results
 from .face_newton_kernels import copy
 from .interior_point_kernels import Options, minimise, residuals
 from .multistart_kernels import Starts, count_hits, needs_start, write_start
 from .newton_system_kernels import Problem, clear, gather, read, total, write
+from .outcome_kernels import NO_INTERIOR, NOT_FINITE
 
 MU_INIT = 1e-2  # barrier parameter at the beginning, in units of the objective
 COARSE = 1e-4  # barrier parameter at which starts are compared, in units of the objective

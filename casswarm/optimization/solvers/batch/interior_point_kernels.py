@@ -21,7 +21,6 @@ from ...feasible_sets.trajectory_kernels import (
     slacks,
     solve,
 )
-from .engine import CONVERGED, EXHAUSTED, NO_INTERIOR, NOT_FINITE, STALLED
 from .face_newton_kernels import copy, largest_component
 from .newton_system_kernels import (
     Problem,
@@ -33,6 +32,7 @@ from .newton_system_kernels import (
     total,
     workspace,
 )
+from .outcome_kernels import CONVERGED, EXHAUSTED, NO_INTERIOR, NOT_FINITE, STALLED
 
 SUFFICIENT = 1e-4  # sufficient decrease, as a fraction of what the slope predicts
 TRIALS = 40  # of a step's length

@@ -9,8 +9,9 @@ import numpy as np
 
 from ...._util.jit import allocating_kernel, kernel
 from ....typing import FloatArray, IntArray
-from .engine import CONVERGED, EXHAUSTED, NOT_FINITE, Results
+from .engine import Results
 from .face_newton_kernels import GRADIENT, TRIAL, Problem, Workspace, copy, evaluate
+from .outcome_kernels import CONVERGED, EXHAUSTED, NOT_FINITE
 from .spg_batch_kernels import Batch
 from .spg_kernels import project, verify, workspace
 

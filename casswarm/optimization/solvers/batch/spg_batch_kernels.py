@@ -9,7 +9,7 @@ import numpy as np
 
 from ...._util.jit import allocating_kernel, kernel
 from ....typing import FloatArray, IntArray
-from .engine import CONVERGED, NOT_FINITE, Results
+from .engine import Results
 from .face_newton_kernels import STEP, Problem, Workspace, copy
 from .multistart_kernels import (
     Starts,
@@ -19,6 +19,7 @@ from .multistart_kernels import (
     orient,
     write_start,
 )
+from .outcome_kernels import CONVERGED, NOT_FINITE
 from .spg_kernels import minimise, project, verify, workspace
 
 COARSE = 1e-3  # tolerance to which starts are compared

@@ -14,8 +14,7 @@ import numpy as np
 from ...._util.jit import allocating_kernel, kernel
 from ....typing import FloatArray, IntArray
 from ...feasible_sets.planar_kernels import clip, nearest, violation
-from ...problem import LARGE_SWARM
-from .engine import CONVERGED, EXHAUSTED, NOT_FINITE, STALLED
+from ...objective_kernels import LARGE_SWARM
 from .face_newton_kernels import (
     DIRECTION,
     GRADIENT,
@@ -28,6 +27,7 @@ from .face_newton_kernels import (
     longest_displacement,
     newton_step,
 )
+from .outcome_kernels import CONVERGED, EXHAUSTED, NOT_FINITE, STALLED
 
 MEMORY = 10  # objective values that the nonmonotone search looks back on
 SUFFICIENT = 1e-4  # sufficient decrease, as a fraction of what the gradient predicts

@@ -15,6 +15,8 @@ from .tape_operations import OPERATIONS, evaluation
 MAX_OPERATIONS = 200_000
 """Number of operations above which lists of them take too much memory and time."""
 
+MAX_ARGUMENTS = 3
+
 
 def scalar(function: Expr) -> Expr:
     """A CasADi function of scalar operations.
@@ -95,7 +97,8 @@ class Tape:
         """Entries of the outputs, each (k, b), at arguments of shapes (size, b)."""
         ends = np.cumsum([pattern.shape[1] for pattern in self.patterns])
         results, places = np.empty((ends[-1], arguments[0].shape[1])), np.zeros((self.size, LANES))
-        inputs = tuple(map(np.ascontiguousarray, arguments))
+        missing = (np.empty((0, 0)),) * (MAX_ARGUMENTS - len(arguments))
+        inputs = tuple(map(np.ascontiguousarray, arguments)) + missing  # one type is compiled
         evaluation()(self.operations, self.constants, inputs, places, results)
         return np.split(results, ends[:-1])
 

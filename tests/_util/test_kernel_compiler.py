@@ -1,0 +1,139 @@
+"""Kernels that call kernels: linked, optimised once, and loaded from disk."""
+
+import ast
+import gc
+import os
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+import casswarm
+from casswarm._util.jit import generated_module
+
+TEXT = """
+@kernel
+def power(x, k):
+    result = 1.0
+    for _ in range(k):
+        result *= x
+    return result
+
+
+@kernel
+def polynomial(x):
+    if x == 0.0:
+        raise ValueError("no polynomial at zero")
+    return 1.0 + power(x, 1) + power(x, 2)
+
+
+@kernel
+def total(values):
+    result = 0.0
+    for i in range(values.size):
+        result += polynomial(values[i]) + power(values[i], i)
+    return result
+
+
+@kernel
+def product(values):
+    result = 1.0
+    for i in range(values.size):
+        result *= polynomial(values[i])
+    return result
+"""
+VALUES = np.array([1.0, 2.0])
+
+
+@pytest.fixture(scope="module")
+def module():
+    return generated_module(TEXT)
+
+
+def test_kernel_equals_its_python_function(module):
+    assert module.total(VALUES) == 3.0 + 1.0 + 7.0 + 2.0
+    assert module.product(VALUES) == 21.0
+
+
+def test_called_kernels_have_no_entry_and_no_specialisation_for_literals(module):
+    module.total(VALUES)
+    assert "entry" not in vars(module.power)
+    assert module.power.linked.signatures == [(numba.float64, numba.int64)]
+
+
+def test_kernel_is_called_from_python_and_from_kernels(module):
+    other = generated_module("@kernel\ndef double(x):\n    return 2.0 * x\n" + TEXT)
+    assert other.power(3.0, 2) == 9.0
+    assert other.total(VALUES) == module.total(VALUES)
+
+
+def test_exception_in_called_kernel_is_raised(module):
+    with pytest.raises(ValueError, match="no polynomial at zero"):
+        module.total(np.zeros(2))
+
+
+def test_other_compiled_functions_call_kernels(module):
+    polynomial = module.polynomial
+    called = numba.njit(lambda x: polynomial(x) + 1.0)
+    assert called(2.0) == 8.0
+
+
+@pytest.mark.parametrize("collects", [True, False])
+def test_collector_is_as_before_after_compilation(collects):
+    fresh = generated_module(f"@kernel\ndef add(x):\n    return x + {int(collects)}\n")
+    try:
+        if not collects:
+            gc.disable()
+        fresh.add(1.0)
+        assert gc.isenabled() == collects
+    finally:
+        gc.enable()
+
+
+def first_use(cache, name):
+    """Hits of the caches of `name` and of the kernels that it calls, in a process of its own."""
+    code = (
+        "import numpy as np\n"
+        "from casswarm._util.jit import generated_module\n"
+        f"module = generated_module({TEXT!r})\n"
+        f"module.{name}(np.array([1.0, 2.0]))\n"
+        f"of = module.{name}.entry, module.polynomial.linked, module.power.linked\n"
+        "print(*(sum(dispatcher.stats.cache_hits.values()) for dispatcher in of))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | {"CASSWARM_CACHE": str(cache)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.strip()
+
+
+def test_called_kernels_are_loaded_by_another_kernel_in_another_process(tmp_path):
+    assert first_use(tmp_path, "total") == "0 0 0"
+    assert first_use(tmp_path, "product") == "0 1 1"
+    assert first_use(tmp_path, "product") == "1 0 0"
+
+
+def kernel_files():
+    """All files of kernels, of the package and of `problems`, which may stand beside it."""
+    folders = {
+        Path(folder)
+        for name in (casswarm.__name__, "casswarm.problems")
+        for folder in find_spec(name).submodule_search_locations
+    }
+    return sorted({path for folder in folders for path in folder.rglob("*_kernels.py")})
+
+
+def test_kernels_take_constants_from_files_whose_change_compiles_them_again():
+    files = kernel_files()
+    assert len(files) > 10
+    for path in files:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and not (node.module or "").endswith("_kernels"):
+                assert not [each.name for each in node.names if each.name.isupper()], path
