@@ -122,11 +122,8 @@ def test_called_kernels_are_loaded_by_another_kernel_in_another_process(tmp_path
 
 def kernel_files():
     """All files of kernels, of the package and of `problems`, which may stand beside it."""
-    folders = {
-        Path(folder)
-        for name in (casswarm.__name__, "casswarm.problems")
-        for folder in find_spec(name).submodule_search_locations
-    }
+    problems = find_spec("casswarm.problems").submodule_search_locations
+    folders = {Path(casswarm.__file__).parent, *map(Path, problems)}
     return sorted({path for folder in folders for path in folder.rglob("*_kernels.py")})
 
 
