@@ -30,7 +30,7 @@ def warm() -> Iterator[Isolated]:
 
 
 def _message(solver: Isolated, problem: Problem) -> str:
-    (answer,) = solver.run(problem.nlp, problem.starts["start"])
+    (answer,) = solver.run(problem.nlp, problem.starts["given"])
     return str(answer.message)
 
 
@@ -59,7 +59,7 @@ def test_process_after_close_is_not_warmed_up(warm: Isolated) -> None:
 def test_warm_up_that_ends_the_process_is_given_up() -> None:
     fine, deadly = _problems("fine", "deadly")
     solver = Isolated(Counting())
-    solver.warm_up(deadly.nlp, deadly.starts["start"])
+    solver.warm_up(deadly.nlp, deadly.starts["given"])
     assert _message(solver, fine) == "0 before"
     solver.close()
 
