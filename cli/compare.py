@@ -158,8 +158,9 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
       casswarm compare --out results/compare-again --against results/compare
     """
     with reported_errors() as saved, progress_report(output.quiet) as progress:
+        earlier = None if selection.against is None else csw.Comparison.load(selection.against)
         folder = open_folder("compare", None, output.out, figures)
-        earlier = _earlier(selection.against, folder)
+        _require_another(selection.against, folder)
         saved.folder = folder.path
         try:
             solvers = list(map(named_solver, selection.solvers)) or None
@@ -212,13 +213,12 @@ def _problems(selection: CompareOptions, quiet: bool) -> list[str | csw.Problem]
     return posed or list(DEFAULT)
 
 
-def _earlier(path: Path | None, folder: ResultsFolder) -> csw.Comparison | None:
-    """The comparison that this one is compared with, if there is one."""
+def _require_another(path: Path | None, folder: ResultsFolder) -> None:
+    """Raise ComparisonError if a folder is that of the results."""
     if path is not None and path.resolve() == folder.path.resolve():
         raise csw.ComparisonError(
             f"--against {path} is the folder of the results: choose another with --out"
         )
-    return None if path is None else csw.Comparison.load(path)
 
 
 def _agreement(

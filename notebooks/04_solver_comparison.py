@@ -65,7 +65,7 @@ comparison.tolerances
 # The report has the answer in words, tables and figures; `comparison.ranking` and
 # `comparison.summary` are its main tables. Ranks are those of the shifted geometric mean of the
 # solve time, in which failures count as the time limit. Intervals and probabilities come from
-# resampling the problems; below four problems, as for the guides here, there are none.
+# resampling the problems; below eight problems, as for the guides here, there are none.
 
 # %%
 report = make_report(comparison)
@@ -77,7 +77,7 @@ report.figures["ranking-formations-cold"]()
 # %% [markdown]
 # The performance profile of solver $s$ is the fraction of problems that it solves within a factor
 # $\tau$ of the fastest solver's time (Dolan and Moré, *Math. Program.* 91, 2002): speed on the
-# left, reliability on the right. The bands are 95 % bootstrap bands, pointwise: where the curve of
+# left, reliability on the right. The bands are 95 % confidence bands, pointwise: where the curve of
 # all problems of this kind is expected. With eight problems they are wide.
 
 # %%

@@ -30,7 +30,8 @@ class Hasty(csw.solvers.Ipopt):
     name = "hasty"
 
 
-problems = [p for s in ("ring", "wall") for p in csw.formation_problems(csw.load_scenario(s))]
+scenarios = [csw.load_scenario(name) for name in ("ring", "wall")]
+problems = [p for s in scenarios for p in csw.formation_problems(s, count=4)]
 solvers = ["ipopt", "slsqp", "projected-gradient", Hasty()]
 comparison = csw.compare(problems, solvers, time_limit=10)
 

@@ -22,7 +22,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from ..typing import FloatArray
-from .bootstrap import RESAMPLES, cluster_means, fraction_band
+from .bootstrap import cluster_means, fraction_band
 
 
 def performance_profile(costs: pd.DataFrame) -> pd.DataFrame:
@@ -78,19 +78,16 @@ def data_profile(costs: pd.DataFrame, units: ArrayLike = 1.0) -> pd.DataFrame:
     return _fractions(_budgets(costs, units), costs, "kappa")
 
 
-def performance_bands(
-    costs: pd.DataFrame, resamples: int = RESAMPLES, seed: int = 0
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Pointwise 95 % bootstrap bands of a performance profile, low and high.
+def performance_bands(costs: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Pointwise 95 % confidence bands of a performance profile, low and high.
 
     They are confidence bands for the profile of all problems of this kind.
 
     Parameters
     ----------
     costs : DataFrame
-        As in `performance_profile`. Rows with the same index are copies of one problem, which are
-        resampled together: see `casswarm.comparison.bootstrap.fraction_band`.
-    resamples, seed : int
+        As in `performance_profile`. Rows with the same index are copies of one problem, whose mean
+        counts: see `casswarm.comparison.bootstrap.fraction_band`.
 
     Returns
     -------
@@ -98,15 +95,13 @@ def performance_bands(
         With the index and columns of the profile.
     """
     profile = performance_profile(costs)
-    return _bands(_ratios(costs), costs, profile.index, resamples, seed)
+    return _bands(_ratios(costs), costs, profile.index)
 
 
-def data_bands(
-    costs: pd.DataFrame, units: ArrayLike = 1.0, resamples: int = RESAMPLES, seed: int = 0
-) -> tuple[pd.DataFrame, pd.DataFrame]:
+def data_bands(costs: pd.DataFrame, units: ArrayLike = 1.0) -> tuple[pd.DataFrame, pd.DataFrame]:
     """The same of a data profile; `units` as in `data_profile`."""
     profile = data_profile(costs, units)
-    return _bands(_budgets(costs, units), costs, profile.index, resamples, seed)
+    return _bands(_budgets(costs, units), costs, profile.index)
 
 
 def quality_profile(times: pd.DataFrame, qualities: pd.DataFrame) -> pd.DataFrame:
@@ -209,14 +204,10 @@ def _budgets(costs: pd.DataFrame, units: ArrayLike) -> FloatArray:
 
 
 def _bands(
-    values: FloatArray, costs: pd.DataFrame, points: pd.Index, resamples: int, seed: int
+    values: FloatArray, costs: pd.DataFrame, points: pd.Index
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     bands = [
-        fraction_band(
-            cluster_means(column[:, None] <= points.to_numpy(), costs.index),
-            resamples=resamples,
-            seed=seed,
-        )
+        fraction_band(cluster_means(column[:, None] <= points.to_numpy(), costs.index))
         for column in values.T
     ]
     low, high = (

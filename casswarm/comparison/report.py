@@ -153,9 +153,8 @@ def _families(problems: pd.DataFrame) -> pd.DataFrame:
 
 def _description(family: str, part: pd.DataFrame) -> str:
     """What the problems of a family are, and the values of their traits."""
-    traits = part.dropna(axis=1, how="all").drop(
-        columns=["family", "problem", "variables", "constraints"]
-    )
+    traits = part.drop(columns=["family", "problem", "variables", "constraints"])
+    traits = traits.dropna(axis=1, how="all")
     values = [f"{_spaced(str(name))}: {_values(column)}" for name, column in traits.items()]
     known = [DESCRIPTIONS[family]] if family in DESCRIPTIONS else []
     return "; ".join([*known, *values]) or "user-defined"

@@ -25,6 +25,7 @@ from .profiles import (
     quality_profile,
 )
 from .result import Comparison
+from .sampling import sampling_units
 from .verification import by_solver, costs
 
 
@@ -109,7 +110,8 @@ def _group_figures(
     yield f"ranking-{end}", Drawing(f"{group}: ranks", ranking_chart, (ranking,), order)
     panels = tuple(_panels(comparison, family, start))
     yield f"profiles-{end}", Drawing(f"{group}: profiles", draw_profiles, (panels,), order)
-    bands = performance_profile(times), performance_bands(times), _FACTOR
+    units = times.set_axis(sampling_units(family, times.index))
+    bands = performance_profile(times), performance_bands(units), _FACTOR
     heading = f"{group}: performance profiles with 95 % bands"
     yield f"bands-{end}", Drawing(heading, band_chart, bands, order)
     if len(times.columns) > 2:  # of two, the profiles say it

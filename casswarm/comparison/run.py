@@ -79,7 +79,8 @@ def compare(
         Seconds for building and solving a problem once. Solvers that have a time limit of their
         own get nine tenths of it, so that they can report their status; the process of a solver
         that takes longer is ended. What a process does only once, such as imports and compilation,
-        does not count: every solver solves a small problem first, untimed.
+        does not count: every process, and each that replaces it, solves a small problem first,
+        untimed.
     tolerances : Tolerances, optional
         What counts as solved.
     record_iterates : bool
@@ -178,7 +179,8 @@ def _benchmarks(
     ]
     rows: list[dict[str, Any]] = []
     build_seconds: dict[tuple[str, int], float] = {}  # a solver builds a program once
-    warm: set[str] = set()
+    for solver in solvers.values():
+        warm_up(solver)
     for copy, start, label in runs:
         if progress is not None:
             progress("comparing", len(rows), len(runs))
@@ -186,9 +188,6 @@ def _benchmarks(
         row = None if checkpoint is None else checkpoint.load_json(name)
         if row is None:
             solvers[label].start()
-            if label not in warm:
-                warm_up(solvers[label])
-                warm.add(label)
             row = benchmark(copy, start, label, solvers[label], record_iterates)
             row["build_seconds"] = build_seconds.setdefault(
                 (label, id(copy.nlp)), row["build_seconds"]

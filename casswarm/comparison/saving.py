@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -69,6 +70,9 @@ def read_comparison(
         if missing or "time_limit" not in inputs:
             raise ComparisonError(f"{folder} lacks {', '.join(sorted(missing)) or 'time_limit'}")
         problems, iterates = _table(folder, "traits"), _table(folder, "iterates")
+        if problems.empty:  # not saved, so their sizes are unknown
+            problems = runs[["family", "problem"]].drop_duplicates(ignore_index=True)
+            problems = problems.assign(variables=math.nan, constraints=math.nan)
     except FileNotFoundError as error:
         raise ComparisonError(
             f"{folder} holds no comparison: it has no {Path(str(error.filename)).name}"

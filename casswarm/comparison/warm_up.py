@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
-
 import numpy as np
 
-from ..errors import SolverError
 from ..hazard import Saturation
 from ..optimization.solvers import Isolated
 from ..problems.formation import Formation, corridor_formation
@@ -14,10 +11,9 @@ from ..problems.step import Motion, Step
 
 
 def warm_up(solver: Isolated) -> None:
-    """Let the process of a solver solve a small formation problem, untimed, if it can."""
+    """Let each process of a solver solve a small formation problem first, untimed, if it can."""
     formation = _two_members()
-    with suppress(SolverError):  # it solves other problems, or none: the comparison will tell
-        solver.warm_up(formation.nlp, formation.instances)
+    solver.warm_up(formation.nlp, formation.instances)
 
 
 def _two_members() -> Formation:

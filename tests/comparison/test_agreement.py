@@ -14,6 +14,7 @@ import pytest
 import casswarm as csw
 from casswarm.comparison import Comparison
 from casswarm.comparison.environment import environment
+from casswarm.comparison.report import make_report
 from casswarm.comparison.verification import Tolerances, verify
 
 PROBLEMS = [f"p{number}" for number in range(8)]
@@ -48,7 +49,7 @@ def made(seconds: dict[str, float], seed: int = 0, problems: list[str] = PROBLEM
 def _problems() -> list[csw.Problem]:
     x = ca.SX.sym("x", 2)
     bowls = [
-        csw.Problem.from_casadi({"x": x, "f": ca.sumsqr(x - k)}, f"bowl {k}") for k in range(4)
+        csw.Problem.from_casadi({"x": x, "f": ca.sumsqr(x - k)}, f"bowl {k}") for k in range(7)
     ]
     undefined = {"x": x, "f": ca.sumsqr(ca.sqrt(x + 1e-300) - 1)}
     return [*bowls, csw.Problem.from_casadi(undefined, "undefined", x0=1, lbx=-1)]
@@ -121,6 +122,17 @@ def test_saved_comparison_is_loaded_equal(tmp_path: Path) -> None:
         pd.testing.assert_frame_equal(getattr(loaded, name), getattr(comparison, name))
     assert loaded.inputs == comparison.inputs
     assert loaded.agreement(comparison).agrees
+
+
+def test_published_comparison_without_traits_is_reported() -> None:
+    published = Comparison.load(Path(__file__).parents[2] / "results" / "comparison" / "first")
+    assert published.problems.groupby("family")["problem"].nunique().to_dict() == {
+        "guides": 9,
+        "formations": 36,
+    }
+    text = make_report(published).markdown()
+    assert "45 problems, 9 solvers, 810 runs" in text
+    assert "| guides | 9 |  |  | paths of a single agent" in text
 
 
 def test_load_refuses_what_is_no_comparison(tmp_path: Path) -> None:

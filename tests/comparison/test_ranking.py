@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from casswarm.comparison import make_problems
 from casswarm.comparison.profiles import (
     data_bands,
     data_profile,
@@ -14,6 +15,7 @@ from casswarm.comparison.profiles import (
     quality_profile,
 )
 from casswarm.comparison.ranking import rank_solvers, ranking, sensitivity
+from casswarm.comparison.sampling import sampling_units, strata
 from casswarm.comparison.verification import Tolerances, by_solver, costs, summary, verify
 
 INF = np.inf
@@ -93,7 +95,8 @@ def test_rank_solvers_counts_failures_and_slow_runs_at_the_limit() -> None:
 
 
 def test_rank_solvers_of_few_problems_has_no_probability() -> None:
-    seconds = pd.DataFrame({"a": np.full(6, 0.1), "b": np.full(6, 0.3)}, index=list("ppqqrr"))
+    names = [name for name in NAMES[:7] for _ in range(2)]
+    seconds = pd.DataFrame({"a": np.full(14, 0.1), "b": np.full(14, 0.3)}, index=names)
     ranked = rank_solvers(seconds, 2.0)
     assert ranked["rank"].tolist() == [1, 2]
     assert ranked[["probability", "mean_ms_low", "rank_high"]].isna().all(axis=None)
@@ -103,13 +106,67 @@ def test_rank_solvers_interval_shrinks_with_problems_not_with_copies() -> None:
     seconds = np.random.default_rng(0).lognormal(-2, 1, 12)
     once = rank_solvers(times(a=seconds), 10.0)
     copied = rank_solvers(pd.DataFrame({"a": np.repeat(seconds, 4)}, np.repeat(NAMES, 4)), 10.0)
-    more = pd.DataFrame({"a": np.tile(seconds, 16)}, [f"p{k}" for k in range(12 * 16)])
     pd.testing.assert_frame_equal(copied, once)
-    widths = [
-        np.log(ranked["mean_ms_high"] / ranked["mean_ms_low"]).iloc[0]
-        for ranked in (once, rank_solvers(more, 10.0))
-    ]
+    widths = []
+    for times_12 in (4, 64):
+        names = [f"p{k}" for k in range(12 * times_12)]
+        ranked = rank_solvers(pd.DataFrame({"a": np.tile(seconds, times_12)}, names), 10.0)
+        widths.append(np.log(ranked["mean_ms_high"] / ranked["mean_ms_low"]).iloc[0])
     assert widths[0] / widths[1] == pytest.approx(4, rel=0.15)
+
+
+def test_rank_solvers_intervals_contain_the_mean_and_end_at_the_limit() -> None:
+    once = np.where(np.arange(12) < 1, 0.02, INF)
+    ranked = rank_solvers(times(once=once, never=np.full(12, INF)), 2.0)
+    assert (ranked["mean_ms_low"] <= ranked["mean_ms"]).all()
+    assert (ranked["mean_ms"] <= ranked["mean_ms_high"]).all()
+    assert ranked["mean_ms_high"].tolist() == pytest.approx([2000, 2000])
+
+
+def test_rank_solvers_interval_of_formations_excludes_differences_of_sizes() -> None:
+    rng = np.random.default_rng(4)
+    kinds = ["leader-5-saturation", "leader-20-saturation", "constrained-50-collision"]
+    names = [f"{kind}-{number}" for kind in kinds for number in range(4)]
+    seconds = pd.DataFrame({"a": np.repeat([0.01, 0.1, 1.0], 4) * rng.uniform(1, 1.2, 12)}, names)
+    stratified, pooled = (
+        rank_solvers(seconds, 2.0, family=family).iloc[0] for family in ("formations", "others")
+    )
+    widths = [row["mean_ms_high"] / row["mean_ms_low"] for row in (stratified, pooled)]
+    assert widths[0] < 1.2
+    assert widths[1] > 4
+
+
+def test_rank_solvers_counts_guides_with_the_same_radars_once() -> None:
+    rng = np.random.default_rng(5)
+
+    def guides(fields: int) -> pd.DataFrame:
+        names = [f"guide-{steps}-{field}" for field in range(fields) for steps in (30, 100, 300)]
+        return pd.DataFrame({"a": rng.uniform(0.1, 0.2, len(names))}, names)
+
+    assert rank_solvers(guides(7), 2.0, family="guides")["probability"].isna().all()  # of 21
+    assert rank_solvers(guides(8), 2.0, family="guides")["probability"].tolist() == [1.0]
+
+
+def test_strata_and_sampling_units_are_those_of_names_of_random_families() -> None:
+    states = ["leader-5-saturation-0", "leader-5-saturation-1"]
+    other = ["constrained-20-collision-0", "constrained-20-collision-1"]
+    kinds = ["leader-5-saturation"] * 2 + ["constrained-20-collision"] * 2
+    assert sampling_units("formations", states + other) == states + other
+    assert strata("formations", states + other) == kinds
+    assert strata("formations", [*states, other[0]]) == ["", "", ""]  # one of a kind
+    assert strata("ring formations", states + other) == [""] * 4
+    guides = ["guide-30-0", "guide-100-0", "guide-30-1", "another"]
+    assert sampling_units("guides", guides) == ["0", "0", "1", "another"]
+    assert sampling_units("own", guides) == guides
+
+
+@pytest.mark.slow
+def test_random_families_have_the_names_that_strata_are_made_of() -> None:
+    problems = make_problems("quick", 2)
+    for family, number, kinds in (("guides", 2, 1), ("formations", 8, 4)):
+        units = sampling_units(family, [p.name for p in problems if p.family == family])
+        assert len(set(units)) == number
+        assert len(set(strata(family, units))) == kinds
 
 
 def test_ranking_has_a_row_per_group_and_solver(table: pd.DataFrame) -> None:

@@ -107,4 +107,28 @@ class SlowAtFirst(Solver):
         return Ipopt().run(nlp, instances)
 
 
+@dataclass(frozen=True)
+class Counting(Solver):
+    """Ipopt whose message is the number of solves before in this process, which can end.
+
+    Parameters
+    ----------
+    deadly : str
+        Name of the problem that ends its process.
+    """
+
+    deadly: str = "deadly"
+
+    name: ClassVar[str] = "counting"
+    summary: ClassVar[str] = "Ipopt that counts its solves"
+
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        if nlp.name == self.deadly:
+            os._exit(3)
+        before = len(_SOLVED)
+        _SOLVED.append(True)
+        answers = Ipopt().run(nlp, instances)
+        return [replace(answer, message=f"{before} before") for answer in answers]
+
+
 _SOLVED: list[bool] = []  # in this process

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hock_schittkowski import published
-from known_problems import hs_35, hs_71
-from scipy.optimize import minimize
+from known_problems import hs_1, hs_35, hs_71
+from scipy.optimize import OptimizeResult, minimize
 
 from casswarm.errors import SolverError
 from casswarm.optimization.solution import Status
 from casswarm.optimization.solvers import Ipopt, Minimize, NlpSol
+from casswarm.typing import FloatArray
 
 SOLVERS = {
     "plugin": NlpSol("ipopt", {"ipopt": {"tol": 1e-9, "print_level": 0}}),
@@ -86,3 +88,38 @@ def test_plugin_by_name_equals_its_class() -> None:
     named = SOLVERS["plugin"].solve(case.nlp, case.instance)[0]
     own = Ipopt(tolerance=1e-9).solve(case.nlp, case.instance)[0]
     np.testing.assert_allclose(named.x, own.x, rtol=1e-6)
+
+
+# --- callbacks of the user
+
+
+def lbfgsb(callback: Callable[..., None]) -> Minimize:
+    return Minimize(minimize, {"method": "L-BFGS-B", "callback": callback})
+
+
+@pytest.mark.parametrize("signature", ["x", "intermediate_result"])
+def test_callback_is_called_beside_the_recording_of_iterates(signature: str) -> None:
+    seen = []
+
+    def of_point(x: FloatArray) -> None:
+        seen.append(np.array(x))
+
+    def of_result(*, intermediate_result: OptimizeResult) -> None:
+        seen.append(np.array(intermediate_result.x))
+
+    case = hs_1()
+    solver = lbfgsb(of_point if signature == "x" else of_result)
+    iterates = solver.iterates(case.nlp, case.instance)
+    assert iterates is not None
+    assert len(seen) > 3
+    np.testing.assert_array_equal(iterates.x[1:], seen)
+
+
+def test_callback_can_stop_a_solve_whose_iterates_are_recorded() -> None:
+    def stop(x: FloatArray) -> None:  # noqa: ARG001
+        raise StopIteration
+
+    case = hs_1()
+    iterates = lbfgsb(stop).iterates(case.nlp, case.instance)
+    assert iterates is not None
+    assert iterates.numbers.tolist() == [0, 1]

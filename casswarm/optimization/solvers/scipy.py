@@ -7,6 +7,7 @@ import warnings
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import wraps
 from typing import Any, ClassVar
 
 import numpy as np
@@ -167,15 +168,31 @@ class Minimize(ScipySolver):
 
     def minimise(self, functions: Functions, bounds: Any) -> Any:
         """See `ScipySolver.minimise`."""
+        options = dict(self.options)
+        if functions.log is not None:
+            options["callback"] = _recorded(functions.log, options.get("callback"))
         return self.function(
             functions.objective,
             functions.x0,
             jac=functions.gradient,
             bounds=bounds,
             constraints=functions.dictionaries(),
-            **({"callback": functions.log} if functions.log else {}),
-            **self.options,
+            **options,
         )
+
+
+def _recorded(log: IterateLog, callback: Callable[..., Any] | None) -> Callable[..., Any]:
+    """A user's callback, if there is one, that also records the iterates."""
+    if callback is None:
+        return log
+
+    @wraps(callback)  # SciPy chooses the arguments by the names in the signature
+    def both(*args: Any, **keywords: Any) -> Any:
+        result = keywords.get("intermediate_result")
+        log(args[0] if result is None else result.x)
+        return callback(*args, **keywords)
+
+    return both
 
 
 class _OutOfTimeError(Exception):
