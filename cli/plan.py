@@ -147,7 +147,10 @@ def _globally_planned(
         }
     )
     baseline = csw.plan(relaxed, search="global", certify=False, time_limit=time_limit)
-    return replace(baseline, risk_bound=guide.risk_bound, certificate=guide.certificate)
+    if (certificate := guide.certificate) is None:
+        return baseline
+    certificate = replace(certificate, accelerated=None)
+    return replace(baseline, risk_bound=certificate.bound, certificate=certificate)
 
 
 def _best_paths(guide: csw.Guide) -> dict[str, FloatArray]:
@@ -288,13 +291,21 @@ def _certificate(scenario: csw.Scenario, guide: csw.Guide) -> Iterator[str]:
             )
         return
     gap = f"gap {100 * guide.gap:.2g} % of the risk"
-    if certificate.gap < 0.5 * guide.gap:
-        other = "a better path not found" if guide.search == "global" else "the local search"
+    proof = certificate.accelerated or certificate
+    remaining = "a better path not found" if guide.search == "global" else "the local search"
+    without = (
+        f"{100 * certificate.gap:.2g} % without acceleration limits, survival "
+        f"{certificate.survival:.4f}"
+    )
+    if certificate.accelerated is not None:
+        gap += f", of paths within a_max that end as deep in the target ({without})"
+        if proof.gap < 0.5 * guide.gap:
+            gap += f"; remaining gap: {remaining}"
+    elif certificate.gap < 0.5 * guide.gap:
         gap += (
-            f" ({100 * certificate.gap:.2g} % without acceleration limits, survival "
-            f"{certificate.survival:.4f}); remaining gap: acceleration, margin and arrival "
-            f"constraints, or {other}"
+            f" ({without}); remaining gap: acceleration, margin and arrival constraints, "
+            f"or {remaining}"
         )
     yield gap
-    if certificate.gap > 0.01:
-        yield f"the bound is not within 1 %: {certificate.reason}"
+    if proof.gap > 0.01:
+        yield f"the bound is not within 1 %: {proof.reason}"

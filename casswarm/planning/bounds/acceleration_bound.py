@@ -28,6 +28,7 @@ MAX_NODES = 5_000_000
 
 _FINE_CELLS = 20_000  # of a region, up to which cells are halved before it is divided
 _FIRST, _LATER = 25, 60  # iterations of an ascent
+_MAX_REACH = 2**20
 _DISCARD = 0.5  # of the requested gap: distance of the risk above which paths are discarded
 
 
@@ -56,6 +57,11 @@ class AccelerationBound:
     reason: str
     regions: int
     seconds: float
+
+    @property
+    def gap(self) -> float:
+        """(best - bound) / best."""
+        return (self.best - self.bound) / self.best
 
 
 def acceleration_limits(scenario: Scenario) -> AccelerationLimits:
@@ -134,10 +140,10 @@ class _Search:
         """What to bound next instead of a region that was reduced."""
         if region.size < 0.5 * before.size:
             return [region]
-        gap = region.widest_gap() if region.sparse else None
-        if gap is None and 4 * region.size <= _FINE_CELLS:
+        sparse = region.sparse
+        if not sparse and 4 * region.size <= _FINE_CELLS:
             return [region.halved()]
-        line = gap or region.halving_line(paths)
+        line = (region.widest_gap() if sparse else None) or region.halving_line(paths)
         return [region.halved()] if line is None else list(region.parts(*line))
 
 
@@ -187,6 +193,9 @@ def bound_with_acceleration(
     while search.bound < goal:
         if time.monotonic() > deadline:
             reason = "the time limit is reached"
+            break
+        if search.open[0].region.reach > _MAX_REACH:
+            reason = "the gap is not reached with the smallest cells: a better path may exist"
             break
         search.advance()
         regions += 1

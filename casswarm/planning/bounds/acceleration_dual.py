@@ -151,7 +151,8 @@ class DualFunction:
         return 4 * rounding(replace(self._stage_costs, multiplier=multipliers[-1]), size)
 
     def _solve(self, multipliers: FloatArray) -> None:
-        terminal = np.where(np.isinf(self._rim), np.inf, multipliers[-1] * self._rim)
+        ends = np.isfinite(self._rim)
+        terminal = np.where(ends, multipliers[-1] * np.where(ends, self._rim, 0.0), np.inf)
         tilts, windows, offsets = self._tilts(multipliers), self._windows, self._offsets
         reach = self.region.reach
         tilted_costs_to_go(self._costs, windows, offsets, tilts, terminal, reach, self._to_go)
