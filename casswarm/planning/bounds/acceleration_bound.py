@@ -13,14 +13,14 @@ import numpy as np
 
 from ..._util.constants import SPEED_TOL
 from ...typing import FloatArray
-from .acceleration_dual import AccelerationLimits, DualFunction, ascend
-from .acceleration_region import Region
+from .acceleration_dual import DualFunction, ascend
+from .acceleration_region import AccelerationLimits, Region
 from .grid import UNIT, Relaxation, node_count
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
 
-FIRST_NODES = 250_000
+FIRST_NODES = 200_000
 """Maximum number of nodes of the first regions, if their cells can be chosen so."""
 
 MAX_NODES = 5_000_000
@@ -82,7 +82,7 @@ def acceleration_limits(scenario: Scenario) -> AccelerationLimits:
 
 @dataclass(order=True)
 class _Open:
-    """A region whose paths may have less risk than the threshold, with multipliers to begin with."""
+    """A region that may hold better paths, with the multipliers to begin with."""
 
     bound: float
     number: int
@@ -187,7 +187,8 @@ def bound_with_acceleration(
         reason = f"a step has too many positions: more than {MAX_NODES:,} nodes in all"
         return AccelerationBound(known, best, task.radius, reason, 0, 0.0)
     for steps in range(task.steps, 0, -1):
-        region = Region.full(replace(task, steps=steps), reach)
+        full = Region.full(replace(task, steps=steps), reach)
+        region = None if full is None else full.reached(limits)
         if region is not None:
             search.add(known, region, iterations=_FIRST)
     while search.bound < goal:
@@ -200,6 +201,4 @@ def bound_with_acceleration(
         search.advance()
         regions += 1
     seconds = time.monotonic() - started
-    return AccelerationBound(
-        max(known, search.bound), best, task.radius, reason, regions, seconds
-    )
+    return AccelerationBound(max(known, search.bound), best, task.radius, reason, regions, seconds)

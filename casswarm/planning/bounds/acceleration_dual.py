@@ -18,32 +18,14 @@ from .acceleration_kernels import (
     tilted_costs_to_come,
     tilted_costs_to_go,
 )
-from .acceleration_region import Region
+from .acceleration_region import AccelerationLimits, Region
 from .dynamic_programming import StageCosts, rounding
 from .grid import corners
 
 _CUTS = 60  # linear models of the dual function
 _AHEAD = 0.1  # of the distance from the threshold to the best known risk: first level
 _SHORTEN, _NO_GAIN = 0.6, 0.01  # of a level that cannot be reached; when to stop
-_LONGEST = 1e3  # squared length of a step, relative to that of the multipliers
-
-
-class AccelerationLimits(NamedTuple):
-    """Limits on second differences of positions.
-
-    Parameters
-    ----------
-    later : float
-        Bound on |X(t+1) - 2 X(t) + X(t-1)|, t >= 1.
-    first : float
-        Bound on |X(1) - X(0) - `displacement`|; infinite if the first velocity is free.
-    displacement : (2,)
-        dt V(-1).
-    """
-
-    later: float
-    first: float
-    displacement: FloatArray
+_LONGEST = 1e4  # squared length of a step, relative to that of the multipliers
 
 
 class Evaluation(NamedTuple):
@@ -145,8 +127,11 @@ class DualFunction:
         far = np.maximum(np.abs(windows[:, :2]), np.abs(windows[:, :2] + windows[:, 2:]))
         weights = prices[:-2] + 2 * prices[1:-1] + prices[2:]
         tilt = self.region.grid.spacing * float((weights * far).sum())
-        size = threshold + 3 * tilt + abs(self._constant(multipliers)) + float(
-            self._bounds.sum() * prices.max(initial=0.0)
+        size = (
+            threshold
+            + 3 * tilt
+            + abs(self._constant(multipliers))
+            + float(self._bounds.sum() * prices.max(initial=0.0))
         )
         return 4 * rounding(replace(self._stage_costs, multiplier=multipliers[-1]), size)
 
@@ -175,7 +160,9 @@ class DualFunction:
             differences = np.vstack([positions[1] - self.limits.displacement, differences])
         prices = multipliers[:-1].reshape(-1, 2)
         length, actual = np.hypot(*prices.T), np.hypot(*differences.T)
-        at_zero = differences * (1 - np.minimum(1, self._bounds / np.maximum(actual, 1e-300)))[:, None]
+        at_zero = (
+            differences * (1 - np.minimum(1, self._bounds / np.maximum(actual, 1e-300)))[:, None]
+        )
         unit = prices / np.where(length > 0, length, 1.0)[:, None]
         slope = np.where(length[:, None] > 0, differences - self._bounds[:, None] * unit, at_zero)
         last = path[-1] - self._windows[-1, :2]

@@ -9,8 +9,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..._util.jit import allocating_kernel, kernel
+from ..._util.jit import allocating_kernel, announce, kernel
 from ...typing import FloatArray, IntArray
+
+
+def compile_kernels() -> None:
+    """Compile the kernels of this module, or load them: some seconds the first time."""
+    announce(tilted_costs_to_go)
+    windows, offsets, values = np.ones((1, 4), np.int64), np.array([0, 1]), np.zeros(1)
+    tilted_costs_to_go(values, windows, offsets, np.zeros((1, 2)), values, 1, np.zeros(1))
+    tilted_costs_to_come(values, windows, offsets, np.zeros((1, 2)), 1, np.zeros(1))
+    best_path(values, windows, offsets, 1, np.zeros((1, 2), np.int64))
+    least_step(np.ones((1, 1)), values, 1.0, 1.0)
 
 
 @kernel
@@ -44,7 +54,8 @@ def _window_minimum(
         _line_minimum(line, window[1] - source[1], reach, along[i], queue)
     across, found = np.empty(rows), np.empty(window[2])
     for j in range(window[3]):
-        across[:] = along[:, j]
+        for i in range(rows):
+            across[i] = along[i, j]
         _line_minimum(across, window[0] - source[0], reach, found, queue)
         for i in range(window[2]):
             out[i * window[3] + j] = found[i]
@@ -90,7 +101,8 @@ def tilted_costs_to_go(
     for t in range(last, -1, -1):
         values = to_go[offsets[t] : offsets[t + 1]]
         if t == last:
-            values[:] = terminal
+            for i in range(len(values)):
+                values[i] = terminal[i]
         else:
             following = to_go[offsets[t + 1] : offsets[t + 2]]
             _window_minimum(following, windows[t + 1], windows[t], reach, values)
@@ -107,12 +119,15 @@ def tilted_costs_to_come(
     to_come: FloatArray,
 ) -> None:
     """Least cost of reaching every node from (0, 0), without its own cost; as before."""
-    start, zero = np.array([0, 0, 1, 1]), np.zeros(1)
-    previous = zero
+    start = np.ones(4, np.int64)
+    start[0] = start[1] = 0
+    previous = np.zeros(1)
     for t in range(len(windows)):
         values = to_come[offsets[t] : offsets[t + 1]]
         _window_minimum(previous, start if t == 0 else windows[t - 1], windows[t], reach, values)
-        previous = values.copy()
+        previous = np.empty(len(values))
+        for i in range(len(values)):
+            previous[i] = values[i]
         _visit(previous, costs[offsets[t] : offsets[t + 1]], windows[t], tilts[t])
 
 
@@ -127,7 +142,9 @@ def best_path(
         row, column, rows, columns = windows[t]
         cost, best_i, best_j = np.inf, 0, 0
         for i in range(max(0, east - reach - row), min(rows, east + reach - row + 1)):
-            for j in range(max(0, north - reach - column), min(columns, north + reach - column + 1)):
+            for j in range(
+                max(0, north - reach - column), min(columns, north + reach - column + 1)
+            ):
                 value = to_go[offsets[t] + i * columns + j]
                 if value < cost:
                     cost, best_i, best_j = value, i, j
@@ -165,7 +182,9 @@ def least_step(
     weights : (m,)
     """
     count = len(needed)
-    weights, slack = np.zeros(count), -needed
+    weights, slack = np.zeros(count), np.empty(count)
+    for i in range(count):
+        slack[i] = -needed[i]
     for _ in range(200):
         for i in range(count):
             if gram[i, i] > 0.0:
@@ -174,8 +193,12 @@ def least_step(
                     weights[i] += change
                     for j in range(count):
                         slack[j] += gram[i, j] * change
-        if slack.min() >= -tolerance:
-            return True, weights
-        if np.sum(weights * needed) > largest:
+        missing = unneeded = length = 0.0
+        for i in range(count):
+            missing = max(missing, -slack[i])
+            length += weights[i] * needed[i]
+            if weights[i] > 0.0:
+                unneeded = max(unneeded, slack[i])
+        if max(missing, unneeded) <= tolerance or length > largest:
             break
-    return False, weights
+    return missing <= tolerance, weights

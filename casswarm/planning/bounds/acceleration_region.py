@@ -5,13 +5,33 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ...typing import BoolArray, FloatArray
 from .grid import Block, Grid, Relaxation
 
+_TIE = 1e-6  # of a cell, by more than the rounding of coordinates
 _MIN_GAP = 0.1  # of a block's extent, from which empty lines of cells are a gap
+
+
+class AccelerationLimits(NamedTuple):
+    """Limits on second differences of positions.
+
+    Parameters
+    ----------
+    later : float
+        Bound on |X(t+1) - 2 X(t) + X(t-1)|, t >= 1.
+    first : float
+        Bound on |X(1) - X(0) - `displacement`|; infinite if the first velocity is free.
+    displacement : (2,)
+        dt V(-1).
+    """
+
+    later: float
+    first: float
+    displacement: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +91,23 @@ class Region:
             cells = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
             blocks.append(Block((i + int(rows[0]), j + int(columns[0])), cells))
         return replace(self, blocks=tuple(blocks))
+
+    def reached(self, limits: AccelerationLimits) -> Region | None:
+        """The paths whose coordinates can be reached from the first velocity, if it is given."""
+        if math.isinf(limits.first):
+            return self
+        speed, h = self.task.step, self.grid.spacing
+        faster = limits.first + limits.later * np.arange(self.task.steps)[:, None]
+        low = np.maximum(limits.displacement - faster, -speed).cumsum(axis=0) / h - _TIE
+        high = np.minimum(limits.displacement + faster, speed).cumsum(axis=0) / h + _TIE
+
+        def masks() -> Iterator[BoolArray]:
+            for block, least, most in zip(self.blocks, low, high, strict=True):
+                lines = map(np.arange, block.low, block.high)
+                near = [(i + 1 >= a) & (i <= b) for i, a, b in zip(lines, least, most, strict=True)]
+                yield block.cells & near[0][:, None] & near[1]
+
+        return self.restricted(masks())
 
     def parts(self, step: int, axis: int, at: int) -> Iterator[Region]:
         """The paths whose step (from 0) is before the line `at` of its block, and the others."""
