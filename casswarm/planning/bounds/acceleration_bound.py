@@ -27,7 +27,7 @@ MAX_NODES = 5_000_000
 """Maximum number of nodes of a region."""
 
 _FINE_CELLS = 20_000  # of a region, up to which cells are halved before it is divided
-_FIRST, _LATER = 25, 60  # iterations of an ascent
+_FIRST, _LATER = 4, 60  # iterations of an ascent
 _MAX_REACH = 2**20
 _DISCARD = 0.5  # of the requested gap: distance of the risk above which paths are discarded
 

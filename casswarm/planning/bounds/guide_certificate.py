@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...optimization.solvers import make_solver
+from ...optimization.solvers import ProjectedGradient, make_solver
 from ...problems.guide import GuideTask
 from ...typing import FloatArray
 from ..guide import Candidate, Guide
@@ -82,8 +82,11 @@ def _relaxed_paths(scenario: Scenario, task: Relaxation, deadline: float) -> lis
 
 
 def _obeyed_limits(scenario: Scenario, guide: Guide) -> AccelerationLimits | None:
-    """The scenario's limits of acceleration if the guide obeys them, as the paper's need not."""
-    if not np.isfinite(scenario.guide_a_max):
+    """The scenario's limits of acceleration if the guide obeys them.
+
+    The paper's penalised form has none, even if one of its guides happens to obey them.
+    """
+    if np.isinf(scenario.guide_a_max) or guide.solution.solver == ProjectedGradient.name:
         return None
     limits = acceleration_limits(scenario)
     changes = np.hypot(*np.diff(guide.positions, 2, axis=0).T)
