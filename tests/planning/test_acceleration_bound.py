@@ -30,7 +30,8 @@ from casswarm.planning.bounds.acceleration_kernels import (
     tilted_costs_to_come,
     tilted_costs_to_go,
 )
-from casswarm.planning.bounds.acceleration_region import AccelerationLimits, Region
+from casswarm.planning.bounds.acceleration_limits import AccelerationLimits
+from casswarm.planning.bounds.acceleration_region import Region
 from casswarm.planning.bounds.grid import Block
 
 

@@ -1,4 +1,5 @@
-from .acceleration_bound import AccelerationBound, acceleration_limits, bound_with_acceleration
+from .acceleration_bound import bound_with_acceleration
+from .acceleration_limits import AccelerationBound, acceleration_limits
 from .grid import UNIT, Relaxation
 from .guide_certificate import certify_guide
 from .pair_bound import PairBound, pair_bound, require_pair

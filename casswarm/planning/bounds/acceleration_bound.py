@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import heapq
 import itertools
-import math
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..._util.constants import SPEED_TOL
 from ...typing import FloatArray
 from .acceleration_dual import DualFunction, ascend
-from .acceleration_region import AccelerationLimits, Region
-from .grid import UNIT, Relaxation, node_count
-
-if TYPE_CHECKING:
-    from ...scenario import Scenario
+from .acceleration_limits import AccelerationBound, AccelerationLimits
+from .acceleration_region import Region
+from .grid import Relaxation, node_count
 
 FIRST_NODES = 200_000
 """Maximum number of nodes of the first regions, if their cells can be chosen so."""
@@ -30,54 +25,6 @@ _FINE_CELLS = 20_000  # of a region, up to which cells are halved before it is d
 _FIRST, _LATER = 4, 60  # iterations of an ascent
 _MAX_REACH = 2**20
 _DISCARD = 0.5  # of the requested gap: distance of the risk above which paths are discarded
-
-
-@dataclass(frozen=True)
-class AccelerationBound:
-    """A proven lower bound on the risk of the paths that obey the limits of acceleration, too.
-
-    Parameters
-    ----------
-    bound : float
-        No path that obeys the limits of speed and acceleration and ends, by step N, at most
-        `radius` from the target's centre has less risk.
-    best : float
-        Least known risk of such a path.
-    radius : float
-    reason : str
-        Why the proof ended.
-    regions : int
-        Number of regions of paths that were bounded.
-    seconds : float
-    """
-
-    bound: float
-    best: float
-    radius: float
-    reason: str
-    regions: int
-    seconds: float
-
-    @property
-    def gap(self) -> float:
-        """(best - bound) / best."""
-        return (self.best - self.bound) / self.best
-
-
-def acceleration_limits(scenario: Scenario) -> AccelerationLimits:
-    """The limits of a scenario's guides, with the chain's tolerance and rounded outwards."""
-    dt, swarm = scenario.time.dt, scenario.swarm
-    task = Relaxation.from_scenario(scenario)
-    extent = float(np.abs([task.start, task.center]).max() + task.steps * task.step)
-    excess = SPEED_TOL * swarm.v_max * dt + 64 * UNIT * extent
-
-    def bound(a_max: float) -> float:
-        return dt * math.sqrt(a_max) * (1 + 8 * UNIT) + excess
-
-    free = swarm.velocity == "guide" or not scenario.guide.acceleration_limited
-    displacement = np.zeros(2) if free else dt * np.asarray(swarm.velocity, float)
-    first = math.inf if free else bound(swarm.a_max)
-    return AccelerationLimits(bound(scenario.guide_a_max), first, displacement)
 
 
 @dataclass(order=True)

@@ -18,7 +18,8 @@ from .acceleration_kernels import (
     tilted_costs_to_come,
     tilted_costs_to_go,
 )
-from .acceleration_region import AccelerationLimits, Region
+from .acceleration_limits import AccelerationLimits
+from .acceleration_region import Region
 from .dynamic_programming import StageCosts, rounding
 from .grid import corners
 

@@ -5,33 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from ...typing import BoolArray, FloatArray
+from .acceleration_limits import AccelerationLimits
 from .grid import Block, Grid, Relaxation
 
 _TIE = 1e-6  # of a cell, by more than the rounding of coordinates
 _MIN_GAP = 0.1  # of a block's extent, from which empty lines of cells are a gap
-
-
-class AccelerationLimits(NamedTuple):
-    """Limits on second differences of positions.
-
-    Parameters
-    ----------
-    later : float
-        Bound on |X(t+1) - 2 X(t) + X(t-1)|, t >= 1.
-    first : float
-        Bound on |X(1) - X(0) - `displacement`|; infinite if the first velocity is free.
-    displacement : (2,)
-        dt V(-1).
-    """
-
-    later: float
-    first: float
-    displacement: FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,9 +16,7 @@ from ..guide import Candidate, Guide
 from ..homotopy import best_homotopy_classes
 from ..kinematics import integrate
 from ..multistart import Multistart
-from .acceleration_bound import AccelerationBound, acceleration_limits, bound_with_acceleration
-from .acceleration_kernels import compile_kernels
-from .acceleration_region import AccelerationLimits
+from .acceleration_limits import AccelerationBound, AccelerationLimits, acceleration_limits
 from .grid import UNIT, Relaxation
 from .risk_bound import GAP, Certificate, arrival_multiplier, certify
 
@@ -51,17 +49,19 @@ def certify_guide(
     smaller_target = scenario.arrival_margin > 1e-5 * task.radius
     if limited or smaller_target or guide.search != "global":
         paths += _relaxed_paths(scenario, task, math.inf if deadline is None else deadline)
-    if deadline is None:
-        if limits is not None:
-            compile_kernels()  # not at the expense of the proof
-        deadline = time.monotonic() + TIME_LIMIT
     risks = [task.dt * float(task.rates(path[1:]).sum()) for path in paths]
     best = int(np.argmin(risks))
-    left = max(0.0, deadline - time.monotonic()) * (1.0 if limits is None else _SHARE)
+    left = TIME_LIMIT if deadline is None else max(0.0, deadline - time.monotonic())
+    left *= 1.0 if limits is None else _SHARE
     multiplier = arrival_multiplier(task, paths[best])
     certificate = certify(task, risks[best], multiplier, gap=gap, time_limit=left)
     if limits is None or certificate.bound >= (1 - gap) * guide.risk:
         return certificate
+    if deadline is None:
+        from .acceleration_kernels import compile_kernels
+
+        compile_kernels()  # not at the expense of the proof
+        deadline = time.monotonic() + TIME_LIMIT - certificate.seconds
     accelerated = _accelerated(scenario, guide, task, limits, certificate.bound, gap, deadline)
     return replace(certificate, accelerated=accelerated)
 
@@ -105,6 +105,8 @@ def _accelerated(
     deadline: float,
 ) -> AccelerationBound:
     """Bound on the paths within the limits that end as deep in the target as guides do."""
+    from .acceleration_bound import bound_with_acceleration  # imports Numba
+
     radius = task.radius - scenario.arrival_margin
     depth = float(np.hypot(*(guide.positions[-1] - task.center))) * (1 + 8 * UNIT)
     task = replace(task, radius=max(radius, depth))

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from ...typing import FloatArray
-from .acceleration_bound import AccelerationBound
+from .acceleration_limits import AccelerationBound
 from .dynamic_programming import (
     StageCosts,
     Values,
