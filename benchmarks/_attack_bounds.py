@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import casadi as ca
 import numpy as np
+from _attack_acceleration import acceleration
 from _attack_model import Rates
 from _attack_records import Check, Skip
 from _attack_scenarios import POLICIES, Rng, draw
@@ -20,12 +21,12 @@ _PATHS, _CLIMBS = 3000, 40
 
 
 def risk(rng: Rng) -> Iterator[Check]:
-    """Claim 1: no path within the speed limit has less risk than `Guide.risk_bound`."""
+    """Claim 1: no path within the limits has less risk than a guide's certificate says."""
     scenario = draw(rng, members=(1, 2), steps=(2, 16))
     guide = csw.plan(scenario, gap=10 ** rng.uniform(-4, -1), time_limit=3.0)
-    bound = guide.risk_bound
-    if bound is None:
+    if guide.certificate is None:
         raise Skip("not certified")
+    bound = guide.certificate.bound
     paths = _Paths(scenario)
     found: dict[str, list[np.ndarray]] = {
         "guide": [c.velocities for c in guide.candidates if np.isfinite(c.risk)],
@@ -49,6 +50,7 @@ def risk(rng: Rng) -> Iterator[Check]:
         yield from _along(paths, value, velocities)
     yield _ordered(rng, scenario, value)
     yield from _guide_limits(scenario, guide)
+    yield from acceleration(rng, scenario, guide)
 
 
 def _guide_limits(scenario: csw.Scenario, guide: csw.Guide) -> Iterator[Check]:

@@ -81,7 +81,9 @@ class Guide(Displayed):
     candidates : tuple of Candidate
         The outcome of every start, failures included, in the order of the search.
     risk_bound : float or None
-        Proven lower bound on the risk of any guide of the scenario; None if not certified.
+        Proven lower bound on the risk of any guide of the scenario; None if not certified. If the
+        limits of acceleration matter, a guide is a path that obeys them and ends as deep in the
+        target as planned; otherwise, any path that obeys the speed limit and arrives.
     certificate : Certificate or None
         Details of the proof.
     search : {"local", "global"}

@@ -19,7 +19,8 @@ from ..optimization.solvers import ProjectedGradient, Solver, make_solver
 from ..problems.guide import GuideTask
 from ..scenario.io import require_scenario
 from ..typing import FloatArray, Progress, Search
-from .bounds.risk_bound import GAP, certify_guide
+from .bounds.guide_certificate import certify_guide
+from .bounds.risk_bound import GAP
 from .guide import Guide
 from .multistart import Multistart, preference
 
@@ -125,7 +126,7 @@ def plan(
     certificate = certify_guide(scenario, guide, gap, deadline)
     if certificate is None:
         return guide
-    return replace(guide, risk_bound=certificate.bound, certificate=certificate)
+    return replace(guide, risk_bound=certificate.risk_bound, certificate=certificate)
 
 
 def plan_from(

@@ -13,12 +13,13 @@ import numpy as np
 from ..chain.distribution import OutcomeDistribution
 from ..chain.trajectories import RunTrajectory
 from ..optimization.solution import Residuals, Solution, Status
-from ..planning.bounds import Certificate, CostToGoMap, Level, SuccessBound
+from ..planning.bounds import AccelerationBound, Certificate, CostToGoMap, Level, SuccessBound
 from ..planning.guide import Candidate, Guide
 
 _TYPES: dict[str, type[Any]] = {
     kind.__name__: kind
     for kind in (
+        AccelerationBound,
         Candidate,
         Certificate,
         CostToGoMap,

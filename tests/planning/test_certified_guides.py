@@ -127,20 +127,18 @@ def test_scenario_unreachable_target_reports_fewest_steps() -> None:
         free((6.0, 0.0), [(2.0, 2.0)], 8)
 
 
-def test_certificate_acceleration_limit_keeps_bound_and_widens_gap() -> None:
-    values = {"guide.search": "global", "guide.arrival": "any"}
+def test_certificate_acceleration_limit_adds_bound_and_keeps_the_other() -> None:
+    values = {"guide.search": "global", "guide.arrival": "any", "guide.margin": 0.0}
     scenario = load_scenario("paper-1").with_values(values)
-    guides = [
-        plan(
-            scenario.with_values(
-                {"guide.acceleration_limited": acceleration_limited, "guide.margin": 0.0}
-            )
-        )
+    free, limited = (
+        plan(scenario.with_values({"guide.acceleration_limited": acceleration_limited}))
         for acceleration_limited in (False, True)
-    ]
-    assert guides[0].gap < 0.01 < guides[1].gap
-    assert guides[1].certificate.best == pytest.approx(guides[0].risk, rel=1e-5)
-    assert guides[0].risk_bound == pytest.approx(guides[1].risk_bound, rel=0.01)
+    )
+    assert free.certificate.accelerated is None
+    assert max(free.gap, limited.gap) < 0.01
+    assert limited.certificate.best == pytest.approx(free.risk, rel=1e-5)
+    assert limited.certificate.bound == pytest.approx(free.risk_bound, rel=0.01)
+    assert limited.certificate.bound < 0.95 * limited.risk_bound
 
 
 def test_certificate_uses_path_that_misses_target_by_tolerance() -> None:

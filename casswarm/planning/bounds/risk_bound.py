@@ -5,18 +5,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from ...optimization.solvers import make_solver
-from ...problems.guide import GuideTask
 from ...typing import FloatArray
-from ..guide import Candidate, Guide
-from ..homotopy import best_homotopy_classes
-from ..kinematics import integrate
-from ..multistart import Multistart
+from .acceleration_limits import AccelerationBound
 from .dynamic_programming import (
     StageCosts,
     Values,
@@ -29,11 +23,8 @@ from .dynamic_programming import (
 )
 from .grid import Block, Grid, Relaxation, corners
 
-if TYPE_CHECKING:
-    from ...scenario import Scenario
-
-GAP, TIME_LIMIT = 0.01, 10.0
-"""Default relative gap at which a certificate is good enough, and default time limit in seconds."""
+GAP = 0.01
+"""Default relative gap at which a certificate is good enough."""
 
 FIRST_NODES = 400_000
 """Maximum number of nodes of the first grid, if the stride can be chosen so."""
@@ -82,6 +73,8 @@ class Certificate:
         Why the refinement ended.
     levels : tuple of Level
     seconds : float
+    accelerated : AccelerationBound, optional
+        A larger bound, on the risk of the paths that obey the limits of acceleration, too.
     """
 
     bound: float
@@ -89,10 +82,16 @@ class Certificate:
     reason: str
     levels: tuple[Level, ...] = field(default=(), repr=False)
     seconds: float = 0.0
+    accelerated: AccelerationBound | None = None
+
+    @property
+    def risk_bound(self) -> float:
+        """The bound with limits of acceleration if there is one, else `bound`."""
+        return self.bound if self.accelerated is None else self.accelerated.bound
 
     @property
     def gap(self) -> float:
-        """(best - bound) / best: the gap that is left without limits of acceleration and margin."""
+        """(best - bound) / best, without limits of acceleration and margin."""
         return (self.best - self.bound) / self.best if self.best > 0 else 0.0
 
     @property
@@ -103,45 +102,6 @@ class Certificate:
     def as_dict(self) -> dict[str, object]:
         """Plain values, for a record."""
         return asdict(self) | {"gap": self.gap}
-
-
-def certify_guide(
-    scenario: Scenario, guide: Guide, gap: float = GAP, deadline: float | None = None
-) -> Certificate | None:
-    """Certificate for the guides of a scenario; None if its hazard provides no lower bounds.
-
-    The bound is compared with the best known path without acceleration limits and margin: the
-    guide itself, or what Ipopt reaches from the best homotopy classes. The `deadline` is a time of
-    `time.monotonic`; by default the refinement of grids takes at most `TIME_LIMIT`.
-    """
-    task = Relaxation.from_scenario(scenario)
-    if not task.bounded:
-        return None
-    paths = [guide.positions]
-    limited = np.isfinite(scenario.guide_a_max) or scenario.swarm.velocity != "guide"
-    smaller_target = scenario.arrival_margin > 1e-5 * task.radius
-    if limited or smaller_target or guide.search != "global":
-        paths += _relaxed_paths(scenario, task, math.inf if deadline is None else deadline)
-    risks = [task.dt * float(task.rates(path[1:]).sum()) for path in paths]
-    best = int(np.argmin(risks))
-    multiplier = arrival_multiplier(task, paths[best])
-    left = TIME_LIMIT if deadline is None else max(0.0, deadline - time.monotonic())
-    return certify(task, risks[best], multiplier, gap=gap, time_limit=left)
-
-
-def _relaxed_paths(scenario: Scenario, task: Relaxation, deadline: float) -> list[FloatArray]:
-    """Locally best paths of the relaxation, in two homotopy classes and near their arrival steps.
-
-    The grid is not that of `Multistart`, whose target is smaller by the margin.
-    """
-    free = replace(
-        GuideTask.from_scenario(scenario, task.start), radius=scenario.target.radius, a_max=np.inf
-    )
-    multistart = Multistart(scenario, free, make_solver("ipopt"), deadline=deadline)
-    candidates: list[Candidate] = []
-    for path, shifts in zip(best_homotopy_classes(task, 2), ((-1, 0, 1), (0,)), strict=False):
-        candidates += multistart.candidates_along(path, [path.arrival + shift for shift in shifts])
-    return [integrate(task.start, c.velocities, task.dt) for c in candidates if np.isfinite(c.risk)]
 
 
 def certify(
