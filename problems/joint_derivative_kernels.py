@@ -33,6 +33,9 @@ class Step(NamedTuple):
         combine, its gradient and the upper triangle of its Hessian.
     collides : bool
         Whether the collision kernel is not zero.
+    continues, costs : (m,)
+        Whether the run goes on with each set alive after the step, and else its cost; for the empty
+        set, 0 and the cost of having lost all.
     """
 
     x: FloatArray
@@ -44,6 +47,8 @@ class Step(NamedTuple):
     pairs: FloatArray
     rates: FloatArray
     collides: bool
+    continues: FloatArray
+    costs: FloatArray
 
 
 class Derivatives(NamedTuple):
@@ -53,17 +58,19 @@ class Derivatives(NamedTuple):
     ----------
     gradient, hessian : (2n,), (2n, 2n)
         Of mass' M after.
-    by_set, by_outcome : (m, 2n)
-        Of M after, and of M' mass.
-    matrix : (m, m)
-        M.
+    by_set : (m, 2n)
+        Of M after.
+    by_outcome : (m, 2n)
+        Of M' mass where the run goes on; in row 0, of its expected cost if it ends.
+    transitions : (3^n,)
+        M likewise, for the subsets of every set in ascending order.
     """
 
     gradient: FloatArray
     hessian: FloatArray
     by_set: FloatArray
     by_outcome: FloatArray
-    matrix: FloatArray
+    transitions: FloatArray
 
 
 @kernel
@@ -218,12 +225,34 @@ def add_second_derivatives(step: Step, work: Scratch, hessian: FloatArray) -> No
                     hessian[2 * j + a, 2 * i + b] -= entry
 
 
-@allocating_kernel
-def differentiate(step: Step, out: Derivatives) -> None:
+@kernel
+def fold(step: Step, probabilities: FloatArray, count: int, work: Scratch) -> None:
+    """Write the probabilities of going on with every subset; entry 0 is the cost of ending now."""
+    probabilities[0] = step.costs[0] * work.values[0]
+    for m in range(1, 1 << count):
+        subset = work.subsets[m]
+        probabilities[0] += step.costs[subset] * work.values[m]
+        probabilities[m] = step.continues[subset] * work.values[m]
+
+
+@kernel
+def fold_outcomes(step: Step, by_outcome: FloatArray) -> None:
+    """The same for derivatives of the masses of all sets."""
+    for c in range(by_outcome.shape[1]):
+        by_outcome[0, c] *= step.costs[0]
+    for d in range(1, len(by_outcome)):
+        for c in range(by_outcome.shape[1]):
+            by_outcome[0, c] += step.costs[d] * by_outcome[d, c]
+            by_outcome[d, c] *= step.continues[d]
+
+
+@kernel
+def differentiate(step: Step, out: Derivatives, work: Scratch) -> None:
     """Write all derivatives of a step; `out` begins with zeros."""
     n = step.lost.shape[1]
-    work = scratch(n)
-    out.matrix[0, 0] = 1.0
+    work.curvature[:] = 0.0
+    out.transitions[0] = 1.0
+    place = 1
     for d in range(1, 1 << n):
         count = read_set(d, step.lost, work)
         set_derivatives(d, count, step, work)
@@ -232,20 +261,22 @@ def differentiate(step: Step, out: Derivatives) -> None:
             for c in range(2 * n):
                 out.by_set[d, c] += work.first[u] * work.rate[u, c]
         outcomes(1.0, count, work)
-        for m in range(1 << count):
-            out.matrix[d, work.subsets[m]] = work.values[m]
+        fold(step, out.transitions[place:], count, work)
+        place += 1 << count
         if step.mass[d] > 0.0:
             for c in range(2 * n):
                 out.gradient[c] += step.mass[d] * out.by_set[d, c]
             add_outcome_derivatives(step.mass[d], count, work, out.by_outcome)
             add_curvature(d, count, step, work, out.hessian)
     add_second_derivatives(step, work, out.hessian)
+    fold_outcomes(step, out.by_outcome)
 
 
 @allocating_kernel
 def differentiate_steps(clocks: FloatArray, steps: Step, out: Derivatives) -> None:
     """Derivatives of b recursions of T steps: arrays have these axes in front, clocks (b,)."""
     batch, count = steps.x.shape[:2]
+    work = scratch(steps.lost.shape[3])
     for k in range(batch):
         for t in range(count):
             step = Step(
@@ -258,12 +289,14 @@ def differentiate_steps(clocks: FloatArray, steps: Step, out: Derivatives) -> No
                 steps.pairs[k, t],
                 steps.rates[k, t],
                 steps.collides,
+                steps.continues[k, t],
+                steps.costs[k, t],
             )
             part = Derivatives(
                 out.gradient[k, t],
                 out.hessian[k, t],
                 out.by_set[k, t],
                 out.by_outcome[k, t],
-                out.matrix[k, t],
+                out.transitions[k, t],
             )
-            differentiate(step, part)
+            differentiate(step, part, work)

@@ -2,8 +2,8 @@
 
 The program of `casswarm.problems.joint`, for rates that are made of kernels. In the positions all
 but the recursion is local to a step, and so are limits of acceleration in the velocities; sums over
-later steps lead from one to the other. The recursion's second derivatives are those of
-`casswarm.problems.joint_hessian`.
+later steps lead from one to the other. Second derivatives between steps are not formed: Newton's
+equations are solved step by step (`joint_riccati_kernels`).
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from ..hazard import KernelHazard
 from ..optimization.problem import Nlp
 from ..typing import FloatArray, IntArray
 from .joint_constraints import Constraints, backward_sums
+from .joint_factors import StageFactors
 from .joint_rates import LocalRates, set_rates
 
 if TYPE_CHECKING:
@@ -121,14 +122,14 @@ class JointPoints:
         ends = self.p["continues"], self.p["costs"], self.p["last_cost"][:, 0]
         return lost, *sweep(lost, *ends)
 
-    def differentiated(self) -> tuple[FloatArray, FloatArray]:
-        """Gradient (b, T, 2n) and Hessian (b, T, 2n, T, 2n) of F in lengths of a step at v_max."""
+    def differentiated(self) -> Derivatives:
+        """Derivatives of F in all steps, in lengths of a step at v_max: see `Derivatives`."""
         from .joint_derivative_kernels import Derivatives, Step, differentiate_steps
 
         lost, _, masses, after = self._chances
         batch, steps, sets, n = lost.shape
         width = 2 * n
-        shapes = (width,), (width, width), (sets, width), (sets, width), (sets, sets)
+        shapes = (width,), (width, width), (sets, width), (sets, width), (3**n,)
         out = Derivatives(*(np.zeros((batch, steps, *shape)) for shape in shapes))
         local = self._rates
         radars, pairs, rates = (
@@ -137,65 +138,54 @@ class JointPoints:
         )
         points = self._positions.reshape(batch, steps, width)
         clocks, collides = self.p["clock"][:, 0, 0], self.hazard.collides
-        data = Step(points, 0.0, lost, masses, after, radars, pairs, rates, collides)
+        continues, costs = self.p["continues"].copy(), self.p["costs"].copy()
+        continues[..., 0], costs[..., 0] = 0.0, self.p["last_cost"][..., 0]
+        data = Step(
+            points, 0.0, lost, masses, after, radars, pairs, rates, collides, continues, costs
+        )
         differentiate_steps(clocks, data, out)
         unit = self.p["length"]
-        return unit * out.gradient, unit[..., None, None] ** 2 * self._between_steps(out)
-
-    def _between_steps(self, steps: Derivatives) -> FloatArray:
-        """The Hessian of F, from derivatives of its steps."""
-        batch, count, width = steps.gradient.shape
-        size = count * width
-        hessian = np.zeros((batch, size, size))
-        later = np.empty((batch, steps.matrix.shape[-1], 0))
-        for j in reversed(range(count)):
-            here, beyond = slice(j * width, (j + 1) * width), slice((j + 1) * width, None)
-            hessian[:, here, here] = steps.hessian[:, j]
-            hessian[:, here, beyond] = steps.by_outcome[:, j].swapaxes(1, 2) @ later
-            hessian[:, beyond, here] = hessian[:, here, beyond].swapaxes(1, 2)
-            if j:
-                later = np.concatenate([steps.by_set[:, j], steps.matrix[:, j] @ later], axis=2)
-                later *= self.p["continues"][:, j - 1, :, None]
-        return hessian.reshape(batch, count, width, count, width)
+        gradient, by_set, by_outcome = (
+            part * unit.reshape(-1, *(1,) * (part.ndim - 1))
+            for part in (out.gradient, out.by_set, out.by_outcome)
+        )
+        hessian = unit[..., None] ** 2 * out.hessian
+        return Derivatives(gradient, hessian, by_set, by_outcome, out.transitions)
 
 
 class JointLinearisation:
-    """Derivatives of b instances at a point each: see `Linearisation`."""
+    """Derivatives of b instances at a point each: see `RowLinearisation`."""
 
     def __init__(self, points: JointPoints) -> None:
         self._constraints = points.constraints
-        gradient, self._hessian = points.differentiated()
+        self._steps, self._last_cost = points.differentiated(), points.p["last_cost"][:, 0]
         failure = points.failure
         below, above = 1.0 / (failure + TINY), 1.0 / (1.0 - failure + CERTAIN)
         self._slope, self._bend = below + above, above**2 - below**2  # of the log-odds
-        by_velocity = backward_sums(gradient, 1)
-        self._failure_gradient = by_velocity.reshape(len(gradient), -1)
-        self.gradient = self._slope[:, None] * self._failure_gradient
+        by_velocity = backward_sums(self._steps.gradient.copy(), 1)
+        self.gradient = self._slope[:, None] * by_velocity.reshape(len(failure), -1)
 
     def times(self, vectors: FloatArray) -> FloatArray:
-        """See `Linearisation`."""
+        """See `RowLinearisation`."""
         return self._constraints.times(vectors.reshape(self._constraints.changes.shape))
 
     def transposed_times(self, vectors: FloatArray) -> FloatArray:
-        """See `Linearisation`."""
+        """See `RowLinearisation`."""
         return self._constraints.transposed_times(vectors).reshape(len(vectors), -1)
 
-    def condensed(self, multipliers: FloatArray, weights: FloatArray) -> FloatArray:
-        """See `Linearisation`."""
-        in_positions, in_changes = self._constraints.curvature(multipliers, weights)
-        matrix = self._slope[:, None, None, None, None] * self._hessian
-        steps = np.arange(matrix.shape[1])
-        _diagonal(matrix, steps, steps, in_positions)
-        matrix = backward_sums(backward_sums(matrix, 1), 3)
-        _diagonal(matrix, steps, steps, in_changes)
-        _diagonal(matrix, steps[:-1], steps[:-1], in_changes[:, 1:])
-        _diagonal(matrix, steps[1:], steps[:-1], -in_changes[:, 1:])
-        _diagonal(matrix, steps[:-1], steps[1:], -in_changes[:, 1:])
-        gradient = self._failure_gradient
-        bend = self._bend[:, None, None] * gradient[:, :, None] * gradient[:, None]
-        return np.asarray(matrix.reshape(bend.shape) + bend)
+    def factors(
+        self, multipliers: FloatArray, weights: FloatArray, last: FloatArray, objective: float = 1.0
+    ) -> StageFactors:
+        """See `RowLinearisation`."""
+        from .joint_riccati_kernels import Stages
 
-
-def _diagonal(matrix: FloatArray, rows: IntArray, columns: IntArray, blocks: FloatArray) -> None:
-    """Add blocks (b, k, r, r) to those of a matrix (b, T, r, T, r) in some rows and columns."""
-    matrix[:, rows, :, columns] += blocks.swapaxes(0, 1)
+        steps, size = self._steps, self.gradient.shape[1]
+        positions, changes = self._constraints.curvature(multipliers, weights[:, size:])
+        slope, terminal = objective * self._slope, self._last_cost.copy()
+        terminal[:, 0] = 1.0
+        positions += slope[:, None, None, None] * steps.hessian
+        limits = np.ascontiguousarray(weights[:, :size]).reshape(steps.gradient.shape)
+        of_law = steps.transitions, steps.by_outcome, steps.by_set
+        of_objective = slope, objective * self._bend
+        stages = Stages(*of_law, positions, changes, limits, terminal, *of_objective)
+        return StageFactors(stages, last)

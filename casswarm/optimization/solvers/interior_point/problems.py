@@ -61,8 +61,10 @@ class RowLinearisation(Protocol):
     def transposed_times(self, vectors: FloatArray) -> FloatArray:
         """J' w, (b, nx), of vectors w (b, ng)."""
 
-    def condensed(self, multipliers: FloatArray, weights: FloatArray) -> FloatArray:
-        """Hessians of f + multipliers' g, plus J' diag(weights) J: (b, nx, nx)."""
+    def factors(
+        self, multipliers: FloatArray, weights: FloatArray, last: FloatArray, objective: float = 1.0
+    ) -> Factors:
+        """See `Linearisation`; multipliers (b, ng), weights (b, nx + ng). Solutions are (nx, b)."""
 
 
 class NumericProblems(Protocol):
@@ -92,7 +94,7 @@ class RowProblems:
 
 
 class TransposedLinearisation:
-    """`Linearisation` by one with instances first, with dense matrices."""
+    """`Linearisation` by one with instances first."""
 
     def __init__(self, rows_first: RowLinearisation) -> None:
         self._rows_first = rows_first
@@ -110,14 +112,8 @@ class TransposedLinearisation:
         self, multipliers: FloatArray, weights: FloatArray, last: FloatArray, objective: float = 1.0
     ) -> Factors:
         """See `Linearisation`."""
-        diagonal = np.arange(len(self.gradient))
-        of_x, of_g = contiguous(weights[: diagonal.size].T), contiguous(weights[diagonal.size :].T)
-        matrices = self._rows_first.condensed(contiguous(multipliers.T), of_g)
-        if objective != 1.0:
-            none = np.zeros_like(of_g)
-            matrices -= (1.0 - objective) * self._rows_first.condensed(none, none)
-        matrices[:, diagonal, diagonal] += of_x
-        return DenseFactors(matrices, last)
+        rows = contiguous(multipliers.T), contiguous(weights.T)
+        return self._rows_first.factors(*rows, last, objective)
 
 
 class CasadiProblems:
@@ -157,7 +153,7 @@ class CasadiProblems:
 
 
 class CasadiLinearisation:
-    """See `RowLinearisation`."""
+    """See `RowLinearisation`; condensed matrices are dense."""
 
     def __init__(self, problems: CasadiProblems, rows: IntArray, x: FloatArray) -> None:
         self._problems, self._rows, self._x = problems, rows, x
@@ -173,8 +169,21 @@ class CasadiLinearisation:
         """See `RowLinearisation`."""
         return np.asarray(np.einsum("bmn,bm->bn", self._jacobian, vectors))
 
-    def condensed(self, multipliers: FloatArray, weights: FloatArray) -> FloatArray:
+    def factors(
+        self, multipliers: FloatArray, weights: FloatArray, last: FloatArray, objective: float = 1.0
+    ) -> Factors:
         """See `RowLinearisation`."""
+        diagonal = np.arange(self.gradient.shape[1])
+        of_x, of_g = weights[:, : diagonal.size], weights[:, diagonal.size :]
+        matrices = self.condensed(multipliers, of_g)
+        if objective != 1.0:
+            none = np.zeros_like(of_g)
+            matrices -= (1.0 - objective) * self.condensed(none, none)
+        matrices[:, diagonal, diagonal] += of_x
+        return DenseFactors(matrices, last)
+
+    def condensed(self, multipliers: FloatArray, weights: FloatArray) -> FloatArray:
+        """Hessians of f + multipliers' g, plus J' diag(weights) J: (b, nx, nx)."""
         hessian = lagrangian_hessian(self._problems.nlp)
         ones = np.ones(len(multipliers))
         upper = self._problems.call(hessian, self._rows, self._x, ones, multipliers)[0]
