@@ -19,7 +19,7 @@ from ..optimization.problem import Nlp
 from ..typing import FloatArray, IntArray
 from .joint_constraints import Constraints, backward_sums
 from .joint_factors import StageFactors
-from .joint_rates import LocalRates, set_rates
+from .joint_rates import LocalRates, blocked, set_rates, unblocked
 
 if TYPE_CHECKING:
     from .joint_derivative_kernels import Derivatives
@@ -92,65 +92,63 @@ class JointPoints:
         """F of every instance, (b,)."""
         if "_rates" in vars(self):
             return self._chances[1][:, -1]
-        return self._swept(set_rates(self.hazard, self._swarms))[1][:, -1]
+        return self._swept(set_rates(self.hazard, self._blocks))[1][:, -1]
 
     @cached_property
-    def _positions(self) -> FloatArray:
-        """X(1..T), (b, T, n, 2)."""
+    def _blocks(self) -> FloatArray:
+        """X(1..T), the steps of all instances in blocks (k, n, 2, LANES)."""
         p = {name: self.p[name][:, None] for name in ("origin", "length", "center")}
-        return np.asarray(p["origin"] + p["length"] * (self.constraints.to_center + p["center"]))
-
-    @property
-    def _swarms(self) -> FloatArray:
-        """The positions, with instances and steps on one axis."""
-        return self._positions.reshape(-1, *self._positions.shape[2:])
+        points = p["origin"] + p["length"] * (self.constraints.to_center + p["center"])
+        return blocked(points.reshape(-1, *points.shape[2:]))
 
     @cached_property
     def _rates(self) -> LocalRates:
-        return LocalRates.of(self.hazard, self._swarms)
+        return LocalRates.of(self.hazard, self._blocks)
 
     @cached_property
     def _chances(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        return self._swept(self._rates.rates[..., 0])
+        return self._swept(self._rates.rates[:, :, 0])
 
     def _swept(self, rates: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Probabilities of losses (b, T, m, n), F_0 (b, m), masses and functions (b, T, m)."""
+        """Probabilities of losses in blocks, F_0 (b, m), masses and functions (b, T, m)."""
         from .joint_kernels import sweep
 
-        by_step = rates.reshape(*self._positions.shape[:2], *rates.shape[1:])
-        lost = -np.expm1(-self.p["clock"][..., None] * by_step)
+        lost = -np.expm1(-self._clock[:, None, None] * rates)
+        batch, steps = self.constraints.changes.shape[:2]
+        by_step = unblocked(lost, batch * steps)
         ends = self.p["continues"], self.p["costs"], self.p["last_cost"][:, 0]
-        return lost, *sweep(lost, *ends)
+        return lost, *sweep(by_step.reshape(batch, steps, *by_step.shape[1:]), *ends)
+
+    @property
+    def _clock(self) -> FloatArray:
+        """The time step of all steps in blocks, (k, LANES)."""
+        shape = self.constraints.changes.shape[:2]
+        return self._in_blocks(np.broadcast_to(self.p["clock"][:, :, 0], shape))
+
+    def _in_blocks(self, values: FloatArray) -> FloatArray:
+        """Values (b, T, ...) of all steps in blocks (k, ..., LANES)."""
+        return blocked(values.reshape(-1, *values.shape[2:]))
 
     def differentiated(self) -> Derivatives:
         """Derivatives of F in all steps, in lengths of a step at v_max: see `Derivatives`."""
-        from .joint_derivative_kernels import Derivatives, Step, differentiate_steps
+        from .joint_derivative_kernels import Derivatives, Steps, differentiate
 
         lost, _, masses, after = self._chances
-        batch, steps, sets, n = lost.shape
-        width = 2 * n
+        (batch, steps, sets), n = masses.shape, lost.shape[2]
+        width, local = 2 * n, self._rates
         shapes = (width,), (width, width), (sets, width), (sets, width), (3**n,)
-        out = Derivatives(*(np.zeros((batch, steps, *shape)) for shape in shapes))
-        local = self._rates
-        radars, pairs, rates = (
-            part.reshape(batch, steps, *part.shape[1:])
-            for part in (local.radars, local.pairs, local.rates)
-        )
-        points = self._positions.reshape(batch, steps, width)
-        clocks, collides = self.p["clock"][:, 0, 0], self.hazard.collides
+        flat = Derivatives(*(np.empty((batch * steps, *shape)) for shape in shapes))
         continues, costs = self.p["continues"].copy(), self.p["costs"].copy()
         continues[..., 0], costs[..., 0] = 0.0, self.p["last_cost"][..., 0]
-        data = Step(
-            points, 0.0, lost, masses, after, radars, pairs, rates, collides, continues, costs
-        )
-        differentiate_steps(clocks, data, out)
+        of_sets = map(self._in_blocks, (masses, after, continues, costs))
+        of_rates = self._blocks, local.radars, local.pairs, local.rates
+        differentiate(Steps(self._clock, lost, *of_sets, *of_rates), self.hazard.collides, flat)
+        out = Derivatives(*(part.reshape(batch, steps, *part.shape[1:]) for part in flat))
         unit = self.p["length"]
-        gradient, by_set, by_outcome = (
-            part * unit.reshape(-1, *(1,) * (part.ndim - 1))
-            for part in (out.gradient, out.by_set, out.by_outcome)
-        )
-        hessian = unit[..., None] ** 2 * out.hessian
-        return Derivatives(gradient, hessian, by_set, by_outcome, out.transitions)
+        for part in (out.gradient, out.by_set, out.by_outcome):
+            part *= unit.reshape(-1, *(1,) * (part.ndim - 1))
+        out.hessian[:] *= unit[..., None] ** 2
+        return out
 
 
 class JointLinearisation:
