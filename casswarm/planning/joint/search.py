@@ -169,9 +169,11 @@ class JointSearch:
         """Solve from changes and perturbations of the best outcome, while they improve it."""
         for _ in range(ROUNDS):
             best, plan = self.best, self.problem.restart(self.best)
-            guesses = [self.guesses.perturbed(plan, rng) for _ in range(N_PERTURBED)]
+            coarsest = self.coarse is None
+            share = 1 if coarsest else 2  # coarse plans have been changed before
+            guesses = [self.guesses.perturbed(plan, rng) for _ in range(N_PERTURBED // share)]
             if self.same_program:
-                guesses += self.guesses.changed(plan, N_CHANGED)
+                guesses += self.guesses.changed(plan, N_CHANGED // share, coarsest)
             self._attempt(guesses)
             if not self._improves(self.best, best):
                 break
