@@ -152,7 +152,11 @@ def add(factor: FloatArray, values: FloatArray, target: FloatArray) -> None:
 
 @kernel
 def add_outer(
-    places: tuple[int, int, float], factor: FloatArray, left: FloatArray, right: FloatArray, lower: FloatArray
+    places: tuple[int, int, float],
+    factor: FloatArray,
+    left: FloatArray,
+    right: FloatArray,
+    lower: FloatArray,
 ) -> None:
     """Add the block of two members, and a sign times factor left right', to the lower triangle."""
     i, j, sign = places
@@ -166,7 +170,11 @@ def add_outer(
 
 @kernel
 def add_pair_product(
-    members: tuple[int, int, int], factor: FloatArray, left: FloatArray, right: FloatArray, lower: FloatArray
+    members: tuple[int, int, int],
+    factor: FloatArray,
+    left: FloatArray,
+    right: FloatArray,
+    lower: FloatArray,
 ) -> None:
     """Add factor (e_i - e_j) left ((e_i - e_k) right)'."""
     i, j, k = members
@@ -205,10 +213,14 @@ def add_second_derivatives(
         add_outer((i, i, 1.0), sums.source[0, i, i], radars[i], radars[i], lower)
         for j in range(n):
             if j != i:
-                add_source_product(i, j, sums.source[1, i, j], radars[i], slopes.density[i, j], lower)
+                add_source_product(
+                    i, j, sums.source[1, i, j], radars[i], slopes.density[i, j], lower
+                )
                 add_pair_curvature(i, j, points, pairs, sums)
                 if collides:
-                    add_source_product(i, j, sums.source[2, i, j], radars[i], slopes.collision[i, j], lower)
+                    add_source_product(
+                        i, j, sums.source[2, i, j], radars[i], slopes.collision[i, j], lower
+                    )
                 for k in range(n):
                     if k != i:
                         add_pair_products((i, j, k), slopes, collides, sums)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._util.jit import allocating_kernel, kernel
-from ..typing import FloatArray, IntArray
+from ..typing import FloatArray
 from .joint_curvature_kernels import (
     LANES,
     Curvature,
@@ -22,6 +22,14 @@ from .joint_curvature_kernels import (
     add_second_derivatives,
     curvature,
     pair_slopes,
+)
+from .joint_outcome_kernels import (
+    Work,
+    copy,
+    differentiate_expectation,
+    list_set,
+    workspace,
+    write_outcomes,
 )
 
 
@@ -83,124 +91,6 @@ class Derivatives(NamedTuple):
     transitions: FloatArray
 
 
-class Work(NamedTuple):
-    """What is computed of one set with k members.
-
-    Parameters
-    ----------
-    members, subsets : (n,), (m,) int
-        Its members, and the masks of its 2^k subsets.
-    values, cube : (m, LANES)
-        A function of its subsets, and a copy that is overwritten.
-    first, second : (n, LANES), (n, n, LANES)
-        Derivatives of its expectation in its members' probabilities.
-    rate : (n, 2n, LANES)
-        Gradients of these probabilities in the positions of its members.
-    row : (2n + 1, LANES)
-    gradient, by_outcome : (2n, LANES), (m, 2n, LANES)
-        Sums over all sets.
-    """
-
-    members: IntArray
-    subsets: IntArray
-    values: FloatArray
-    cube: FloatArray
-    first: FloatArray
-    second: FloatArray
-    rate: FloatArray
-    row: FloatArray
-    gradient: FloatArray
-    by_outcome: FloatArray
-
-
-@allocating_kernel
-def workspace(n: int) -> Work:
-    """Arrays for sets of n members."""
-    sets = 1 << n
-    return Work(
-        np.empty(n, np.int64),
-        np.empty(sets, np.int64),
-        np.empty((sets, LANES)),
-        np.empty((sets, LANES)),
-        np.empty((n, LANES)),
-        np.zeros((n, n, LANES)),
-        np.empty((n, 2 * n, LANES)),
-        np.empty((2 * n + 1, LANES)),
-        np.empty((2 * n, LANES)),
-        np.empty((sets, 2 * n, LANES)),
-    )
-
-
-@kernel
-def list_set(d: int, n: int, work: Work) -> int:
-    """Write members and subsets of the set d; return its number of members."""
-    count = 0
-    work.subsets[0] = 0
-    for i in range(n):
-        if d >> i & 1:
-            for m in range(1 << count):
-                work.subsets[m + (1 << count)] = work.subsets[m] | 1 << i
-            work.members[count] = i
-            count += 1
-    return count
-
-
-@kernel
-def copy(values: FloatArray, target: FloatArray) -> None:
-    """Copy lanes."""
-    for lane in range(LANES):
-        target[lane] = values[lane]
-
-
-@kernel
-def expectation(count: int, i: int, j: int, lost: FloatArray, work: Work, out: FloatArray) -> None:
-    """Derivative of the expectation of `values` in probabilities of members i and j; -1 for none."""
-    cube, half = work.cube, 1 << count
-    for m in range(half):
-        copy(work.values[m], cube[m])
-    for s in range(count - 1, -1, -1):
-        half >>= 1
-        q = lost[work.members[s]]
-        for m in range(half):
-            dead, alive = cube[m], cube[m + half]
-            if s in (i, j):
-                for lane in range(LANES):
-                    dead[lane] -= alive[lane]
-            else:
-                for lane in range(LANES):
-                    dead[lane] = alive[lane] + q[lane] * (dead[lane] - alive[lane])
-    copy(cube[0], out)
-
-
-@kernel
-def write_outcomes(count: int, skipped: int, lost: FloatArray, work: Work) -> None:
-    """Multiply the probabilities of all subsets to values[0]; derivatives in that of `skipped`."""
-    values = work.values
-    for s in range(count):
-        half, q = 1 << s, lost[work.members[s]]
-        for m in range(half):
-            dead, alive = values[m], values[m + half]
-            if s == skipped:
-                for lane in range(LANES):
-                    alive[lane] = -dead[lane]
-            else:
-                for lane in range(LANES):
-                    alive[lane] = dead[lane] * (1.0 - q[lane])
-                    dead[lane] *= q[lane]
-
-
-@kernel
-def differentiate_expectation(count: int, lost: FloatArray, after: FloatArray, work: Work) -> None:
-    """Write first and second derivatives of the expectation of `after`."""
-    for m in range(1 << count):
-        copy(after[work.subsets[m]], work.values[m])
-    for u in range(count):
-        expectation(count, u, -1, lost, work, work.first[u])
-        for v in range(u):
-            expectation(count, u, v, lost, work, work.second[u, v])
-            copy(work.second[u, v], work.second[v, u])
-
-
 @kernel
 def differentiate_rates(
     d: int, count: int, block: int, steps: Steps, slopes: Slopes, work: Work
@@ -230,7 +120,9 @@ def differentiate_rates(
 
 
 @kernel
-def write_by_set(d: int, count: int, first: int, mass: FloatArray, work: Work, out: Derivatives) -> None:
+def write_by_set(
+    d: int, count: int, first: int, mass: FloatArray, work: Work, out: Derivatives
+) -> None:
     """Write the gradient of the set's expectation, and add it to that of all."""
     for c in range(2 * count):
         row, gradient = work.row[c], work.gradient[2 * work.members[c >> 1] + (c & 1)]
@@ -251,7 +143,13 @@ def write_by_set(d: int, count: int, first: int, mass: FloatArray, work: Work, o
 
 @kernel
 def write_transitions(
-    count: int, first: int, place: int, continues: FloatArray, costs: FloatArray, work: Work, out: FloatArray
+    count: int,
+    first: int,
+    place: int,
+    continues: FloatArray,
+    costs: FloatArray,
+    work: Work,
+    out: FloatArray,
 ) -> None:
     """Write the probabilities of going on with every subset; the first is the cost of ending now."""
     ending, cost = work.values[0], costs[0]
@@ -279,14 +177,22 @@ def add_by_outcome(count: int, lost: FloatArray, mass: FloatArray, work: Work) -
             for v in range(count):
                 j = work.members[v]
                 for a in range(2):
-                    target, rate = work.by_outcome[work.subsets[m], 2 * j + a], work.rate[u, 2 * v + a]
+                    target, rate = (
+                        work.by_outcome[work.subsets[m], 2 * j + a],
+                        work.rate[u, 2 * v + a],
+                    )
                     for lane in range(LANES):
                         target[lane] += factor[lane] * rate[lane]
 
 
 @kernel
 def write_sums(
-    first: int, continues: FloatArray, costs: FloatArray, work: Work, lower: FloatArray, out: Derivatives
+    first: int,
+    continues: FloatArray,
+    costs: FloatArray,
+    work: Work,
+    lower: FloatArray,
+    out: Derivatives,
 ) -> None:
     """Write the sums over all sets."""
     by_outcome, width = work.by_outcome, len(work.gradient)
@@ -312,7 +218,13 @@ def write_sums(
 
 @kernel
 def differentiate_block(
-    block: int, steps: Steps, collides: bool, work: Work, sums: Curvature, slopes: Slopes, out: Derivatives
+    block: int,
+    steps: Steps,
+    collides: bool,
+    work: Work,
+    sums: Curvature,
+    slopes: Slopes,
+    out: Derivatives,
 ) -> None:
     """Write all derivatives of the steps of a block."""
     n, first = steps.lost.shape[2], block * LANES
@@ -340,7 +252,9 @@ def differentiate_block(
         set_data = work.members[:count], lost, mass, work.first, work.second
         add_products(set_data, work.rate, work.row, sums.lower)
         add_curvature(set_data, steps.clock[block], steps.rates[block, d], collides, work.row, sums)
-    add_second_derivatives(steps.points[block], steps.radars[block], steps.pairs[block], slopes, collides, sums)
+    add_second_derivatives(
+        steps.points[block], steps.radars[block], steps.pairs[block], slopes, collides, sums
+    )
     write_sums(first, continues, costs, work, sums.lower, out)
 
 

@@ -37,8 +37,8 @@ class StageFactors:
 
     def solve(self, right: FloatArray) -> FloatArray:
         """See `Factors`."""
-        from .joint_riccati_kernels import solve
+        from .joint_substitution_kernels import solve
 
-        solution = np.ascontiguousarray(right.T).reshape(self._stages.limits.shape).copy()
+        solution = np.array(right.T, order="C").reshape(self._stages.limits.shape)
         solve(self._stages, self._factors, solution)
         return np.ascontiguousarray(solution.reshape(len(solution), -1).T)

@@ -63,7 +63,9 @@ class Factor(NamedTuple):
 
 
 @kernel
-def add_over_subsets(transition: FloatArray, columns: int, values: FloatArray, out: FloatArray) -> None:
+def add_over_subsets(
+    transition: FloatArray, columns: int, values: FloatArray, out: FloatArray
+) -> None:
     """Write S' values to the first columns of `out`; rows of both are sets."""
     place = 0
     for d in range(len(values)):
@@ -161,9 +163,7 @@ def subtract(factor: float, row: FloatArray, target: FloatArray) -> None:
 
 
 @kernel
-def reduce_cost(
-    changes: FloatArray, cost: FloatArray, rows: FloatArray, gain: FloatArray
-) -> None:
+def reduce_cost(changes: FloatArray, cost: FloatArray, rows: FloatArray, gain: FloatArray) -> None:
     """Write the form of the state before a step, whose velocities are eliminated, to `cost`."""
     sets, width = len(rows), len(gain)
     last = sets + width
@@ -227,95 +227,3 @@ def factorise(tried: FloatArray, stages: Stages, factors: Factor) -> FloatArray:
                 shifts[b] = shift
                 break
     return shifts
-
-
-@allocating_kernel
-def solve(stages: Stages, factors: Factor, right: FloatArray) -> None:
-    """Replace right-hand sides (b, T, w) by the solutions."""
-    batch, steps, width = right.shape
-    size, sets = factors.gains.shape[-1], stages.by_set.shape[2]
-    state, law = np.empty(size), np.empty(sets)
-    for b in range(batch):
-        state[:] = 0.0
-        for k in range(steps - 1, -1, -1):
-            parts = stages.transitions[b, k], stages.by_outcome[b, k], right[b, k]
-            backward(*parts, factors.pivots[b, k], factors.gains[b, k], state, law)
-        state[:] = 0.0
-        for k in range(steps):
-            parts = stages.transitions[b, k], stages.by_outcome[b, k], right[b, k]
-            forward(*parts, factors.pivots[b, k], factors.gains[b, k], state, law)
-
-
-@kernel
-def backward(
-    transition: FloatArray,
-    by_outcome: FloatArray,
-    right: FloatArray,
-    pivot: FloatArray,
-    gain: FloatArray,
-    state: FloatArray,
-    law: FloatArray,
-) -> None:
-    """Eliminate the velocities of a step from linear terms of the state; `right` is reduced."""
-    sets, width = by_outcome.shape
-    last = sets + width
-    place = 0
-    for d in range(sets):
-        for r in range(width):
-            state[sets + r] += by_outcome[d, r] * state[d]
-        law[d] = 0.0
-        subset, more = 0, True
-        while more:
-            law[d] += transition[place] * state[subset]
-            place += 1
-            more = subset != d
-            subset = (subset - d) & d
-    for d in range(sets):
-        state[d] = law[d]
-    for r in range(width):
-        value = right[r] - state[sets + r] - state[last + r]
-        state[last + r] = 0.0
-        for c in range(r):
-            value -= pivot[r, c] * right[c]
-        right[r] = value / pivot[r, r]
-    for r in range(width):
-        for i in range(state.size):
-            state[i] += gain[r, i] * right[r]
-
-
-@kernel
-def forward(
-    transition: FloatArray,
-    by_outcome: FloatArray,
-    right: FloatArray,
-    pivot: FloatArray,
-    gain: FloatArray,
-    state: FloatArray,
-    law: FloatArray,
-) -> None:
-    """Replace `right` by the velocities of a step, and the state by the one after it."""
-    sets, width = by_outcome.shape
-    last = sets + width
-    for r in range(width):
-        for i in range(state.size):
-            right[r] -= gain[r, i] * state[i]
-    for r in range(width - 1, -1, -1):
-        for c in range(r + 1, width):
-            right[r] -= pivot[c, r] * right[c]
-        right[r] /= pivot[r, r]
-        state[sets + r] += right[r]
-        state[last + r] = right[r]
-    place = 0
-    for d in range(sets):
-        law[d] = 0.0
-    for d in range(sets):
-        subset, more = 0, True
-        while more:
-            law[subset] += transition[place] * state[d]
-            place += 1
-            more = subset != d
-            subset = (subset - d) & d
-    for d in range(sets):
-        for r in range(width):
-            law[d] += by_outcome[d, r] * state[sets + r]
-        state[d] = law[d]

@@ -81,11 +81,22 @@ class PlanDistribution:
 
     def cost(self, objective: str) -> float:
         """Expected cost of `casswarm.problems.joint`, with the actual arrivals of all members."""
-        costs, ended, value = terminal_costs(objective, self.n, self.inside)
+        return float(self._costs(objective)[0, -1])
+
+    @property
+    def failures(self) -> FloatArray:
+        """Probability (N+1, 2^n) that no member of a set arrives after a step."""
+        return self._costs("success")
+
+    def _costs(self, objective: str) -> FloatArray:
+        """Expected costs (N+1, 2^n) of all sets from a step on."""
+        costs, ended, last = terminal_costs(objective, self.n, self.inside)
+        values = np.empty((len(self.lost) + 1, 2**self.n))
+        values[-1] = last
         for step in reversed(range(len(self.lost))):
-            value = np.where(ended[step], costs[step], value)
-            value = subsets(self.n).expectations(value, self.lost[step])
-        return float(value[-1])
+            after = np.where(ended[step], costs[step], values[step + 1])
+            values[step] = subsets(self.n).expectations(after, self.lost[step])
+        return values
 
     @property
     def masses(self) -> FloatArray:

@@ -83,9 +83,7 @@ class Guesses:
             for k in range(count)
         ]
 
-    def changed(
-        self, plan: InitialGuess, count: int, rerouted: bool = True
-    ) -> list[InitialGuess]:
+    def changed(self, plan: InitialGuess, count: int, rerouted: bool = True) -> list[InitialGuess]:
         """The best changes of a plan, before they are optimised; none without an exact cost.
 
         `rerouted` tells whether members take other paths, which needs the guide's.

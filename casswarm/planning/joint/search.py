@@ -29,7 +29,7 @@ ITERATIONS = 20, 25, 200
 FIRST_ITERATIONS_MEAN_FIELD = 300
 """Iterations of the first solves of the mean field, which are cheap."""
 
-MAX_EXACT_FIRST = 7
+MAX_EXACT_FIRST = 8
 """Maximum number of members of swarms whose first solves maximise the exact probability; those of
 larger ones maximise the mean field's."""
 
@@ -38,6 +38,9 @@ MAX_GUESSES, MAX_GUESSES_LARGE = 9, 6
 
 N_WAVES, N_CHANGED, N_PERTURBED = 24, 8, 6
 """Number of random guesses, of changes of the best plan, and of random perturbations."""
+
+MAX_WAVES, N_WAVES_LARGE = 6, 8
+"""Number of members above which there are fewer random guesses, and their number then."""
 
 ROUNDS = 2
 """Rounds of changes and perturbations; each only if the one before found a better plan."""
@@ -130,7 +133,8 @@ class JointSearch:
         exact_first = self.problem.form.n <= MAX_EXACT_FIRST
         guesses = self.guesses.first(kinds, MAX_GUESSES if exact_first else MAX_GUESSES_LARGE)
         if "waves" in kinds and exact_first:
-            guesses += self.guesses.waves(N_WAVES, rng)
+            few = self.problem.form.n > MAX_WAVES
+            guesses += self.guesses.waves(N_WAVES_LARGE if few else N_WAVES, rng)
         return guesses
 
     def refined(self, task: JointTask) -> list[InitialGuess]:
