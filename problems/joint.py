@@ -83,8 +83,9 @@ class JointForm:
 def joint_nlp(hazard: Hazard, form: JointForm, hessian: bool = True) -> Nlp:
     """The program above, in steps and in lengths of a step at v_max.
 
-    `hessian` tells whether to build second derivatives in CasADi, which takes a second with a
-    hundred steps; casswarm's own solver has others if the rates are made of kernels. Blocks have a column per step; those of points hold (x_1, y_1, ..., x_n, y_n).
+    Blocks have a column per step; those of points hold (x_1, y_1, ..., x_n, y_n). `hessian` tells
+    whether to build second derivatives in CasADi, which takes a second with a hundred steps;
+    casswarm's own solver has others if the rates are made of kernels.
     """
     n, steps = form.n, form.horizon
     sets = 2**n if form.exact else 0  # the mean field has no blocks of sets

@@ -151,7 +151,7 @@ def write_transitions(
     work: Work,
     out: FloatArray,
 ) -> None:
-    """Write the probabilities of going on with every subset; the first is the cost of ending now."""
+    """Write the probabilities of going on with all subsets; the first is the cost of ending."""
     ending, cost = work.values[0], costs[0]
     for lane in range(LANES):
         ending[lane] *= cost[lane]

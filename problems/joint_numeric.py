@@ -145,8 +145,9 @@ class JointPoints:
         differentiate(Steps(self._clock, lost, *of_sets, *of_rates), self.hazard.collides, flat)
         out = Derivatives(*(part.reshape(batch, steps, *part.shape[1:]) for part in flat))
         unit = self.p["length"]
-        for part in (out.gradient, out.by_set, out.by_outcome):
-            part *= unit.reshape(-1, *(1,) * (part.ndim - 1))
+        out.gradient[:] *= unit
+        out.by_set[:] *= unit[..., None]
+        out.by_outcome[:] *= unit[..., None]
         out.hessian[:] *= unit[..., None] ** 2
         return out
 

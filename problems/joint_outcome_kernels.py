@@ -85,7 +85,7 @@ def copy(values: FloatArray, target: FloatArray) -> None:
 
 @kernel
 def expectation(count: int, i: int, j: int, lost: FloatArray, work: Work, out: FloatArray) -> None:
-    """Derivative of the expectation of `values` in probabilities of members i and j; -1 for none."""
+    """Derivative of the expectation of `values` in those of members i and j; -1 for none."""
     cube, half = work.cube, 1 << count
     for m in range(half):
         copy(work.values[m], cube[m])

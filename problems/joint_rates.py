@@ -16,7 +16,7 @@ from .subsets import subsets
 
 
 def blocked(steps: FloatArray) -> FloatArray:
-    """Arrays (k, ...) as blocks (ceil(k / LANES), ..., LANES), the last filled with the last one."""
+    """Arrays (k, ...) in blocks (ceil(k / LANES), ..., LANES); the last one fills the rest."""
     size = len(steps)
     filled = np.arange(-(-size // LANES) * LANES).clip(max=size - 1).reshape(-1, LANES)
     return np.ascontiguousarray(np.moveaxis(steps[filled], 1, -1))
@@ -75,7 +75,7 @@ class LocalRates:
 
 
 def _by_position(hazard: KernelHazard, strengths: FloatArray, to_radars: FloatArray) -> FloatArray:
-    """Derivatives of the sum over radars, from those in the squared distance, (k, 3, n, r, LANES)."""
+    """Derivatives of the sum over radars, from strengths (k, 3, n, r, LANES) of each."""
     weights = hazard.radar_strengths[:, None]
     slope, bend = strengths[:, 1] * weights, strengths[:, 2] * weights
     x, y = to_radars[:, :, :, 0], to_radars[:, :, :, 1]

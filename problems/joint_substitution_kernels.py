@@ -12,7 +12,7 @@ from .joint_riccati_kernels import Factor, Stages
 @allocating_kernel
 def solve(stages: Stages, factors: Factor, right: FloatArray) -> None:
     """Replace right-hand sides (b, T, w) by the solutions."""
-    batch, steps, width = right.shape
+    batch, steps = right.shape[:2]
     size, sets = factors.gains.shape[-1], stages.by_set.shape[2]
     state, law = np.empty(size), np.empty(sets)
     for b in range(batch):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import casswarm as csw
@@ -61,7 +61,34 @@ def test_values_and_derivatives_equal_casadis(
     multipliers, weights = rng.normal(size=(2, *batch.lbg.shape))
     close(one.times(variables), other.times(variables))
     close(one.transposed_times(multipliers), other.transposed_times(multipliers))
-    close(one.condensed(multipliers, weights), other.condensed(multipliers, weights))
+    # Newton's equations, made positive definite by weights of the variables
+    matrices = other.condensed(multipliers, weights)
+    largest = abs(matrices).sum(axis=2).max(axis=1, keepdims=True)
+    of_all = np.hstack([largest * rng.uniform(0.5, 2.0, variables.shape), weights])
+    solutions = [
+        at.factors(multipliers, of_all, np.zeros(len(batch))).solve(variables.T)
+        for at in (one, other)
+    ]
+    close(*solutions)
+
+
+@given(n=st.integers(1, 3), seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=10)
+def test_factors_need_the_shifts_of_dense_matrices(n: int, seed: int) -> None:
+    nlp, batch = posed("paper-2", n, "success", False, seed)
+    assert nlp.numeric is not None
+    rows, rng = np.arange(len(batch)), np.random.default_rng(seed)
+    multipliers, none = rng.normal(size=batch.lbg.shape), np.zeros_like(batch.lbg)
+    casadis = CasadiProblems(nlp, batch.p).linearise(rows, batch.x0)
+    eigenvalues = np.linalg.eigvalsh(casadis.condensed(multipliers, none))
+    assume((abs(eigenvalues) > 1e-6).all())
+    weights = np.hstack([np.zeros_like(batch.x0), none])
+    for margin, positive in ((1e-3, True), (-1e-3, False)):
+        of_x = -eigenvalues[:, :1] + margin * abs(eigenvalues).max(axis=1, keepdims=True)
+        weights[:, : batch.x0.shape[1]] = of_x
+        ours = nlp.numeric(batch.p).linearise(rows, batch.x0)
+        shifts = ours.factors(multipliers, weights, np.zeros(len(batch))).shifts
+        assert ((shifts == 0.0) == positive).all()
 
 
 def close(ours: np.ndarray, theirs: np.ndarray) -> None:

@@ -78,6 +78,8 @@ def likely_sets(scenario: Scenario, positions: FloatArray, max_sets: int = MAX_S
     arrived = failed = left = rescued = 0.0
     core, terms = _Core.of(scenario, positions), 0
     for step in range(steps):
+        if not masks.size:
+            break
         masks, masses, rest = _after_step(scenario, positions[step + 1], masks, masses)
         terms += len(masks)
         arriving = (masks & _mask(inside[step])) != 0
