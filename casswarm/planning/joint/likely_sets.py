@@ -94,7 +94,7 @@ def likely_sets(scenario: Scenario, positions: FloatArray, max_sets: int = MAX_S
         masks, masses = masks[kept], masses[kept]
     failed += masses.sum()
     operations = n + len(scenario.hazard.radar_positions) + 64
-    rounding = (steps * n * operations + terms) * UNIT
+    rounding = 2.0 * (steps * n * operations + terms) * UNIT  # of these sets, and of the core
     return LikelySets(*map(float, (arrived, failed, left, rescued)), rounding)
 
 

@@ -85,6 +85,7 @@ def plan_swarm(
     SwarmPlan
         The best outcome of all starts by its exact value, whatever its solver's status, or by the
         mean field's with more than 10 members; among those that keep `min_distance`, if any do.
+        Its `success` has proven bounds; with more than 62 members it is None.
 
         It is planned in a `Frame` that the scenario's geometry defines: scenarios that differ by
         quarter turns and mirrors about the origin, and by the order of members, have the same plan.

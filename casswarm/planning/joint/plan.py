@@ -88,7 +88,8 @@ class SwarmPlan(Displayed):
     solution : Solution
         The solve that this plan results from.
     outcomes : tuple of SwarmOutcome
-        The outcome of every start, failures included, in the order of the search.
+        The outcome of every start, failures included, in the order of the search; without those
+        with coarse time steps, from which it starts.
     bound : SuccessBound or None
         Upper bound on the success probability of every policy; None if it was not computed.
     min_distance : float or None
