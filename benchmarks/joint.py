@@ -158,7 +158,7 @@ def newton(quick: bool) -> Iterable[Row]:
         problems, rows = nlp.numeric(p[None]), np.arange(1)
         at = problems.linearise(rows, x[None])
         none, weights = np.zeros((1, nlp.sizes[2])), np.ones((1, len(x) + nlp.sizes[2]))
-        factors = partial(at.factors, none, 1e6 * weights, np.zeros(1))
+        factors = partial(at.factors, none, 1e6 * weights, np.zeros((1, 1)))
         matrix = np.eye(len(x)) + 1.0 / len(x)
         times = (
             median_seconds(partial(problems.linearise, rows, x[None])),

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..optimization.solvers.interior_point.factors import shifts_to_try
 from ..typing import FloatArray
 
 if TYPE_CHECKING:
@@ -14,17 +13,17 @@ if TYPE_CHECKING:
 
 
 class StageFactors:
-    """Factors of b matrices in the velocities of all steps: see `Factors`.
+    """Factors of b matrices in the velocities of all steps, for the interior-point method.
 
     Parameters
     ----------
     stages : Stages
         With the axis of instances in front of every array; slopes and bends (b,).
-    last : (b,)
-        Shifts that were last needed.
+    shifts : (b, m)
+        Shifts of the diagonals to try, in order.
     """
 
-    def __init__(self, stages: Stages, last: FloatArray) -> None:
+    def __init__(self, stages: Stages, shifts: FloatArray) -> None:
         from .joint_riccati_kernels import Factor, factorise
 
         batch, steps, width = stages.limits.shape
@@ -33,7 +32,7 @@ class StageFactors:
         self._factors = Factor(
             np.empty((batch, steps, width, width)), np.empty((batch, steps, width, size))
         )
-        self.shifts = factorise(shifts_to_try(last), stages, self._factors)
+        self.shifts = factorise(shifts, stages, self._factors)
 
     def solve(self, right: FloatArray) -> FloatArray:
         """See `Factors`."""

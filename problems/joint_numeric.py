@@ -140,9 +140,9 @@ class JointPoints:
         flat = Derivatives(*(np.empty((batch * steps, *shape)) for shape in shapes))
         continues, costs = self.p["continues"].copy(), self.p["costs"].copy()
         continues[..., 0], costs[..., 0] = 0.0, self.p["last_cost"][..., 0]
-        of_sets = map(self._in_blocks, (masses, after, continues, costs))
-        of_rates = self._blocks, local.radars, local.pairs, local.rates
-        differentiate(Steps(self._clock, lost, *of_sets, *of_rates), self.hazard.collides, flat)
+        of_sets = [self._in_blocks(part) for part in (masses, after, continues, costs)]
+        arrays = lost, *of_sets, self._blocks, local.radars, local.pairs, local.rates
+        differentiate(Steps._make([self._clock, *arrays]), self.hazard.collides, flat)
         out = Derivatives(*(part.reshape(batch, steps, *part.shape[1:]) for part in flat))
         unit = self.p["length"]
         out.gradient[:] *= unit
@@ -173,7 +173,11 @@ class JointLinearisation:
         return self._constraints.transposed_times(vectors).reshape(len(vectors), -1)
 
     def factors(
-        self, multipliers: FloatArray, weights: FloatArray, last: FloatArray, objective: float = 1.0
+        self,
+        multipliers: FloatArray,
+        weights: FloatArray,
+        shifts: FloatArray,
+        objective: float = 1.0,
     ) -> StageFactors:
         """See `RowLinearisation`."""
         from .joint_riccati_kernels import Stages
@@ -187,4 +191,4 @@ class JointLinearisation:
         of_law = steps.transitions, steps.by_outcome, steps.by_set
         of_objective = slope, objective * self._bend
         stages = Stages(*of_law, positions, changes, limits, terminal, *of_objective)
-        return StageFactors(stages, last)
+        return StageFactors(stages, shifts)

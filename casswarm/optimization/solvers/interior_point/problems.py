@@ -15,7 +15,7 @@ from ...._util.jit import contiguous
 from ...._util.threads import locked_cache
 from ....typing import Expr, FloatArray, IntArray
 from ...problem import Nlp
-from .factors import DenseFactors, Factors
+from .factors import DenseFactors, Factors, shifts_to_try
 
 
 class Linearisation(Protocol):
@@ -62,9 +62,16 @@ class RowLinearisation(Protocol):
         """J' w, (b, nx), of vectors w (b, ng)."""
 
     def factors(
-        self, multipliers: FloatArray, weights: FloatArray, last: FloatArray, objective: float = 1.0
+        self,
+        multipliers: FloatArray,
+        weights: FloatArray,
+        shifts: FloatArray,
+        objective: float = 1.0,
     ) -> Factors:
-        """See `Linearisation`; multipliers (b, ng), weights (b, nx + ng). Solutions are (nx, b)."""
+        """See `Linearisation`; multipliers (b, ng), weights (b, nx + ng). Solutions are (nx, b).
+
+        `shifts` (b, m) are tried in order.
+        """
 
 
 class NumericProblems(Protocol):
@@ -113,7 +120,7 @@ class TransposedLinearisation:
     ) -> Factors:
         """See `Linearisation`."""
         rows = contiguous(multipliers.T), contiguous(weights.T)
-        return self._rows_first.factors(*rows, last, objective)
+        return self._rows_first.factors(*rows, shifts_to_try(last), objective)
 
 
 class CasadiProblems:
@@ -170,7 +177,11 @@ class CasadiLinearisation:
         return np.asarray(np.einsum("bmn,bm->bn", self._jacobian, vectors))
 
     def factors(
-        self, multipliers: FloatArray, weights: FloatArray, last: FloatArray, objective: float = 1.0
+        self,
+        multipliers: FloatArray,
+        weights: FloatArray,
+        shifts: FloatArray,
+        objective: float = 1.0,
     ) -> Factors:
         """See `RowLinearisation`."""
         diagonal = np.arange(self.gradient.shape[1])
@@ -180,7 +191,7 @@ class CasadiLinearisation:
             none = np.zeros_like(of_g)
             matrices -= (1.0 - objective) * self.condensed(none, none)
         matrices[:, diagonal, diagonal] += of_x
-        return DenseFactors(matrices, last)
+        return DenseFactors(matrices, shifts)
 
     def condensed(self, multipliers: FloatArray, weights: FloatArray) -> FloatArray:
         """Hessians of f + multipliers' g, plus J' diag(weights) J: (b, nx, nx)."""
