@@ -137,8 +137,8 @@ def joint_nlp(hazard: Hazard, form: JointForm, hessian: bool = True) -> Nlp:
     if form.exact and isinstance(hazard, KernelHazard):
         program = replace(program, numeric=partial(JointNumeric, program, hazard, n))
     if hessian and form.exact and n <= MAX_MEMBERS:
-        second = lagrangian_hessian(program, step, points, values, _log_odds)
-        program = replace(program, hessian=second)
+        of_lagrangian = lagrangian_hessian(program, step, points, values, _log_odds)
+        program = replace(program, hessian=of_lagrangian)
     return program
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -95,7 +96,7 @@ def likely_sets(scenario: Scenario, positions: FloatArray, max_sets: int = MAX_S
     failed += masses.sum()
     operations = n + len(scenario.hazard.radar_positions) + 64
     rounding = 2.0 * (steps * n * operations + terms) * UNIT  # of these sets, and of the core
-    return LikelySets(*map(float, (arrived, failed, left, rescued)), rounding)
+    return LikelySets(float(arrived), float(failed), float(left), float(rescued), rounding)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,9 +144,15 @@ def _after_step(
         _outcomes(masks[some], masses[some], lost[some])
         for some in (slice(k, k + _TOGETHER) for k in range(0, len(masks), _TOGETHER))
     ]
-    after, places = np.unique(np.concatenate([part[0] for part in parts]), return_inverse=True)
-    gathered = np.bincount(places.ravel(), np.concatenate([part[1] for part in parts]))
-    return after, gathered, sum(part[2] for part in parts)
+    outcomes = np.concatenate([part[0] for part in parts])
+    probabilities = np.concatenate([part[1] for part in parts])
+    return *_joined(outcomes, probabilities), math.fsum(part[2] for part in parts)
+
+
+def _joined(masks: IntArray, masses: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Every set once, with the sum of its probabilities."""
+    joined, places = np.unique(masks, return_inverse=True)
+    return joined, np.asarray(np.bincount(places.ravel(), masses), float)
 
 
 def _outcomes(
@@ -161,8 +168,7 @@ def _outcomes(
         masks = np.concatenate([masks, masks[follow] & ~(1 << member)])
         masses = np.concatenate([masses * (1.0 - dies), dead[follow]])
         before = np.concatenate([before, before[follow]])
-    after, places = np.unique(masks, return_inverse=True)
-    return after, np.bincount(places.ravel(), masses), left
+    return *_joined(masks, masses), left
 
 
 def _rates(hazard: Hazard, positions: FloatArray, alive: BoolArray) -> FloatArray:
@@ -184,7 +190,7 @@ def _greatest(values: FloatArray, count: int) -> BoolArray:
     """Whether each is among the `count` greatest; equal ones are treated alike."""
     if len(values) <= count:
         return np.ones(len(values), bool)
-    return values > np.partition(values, -count - 1)[-count - 1]
+    return np.asarray(values > np.partition(values, -count - 1)[-count - 1])
 
 
 def _mask(members: BoolArray) -> int:
