@@ -27,12 +27,13 @@ from casswarm import Scenario, SwarmPlan
 from casswarm.optimization.problem import Nlp
 from casswarm.optimization.solvers import Ipopt
 from casswarm.planning.joint import InitialGuess, JointProblem, PlanDistribution, PlanTree
+from casswarm.planning.joint.likely_sets import likely_sets
 from casswarm.policies import JointPolicy, ReplanningPolicy
 from casswarm.problems.joint import JointForm, joint_nlp
 from casswarm.problems.joint_instances import JointTask, joint_instances
 
 SCENARIOS = ("paper-1", "paper-2", "ring", "wall", "crossfire", "gauntlet", "single-agent")
-MEMBERS = {"paper-1": (2, 3, 4, 5, 6, 7, 8, 9, 10), "paper-2": (2, 3, 4, 5, 6, 7, 8)}
+MEMBERS = range(2, 9)
 Row = Sequence[object]
 
 
@@ -94,7 +95,7 @@ def summary(cpu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def sizes(quick: bool) -> Iterable[Row]:
     """Plans of 30 steps against the number of members."""
     for name in ("paper-1", "paper-2"):
-        for n in (2, 3, 4, 5) if quick else MEMBERS[name]:
+        for n in (2, 3, 4, 5) if quick else MEMBERS:
             scenario = around(name, n)
             plan, clock, cpu = timed(partial(csw.plan_swarm, scenario))
             assert plan.distribution is not None
@@ -147,16 +148,39 @@ def hessians(quick: bool) -> Iterable[Row]:
         yield n, f"{1e3 * by_steps:.1f} ms", f"{1e3 * by_ad:.0f} ms", f"{by_ad / by_steps:.1f}"
 
 
+def newton(quick: bool) -> Iterable[Row]:
+    """CPU time of Newton's equations: derivatives, factors by steps, and a dense factorisation."""
+    cases = ((5, 30), (5, 120)) if quick else ((2, 30), (5, 30), (5, 120), (7, 30), (8, 30))
+    for n, steps in cases:
+        scenario = in_steps(around("paper-1", n), steps)
+        nlp, x, p = instance_of(scenario)
+        assert nlp.numeric is not None
+        problems, rows = nlp.numeric(p[None]), np.arange(1)
+        at = problems.linearise(rows, x[None])
+        none, weights = np.zeros((1, nlp.sizes[2])), np.ones((1, len(x) + nlp.sizes[2]))
+        factors = partial(at.factors, none, 1e6 * weights, np.zeros((1, 1)))
+        matrix = np.eye(len(x)) + 1.0 / len(x)
+        times = (
+            median_seconds(partial(problems.linearise, rows, x[None])),
+            median_seconds(factors),
+            median_seconds(partial(np.linalg.cholesky, matrix)),
+        )
+        yield n, steps, *(f"{1e3 * seconds:.2f} ms" for seconds in times)
+
+
+def in_steps(original: Scenario, steps: int) -> Scenario:
+    """A scenario of 30 steps in another number of steps, in the same time of flight."""
+    factor = 30 / steps  # of the change of velocity per step
+    values = {"time.dt": 9.9 / steps, "swarm.a_max": original.swarm.a_max * factor**2}
+    return original.with_values(values | {"guide.a_max": original.guide_a_max * factor**2})
+
+
 def horizons(quick: bool) -> Iterable[Row]:
     """Plans of five members against the number of steps in the same time of flight."""
     for steps in (15, 30, 60) if quick else (15, 30, 60, 120):
         for name in ("paper-1", "paper-2"):
-            original = csw.load_scenario(name)
-            factor = 30 / steps  # of the change of velocity per step
-            values = {"time.dt": 9.9 / steps, "swarm.a_max": original.swarm.a_max * factor**2}
-            values |= {"guide.a_max": original.guide_a_max * factor**2}
-            scenario = original.with_values(values)
-            plan, clock, cpu = timed(partial(csw.plan_swarm, scenario))
+            scenario = in_steps(csw.load_scenario(name), steps)
+            plan, clock, cpu = timed(partial(csw.plan_swarm, scenario, certify=False))
             yield (
                 name,
                 steps,
@@ -174,6 +198,23 @@ def mean_field(quick: bool) -> Iterable[Row]:
             exact = csw.plan_swarm(scenario, initial_guesses=["formations"])
             estimate, value = by_mean_field(scenario, exact)
             yield name, n, f"{exact.value:.5f}", f"{estimate:.5f}", f"{value:.5f}"
+
+
+def large(quick: bool) -> Iterable[Row]:
+    """Plans of more members than have an exact distribution: mean field, bounds, and simulation.
+
+    Rates are so high that losses come in cascades.
+    """
+    cases = (("paper-1", 12, 60.0), ("paper-2", 12, 12.0), ("paper-1", 16, 60.0))
+    for name, n, strength in cases[:1] if quick else cases:
+        scenario = around(name, n).with_values({"hazard.alpha_1": strength})
+        guesses = ["formations"]
+        planning = partial(csw.plan_swarm, scenario, initial_guesses=guesses, certify=False)
+        plan, _, cpu = timed(planning)
+        _, _, bounding = timed(partial(likely_sets, scenario, plan.positions))
+        sample = csw.estimate(scenario, JointPolicy.from_plan(plan), 4000, tolerance=1e-4).success
+        intervals = (f"{low:.6f} to {high:.6f}" for low, high in (plan.success, sample))
+        yield name, n, strength, f"{plan.value:.6f}", *intervals, f"{bounding:.1f} of {cpu:.1f} s"
 
 
 def by_mean_field(scenario: Scenario, exact: SwarmPlan) -> tuple[float, float]:
@@ -252,10 +293,15 @@ TABLES: dict[str, tuple[Sequence[str], Callable[[bool], Iterable[Row]]]] = {
         sizes,
     ),
     "Hessian": (("n", "from single steps", "automatic differentiation", "ratio"), hessians),
+    "Newton": (("n", "steps", "derivatives", "factors by steps", "dense factors"), newton),
     "Steps": (("scenario", "steps", "success", "status", "time (CPU)"), horizons),
     "Mean field": (
         ("scenario", "n", "joint plan, exact", "joint plan, mean field", "mean-field plan, exact"),
         mean_field,
+    ),
+    "Large": (
+        ("scenario", "n", "alpha_1", "mean field", "proven bounds", "simulated, 95 %", "CPU"),
+        large,
     ),
     "Replanning": (
         ("scenario", "open loop", "replanning", "solves", "plans", "failed", "CPU"),

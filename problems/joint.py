@@ -80,10 +80,12 @@ class JointForm:
 
 
 @locked_cache(maxsize=64)
-def joint_nlp(hazard: Hazard, form: JointForm) -> Nlp:
+def joint_nlp(hazard: Hazard, form: JointForm, hessian: bool = True) -> Nlp:
     """The program above, in steps and in lengths of a step at v_max.
 
-    Blocks have a column per step; those of points hold (x_1, y_1, ..., x_n, y_n).
+    Blocks have a column per step; those of points hold (x_1, y_1, ..., x_n, y_n). `hessian` tells
+    whether to build second derivatives in CasADi, which takes a second with a hundred steps;
+    casswarm's own solver has others if the rates are made of kernels.
     """
     n, steps = form.n, form.horizon
     sets = 2**n if form.exact else 0  # the mean field has no blocks of sets
@@ -134,9 +136,9 @@ def joint_nlp(hazard: Hazard, form: JointForm) -> Nlp:
     )
     if form.exact and isinstance(hazard, KernelHazard):
         program = replace(program, numeric=partial(JointNumeric, program, hazard, n))
-    if form.exact and n <= MAX_MEMBERS:
-        hessian = lagrangian_hessian(program, step, points, values, _log_odds)
-        program = replace(program, hessian=hessian)
+    if hessian and form.exact and n <= MAX_MEMBERS:
+        of_lagrangian = lagrangian_hessian(program, step, points, values, _log_odds)
+        program = replace(program, hessian=of_lagrangian)
     return program
 
 

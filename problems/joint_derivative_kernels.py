@@ -1,269 +1,269 @@
-"""Derivatives of a step of the joint plan's recursion over sets, compiled.
+"""Derivatives of the steps of the joint plan's recursion over sets, compiled.
 
 The rates are combine(S_i, D_i(d), C_i(d)) of sums over radars and over other members, as in
-`casswarm.hazard.kernels`.
+`casswarm.hazard.kernels`. An operation is done for `LANES` steps before the next one: they are the
+last axis of all arrays but the results.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from .._util.jit import allocating_kernel, kernel
 from ..typing import FloatArray
-from .joint_kernels import Scratch, expectation, outcomes, read_set, scratch
+from .joint_curvature_kernels import (
+    LANES,
+    Curvature,
+    Slopes,
+    add_curvature,
+    add_products,
+    add_second_derivatives,
+    curvature,
+    pair_slopes,
+)
+from .joint_outcome_kernels import (
+    Work,
+    copy,
+    differentiate_expectation,
+    list_set,
+    workspace,
+    write_outcomes,
+)
 
 
-class Step(NamedTuple):
-    """A step of n members; m = 2^n is the number of sets.
+class Steps(NamedTuple):
+    """Blocks of steps of n members; m = 2^n is the number of sets. Axes in front: blocks.
 
     Parameters
     ----------
-    x : (2n,)
-        Positions after it.
-    dt : float
-    lost : (m, n)
+    clock : (LANES,)
+        Time steps.
+    lost : (m, n, LANES)
         Probabilities of the members of each set.
-    mass, after : (m,)
-        Masses of the sets before it, and a function of the survivors.
-    radars : (n, 5)
+    mass, after : (m, LANES)
+        Masses of the sets before the step, and a function of the survivors.
+    continues, costs : (m, LANES)
+        Whether the run goes on with each set alive after the step, and else its cost; for the empty
+        set, 0 and the cost of having lost all.
+    points : (n, 2, LANES)
+        Positions after the step.
+    radars : (n, 5, LANES)
         Gradient and Hessian (xx, xy, yy) of S_i.
-    pairs : (4, n, n)
+    pairs : (4, n, n, LANES)
         First and second derivatives of density and collision in the squared distance.
-    rates : (m, n, 10)
+    rates : (m, 10, n, LANES)
         combine, its gradient and the upper triangle of its Hessian.
-    collides : bool
-        Whether the collision kernel is not zero.
     """
 
-    x: FloatArray
-    dt: float
+    clock: FloatArray
     lost: FloatArray
     mass: FloatArray
     after: FloatArray
+    continues: FloatArray
+    costs: FloatArray
+    points: FloatArray
     radars: FloatArray
     pairs: FloatArray
     rates: FloatArray
-    collides: bool
 
 
 class Derivatives(NamedTuple):
-    """Derivatives of a step in x; M is its matrix over sets.
+    """Derivatives of steps in their positions X; M is a step's matrix over sets.
 
     Parameters
     ----------
     gradient, hessian : (2n,), (2n, 2n)
         Of mass' M after.
-    by_set, by_outcome : (m, 2n)
-        Of M after, and of M' mass.
-    matrix : (m, m)
-        M.
+    by_set : (m, 2n)
+        Of M after.
+    by_outcome : (m, 2n)
+        Of M' mass where the run goes on; in row 0, of its expected cost if it ends.
+    transitions : (3^n,)
+        M likewise, for the subsets of every set in ascending order.
     """
 
     gradient: FloatArray
     hessian: FloatArray
     by_set: FloatArray
     by_outcome: FloatArray
-    matrix: FloatArray
+    transitions: FloatArray
 
 
 @kernel
-def rate_gradients(d: int, count: int, step: Step, work: Scratch) -> None:
-    """Write the gradients of D, C and q of all members of the set."""
-    n = step.lost.shape[1]
+def differentiate_rates(
+    d: int, count: int, block: int, steps: Steps, slopes: Slopes, work: Work
+) -> None:
+    """Write the gradients of the members' probabilities in the positions of the set."""
+    clock, rates, row = steps.clock[block], steps.rates[block, d], work.row
     for u in range(count):
         i = work.members[u]
-        weight = step.dt * (1.0 - work.lost[u])
-        by_source, by_density, by_collision = (
-            weight * step.rates[d, i, 1],
-            weight * step.rates[d, i, 2],
-            weight * step.rates[d, i, 3],
-        )
-        density, collision, rate = work.density[u], work.collision[u], work.rate[u]
-        for c in range(2 * n):
-            density[c] = 0.0
-            collision[c] = 0.0
-        for v in range(count):
-            j = work.members[v]
-            if j != i:
-                for a in range(2):
-                    slope = 2.0 * (step.x[2 * i + a] - step.x[2 * j + a])
-                    density[2 * i + a] += step.pairs[0, i, j] * slope
-                    density[2 * j + a] = -step.pairs[0, i, j] * slope
-                    collision[2 * i + a] += step.pairs[2, i, j] * slope
-                    collision[2 * j + a] = -step.pairs[2, i, j] * slope
-        for c in range(2 * n):
-            rate[c] = by_density * density[c] + by_collision * collision[c]
-        rate[2 * i] += by_source * step.radars[i, 0]
-        rate[2 * i + 1] += by_source * step.radars[i, 1]
+        q = steps.lost[block, d, i]
+        for k in range(3):
+            factor, partial = row[k], rates[1 + k, i]
+            for lane in range(LANES):
+                factor[lane] = clock[lane] * (1.0 - q[lane]) * partial[lane]
+        for a in range(2):
+            own, source = work.rate[u, 2 * u + a], steps.radars[block, i, a]
+            for lane in range(LANES):
+                own[lane] = row[0, lane] * source[lane]
+            for v in range(count):
+                if v != u:
+                    j = work.members[v]
+                    other = work.rate[u, 2 * v + a]
+                    density, collision = slopes.density[i, j, a], slopes.collision[i, j, a]
+                    for lane in range(LANES):
+                        slope = row[1, lane] * density[lane] + row[2, lane] * collision[lane]
+                        other[lane] = -slope
+                        own[lane] += slope
 
 
 @kernel
-def set_derivatives(d: int, count: int, step: Step, work: Scratch) -> None:
-    """Write the derivatives of E(d) in one and two of its members' probabilities."""
-    for m in range(1 << count):
-        work.values[m] = step.after[work.subsets[m]]
-    for u in range(count):
-        work.first[u] = expectation(count, u, -1, work)
-        if step.mass[d] > 0.0:
-            for v in range(u):
-                work.second[u, v] = work.second[v, u] = expectation(count, u, v, work)
+def write_by_set(
+    d: int, count: int, first: int, mass: FloatArray, work: Work, out: Derivatives
+) -> None:
+    """Write the gradient of the set's expectation, and add it to that of all."""
+    for c in range(2 * count):
+        row, gradient = work.row[c], work.gradient[2 * work.members[c >> 1] + (c & 1)]
+        row[:] = 0.0
+        for u in range(count):
+            factor, rate = work.first[u], work.rate[u, c]
+            for lane in range(LANES):
+                row[lane] += factor[lane] * rate[lane]
+        for lane in range(LANES):
+            gradient[lane] += mass[lane] * row[lane]
+    lanes = min(LANES, len(out.by_set) - first)
+    for lane in range(lanes):
+        target = out.by_set[first + lane, d]
+        target[:] = 0.0
+        for c in range(2 * count):
+            target[2 * work.members[c >> 1] + (c & 1)] = work.row[c, lane]
 
 
 @kernel
-def add_outer(left: FloatArray, right: FloatArray, hessian: FloatArray) -> None:
-    """Add left right' to the Hessian."""
-    for r in range(left.size):
-        target, factor = hessian[r], left[r]
-        for c in range(right.size):
-            target[c] += factor * right[c]
+def write_transitions(
+    count: int,
+    first: int,
+    place: int,
+    continues: FloatArray,
+    costs: FloatArray,
+    work: Work,
+    out: FloatArray,
+) -> None:
+    """Write the probabilities of going on with all subsets; the first is the cost of ending."""
+    ending, cost = work.values[0], costs[0]
+    for lane in range(LANES):
+        ending[lane] *= cost[lane]
+    for m in range(1, 1 << count):
+        value, goes_on, cost = work.values[m], continues[work.subsets[m]], costs[work.subsets[m]]
+        for lane in range(LANES):
+            ending[lane] += cost[lane] * value[lane]
+            value[lane] *= goes_on[lane]
+    for lane in range(min(LANES, len(out) - first)):
+        target = out[first + lane, place : place + (1 << count)]
+        for m in range(1 << count):
+            target[m] = work.values[m, lane]
 
 
 @kernel
-def add_outcome_derivatives(mass: float, count: int, work: Scratch, by_outcome: FloatArray) -> None:
+def add_by_outcome(count: int, lost: FloatArray, mass: FloatArray, work: Work) -> None:
     """Add the derivatives of the masses of all subsets after the step."""
     for u in range(count):
-        q = work.lost[u]
-        work.lost[u] = 0.5  # both outcomes have this factor, which is doubled and signed
-        outcomes(2.0 * mass, count, work)
-        work.lost[u] = q
-        rate = work.rate[u]
+        copy(mass, work.values[0])
+        write_outcomes(count, u, lost, work)
         for m in range(1 << count):
-            target = by_outcome[work.subsets[m]]
-            p = -work.values[m] if m >> u & 1 else work.values[m]
-            for c in range(rate.size):
-                target[c] += p * rate[c]
+            factor = work.values[m]
+            for v in range(count):
+                j = work.members[v]
+                for a in range(2):
+                    target, rate = (
+                        work.by_outcome[work.subsets[m], 2 * j + a],
+                        work.rate[u, 2 * v + a],
+                    )
+                    for lane in range(LANES):
+                        target[lane] += factor[lane] * rate[lane]
 
 
 @kernel
-def add_curvature(d: int, count: int, step: Step, work: Scratch, hessian: FloatArray) -> None:
-    """Add the products of first derivatives that a set contributes to the Hessian.
-
-    The factors of second derivatives of S, D and C are added to `curvature`.
-    """
-    row, mass = work.row, step.mass[d]
-    for u in range(count):
-        i = work.members[u]
-        rate, density, collision = work.rate[u], work.density[u], work.collision[u]
-        east, north = step.radars[i, 0], step.radars[i, 1]
-        alive = 1.0 - work.lost[u]
-        first = mass * work.first[u]
-        for c in range(row.size):
-            row[c] = -first / alive * rate[c] if alive > 0.0 else 0.0
-        for v in range(count):
-            if v != u:
-                other, factor = work.rate[v], mass * work.second[u, v]
-                for c in range(row.size):
-                    row[c] += factor * other[c]
-        add_outer(rate, row, hessian)
-        weight = first * step.dt * alive
-        partials = step.rates[d, i]
-        work.curvature[0, i, i] += weight * partials[1]
-        for v in range(count):
-            j = work.members[v]
-            if j != i:
-                work.curvature[1, i, j] += weight * partials[2]
-                work.curvature[2, i, j] += weight * partials[3]
-        combined_row(weight * partials[7], weight * partials[8], density, collision, row)
-        row[2 * i] += weight * partials[5] * east
-        row[2 * i + 1] += weight * partials[5] * north
-        add_outer(density, row, hessian)
-        if step.collides:
-            combined_row(weight * partials[8], weight * partials[9], density, collision, row)
-            row[2 * i] += weight * partials[6] * east
-            row[2 * i + 1] += weight * partials[6] * north
-            add_outer(collision, row, hessian)
-        combined_row(weight * partials[5], weight * partials[6], density, collision, row)
-        row[2 * i] += weight * partials[4] * east
-        row[2 * i + 1] += weight * partials[4] * north
-        for c in range(row.size):
-            hessian[2 * i, c] += east * row[c]
-            hessian[2 * i + 1, c] += north * row[c]
-
-
-@kernel
-def combined_row(
-    by_density: float,
-    by_collision: float,
-    density: FloatArray,
-    collision: FloatArray,
-    row: FloatArray,
+def write_sums(
+    first: int,
+    continues: FloatArray,
+    costs: FloatArray,
+    work: Work,
+    lower: FloatArray,
+    out: Derivatives,
 ) -> None:
-    """Write a combination of the gradients of D and C."""
-    for c in range(row.size):
-        row[c] = by_density * density[c] + by_collision * collision[c]
+    """Write the sums over all sets."""
+    by_outcome, width = work.by_outcome, len(work.gradient)
+    for c in range(width):
+        ending, cost = by_outcome[0, c], costs[0]
+        for lane in range(LANES):
+            ending[lane] *= cost[lane]
+        for d in range(1, len(by_outcome)):
+            target, cost, goes_on = by_outcome[d, c], costs[d], continues[d]
+            for lane in range(LANES):
+                ending[lane] += cost[lane] * target[lane]
+                target[lane] *= goes_on[lane]
+    for lane in range(min(LANES, len(out.gradient) - first)):
+        step = first + lane
+        for r in range(width):
+            out.gradient[step, r] = work.gradient[r, lane]
+            for c in range(r + 1):
+                out.hessian[step, r, c] = out.hessian[step, c, r] = lower[r, c, lane]
+        for d in range(len(by_outcome)):
+            for c in range(width):
+                out.by_outcome[step, d, c] = by_outcome[d, c, lane]
 
 
 @kernel
-def add_second_derivatives(step: Step, work: Scratch, hessian: FloatArray) -> None:
-    """Add the second derivatives of S, D and C, with their factors in `curvature`."""
-    for i in range(step.lost.shape[1]):
-        factor = work.curvature[0, i, i]
-        for a in range(2):
-            for b in range(2):
-                hessian[2 * i + a, 2 * i + b] += factor * step.radars[i, 2 + a + b]
-        for j in range(i):
-            density = work.curvature[1, i, j] + work.curvature[1, j, i]
-            collision = work.curvature[2, i, j] + work.curvature[2, j, i]
-            slope = 2.0 * (density * step.pairs[0, i, j] + collision * step.pairs[2, i, j])
-            bend = 4.0 * (density * step.pairs[1, i, j] + collision * step.pairs[3, i, j])
-            for a in range(2):
-                for b in range(2):
-                    entry = bend * (step.x[2 * i + a] - step.x[2 * j + a])
-                    entry *= step.x[2 * i + b] - step.x[2 * j + b]
-                    if a == b:
-                        entry += slope
-                    hessian[2 * i + a, 2 * i + b] += entry
-                    hessian[2 * j + a, 2 * j + b] += entry
-                    hessian[2 * i + a, 2 * j + b] -= entry
-                    hessian[2 * j + a, 2 * i + b] -= entry
-
-
-@allocating_kernel
-def differentiate(step: Step, out: Derivatives) -> None:
-    """Write all derivatives of a step; `out` begins with zeros."""
-    n = step.lost.shape[1]
-    work = scratch(n)
-    out.matrix[0, 0] = 1.0
+def differentiate_block(
+    block: int,
+    steps: Steps,
+    collides: bool,
+    work: Work,
+    sums: Curvature,
+    slopes: Slopes,
+    out: Derivatives,
+) -> None:
+    """Write all derivatives of the steps of a block."""
+    n, first = steps.lost.shape[2], block * LANES
+    continues, costs = steps.continues[block], steps.costs[block]
+    sums.lower[:] = 0.0
+    sums.first[:] = 0.0
+    sums.source[:] = 0.0
+    sums.pairs[:] = 0.0
+    work.gradient[:] = 0.0
+    work.by_outcome[:] = 0.0
+    out.by_set[first : first + LANES, 0] = 0.0
+    out.transitions[first : first + LANES, 0] = 1.0
+    place = 1
     for d in range(1, 1 << n):
-        count = read_set(d, step.lost, work)
-        set_derivatives(d, count, step, work)
-        rate_gradients(d, count, step, work)
-        for u in range(count):
-            for c in range(2 * n):
-                out.by_set[d, c] += work.first[u] * work.rate[u, c]
-        outcomes(1.0, count, work)
-        for m in range(1 << count):
-            out.matrix[d, work.subsets[m]] = work.values[m]
-        if step.mass[d] > 0.0:
-            for c in range(2 * n):
-                out.gradient[c] += step.mass[d] * out.by_set[d, c]
-            add_outcome_derivatives(step.mass[d], count, work, out.by_outcome)
-            add_curvature(d, count, step, work, out.hessian)
-    add_second_derivatives(step, work, out.hessian)
+        lost, mass = steps.lost[block, d], steps.mass[block, d]
+        count = list_set(d, n, work)
+        differentiate_expectation(count, lost, steps.after[block], work)
+        differentiate_rates(d, count, block, steps, slopes, work)
+        write_by_set(d, count, first, mass, work, out)
+        work.values[0] = 1.0
+        write_outcomes(count, -1, lost, work)
+        write_transitions(count, first, place, continues, costs, work, out.transitions)
+        place += 1 << count
+        add_by_outcome(count, lost, mass, work)
+        set_data = work.members[:count], lost, mass, work.first, work.second
+        add_products(set_data, work.rate, work.row, sums.lower)
+        add_curvature(set_data, steps.clock[block], steps.rates[block, d], collides, work.row, sums)
+    add_second_derivatives(
+        steps.points[block], steps.radars[block], steps.pairs[block], slopes, collides, sums
+    )
+    write_sums(first, continues, costs, work, sums.lower, out)
 
 
 @allocating_kernel
-def differentiate_steps(clocks: FloatArray, steps: Step, out: Derivatives) -> None:
-    """Derivatives of b recursions of T steps: arrays have these axes in front, clocks (b,)."""
-    batch, count = steps.x.shape[:2]
-    for k in range(batch):
-        for t in range(count):
-            step = Step(
-                steps.x[k, t],
-                clocks[k],
-                steps.lost[k, t],
-                steps.mass[k, t],
-                steps.after[k, t],
-                steps.radars[k, t],
-                steps.pairs[k, t],
-                steps.rates[k, t],
-                steps.collides,
-            )
-            part = Derivatives(
-                out.gradient[k, t],
-                out.hessian[k, t],
-                out.by_set[k, t],
-                out.by_outcome[k, t],
-                out.matrix[k, t],
-            )
-            differentiate(step, part)
+def differentiate(steps: Steps, collides: bool, out: Derivatives) -> None:
+    """Derivatives of all steps, whose axis is in front in the results; `collides` as the hazard."""
+    n = steps.lost.shape[2]
+    work, sums = workspace(n), curvature(n)
+    slopes = Slopes(np.zeros((n, n, 2, LANES)), np.zeros((n, n, 2, LANES)))
+    for block in range(len(steps.lost)):
+        pair_slopes(steps.points[block], steps.pairs[block], slopes)
+        differentiate_block(block, steps, collides, work, sums, slopes, out)

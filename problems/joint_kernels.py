@@ -2,8 +2,7 @@
 
 A set d of n members is a bit mask below m = 2^n. In a step its members are lost independently with
 probabilities q_i(d), so that the expectation E(d) of a function of the survivors is linear in each
-q_i. Its derivatives with respect to one or two of them are expectations, too, in which a member's
-two outcomes are subtracted.
+q_i.
 """
 
 from __future__ import annotations
@@ -25,50 +24,21 @@ class Scratch(NamedTuple):
         Its members, and the masks of its 2^k subsets.
     lost : (n,)
         Probabilities of its members.
-    values, cube : (m,)
-        A function of its subsets, and a copy that is overwritten.
-    first, second : (n,), (n, n)
-        Derivatives of its expectation.
-    rate, density, collision : (n, 2n)
-        Gradients of its members' probabilities, and of their sums D and C.
-    row : (2n,)
-    curvature : (3, n, n)
-        Factors of second derivatives of S, D and C, over all sets.
+    values : (m,)
+        A function of its subsets, which is overwritten.
     """
 
     members: IntArray
     subsets: IntArray
     lost: FloatArray
     values: FloatArray
-    cube: FloatArray
-    first: FloatArray
-    second: FloatArray
-    rate: FloatArray
-    density: FloatArray
-    collision: FloatArray
-    row: FloatArray
-    curvature: FloatArray
 
 
 @allocating_kernel
 def scratch(n: int) -> Scratch:
     """Arrays for sets of n members."""
-    size, sets = 2 * n, 1 << n
-    vectors, matrices = np.empty((2, n)), np.zeros((3, n, size))
-    return Scratch(
-        np.empty(n, np.int64),
-        np.empty(sets, np.int64),
-        vectors[0],
-        np.empty(sets),
-        np.empty(sets),
-        vectors[1],
-        np.zeros((n, n)),
-        matrices[0],
-        matrices[1],
-        matrices[2],
-        np.empty(size),
-        np.zeros((3, n, n)),
-    )
+    sets = 1 << n
+    return Scratch(np.empty(n, np.int64), np.empty(sets, np.int64), np.empty(n), np.empty(sets))
 
 
 @kernel
@@ -87,21 +57,15 @@ def read_set(d: int, lost: FloatArray, work: Scratch) -> int:
 
 
 @kernel
-def expectation(count: int, i: int, j: int, work: Scratch) -> float:
-    """E of `values`, or its derivative in the probabilities of the members i and j; -1 for none."""
-    cube, half = work.cube, 1 << count
-    for m in range(half):
-        cube[m] = work.values[m]
+def expectation(count: int, work: Scratch) -> float:
+    """The expectation of `values`, which is overwritten."""
+    values, half = work.values, 1 << count
     for s in range(count - 1, -1, -1):
         half >>= 1
-        if s in (i, j):
-            for m in range(half):
-                cube[m] -= cube[m + half]
-        else:
-            q = work.lost[s]
-            for m in range(half):
-                cube[m] = cube[m + half] + q * (cube[m] - cube[m + half])
-    return cube[0]  # type: ignore[no-any-return]
+        q = work.lost[s]
+        for m in range(half):
+            values[m] = values[m + half] + q * (values[m] - values[m + half])
+    return values[0]  # type: ignore[no-any-return]
 
 
 @kernel
@@ -151,7 +115,7 @@ def backward(
             count = read_set(d, lost[t], work)
             for m in range(1 << count):
                 work.values[m] = after[t, work.subsets[m]]
-            value[d] = expectation(count, -1, -1, work)
+            value[d] = expectation(count, work)
 
 
 @kernel

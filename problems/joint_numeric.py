@@ -2,8 +2,8 @@
 
 The program of `casswarm.problems.joint`, for rates that are made of kernels. In the positions all
 but the recursion is local to a step, and so are limits of acceleration in the velocities; sums over
-later steps lead from one to the other. The recursion's second derivatives are those of
-`casswarm.problems.joint_hessian`.
+later steps lead from one to the other. Second derivatives between steps are not formed: Newton's
+equations are solved step by step (`joint_riccati_kernels`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from ..hazard import KernelHazard
 from ..optimization.problem import Nlp
 from ..typing import FloatArray, IntArray
 from .joint_constraints import Constraints, backward_sums
-from .joint_rates import LocalRates, set_rates
+from .joint_factors import StageFactors
+from .joint_rates import LocalRates, blocked, set_rates, unblocked
 
 if TYPE_CHECKING:
     from .joint_derivative_kernels import Derivatives
@@ -91,111 +92,103 @@ class JointPoints:
         """F of every instance, (b,)."""
         if "_rates" in vars(self):
             return self._chances[1][:, -1]
-        return self._swept(set_rates(self.hazard, self._swarms))[1][:, -1]
+        return self._swept(set_rates(self.hazard, self._blocks))[1][:, -1]
 
     @cached_property
-    def _positions(self) -> FloatArray:
-        """X(1..T), (b, T, n, 2)."""
+    def _blocks(self) -> FloatArray:
+        """X(1..T), the steps of all instances in blocks (k, n, 2, LANES)."""
         p = {name: self.p[name][:, None] for name in ("origin", "length", "center")}
-        return np.asarray(p["origin"] + p["length"] * (self.constraints.to_center + p["center"]))
-
-    @property
-    def _swarms(self) -> FloatArray:
-        """The positions, with instances and steps on one axis."""
-        return self._positions.reshape(-1, *self._positions.shape[2:])
+        points = p["origin"] + p["length"] * (self.constraints.to_center + p["center"])
+        return blocked(points.reshape(-1, *points.shape[2:]))
 
     @cached_property
     def _rates(self) -> LocalRates:
-        return LocalRates.of(self.hazard, self._swarms)
+        return LocalRates.of(self.hazard, self._blocks)
 
     @cached_property
     def _chances(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        return self._swept(self._rates.rates[..., 0])
+        return self._swept(self._rates.rates[:, :, 0])
 
     def _swept(self, rates: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Probabilities of losses (b, T, m, n), F_0 (b, m), masses and functions (b, T, m)."""
+        """Probabilities of losses in blocks, F_0 (b, m), masses and functions (b, T, m)."""
         from .joint_kernels import sweep
 
-        by_step = rates.reshape(*self._positions.shape[:2], *rates.shape[1:])
-        lost = -np.expm1(-self.p["clock"][..., None] * by_step)
+        lost = -np.expm1(-self._clock[:, None, None] * rates)
+        batch, steps = self.constraints.changes.shape[:2]
+        by_step = unblocked(lost, batch * steps)
         ends = self.p["continues"], self.p["costs"], self.p["last_cost"][:, 0]
-        return lost, *sweep(lost, *ends)
+        return lost, *sweep(by_step.reshape(batch, steps, *by_step.shape[1:]), *ends)
 
-    def differentiated(self) -> tuple[FloatArray, FloatArray]:
-        """Gradient (b, T, 2n) and Hessian (b, T, 2n, T, 2n) of F in lengths of a step at v_max."""
-        from .joint_derivative_kernels import Derivatives, Step, differentiate_steps
+    @property
+    def _clock(self) -> FloatArray:
+        """The time step of all steps in blocks, (k, LANES)."""
+        shape = self.constraints.changes.shape[:2]
+        return self._in_blocks(np.broadcast_to(self.p["clock"][:, :, 0], shape))
+
+    def _in_blocks(self, values: FloatArray) -> FloatArray:
+        """Values (b, T, ...) of all steps in blocks (k, ..., LANES)."""
+        return blocked(values.reshape(-1, *values.shape[2:]))
+
+    def differentiated(self) -> Derivatives:
+        """Derivatives of F in all steps, in lengths of a step at v_max: see `Derivatives`."""
+        from .joint_derivative_kernels import Derivatives, Steps, differentiate
 
         lost, _, masses, after = self._chances
-        batch, steps, sets, n = lost.shape
-        width = 2 * n
-        shapes = (width,), (width, width), (sets, width), (sets, width), (sets, sets)
-        out = Derivatives(*(np.zeros((batch, steps, *shape)) for shape in shapes))
-        local = self._rates
-        radars, pairs, rates = (
-            part.reshape(batch, steps, *part.shape[1:])
-            for part in (local.radars, local.pairs, local.rates)
-        )
-        points = self._positions.reshape(batch, steps, width)
-        clocks, collides = self.p["clock"][:, 0, 0], self.hazard.collides
-        data = Step(points, 0.0, lost, masses, after, radars, pairs, rates, collides)
-        differentiate_steps(clocks, data, out)
+        (batch, steps, sets), n = masses.shape, lost.shape[2]
+        width, local = 2 * n, self._rates
+        shapes = (width,), (width, width), (sets, width), (sets, width), (3**n,)
+        flat = Derivatives(*(np.empty((batch * steps, *shape)) for shape in shapes))
+        continues, costs = self.p["continues"].copy(), self.p["costs"].copy()
+        continues[..., 0], costs[..., 0] = 0.0, self.p["last_cost"][..., 0]
+        of_sets = [self._in_blocks(part) for part in (masses, after, continues, costs)]
+        arrays = lost, *of_sets, self._blocks, local.radars, local.pairs, local.rates
+        differentiate(Steps._make([self._clock, *arrays]), self.hazard.collides, flat)
+        out = Derivatives(*(part.reshape(batch, steps, *part.shape[1:]) for part in flat))
         unit = self.p["length"]
-        return unit * out.gradient, unit[..., None, None] ** 2 * self._between_steps(out)
-
-    def _between_steps(self, steps: Derivatives) -> FloatArray:
-        """The Hessian of F, from derivatives of its steps."""
-        batch, count, width = steps.gradient.shape
-        size = count * width
-        hessian = np.zeros((batch, size, size))
-        later = np.empty((batch, steps.matrix.shape[-1], 0))
-        for j in reversed(range(count)):
-            here, beyond = slice(j * width, (j + 1) * width), slice((j + 1) * width, None)
-            hessian[:, here, here] = steps.hessian[:, j]
-            hessian[:, here, beyond] = steps.by_outcome[:, j].swapaxes(1, 2) @ later
-            hessian[:, beyond, here] = hessian[:, here, beyond].swapaxes(1, 2)
-            if j:
-                later = np.concatenate([steps.by_set[:, j], steps.matrix[:, j] @ later], axis=2)
-                later *= self.p["continues"][:, j - 1, :, None]
-        return hessian.reshape(batch, count, width, count, width)
+        out.gradient[:] *= unit
+        out.by_set[:] *= unit[..., None]
+        out.by_outcome[:] *= unit[..., None]
+        out.hessian[:] *= unit[..., None] ** 2
+        return out
 
 
 class JointLinearisation:
-    """Derivatives of b instances at a point each: see `Linearisation`."""
+    """Derivatives of b instances at a point each: see `RowLinearisation`."""
 
     def __init__(self, points: JointPoints) -> None:
         self._constraints = points.constraints
-        gradient, self._hessian = points.differentiated()
+        self._steps, self._last_cost = points.differentiated(), points.p["last_cost"][:, 0]
         failure = points.failure
         below, above = 1.0 / (failure + TINY), 1.0 / (1.0 - failure + CERTAIN)
         self._slope, self._bend = below + above, above**2 - below**2  # of the log-odds
-        by_velocity = backward_sums(gradient, 1)
-        self._failure_gradient = by_velocity.reshape(len(gradient), -1)
-        self.gradient = self._slope[:, None] * self._failure_gradient
+        by_velocity = backward_sums(self._steps.gradient.copy(), 1)
+        self.gradient = self._slope[:, None] * by_velocity.reshape(len(failure), -1)
 
     def times(self, vectors: FloatArray) -> FloatArray:
-        """See `Linearisation`."""
+        """See `RowLinearisation`."""
         return self._constraints.times(vectors.reshape(self._constraints.changes.shape))
 
     def transposed_times(self, vectors: FloatArray) -> FloatArray:
-        """See `Linearisation`."""
+        """See `RowLinearisation`."""
         return self._constraints.transposed_times(vectors).reshape(len(vectors), -1)
 
-    def condensed(self, multipliers: FloatArray, weights: FloatArray) -> FloatArray:
-        """See `Linearisation`."""
-        in_positions, in_changes = self._constraints.curvature(multipliers, weights)
-        matrix = self._slope[:, None, None, None, None] * self._hessian
-        steps = np.arange(matrix.shape[1])
-        _diagonal(matrix, steps, steps, in_positions)
-        matrix = backward_sums(backward_sums(matrix, 1), 3)
-        _diagonal(matrix, steps, steps, in_changes)
-        _diagonal(matrix, steps[:-1], steps[:-1], in_changes[:, 1:])
-        _diagonal(matrix, steps[1:], steps[:-1], -in_changes[:, 1:])
-        _diagonal(matrix, steps[:-1], steps[1:], -in_changes[:, 1:])
-        gradient = self._failure_gradient
-        bend = self._bend[:, None, None] * gradient[:, :, None] * gradient[:, None]
-        return np.asarray(matrix.reshape(bend.shape) + bend)
+    def factors(
+        self,
+        multipliers: FloatArray,
+        weights: FloatArray,
+        shifts: FloatArray,
+        objective: float = 1.0,
+    ) -> StageFactors:
+        """See `RowLinearisation`."""
+        from .joint_riccati_kernels import Stages
 
-
-def _diagonal(matrix: FloatArray, rows: IntArray, columns: IntArray, blocks: FloatArray) -> None:
-    """Add blocks (b, k, r, r) to those of a matrix (b, T, r, T, r) in some rows and columns."""
-    matrix[:, rows, :, columns] += blocks.swapaxes(0, 1)
+        steps, size = self._steps, self.gradient.shape[1]
+        positions, changes = self._constraints.curvature(multipliers, weights[:, size:])
+        slope, terminal = objective * self._slope, self._last_cost.copy()
+        terminal[:, 0] = 1.0
+        positions += slope[:, None, None, None] * steps.hessian
+        limits = np.ascontiguousarray(weights[:, :size]).reshape(steps.gradient.shape)
+        of_law = steps.transitions, steps.by_outcome, steps.by_set
+        of_objective = slope, objective * self._bend
+        stages = Stages(*of_law, positions, changes, limits, terminal, *of_objective)
+        return StageFactors(stages, shifts)

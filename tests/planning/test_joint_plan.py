@@ -339,7 +339,8 @@ def test_plan_swarm_large_swarm_uses_mean_field() -> None:
     scenario = small(positions, (3.0, 0.2), RADARS, 8)
     best = plan_swarm(scenario)
     assert best.distribution is None
-    assert best.success is None
+    assert best.success is not None
+    assert best.success.low < best.success.high < best.value  # the mean field's is optimistic
     assert "by the mean field" in str(best)
     assert (best.arrivals > 0).all()
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import casswarm as csw
 from casswarm.optimization.problem import Instances, Nlp
+from casswarm.optimization.solvers.interior_point.factors import shifts_to_try
 from casswarm.optimization.solvers.interior_point.problems import CasadiProblems
 from casswarm.problems.joint import JointForm, joint_nlp
 from casswarm.problems.joint_instances import JointTask, joint_instances
@@ -61,7 +62,32 @@ def test_values_and_derivatives_equal_casadis(
     multipliers, weights = rng.normal(size=(2, *batch.lbg.shape))
     close(one.times(variables), other.times(variables))
     close(one.transposed_times(multipliers), other.transposed_times(multipliers))
-    close(one.condensed(multipliers, weights), other.condensed(multipliers, weights))
+    # Newton's equations, made positive definite by weights of the variables
+    matrices = other.condensed(multipliers, weights)
+    largest = abs(matrices).sum(axis=2).max(axis=1, keepdims=True)
+    of_all = np.hstack([largest * rng.uniform(0.5, 2.0, variables.shape), weights])
+    shifts = shifts_to_try(np.zeros(len(batch)))
+    solutions = [at.factors(multipliers, of_all, shifts).solve(variables.T) for at in (one, other)]
+    close(*solutions)
+
+
+@given(n=st.integers(1, 3), seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=10)
+def test_factors_need_the_shifts_of_dense_matrices(n: int, seed: int) -> None:
+    nlp, batch = posed("paper-2", n, "success", False, seed)
+    assert nlp.numeric is not None
+    rows, rng = np.arange(len(batch)), np.random.default_rng(seed)
+    multipliers, none = rng.normal(size=batch.lbg.shape), np.zeros_like(batch.lbg)
+    casadis = CasadiProblems(nlp, batch.p).linearise(rows, batch.x0)
+    eigenvalues = np.linalg.eigvalsh(casadis.condensed(multipliers, none))
+    assume((abs(eigenvalues) > 1e-6).all())
+    weights = np.hstack([np.zeros_like(batch.x0), none])
+    for margin, positive in ((1e-3, True), (-1e-3, False)):
+        of_x = -eigenvalues[:, :1] + margin * abs(eigenvalues).max(axis=1, keepdims=True)
+        weights[:, : batch.x0.shape[1]] = of_x
+        ours = nlp.numeric(batch.p).linearise(rows, batch.x0)
+        shifts = ours.factors(multipliers, weights, np.zeros((len(batch), 1))).shifts
+        assert (np.isfinite(shifts) == positive).all()
 
 
 def close(ours: np.ndarray, theirs: np.ndarray) -> None:

@@ -37,7 +37,8 @@ def changes(
     yield _exchanged(name, task, plan, path)
     yield _turned(name, task, plan, path)
     yield from _stretched(name, task, plan, path)
-    yield _rerouted(name, task, plan, path, [each[0] for each in paths.values()])
+    if paths:
+        yield _rerouted(name, task, plan, path, [each[0] for each in paths.values()])
 
 
 def _exchanged(name: str, task: JointTask, plan: InitialGuess, path: FloatArray) -> Family:

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...hazard import KernelHazard
 from ...problems.joint_instances import terminal_costs
+from ...problems.joint_rates import blocked, set_rates, unblocked
 from ...problems.subsets import subsets
 from ...typing import BoolArray, FloatArray, IntArray, Interval
 from ..bounds.grid import UNIT
@@ -79,11 +81,22 @@ class PlanDistribution:
 
     def cost(self, objective: str) -> float:
         """Expected cost of `casswarm.problems.joint`, with the actual arrivals of all members."""
-        costs, ended, value = terminal_costs(objective, self.n, self.inside)
+        return float(self._costs(objective)[0, -1])
+
+    @property
+    def failures(self) -> FloatArray:
+        """Probability (N+1, 2^n) that no member of a set arrives after a step."""
+        return self._costs("success")
+
+    def _costs(self, objective: str) -> FloatArray:
+        """Expected costs (N+1, 2^n) of all sets from a step on."""
+        costs, ended, last = terminal_costs(objective, self.n, self.inside)
+        values = np.empty((len(self.lost) + 1, 2**self.n))
+        values[-1] = last
         for step in reversed(range(len(self.lost))):
-            value = np.where(ended[step], costs[step], value)
-            value = subsets(self.n).expectations(value, self.lost[step])
-        return float(value[-1])
+            after = np.where(ended[step], costs[step], values[step + 1])
+            values[step] = subsets(self.n).expectations(after, self.lost[step])
+        return values
 
     @property
     def masses(self) -> FloatArray:
@@ -125,11 +138,14 @@ def loss_probabilities(scenario: Scenario, positions: FloatArray) -> FloatArray:
     scenario : Scenario
     positions : (..., N+1, n, 2)
     """
-    after = positions[..., 1:, :, :]
+    after, hazard = positions[..., 1:, :, :], scenario.hazard
     n = after.shape[-2]
-    members = subsets(n).members
-    states = np.repeat(after.reshape(-1, n, 2), len(members), axis=0)
-    rates = scenario.hazard.rates(states, np.tile(members, (len(states) // len(members), 1)))
+    members, points = subsets(n).members, after.reshape(-1, n, 2)
+    if isinstance(hazard, KernelHazard):
+        rates = unblocked(set_rates(hazard, blocked(points)), len(points)) * members
+    else:
+        states = np.repeat(points, len(members), axis=0)
+        rates = hazard.rates(states, np.tile(members, (len(points), 1)))
     lost = -np.expm1(-scenario.time.dt * rates)
     return np.asarray(lost.reshape(*after.shape[:-2], len(members), n))
 
@@ -151,8 +167,8 @@ def prescribed_costs(
     steps = lost.shape[1]
     arriving = np.arange(1, steps + 1)[:, None] == arrivals[:, None]  # (B, N, n)
     costs, ended, last = terminal_costs(objective, n, arriving)
-    value = np.broadcast_to(last, (len(lost), 2**n))
-    for step in reversed(range(steps)):
-        value = np.where(ended[:, step], costs[:, step], value)
-        value = subsets(n).expectations(value, lost[:, step])
-    return np.asarray(value[:, -1])
+    from ...problems.joint_kernels import sweep
+
+    shape = len(lost), steps, 2**n
+    continues, costs = (np.array(np.broadcast_to(part, shape), float) for part in (~ended, costs))
+    return np.asarray(sweep(lost, continues, costs, np.tile(last, (len(lost), 1)))[0][:, -1])

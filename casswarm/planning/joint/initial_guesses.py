@@ -83,11 +83,14 @@ class Guesses:
             for k in range(count)
         ]
 
-    def changed(self, plan: InitialGuess, count: int) -> list[InitialGuess]:
-        """The best changes of a plan, before they are optimised; none without an exact cost."""
+    def changed(self, plan: InitialGuess, count: int, rerouted: bool = True) -> list[InitialGuess]:
+        """The best changes of a plan, before they are optimised; none without an exact cost.
+
+        `rerouted` tells whether members take other paths, which needs the guide's.
+        """
         if not 1 < self.scenario.n <= MAX_EXACT:
             return []
-        found = changes(self.task, plan, self.paths)
+        found = changes(self.task, plan, self.paths if rerouted else {})
         return screened(self.scenario, self.task, self.objective, list(found), count)
 
     def perturbed(self, plan: InitialGuess, rng: np.random.Generator) -> InitialGuess:

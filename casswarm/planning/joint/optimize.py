@@ -23,6 +23,7 @@ from ..plan import initial_velocities, plan
 from .distribution import PlanDistribution
 from .frame import Frame
 from .initial_guesses import INITIAL_GUESSES
+from .likely_sets import MAX_MEMBERS, likely_sets
 from .plan import SwarmPlan, least_distance
 from .search import JointSearch
 from .solve import STAGED, first_arrivals
@@ -84,6 +85,7 @@ def plan_swarm(
     SwarmPlan
         The best outcome of all starts by its exact value, whatever its solver's status, or by the
         mean field's with more than 10 members; among those that keep `min_distance`, if any do.
+        Its `success` has proven bounds; with more than 62 members it is None.
 
         It is planned in a `Frame` that the scenario's geometry defines: scenarios that differ by
         quarter turns and mirrors about the origin, and by the order of members, have the same plan.
@@ -116,9 +118,12 @@ def plan_swarm(
         solver = make_solver(solver, **dict(solver_options or {}))
     deadline = math.inf if time_limit is None else started + time_limit
     search = JointSearch(framed, task, objective, solver, deadline, _renamed(progress, frame))
-    best = frame.outcome_from(search.run(initial_guesses, seed))
+    found = search.run(initial_guesses, seed)
+    best = frame.outcome_from(found)
     positions = integrate(scenario.positions, best.velocities, scenario.time.dt)
-    exact = search.problem.form.exact
+    exact, likely = search.problem.form.exact, None
+    if not exact and scenario.n <= MAX_MEMBERS:
+        likely = likely_sets(framed, search.problem.positions(found.velocities))
     return SwarmPlan(
         scenario=scenario.name,
         objective=objective,
@@ -134,6 +139,7 @@ def plan_swarm(
         bound=bound,
         min_distance=min_distance,
         seconds=time.perf_counter() - started,
+        likely=likely,
     )
 
 

@@ -13,6 +13,7 @@ from ...problems.step import Motion
 from ...typing import FloatArray, IntArray, Interval
 from ..bounds.success_bound import SuccessBound
 from .distribution import PlanDistribution
+from .likely_sets import LikelySets
 
 DISTANCE_TOL = 1e-4
 """Relative tolerance of the minimum distance, above a solver's."""
@@ -87,12 +88,15 @@ class SwarmPlan(Displayed):
     solution : Solution
         The solve that this plan results from.
     outcomes : tuple of SwarmOutcome
-        The outcome of every start, failures included, in the order of the search.
+        The outcome of every start, failures included, in the order of the search; without those
+        with coarse time steps, from which it starts.
     bound : SuccessBound or None
         Upper bound on the success probability of every policy; None if it was not computed.
     min_distance : float or None
         Required distance of any two members from step 1 on, if any.
     seconds : float
+    likely : LikelySets or None
+        Bounds on the success of a swarm too large for an exact distribution.
     """
 
     scenario: str
@@ -109,6 +113,7 @@ class SwarmPlan(Displayed):
     bound: SuccessBound | None = None
     min_distance: float | None = None
     seconds: float = 0.0
+    likely: LikelySets | None = None
 
     @property
     def n(self) -> int:
@@ -122,11 +127,12 @@ class SwarmPlan(Displayed):
 
     @property
     def success(self) -> Interval | None:
-        """The success probability, exact up to rounding; None for large swarms.
+        """Proven bounds on the success probability; up to rounding with an exact distribution.
 
-        Use `casswarm.estimate` for those.
+        None for swarms of more members than `likely_sets` takes: use `casswarm.estimate` for those.
         """
-        return None if self.distribution is None else self.distribution.success
+        proven = self.distribution or self.likely
+        return None if proven is None else proven.success
 
     @property
     def least_distance(self) -> float:
@@ -148,6 +154,9 @@ class SwarmPlan(Displayed):
                 end += f", members COME WITHIN {least:.4g} of each other"
         if self.distribution is None:
             value = f"{self.objective} {self.value:.4f} by the mean field"
+            if self.success is not None:
+                low, high = self.success
+                value = f"success {low:.6f} to {high:.6f} ({value})"
         else:
             failure = self.distribution.failure
             value = f"success {1.0 - failure:.6f} (failure {failure:.3g})"

@@ -12,6 +12,7 @@ from ...optimization.solvers import Solver
 from ...problems.joint import JointForm
 from ...problems.joint_instances import JointTask
 from ...typing import Progress
+from .coarse import coarse_task, coarsened, distinct, refined
 from .distribution import MAX_EXACT
 from .initial_guesses import Guesses
 from .plan import SwarmOutcome
@@ -28,7 +29,7 @@ ITERATIONS = 20, 25, 200
 FIRST_ITERATIONS_MEAN_FIELD = 300
 """Iterations of the first solves of the mean field, which are cheap."""
 
-MAX_EXACT_FIRST = 7
+MAX_EXACT_FIRST = 8
 """Maximum number of members of swarms whose first solves maximise the exact probability; those of
 larger ones maximise the mean field's."""
 
@@ -38,15 +39,21 @@ MAX_GUESSES, MAX_GUESSES_LARGE = 9, 6
 N_WAVES, N_CHANGED, N_PERTURBED = 24, 8, 6
 """Number of random guesses, of changes of the best plan, and of random perturbations."""
 
+MAX_WAVES, N_WAVES_LARGE = 6, 8
+"""Number of members above which there are fewer random guesses, and their number then."""
+
 ROUNDS = 2
 """Rounds of changes and perturbations; each only if the one before found a better plan."""
 
 PROMISING = 0.2
 """Log-odds by which an unfinished solve may be worse than the best to be continued."""
 
-MAX_ADVANCED, MAX_CONTINUED = 8, 2
+IMPROVEMENT = 1e-6
+"""Relative decrease of the cost that counts as a better plan: others are rounding."""
+
+MAX_ADVANCED, MAX_CONTINUED, MAX_REFINED = 8, 2, 4
 """Outcomes that are solved further, and that are continued to the end; only one of those if the
-first solves are of another program."""
+first solves are of another program; and outcomes with coarse steps that are refined."""
 
 
 class JointSearch:
@@ -84,6 +91,12 @@ class JointSearch:
         self.solvers = self._stages(solver)
         self.deadline, self.progress = deadline, progress
         self.guesses = Guesses(scenario, task, objective)
+        coarse = coarsened(scenario)
+        self.coarse = None
+        if coarse is not None:
+            self.coarse = JointSearch(
+                coarse, coarse_task(task, coarse), objective, solver, deadline, progress
+            )
         self.outcomes: list[SwarmOutcome] = []
         self._live: list[SwarmOutcome] = []  # those that no other continues
 
@@ -102,11 +115,11 @@ class JointSearch:
     def run(self, kinds: Sequence[str], seed: int) -> SwarmOutcome:
         """The best outcome of all starts, of which there is at least one."""
         rng = np.random.default_rng(seed)
-        exact_first = self.problem.form.n <= MAX_EXACT_FIRST
-        guesses = self.guesses.first(kinds, MAX_GUESSES if exact_first else MAX_GUESSES_LARGE)
-        if "waves" in kinds and exact_first:
-            guesses += self.guesses.waves(N_WAVES, rng)
-        self._solve(guesses)
+        if self.coarse is None:
+            self._solve(self._first(kinds, rng))
+        else:
+            self.coarse.run(kinds, seed)
+            self._solve(self.coarse.refined(self.problem.task), 1)
         if self.same_program:
             self._advance()
         for outcome in self._promising(MAX_CONTINUED if self.same_program else 1):
@@ -114,6 +127,20 @@ class JointSearch:
         if "perturbed" in kinds:
             self._perturb(rng)
         return self.best
+
+    def _first(self, kinds: Sequence[str], rng: np.random.Generator) -> list[InitialGuess]:
+        """The first guesses."""
+        exact_first = self.problem.form.n <= MAX_EXACT_FIRST
+        guesses = self.guesses.first(kinds, MAX_GUESSES if exact_first else MAX_GUESSES_LARGE)
+        if "waves" in kinds and exact_first:
+            few = self.problem.form.n > MAX_WAVES
+            guesses += self.guesses.waves(N_WAVES_LARGE if few else N_WAVES, rng)
+        return guesses
+
+    def refined(self, task: JointTask) -> list[InitialGuess]:
+        """Guesses for a task with more steps, from the best outcomes."""
+        chosen = self._promising(MAX_REFINED)
+        return [refined(outcome, task, self.problem.task.steps) for outcome in chosen]
 
     @property
     def best(self) -> SwarmOutcome:
@@ -135,7 +162,7 @@ class JointSearch:
         """
         order = sorted(self._live, key=_merit)
         by_value = max(self._live, key=lambda o: (o.separated, o.value))
-        chosen = order[:count]
+        chosen = distinct(self.problem.task, order)[:count]
         return chosen if by_value in chosen else [*chosen, by_value]
 
     @property
@@ -146,12 +173,21 @@ class JointSearch:
         """Solve from changes and perturbations of the best outcome, while they improve it."""
         for _ in range(ROUNDS):
             best, plan = self.best, self.problem.restart(self.best)
-            guesses = [self.guesses.perturbed(plan, rng) for _ in range(N_PERTURBED)]
+            coarsest = self.coarse is None
+            share = 1 if coarsest else 2  # coarse plans have been changed before
+            guesses = [self.guesses.perturbed(plan, rng) for _ in range(N_PERTURBED // share)]
             if self.same_program:
-                guesses += self.guesses.changed(plan, N_CHANGED)
+                guesses += self.guesses.changed(plan, N_CHANGED // share, coarsest)
             self._attempt(guesses)
-            if self.best is best:
+            if not self._improves(self.best, best):
                 break
+
+    def _improves(self, outcome: SwarmOutcome, best: SwarmOutcome) -> bool:
+        """Whether an outcome is better by more than rounding."""
+        form = self.problem.form
+        largest = 1.0 if form.objective == "success" else form.n
+        least = IMPROVEMENT * (largest - best.value)
+        return outcome.value > best.value + least or outcome.separated > best.separated
 
     def _attempt(self, guesses: Sequence[InitialGuess]) -> None:
         """Solve from guesses, and those further that promise to become the best."""
@@ -167,9 +203,10 @@ class JointSearch:
             and _merit(outcome) <= best.solution.objective + PROMISING
         ]
         if not self._late:
+            unfinished = distinct(self.problem.task, unfinished, [best])
             outcomes += self._solve([self.problem.restart(outcome) for outcome in unfinished], 1)
         leading = max(outcomes, key=lambda outcome: outcome.value, default=best)
-        if leading.value > best.value:
+        if self._improves(leading, best):
             self._continue(leading)
 
     def _solve(self, guesses: Sequence[InitialGuess], stage: int = 0) -> list[SwarmOutcome]:

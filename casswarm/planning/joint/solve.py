@@ -80,7 +80,7 @@ class JointProblem:
     @property
     def nlp(self) -> Nlp:
         """The program, which is built once for all problems of its form."""
-        return joint_nlp(self.scenario.hazard, self.form)
+        return joint_nlp(self.scenario.hazard, self.form, False)
 
     def solve(self, guesses: Sequence[InitialGuess], solver: Solver) -> list[SwarmOutcome]:
         """The solver's answers from initial guesses, within all limits, and their values."""
@@ -88,7 +88,9 @@ class JointProblem:
         instances = joint_instances(
             self.nlp, self.form, self.task, arrivals, [guess.velocities for guess in guesses]
         )
-        solutions = solver.solve(self.nlp, instances)
+        compiled = isinstance(solver, FilterInteriorPoint) and self.nlp.numeric is not None
+        nlp = self.nlp if compiled else joint_nlp(self.scenario.hazard, self.form)
+        solutions = solver.solve(nlp, instances)
         return [
             self._outcome(guess, prescribed, solution)
             for guess, prescribed, solution in zip(guesses, arrivals, solutions, strict=True)

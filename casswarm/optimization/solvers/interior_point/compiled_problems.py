@@ -8,7 +8,7 @@ import numpy as np
 from ...._util.threads import locked_cache
 from ....typing import Expr, FloatArray, IntArray
 from ...problem import Nlp
-from .factors import DenseFactors, Factors
+from .factors import DenseFactors, Factors, shifts_to_try
 from .problems import CasadiProblems, Problems, RowProblems
 from .sparse_factors import SparseFactors, SparseSystem
 from .tape import MAX_OPERATIONS, Tape, scalar
@@ -137,7 +137,8 @@ class CompiledLinearisation:
         jacobian = np.zeros((batch, len(multipliers), size))
         jacobian[:, *self._tapes.jacobian] = self._entries.T
         weighted = jacobian * weights[size:].T[..., None]
-        return DenseFactors(matrices + weighted.swapaxes(1, 2) @ jacobian, last)
+        condensed = matrices + weighted.swapaxes(1, 2) @ jacobian
+        return DenseFactors(condensed, shifts_to_try(last))
 
     def _hessian(self, multipliers: FloatArray, objective: FloatArray | float) -> FloatArray:
         if not np.any(objective) and not multipliers.any():

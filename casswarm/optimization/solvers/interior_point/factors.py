@@ -25,14 +25,14 @@ class Factors(Protocol):
 class DenseFactors:
     """Factors of matrices (b, n, n), of which the lower triangles are read.
 
-    `last` (b,) are the shifts that were last needed.
+    `shifts` (b, m) are tried in order.
     """
 
-    def __init__(self, matrices: FloatArray, last: FloatArray) -> None:
+    def __init__(self, matrices: FloatArray, shifts: FloatArray) -> None:
         diagonal = np.arange(matrices.shape[1])
         self._factors: list[FloatArray] = []
         self.shifts = np.full(len(matrices), np.nan)
-        for row, (matrix, tried) in enumerate(zip(matrices, shifts_to_try(last), strict=True)):
+        for row, (matrix, tried) in enumerate(zip(matrices, shifts, strict=True)):
             factor = matrix
             for shift in tried:
                 shifted = matrix.copy()

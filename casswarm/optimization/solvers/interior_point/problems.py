@@ -15,7 +15,7 @@ from ...._util.jit import contiguous
 from ...._util.threads import locked_cache
 from ....typing import Expr, FloatArray, IntArray
 from ...problem import Nlp
-from .factors import DenseFactors, Factors
+from .factors import DenseFactors, Factors, shifts_to_try
 
 
 class Linearisation(Protocol):
@@ -69,8 +69,17 @@ class RowLinearisation(Protocol):
     def transposed_times(self, vectors: FloatArray) -> FloatArray:
         """J' w, (b, nx), of vectors w (b, ng)."""
 
-    def condensed(self, multipliers: FloatArray, weights: FloatArray) -> FloatArray:
-        """Hessians of f + multipliers' g, plus J' diag(weights) J: (b, nx, nx)."""
+    def factors(
+        self,
+        multipliers: FloatArray,
+        weights: FloatArray,
+        shifts: FloatArray,
+        objective: FloatArray | float = 1.0,
+    ) -> Factors:
+        """See `Linearisation`; multipliers (b, ng), weights (b, nx + ng). Solutions are (nx, b).
+
+        `shifts` (b, m) are tried in order.
+        """
 
 
 class NumericProblems(Protocol):
@@ -101,7 +110,7 @@ class RowProblems:
 
 
 class TransposedLinearisation:
-    """`Linearisation` by one with instances first, with dense matrices."""
+    """`Linearisation` by one with instances first."""
 
     def __init__(self, rows_first: RowLinearisation, n_rows: int) -> None:
         self._rows_first, self._n_rows = rows_first, n_rows
@@ -131,15 +140,8 @@ class TransposedLinearisation:
         objective: FloatArray | float = 1.0,
     ) -> Factors:
         """See `Linearisation`."""
-        diagonal = np.arange(len(self.gradient))
-        of_x, of_g = contiguous(weights[: diagonal.size].T), contiguous(weights[diagonal.size :].T)
-        matrices = self._rows_first.condensed(contiguous(multipliers.T), of_g)
-        without = np.reshape(1.0 - np.asarray(objective), (-1, 1, 1))
-        if without.any():
-            none = np.zeros_like(of_g)
-            matrices -= without * self._rows_first.condensed(none, none)
-        matrices[:, diagonal, diagonal] += of_x
-        return DenseFactors(matrices, last)
+        rows = contiguous(multipliers.T), contiguous(weights.T)
+        return self._rows_first.factors(*rows, shifts_to_try(last), objective)
 
 
 class CasadiProblems:
@@ -179,7 +181,7 @@ class CasadiProblems:
 
 
 class CasadiLinearisation:
-    """See `RowLinearisation`."""
+    """See `RowLinearisation`; condensed matrices are dense."""
 
     def __init__(self, problems: CasadiProblems, rows: IntArray, x: FloatArray) -> None:
         self._problems, self._rows, self._x = problems, rows, x
@@ -195,11 +197,27 @@ class CasadiLinearisation:
         """See `RowLinearisation`."""
         return np.asarray(np.einsum("bmn,bm->bn", self._jacobian, vectors))
 
-    def condensed(self, multipliers: FloatArray, weights: FloatArray) -> FloatArray:
+    def factors(
+        self,
+        multipliers: FloatArray,
+        weights: FloatArray,
+        shifts: FloatArray,
+        objective: FloatArray | float = 1.0,
+    ) -> Factors:
         """See `RowLinearisation`."""
+        diagonal = np.arange(self.gradient.shape[1])
+        of_x, of_g = weights[:, : diagonal.size], weights[:, diagonal.size :]
+        matrices = self._condensed(multipliers, of_g, objective)
+        matrices[:, diagonal, diagonal] += of_x
+        return DenseFactors(matrices, shifts)
+
+    def _condensed(
+        self, multipliers: FloatArray, weights: FloatArray, objective: FloatArray | float
+    ) -> FloatArray:
+        """Hessians of objective f + multipliers' g, plus J' diag(weights) J: (b, nx, nx)."""
         hessian = lagrangian_hessian(self._problems.nlp)
-        ones = np.ones(len(multipliers))
-        upper = self._problems.call(hessian, self._rows, self._x, ones, multipliers)[0]
+        of_f = np.broadcast_to(objective, len(multipliers))
+        upper = self._problems.call(hessian, self._rows, self._x, of_f, multipliers)[0]
         transposed = np.swapaxes(self._jacobian, 1, 2)
         full = upper + np.swapaxes(np.triu(upper, 1), 1, 2)
         return np.asarray(full + (transposed * weights[:, None]) @ self._jacobian)

@@ -24,6 +24,7 @@ from .scaling import ScaledProblems, Scaling
 from .verification import verified
 
 _ENTRIES = 1 << 16  # of x and g of the instances that advance together, which fit in a cache
+_NUMERIC = 1 << 14  # likewise, with derivatives of their own
 _DENSE = 1 << 22  # of their matrices, where those are dense
 _WIDEST = 8 * LANES
 
@@ -154,7 +155,9 @@ class FilterInteriorPoint(Solver):
 def _width(nlp: Nlp) -> int:
     """How many instances advance together: whole lanes, or fewer where matrices are dense."""
     variables, _, rows = nlp.sizes
-    tapes = program_tapes(nlp) if nlp.numeric is None else None
+    if nlp.numeric is not None:
+        return max(1, min(_WIDEST, _NUMERIC // (variables + rows + 1)))
+    tapes = program_tapes(nlp)
     if tapes is None or tapes.system is None:
         return max(1, min(_WIDEST, _DENSE // max(1, variables) ** 2))
     lanes = _ENTRIES // (variables + rows + 1) // LANES
