@@ -18,6 +18,7 @@ from .._util.jit import contiguous
 from ..policies.base import Policy
 from ..typing import BoolArray, FloatArray, Progress
 from .distribution import OutcomeDistribution
+from .lattice import Lattice
 from .states import Frontier, States
 from .transition import Transition, transition
 
@@ -44,10 +45,8 @@ class ExpansionOptions:
         Residual mass at which the expansion stops.
     max_states : int
         Maximum number of states to solve.
-    aggregation_tol : float
-        Width of the grid, of positions and of displacements in a step, in units of length; states
-        in the same grid cell are identified. 0 aggregates only states that are equal to the last
-        bit.
+    lattice : Lattice, optional
+        Lattice of the positions, on which nearly equal states become equal.
     max_pruned_fraction : float
         Largest fraction of a state's probability that may be pruned when it is split; a state that
         would lose more is not split.
@@ -57,7 +56,7 @@ class ExpansionOptions:
 
     tolerance: float
     max_states: int
-    aggregation_tol: float = 0.0
+    lattice: Lattice | None = None
     max_pruned_fraction: float = math.inf
     min_probability: float = 0.0
 
@@ -148,8 +147,7 @@ class StateSpaceExpansion:
         for step in range(self.scenario.n_steps):
             if not self.frontier.batches[step]:
                 continue
-            pool = States.concatenate(self.frontier.pop(step))
-            pool = self._aggregated(pool)
+            pool = States.concatenate(self.frontier.pop(step)).aggregated()
             selected = self._selected(pool.weights, threshold)
             self.frontier.add(step, pool[~selected])
             rows = np.flatnonzero(selected)
@@ -169,9 +167,6 @@ class StateSpaceExpansion:
             if self.done:
                 return
 
-    def _aggregated(self, states: States) -> States:
-        return states.aggregated(self.options.aggregation_tol, self.scenario.time.dt)
-
     def _selected(self, weights: FloatArray, threshold: float) -> BoolArray:
         """States to solve: those at least as probable as the threshold, within the budget."""
         selected = np.asarray(weights >= threshold)
@@ -183,14 +178,14 @@ class StateSpaceExpansion:
 
     def _expand_states(self, step: int, states: States, threshold: float) -> None:
         """Solve states of a step, and add their outcomes to the frontier or the statistics."""
-        move = transition(self.scenario, self.policy, step, states)
+        move = transition(self.scenario, self.policy, step, states, self.options.lattice)
         self.solved += len(states)
         self.infeasible += float(states.weights @ move.counts["infeasible"])
         self.failures += float(states.weights @ move.counts["solver_failures"])
         pruned, added = np.zeros(len(states)), 0
         for batch in self._outcomes(step, states, move, self._cutoff(threshold), pruned):
             if len(batch):
-                self.frontier.add(step + 1, self._aggregated(batch))
+                self.frontier.add(step + 1, batch.aggregated())
                 added += len(batch)
             if added > self._max_stored:
                 self.pruned += self.frontier.prune(self._max_stored)
@@ -256,6 +251,7 @@ class StateSpaceExpansion:
     def distribution(self) -> OutcomeDistribution:
         """Bounds of the distribution, from what is enumerated so far."""
         residual = self.frontier.masses + self.unsplit.masses + self.pruned
+        lattice = self.options.lattice
         ended = self.ended.cumsum(axis=0)
         ended = np.vstack([np.zeros_like(ended[:1]), ended[:-1]])
         return OutcomeDistribution(
@@ -270,7 +266,7 @@ class StateSpaceExpansion:
             infeasible=self.infeasible,
             failures=self.failures,
             tolerance=self.options.tolerance,
-            aggregation_tol=self.options.aggregation_tol,
+            aggregation_tol=0.0 if lattice is None else lattice.spacing,
         )
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..policies.base import Policy
 from ..typing import BoolArray, FloatArray, IntArray, Progress
+from .lattice import Lattice
 from .random_streams import Purpose, uniforms
 from .states import States, distinct_states
 from .trajectories import RunTrajectory, TrajectoryRecorder
@@ -119,12 +120,15 @@ class Chain:
     seed : int
     purpose : Purpose
         What its random numbers are for.
+    lattice : Lattice, optional
+        Lattice of the positions.
     """
 
     scenario: Scenario
     initial_velocities: FloatArray
     seed: int
     purpose: Purpose = Purpose.RUNS
+    lattice: Lattice | None = None
 
     def run(
         self,
@@ -190,7 +194,7 @@ class _RunBatch:
             if not active.size:
                 continue
             draws = uniforms(chain.seed, step, first, runs, scenario.n, chain.purpose)
-            self.advance(scenario, policy, step, active, draws[active])
+            self.advance(chain, policy, step, active, draws[active])
             if progress is not None:
                 progress(policy.name, runs - int(self.running.sum()), runs)
         return Runs(
@@ -205,12 +209,12 @@ class _RunBatch:
         )
 
     def advance(
-        self, scenario: Scenario, policy: Policy, step: int, active: IntArray, draws: FloatArray
+        self, chain: Chain, policy: Policy, step: int, active: IntArray, draws: FloatArray
     ) -> None:
         """Advance the active runs from `step` to step + 1; `draws` (len(active), n) are uniform."""
         states, before = self.states, self.states[active]
         first, inverse = distinct_states(before.positions, before.previous_velocities, before.alive)
-        move = transition(scenario, policy, step, before[first])
+        move = transition(chain.scenario, policy, step, before[first], chain.lattice)
         following = move.positions[inverse]
         survives = before.alive & (draws < move.survival[inverse])
         arrived = (survives & move.inside[inverse]).any(axis=1)
