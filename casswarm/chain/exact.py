@@ -29,6 +29,7 @@ MAX_MEMBERS = 12
 """Largest number of members for which all 2^n outcomes of a step may be enumerated."""
 
 FIRST_THRESHOLD = 1e-3  # the first threshold, in tolerances
+MAX_FACTOR = 8.0  # between the thresholds of successive rounds
 PRUNING_FACTOR = 1e-3  # outcomes less probable than this, in thresholds, are pruned
 BATCH = 1 << 16  # members solved at once: bounds memory
 MAX_BYTES = 1 << 28  # of the states of the frontier
@@ -279,11 +280,11 @@ def _next_threshold(
     of the tolerance, and need no more states than are available.
     """
     threshold, mass, states = history[-1]
-    mass_exponent, states_exponent = 0.5, 0.8
+    mass_exponent, states_exponent = 0.8, 0.8
     if len(history) > 1 and history[-2][0] > threshold > 0.0:
         down = math.log(history[-2][0] / threshold)
         mass_exponent = min(1.0, max(0.2, math.log(max(history[-2][1] / mass, 1.0)) / down))
         states_exponent = min(1.2, max(0.3, math.log(states / history[-2][2]) / down))
-    factor = (mass / (0.8 * tolerance)) ** (1.0 / mass_exponent) if tolerance > 0 else 32.0
+    factor = (mass / (0.8 * tolerance)) ** (1.0 / mass_exponent) if tolerance > 0 else math.inf
     budget = (max_states / max(1, states)) ** (1.0 / states_exponent)
-    return threshold / max(1.2, float(min(factor, budget, 32.0)))
+    return threshold / max(1.2, float(min(factor, budget, MAX_FACTOR)))

@@ -1,20 +1,15 @@
-"""Positions on a lattice: nearly equal states become equal to the last bit.
+"""Motion on a lattice: nearly equal states become equal to the last bit.
 
 A policy decides only to the accuracy of its solver, so states that are equal in exact arithmetic
 differ in their last digits, and so do all of their successors. On a lattice a member's command is
-rounded so that the member moves to a lattice point. That defines a policy of its own, whose
-commands differ from the given policy's by half a spacing over dt in each component, or by up to one
-and a half where the nearest point exceeds v_max or a_max; its states coincide exactly.
+rounded so that the member moves to a lattice point: the nearest one or, where that exceeds v_max or
+a_max, the nearest of the nine around it that does not. Where none of them is allowed, which takes a
+set thinner than the lattice, the command is executed as it is. This is a policy of its own, whose
+commands differ from the given policy's by at most 3/2 spacing / dt in each component, and in which
+states coincide exactly.
 
 The lattice moves with the guide. So a member on the guide stays exactly on it, members that gather
 around it coincide, and which of them leads is not decided by rounding.
-
-**A lattice point that respects the limits exists** within one and a half spacings in each
-coordinate. The velocities that v_max and a_max allow are a box and a disc around a point of the
-box, V(t-1). At any of their points, they contain a cone of at least 90 degrees whose size is
-comparable to the disc's radius, and a cone of 90 degrees contains one of the nine points nearest to
-its apex: for a direction of tangent s in [0, 1] of its lower edge, a unit square from
-(a, -s a), a = s / (1 + s^2) <= 1/2 on.
 """
 
 from __future__ import annotations
@@ -57,28 +52,44 @@ class Lattice:
     v_max: float
 
     @classmethod
-    def along(cls, guide: Guide, scenario: Scenario, spacing: float) -> Lattice | None:
-        """Lattice that moves with a guide; None for a spacing of 0.
+    def along(
+        cls, guide: Guide, scenario: Scenario, spacing: float | None, accuracy: float = 0.0
+    ) -> Lattice | None:
+        """Lattice that moves with a guide.
+
+        Parameters
+        ----------
+        guide : Guide
+        scenario : Scenario
+        spacing : float, optional
+            By default as near to `accuracy` v_max dt as is allowed; 0 for no lattice.
+        accuracy : float
+            0 for no lattice.
+
+        Returns
+        -------
+        Lattice, or None
 
         Raises
         ------
         ValueError
             The spacing is so large that members could not move, or too small for double precision.
         """
-        if spacing == 0.0:
-            return None
         motion = Motion.from_scenario(scenario)
         path = np.stack([guide.reference(step) for step in range(scenario.n_steps + 1)])
-        longest = motion.dt * motion.v_max
-        coarsest = _COARSEST * min(longest, motion.dt * motion.max_change)
+        reach = motion.dt * motion.v_max
         extent = max(np.abs(scenario.positions).max(), np.abs(path).max())
-        finest = _FINEST * (float(extent) + scenario.n_steps * longest)
-        if not finest <= spacing <= coarsest:
+        finest = _FINEST * (float(extent) + scenario.n_steps * reach)
+        coarsest = _COARSEST * min(reach, motion.dt * motion.max_change)
+        if spacing is None:
+            allowed = accuracy > 0 and finest <= coarsest
+            spacing = min(max(accuracy * reach, finest), coarsest) if allowed else 0.0
+        if spacing != 0.0 and not finest <= spacing <= coarsest:
             raise ValueError(
-                f"aggregation_tol = {spacing}; allowed: 0, or from {finest:.3g} to {coarsest:.3g}, an "
-                "eighth of what v_max and a_max let a member move in a step"
+                f"aggregation_tol = {spacing:g}; allowed: 0, or from {finest:.3g}, for double "
+                f"precision, to {coarsest:.3g}, a part of what members can move in a step"
             )
-        return cls(path, spacing, motion.dt, motion.v_max)
+        return cls(path, spacing, motion.dt, motion.v_max) if spacing else None
 
     def moved(
         self, step: int, positions: FloatArray, velocities: FloatArray, sets: PlanarSets

@@ -204,9 +204,8 @@ def _expansion(
     if guide is None:
         guide = plan(scenario, guide_solver(solver[0]), certify=False, progress=progress)
     resolved = resolve_policy(listed[0], scenario, guide, *solver)
-    if aggregation_tol is None:
-        aggregation_tol = resolved.decision_tol * scenario.swarm.v_max * scenario.time.dt
-    options = replace(options, lattice=Lattice.along(guide, scenario, aggregation_tol))
+    lattice = Lattice.along(guide, scenario, aggregation_tol, resolved.decision_tol)
+    options = replace(options, lattice=lattice)
     velocities = initial_velocities(scenario, guide)
     expansion = StateSpaceExpansion(scenario, repeated(resolved), velocities, options)
     expansion.expand(progress)
