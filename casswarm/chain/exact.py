@@ -276,15 +276,15 @@ def _next_threshold(
 ) -> float:
     """The next threshold, from (threshold, frontier mass, states solved) of the rounds so far.
 
-    Mass and states are modelled as powers of the threshold: the next one should leave four fifths
+    Mass and states are modelled as powers of the threshold: the next one should leave nine tenths
     of the tolerance, and need no more states than are available.
     """
     threshold, mass, states = history[-1]
-    mass_exponent, states_exponent = 0.8, 0.8
+    mass_exponent, states_exponent = 0.9, 0.8
     if len(history) > 1 and history[-2][0] > threshold > 0.0:
         down = math.log(history[-2][0] / threshold)
         mass_exponent = min(1.0, max(0.2, math.log(max(history[-2][1] / mass, 1.0)) / down))
         states_exponent = min(1.2, max(0.3, math.log(states / history[-2][2]) / down))
-    factor = (mass / (0.8 * tolerance)) ** (1.0 / mass_exponent) if tolerance > 0 else math.inf
+    factor = (mass / (0.9 * tolerance)) ** (1.0 / mass_exponent) if tolerance > 0 else math.inf
     budget = (max_states / max(1, states)) ** (1.0 / states_exponent)
     return threshold / max(1.2, float(min(factor, budget, MAX_FACTOR)))

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._util.constants import SPEED_TOL
+from ..errors import PolicyError
 from ..optimization.feasible_sets.planar import PlanarSets
 from ..problems.step import Motion
 from ..typing import BoolArray, FloatArray
@@ -72,7 +73,7 @@ class Lattice:
 
         Raises
         ------
-        ValueError
+        PolicyError
             The spacing is so large that members could not move, or too small for double precision.
         """
         motion = Motion.from_scenario(scenario)
@@ -85,7 +86,7 @@ class Lattice:
             allowed = accuracy > 0 and finest <= coarsest
             spacing = min(max(accuracy * reach, finest), coarsest) if allowed else 0.0
         if spacing != 0.0 and not finest <= spacing <= coarsest:
-            raise ValueError(
+            raise PolicyError(
                 f"aggregation_tol = {spacing:g}; allowed: 0, or from {finest:.3g}, for double "
                 f"precision, to {coarsest:.3g}, a part of what members can move in a step"
             )

@@ -83,13 +83,13 @@ def evaluate(
     Raises
     ------
     PolicyError
-        An unknown policy, several policies, a policy that answers the same state differently, or
-        a swarm that is too large for a tolerance of 0.
+        An unknown policy, several policies, a policy that answers the same state differently, a
+        swarm that is too large for a tolerance of 0, or an `aggregation_tol` that is negative, too
+        small for double precision, or too large for members to move.
     PlanningError
         No guide was found.
     ValueError
-        A tolerance outside [0, 1), fewer than one state, or an `aggregation_tol` that is
-        negative, too small for double precision, or too large for members to move.
+        A tolerance outside [0, 1), or fewer than one state.
 
     Examples
     --------

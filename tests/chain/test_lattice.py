@@ -14,6 +14,7 @@ from small_scenarios import Array, small, three_members
 import casswarm as csw
 from casswarm.chain.lattice import Lattice
 from casswarm.chain.monte_carlo import Chain
+from casswarm.errors import PolicyError
 from casswarm.planning.plan import initial_velocities
 from casswarm.policies import Policy
 from casswarm.policies.decision import SOLVER_TOL
@@ -98,7 +99,7 @@ def test_member_on_the_guide_stays_exactly_on_it() -> None:
 def test_lattice_refuses_spacings_without_meaning(spacing: float) -> None:
     scenario = three_members()
     guide = csw.plan(scenario, certify=False)
-    with pytest.raises(ValueError, match=r"aggregation_tol = .*; allowed: 0, or from .* to 0.0292"):
+    with pytest.raises(PolicyError, match=r"aggregation_tol = .*; allowed: 0, or from .* to 0.0292"):
         csw.evaluate(scenario, "leader", 0.5, guide=guide, aggregation_tol=spacing)
 
 
