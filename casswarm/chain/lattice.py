@@ -128,12 +128,13 @@ class Lattice:
         """Positions in spacings: whole numbers for lattice points, to the last bit."""
         indices = (positions - self.path[step]) / self.spacing
         nearest = np.rint(indices)
-        return np.where(self.path[step] + self.spacing * nearest == positions, nearest, indices)
+        on = self.path[step] + self.spacing * nearest == positions
+        return np.asarray(np.where(on, nearest, indices))
 
     def _velocities(self, step: int, moves: FloatArray) -> FloatArray:
         """Velocities of moves, in spacings relative to the path."""
         own = self.path[step + 1] - self.path[step]
-        return (own + self.spacing * moves) / self.dt
+        return np.asarray((own + self.spacing * moves) / self.dt)
 
     def _exceeds(self, sets: PlanarSets, velocities: FloatArray) -> BoolArray:
         return np.asarray(sets.violation(velocities) > SPEED_TOL * self.v_max)
