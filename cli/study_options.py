@@ -33,7 +33,7 @@ class ExactOptions:
         type=Number(0),
         help="Round the members' motion to a lattice of at most this spacing, so that nearly equal "
         "states coincide; 0 rounds nothing. The bounds are those of the policy with rounded "
-        "commands.  [default: 1.2e-7 v_max dt, the solver's accuracy]",
+        "commands. [default: 1.2e-7 v_max dt, the accuracy of solvers]",
     )
 
 
