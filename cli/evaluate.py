@@ -141,10 +141,11 @@ def _text(scenario: csw.Scenario, distributions: list[csw.OutcomeDistribution]) 
         for distribution in distributions
         if not distribution.complete
     ]
-    if not all(distribution.proven for distribution in distributions):
+    spacing = max(distribution.aggregation_tol for distribution in distributions)
+    if spacing > 0:
         notes.append(
-            f"states closer than {distributions[0].aggregation_tol:g} were aggregated: the bounds "
-            "are those of the aggregated chain"
+            f"motion is rounded to a lattice of spacing {spacing:.2g}: the bounds are those of the "
+            "policies with rounded commands"
         )
     title = f"{scenario.name}: exact outcome distribution"
     return "\n".join([title, "", aligned_table(rows), *notes])

@@ -28,12 +28,12 @@ class ExactOptions:
         help="Maximum number of states to enumerate; bounds may be wider than the tolerance. "
         "[default: 1000000, or 10000 with more than 12 members]",
     )
-    aggregation_tol: float = option(
+    aggregation_tol: float | None = option(
         "--aggregation-tol",
         type=Number(0),
-        default=0.0,
-        help="Aggregate states that are closer than this, such as 1e-6. This needs far fewer "
-        "states, but the bounds are proven only at 0.",
+        help="Round the members' motion to a lattice of at most this spacing, so that nearly equal "
+        "states coincide; 0 rounds nothing. The bounds are those of the policy with rounded "
+        "commands. [default: 1.2e-7 v_max dt, the accuracy of solvers]",
     )
 
 

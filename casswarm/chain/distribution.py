@@ -28,8 +28,8 @@ class OutcomeDistribution(Displayed):
     """Distribution of the outcomes of a run under a policy.
 
     Every probability is a lower bound, and the exact value exceeds it by at most `residual_mass`.
-    With `aggregation_tol` above zero that holds for the chain in which states closer than
-    `aggregation_tol` are identified; at zero it holds for the chain itself.
+    With `aggregation_tol` above zero the policy is the one whose commands are rounded to a lattice
+    of that spacing, see `casswarm.evaluate`; at zero its commands are executed as they are.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class OutcomeDistribution(Displayed):
     tolerance : float
         Requested upper limit of `residual_mass`.
     aggregation_tol : float
-        Width of the grid; states in the same grid cell were identified.
+        Spacing of the lattice of positions; 0 without a lattice.
     """
 
     policy: str
@@ -89,11 +89,6 @@ class OutcomeDistribution(Displayed):
         return self.residual_mass <= self.tolerance
 
     @property
-    def proven(self) -> bool:
-        """Whether only identical states were aggregated, so that the bounds are the chain's."""
-        return self.aggregation_tol == 0.0
-
-    @property
     def population_mean(self) -> Band:
         """Bounds of the expected number of living members at every step; it never increases."""
         low = self.population @ np.arange(self.population.shape[1])
@@ -116,10 +111,10 @@ class OutcomeDistribution(Displayed):
 
     def __str__(self) -> str:
         low, high = self.success
-        aggregated = "" if self.proven else f", states within {self.aggregation_tol:g} aggregated"
+        rounded = f", motion rounded to {self.aggregation_tol:.2g}" if self.aggregation_tol else ""
         text = (
             f"{self.policy}: success between {low:.6f} and {high:.6f}, "
-            f"{self.states} distinct states solved{aggregated}"
+            f"{self.states} distinct states solved{rounded}"
         )
         return text if self.complete else f"{text}; {self.advice}"
 
@@ -128,9 +123,8 @@ class OutcomeDistribution(Displayed):
         """How to narrow bounds that are wider than requested; empty if they are not."""
         if self.complete:
             return ""
-        text = (
+        return (
             f"state budget exhausted before a width of {self.tolerance:g} was reached: allow more "
-            "states (--max-states, max_states=), sample the residual mass (--runs, csw.estimate)"
+            "states (--max-states, max_states=), sample the residual mass (--runs, csw.estimate), "
+            "or round the motion to a coarser lattice (--aggregation-tol, aggregation_tol=)"
         )
-        more = ", or aggregate nearly equal states (--aggregation-tol, aggregation_tol=1e-6)"
-        return text + more if self.proven else text

@@ -18,6 +18,7 @@ from .._util.jit import contiguous
 from ..policies.base import Policy
 from ..typing import BoolArray, FloatArray, Progress
 from .distribution import OutcomeDistribution
+from .lattice import Lattice
 from .states import Frontier, States
 from .transition import Transition, transition
 
@@ -28,6 +29,7 @@ MAX_MEMBERS = 12
 """Largest number of members for which all 2^n outcomes of a step may be enumerated."""
 
 FIRST_THRESHOLD = 1e-3  # the first threshold, in tolerances
+MAX_FACTOR = 8.0  # between the thresholds of successive rounds
 PRUNING_FACTOR = 1e-3  # outcomes less probable than this, in thresholds, are pruned
 BATCH = 1 << 16  # members solved at once: bounds memory
 MAX_BYTES = 1 << 28  # of the states of the frontier
@@ -44,10 +46,8 @@ class ExpansionOptions:
         Residual mass at which the expansion stops.
     max_states : int
         Maximum number of states to solve.
-    aggregation_tol : float
-        Width of the grid, of positions and of displacements in a step, in units of length; states
-        in the same grid cell are identified. 0 aggregates only states that are equal to the last
-        bit.
+    lattice : Lattice, optional
+        Lattice of the positions, on which nearly equal states become equal.
     max_pruned_fraction : float
         Largest fraction of a state's probability that may be pruned when it is split; a state that
         would lose more is not split.
@@ -57,7 +57,7 @@ class ExpansionOptions:
 
     tolerance: float
     max_states: int
-    aggregation_tol: float = 0.0
+    lattice: Lattice | None = None
     max_pruned_fraction: float = math.inf
     min_probability: float = 0.0
 
@@ -148,8 +148,7 @@ class StateSpaceExpansion:
         for step in range(self.scenario.n_steps):
             if not self.frontier.batches[step]:
                 continue
-            pool = States.concatenate(self.frontier.pop(step))
-            pool = self._aggregated(pool)
+            pool = States.concatenate(self.frontier.pop(step)).aggregated()
             selected = self._selected(pool.weights, threshold)
             self.frontier.add(step, pool[~selected])
             rows = np.flatnonzero(selected)
@@ -169,9 +168,6 @@ class StateSpaceExpansion:
             if self.done:
                 return
 
-    def _aggregated(self, states: States) -> States:
-        return states.aggregated(self.options.aggregation_tol, self.scenario.time.dt)
-
     def _selected(self, weights: FloatArray, threshold: float) -> BoolArray:
         """States to solve: those at least as probable as the threshold, within the budget."""
         selected = np.asarray(weights >= threshold)
@@ -183,14 +179,14 @@ class StateSpaceExpansion:
 
     def _expand_states(self, step: int, states: States, threshold: float) -> None:
         """Solve states of a step, and add their outcomes to the frontier or the statistics."""
-        move = transition(self.scenario, self.policy, step, states)
+        move = transition(self.scenario, self.policy, step, states, self.options.lattice)
         self.solved += len(states)
         self.infeasible += float(states.weights @ move.counts["infeasible"])
         self.failures += float(states.weights @ move.counts["solver_failures"])
         pruned, added = np.zeros(len(states)), 0
         for batch in self._outcomes(step, states, move, self._cutoff(threshold), pruned):
             if len(batch):
-                self.frontier.add(step + 1, self._aggregated(batch))
+                self.frontier.add(step + 1, batch.aggregated())
                 added += len(batch)
             if added > self._max_stored:
                 self.pruned += self.frontier.prune(self._max_stored)
@@ -256,6 +252,7 @@ class StateSpaceExpansion:
     def distribution(self) -> OutcomeDistribution:
         """Bounds of the distribution, from what is enumerated so far."""
         residual = self.frontier.masses + self.unsplit.masses + self.pruned
+        lattice = self.options.lattice
         ended = self.ended.cumsum(axis=0)
         ended = np.vstack([np.zeros_like(ended[:1]), ended[:-1]])
         return OutcomeDistribution(
@@ -270,7 +267,7 @@ class StateSpaceExpansion:
             infeasible=self.infeasible,
             failures=self.failures,
             tolerance=self.options.tolerance,
-            aggregation_tol=self.options.aggregation_tol,
+            aggregation_tol=0.0 if lattice is None else lattice.spacing,
         )
 
 
@@ -279,15 +276,15 @@ def _next_threshold(
 ) -> float:
     """The next threshold, from (threshold, frontier mass, states solved) of the rounds so far.
 
-    Mass and states are modelled as powers of the threshold: the next one should leave four fifths
+    Mass and states are modelled as powers of the threshold: the next one should leave nine tenths
     of the tolerance, and need no more states than are available.
     """
     threshold, mass, states = history[-1]
-    mass_exponent, states_exponent = 0.5, 0.8
+    mass_exponent, states_exponent = 0.9, 0.8
     if len(history) > 1 and history[-2][0] > threshold > 0.0:
         down = math.log(history[-2][0] / threshold)
         mass_exponent = min(1.0, max(0.2, math.log(max(history[-2][1] / mass, 1.0)) / down))
         states_exponent = min(1.2, max(0.3, math.log(states / history[-2][2]) / down))
-    factor = (mass / (0.8 * tolerance)) ** (1.0 / mass_exponent) if tolerance > 0 else 32.0
+    factor = (mass / (0.9 * tolerance)) ** (1.0 / mass_exponent) if tolerance > 0 else math.inf
     budget = (max_states / max(1, states)) ** (1.0 / states_exponent)
-    return threshold / max(1.2, float(min(factor, budget, 32.0)))
+    return threshold / max(1.2, float(min(factor, budget, MAX_FACTOR)))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..policies.base import Policy
 from ..typing import BoolArray, FloatArray, IntArray, Progress
+from .lattice import Lattice
 from .random_streams import Purpose, uniforms
 from .states import States, distinct_states, distinct_survivors
 from .trajectories import RunTrajectory, TrajectoryRecorder
@@ -118,12 +119,15 @@ class Chain:
     seed : int
     purpose : Purpose
         What its random numbers are for.
+    lattice : Lattice, optional
+        Lattice of the positions.
     """
 
     scenario: Scenario
     initial_velocities: FloatArray
     seed: int
     purpose: Purpose = Purpose.RUNS
+    lattice: Lattice | None = None
 
     def run(
         self,
@@ -201,7 +205,7 @@ class _RunBatch:
             if not self.running.any():
                 continue
             draws = uniforms(chain.seed, step, first, runs, scenario.n, chain.purpose)
-            self.advance(scenario, policy, step, draws)
+            self.advance(chain, policy, step, draws)
             if progress is not None:
                 progress(policy.name, runs - int(self.running.sum()), runs)
         return Runs(
@@ -230,11 +234,11 @@ class _RunBatch:
         self.table = table[first]
         self.row[self.running] = inverse[self.row[self.running]]
 
-    def advance(self, scenario: Scenario, policy: Policy, step: int, draws: FloatArray) -> None:
+    def advance(self, chain: Chain, policy: Policy, step: int, draws: FloatArray) -> None:
         """Advance the running runs from `step` to step + 1; `draws` (R, n) are uniform."""
         active = np.flatnonzero(self.running)
         rows = self.row[active]
-        move = transition(scenario, policy, step, self.table)
+        move = transition(chain.scenario, policy, step, self.table, chain.lattice)
         self.solved += len(self.table)
         for name, count in move.counts.items():
             if count.any():

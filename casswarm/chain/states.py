@@ -63,25 +63,14 @@ class States:
         """Sum of the weights."""
         return float(self.weights.sum())
 
-    def aggregated(self, tolerance: float = 0.0, dt: float = 1.0) -> States:
-        """Identify equal states or, above zero, states in the same cell of a grid of that width.
-
-        The grid is one of positions and of displacements in a step, velocities times `dt`. The most
-        probable state represents the others.
-        """
+    def aggregated(self) -> States:
+        """Identify states that are equal to the last bit."""
         if len(self) < 2:
             return self
-        keys: tuple[NDArray[np.generic], ...] = (self.positions, self.previous_velocities)
-        if tolerance > 0:
-            lengths = self.positions, dt * self.previous_velocities
-            keys = tuple(np.round(length / tolerance) + 0.0 for length in lengths)
-        first, inverse = distinct_states(*keys, self.alive)
+        first, inverse = distinct_states(self.positions, self.previous_velocities, self.alive)
         if len(first) == len(self):
             return self
         weights = np.bincount(inverse, self.weights, len(first)).astype(np.float64)
-        if tolerance > 0:
-            order = np.lexsort((-self.weights, inverse))
-            first = order[np.searchsorted(inverse[order], np.arange(len(first)))]
         return replace(self[first], weights=weights)
 
 

@@ -80,10 +80,9 @@ class Estimate:
     def __str__(self) -> str:
         low, high = self.success
         first, last = self.enumerated.success
-        kind = "proven bounds" if self.enumerated.proven else "bounds with aggregated states"
         return (
             f"{self.policy}: success between {low:.6f} and {high:.6f} with {self.level:.0%} "
-            f"confidence; {kind}: {first:.6f} to {last:.6f}; residual mass "
+            f"confidence; proven bounds: {first:.6f} to {last:.6f}; residual mass "
             f"{self.sampled_mass:.4g} sampled by {self.runs} runs, {self.states} distinct states "
             "solved"
         )

@@ -17,6 +17,7 @@ from ..policies.base import Policy
 from ..policies.decision import checked_velocities
 from ..problems.step import Motion
 from ..typing import BoolArray, FloatArray, IntArray
+from .lattice import Lattice
 from .states import States
 
 if TYPE_CHECKING:
@@ -54,8 +55,14 @@ class Transition:
     counts: dict[str, IntArray]
 
 
-def transition(scenario: Scenario, policy: Policy, step: int, states: States) -> Transition:
-    """Advance B states from `step` to step + 1.
+def transition(
+    scenario: Scenario,
+    policy: Policy,
+    step: int,
+    states: States,
+    lattice: Lattice | None = None,
+) -> Transition:
+    """Advance B states from `step` to step + 1; on a lattice, to lattice points.
 
     Raises
     ------
@@ -73,7 +80,10 @@ def transition(scenario: Scenario, policy: Policy, step: int, states: States) ->
     velocities = commanded.copy()
     if exceeds.any():
         velocities[exceeds] = sets[exceeds].project(commanded[exceeds])
-    following = positions + scenario.time.dt * velocities
+    if lattice is None:
+        following = positions + scenario.time.dt * velocities
+    else:
+        velocities, following = lattice.moved(step, positions, velocities, sets)
     saturated = (excess > SATURATION_TOL).sum(axis=1)
     counts = decision.infeasible, decision.failures, decision.fallbacks, saturated
     return Transition(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +22,11 @@ class Policy(ABC):
     """
 
     name: str
+
+    decision_tol: ClassVar[float] = 0.0
+    """Accuracy of the velocities, in units of v_max; 0 where they are exact but for rounding.
+
+    `casswarm.evaluate` does not distinguish positions that differ by less."""
 
     @abstractmethod
     def decide_batch(

@@ -13,6 +13,10 @@ from .._util.user_code import USER_ERRORS, failure_text
 from ..errors import CasswarmError, PolicyCallError
 from ..typing import BoolArray, FloatArray, IntArray
 
+SOLVER_TOL = 2.0**-23
+"""Accuracy of velocities that solve formation problems, in units of v_max: about 1e-7, to which the
+default solver solves them."""
+
 
 @dataclass(frozen=True, eq=False)
 class Decision:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from ..problems.formation import FormationTask
 from ..problems.step import Motion, Step
 from ..typing import BoolArray, FloatArray
 from .base import Policy
-from .decision import Decision
+from .decision import SOLVER_TOL, Decision
 from .formation import formation_decision
 
 _VELOCITIES = 9  # target velocities of manoeuvres per axis, from -v_max to v_max
@@ -55,6 +55,7 @@ class FeedbackPolicy(Policy):
     motion: Motion
     value: ValueFunction
     solver: Solver
+    decision_tol: ClassVar[float] = SOLVER_TOL
 
     def leaders(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray

@@ -6,7 +6,7 @@ import logging
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, TypeGuard
+from typing import Any, ClassVar, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from ..problems.formation import Formation, FormationTask, or_none
 from ..problems.step import Motion, Step
 from ..typing import BoolArray, FloatArray
 from .base import Policy
-from .decision import Decision
+from .decision import SOLVER_TOL, Decision
 from .leader_selection import LEADER_SELECTION
 from .mpc_instances import corridor_mpc_formation, leader_mpc_formation
 
@@ -61,6 +61,7 @@ class FormationPolicy(Policy):
     guide: Guide
     solver: Solver
     horizon: int = 1
+    decision_tol: ClassVar[float] = SOLVER_TOL
 
     def decide_batch(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray

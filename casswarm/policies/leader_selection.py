@@ -17,7 +17,7 @@ from ..typing import FloatArray
 
 Rule = Callable[[Step, FloatArray], NDArray[np.intp]]
 
-_TIE = 1e-9  # of rates, and of distances in v_max dt: a tie, in which the lower index leads
+_TIE = 1e-6  # of rates, and of distances in v_max dt: a tie, in which the lower index leads
 
 
 def nearest(step: Step, reference: FloatArray) -> NDArray[np.intp]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ from .._util.progress import reporter
 from .._util.seeds import require_seed
 from ..chain.distribution import OutcomeDistribution
 from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion
+from ..chain.lattice import Lattice
 from ..chain.monte_carlo import Chain
 from ..chain.stratified import MAX_PRUNED_FRACTION, VISITS, Estimate, sample_residual
 from ..errors import PolicyError
@@ -36,7 +36,7 @@ def evaluate(
     tolerance: float = TOLERANCE,
     *,
     max_states: int | None = None,
-    aggregation_tol: float = 0.0,
+    aggregation_tol: float | None = None,
     guide: Guide | None = None,
     solver: str | Solver = "auto",
     solver_options: Mapping[str, Any] | None = None,
@@ -59,12 +59,13 @@ def evaluate(
         than 12 members. If that is too few for `tolerance`, the bounds are wider:
         `OutcomeDistribution.residual_mass` is their width, and `OutcomeDistribution.advice` says
         what would help.
-    aggregation_tol : float
-        States in one cell of a grid of this width, of positions and of displacements in a step in
-        units of length, are identified. The default identifies only states that are equal to the
-        last bit, so the bounds are proven. A policy's solver leaves differences of about 1e-8
-        between states that are equal in exact arithmetic, so 1e-6 often needs far fewer states; the
-        bounds are then those of a chain whose states are moved by at most this much at every step.
+    aggregation_tol : float, optional
+        Largest spacing of the lattice of positions, in units of length. The policy's commands are
+        rounded so that members move to lattice points, within v_max and a_max, and nearly equal
+        states coincide. The bounds are proven for the policy with these commands. By default the
+        spacing is `Policy.decision_tol` times v_max dt, which rounds no more than the policy's
+        solver does: 2^-23 for policies that solve formation problems, 0 for all others. 0 rounds
+        nothing; coarser lattices often need fewer states, for a policy that is rounded more.
     guide : Guide, optional
         Planned from the scenario by default.
     solver : str or Solver
@@ -82,12 +83,13 @@ def evaluate(
     Raises
     ------
     PolicyError
-        An unknown policy, several policies, a policy that answers the same state differently, or
-        a swarm that is too large for a tolerance of 0.
+        An unknown policy, several policies, a policy that answers the same state differently, a
+        swarm that is too large for a tolerance of 0, or an `aggregation_tol` that is negative, too
+        small for double precision, or too large for members to move.
     PlanningError
         No guide was found.
     ValueError
-        A tolerance outside [0, 1), fewer than one state, or a negative `aggregation_tol`.
+        A tolerance outside [0, 1), or fewer than one state.
 
     Examples
     --------
@@ -98,9 +100,10 @@ def evaluate(
     True
     """
     require_scenario("evaluate", scenario)
-    options = _options(scenario, tolerance, max_states, aggregation_tol)
+    options = _options(scenario, tolerance, max_states)
     expansion, _ = _expansion(
-        scenario, policy, options, guide, (solver, solver_options), reporter(progress)
+        *(scenario, policy, options, aggregation_tol, guide, (solver, solver_options)),
+        reporter(progress),
     )
     return expansion.distribution()
 
@@ -113,7 +116,7 @@ def estimate(
     *,
     max_states: int | None = None,
     tolerance: float = TOLERANCE,
-    aggregation_tol: float = 0.0,
+    aggregation_tol: float | None = None,
     guide: Guide | None = None,
     solver: str | Solver = "auto",
     solver_options: Mapping[str, Any] | None = None,
@@ -153,19 +156,19 @@ def estimate(
         raise ValueError(f"runs = {runs}; allowed: whole numbers from 1")
     seed = require_seed(seed)
     options = replace(
-        _options(scenario, tolerance, max_states, aggregation_tol),
+        _options(scenario, tolerance, max_states),
         max_pruned_fraction=MAX_PRUNED_FRACTION,
         min_probability=VISITS / runs if max_states is None else 0.0,
     )
     expansion, velocities = _expansion(
-        scenario, policy, options, guide, (solver, solver_options), reporter(progress)
+        *(scenario, policy, options, aggregation_tol, guide, (solver, solver_options)),
+        reporter(progress),
     )
-    return sample_residual(expansion, Chain(scenario, velocities, seed), runs)
+    chain = Chain(scenario, velocities, seed, lattice=expansion.options.lattice)
+    return sample_residual(expansion, chain, runs)
 
 
-def _options(
-    scenario: Scenario, tolerance: float, max_states: int | None, aggregation_tol: float
-) -> ExpansionOptions:
+def _options(scenario: Scenario, tolerance: float, max_states: int | None) -> ExpansionOptions:
     """Validated options of the enumeration."""
     if not 0 <= tolerance < 1:
         raise ValueError(f"tolerance = {tolerance}; allowed: from 0 to below 1")
@@ -173,20 +176,19 @@ def _options(
         max_states = MAX_STATES if scenario.n <= MAX_MEMBERS else MAX_STATES_OF_LARGE
     if max_states < 1:
         raise ValueError(f"max_states = {max_states}; allowed: whole numbers from 1")
-    if not 0 <= aggregation_tol < math.inf:
-        raise ValueError(f"aggregation_tol = {aggregation_tol}; allowed: finite numbers from 0")
     if scenario.n > MAX_MEMBERS and tolerance == 0:
         raise PolicyError(
             f"{scenario.name} has {scenario.n} members; a tolerance of 0 is for at most "
             f"{MAX_MEMBERS}, whose steps have {1 << MAX_MEMBERS} outcomes: give a larger tolerance"
         )
-    return ExpansionOptions(tolerance, max_states, aggregation_tol)
+    return ExpansionOptions(tolerance, max_states)
 
 
 def _expansion(
     scenario: Scenario,
     policy: Any,
     options: ExpansionOptions,
+    aggregation_tol: float | None,
     guide: Guide | None,
     solver: tuple[str | Solver, Mapping[str, Any] | None],
     progress: Progress | None,
@@ -201,8 +203,10 @@ def _expansion(
     make_solver(solver[0], **(solver[1] or {}))  # before planning, which takes longer
     if guide is None:
         guide = plan(scenario, guide_solver(solver[0]), certify=False, progress=progress)
-    resolved = repeated(resolve_policy(listed[0], scenario, guide, *solver))
+    resolved = resolve_policy(listed[0], scenario, guide, *solver)
+    lattice = Lattice.along(guide, scenario, aggregation_tol, resolved.decision_tol)
+    options = replace(options, lattice=lattice)
     velocities = initial_velocities(scenario, guide)
-    expansion = StateSpaceExpansion(scenario, resolved, velocities, options)
+    expansion = StateSpaceExpansion(scenario, repeated(resolved), velocities, options)
     expansion.expand(progress)
     return expansion, velocities

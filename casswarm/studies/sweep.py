@@ -79,7 +79,7 @@ def sweep(
     seed: int = 0,
     tolerance: float = 1e-3,
     max_states: int | None = None,
-    aggregation_tol: float = 0.0,
+    aggregation_tol: float | None = None,
     solver: str = "auto",
     workers: Workers = 1,
     checkpoint: Path | None = None,

@@ -66,8 +66,7 @@ def distribution_table(distributions: Sequence[OutcomeDistribution]) -> pd.DataF
 def estimate_table(estimates: Sequence[Estimate]) -> pd.DataFrame:
     """Estimates of success and their parts: a row per policy.
 
-    The bounds of the enumerated part are proven if `aggregation_tol` is 0; the part of
-    `sampled_mass` is statistical.
+    The bounds of the enumerated part are proven; the part of `sampled_mass` is statistical.
     """
     return pd.DataFrame(
         {

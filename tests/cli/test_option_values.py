@@ -38,6 +38,12 @@ def test_infinity_is_refused_where_it_means_nothing(tmp_path, command, option):
     assert "inf is not a finite number." in done.stderr
 
 
+def test_lattice_on_which_members_cannot_move_is_refused(tmp_path):
+    done = casswarm(tmp_path, "evaluate", "single-agent", "--aggregation-tol", "1", code=2)
+    assert "aggregation_tol = 1; allowed: 0, or from" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 @pytest.mark.parametrize("command", ["simulate", "sweep"])
 def test_resume_and_overwrite_exclude_each_other(tmp_path, command):
     done = casswarm(tmp_path, command, "single-agent", "--resume", "--overwrite", code=2)

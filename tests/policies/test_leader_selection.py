@@ -31,6 +31,13 @@ def test_leader_selection_follows_rule_and_breaks_ties_by_index() -> None:
     assert leaders("safest", positions, [[1, 1, 0, 0], [0, 1, 0, 1], [0, 0, 0, 1]]) == [0, 1, 3]
 
 
+def test_leader_selection_ties_tolerate_the_accuracy_of_decisions() -> None:
+    near = np.array([[0.3 + 3e-7, 0.0], [0.3, 0.0], [0.0, 0.3 - 3e-7], [5.0, 5.0]])
+    assert leaders("nearest", near, [[1, 1, 1, 1], [0, 1, 1, 1]]) == [0, 1]
+    apart = near + np.array([[1e-6, 0.0], [0.0, 0.0], [0.0, -1e-6], [0.0, 0.0]])
+    assert leaders("nearest", apart, [[1, 1, 1, 1], [1, 1, 0, 1]]) == [2, 1]
+
+
 def test_leader_selection_ties_tolerate_rounding() -> None:
     positions = np.array([[0.1 + 0.2, 0.0], [0.0, 0.3], [0.3, 0.0], [5.0, 5.0]])
     assert leaders("nearest", positions, [[1, 1, 1, 1], [0, 1, 1, 1]]) == [0, 1]
