@@ -166,7 +166,8 @@ def _degrees_of_freedom(variances: FloatArray, sizes: IntArray) -> FloatArray:
     """Those of a sum (K,) of estimated variances (H, K) from H samples (Satterthwaite 1946)."""
     squares = (variances**2 / (sizes[:, None] - 1)).sum(axis=0)
     full = np.full(len(squares), float((sizes - 1).sum()))
-    return np.divide(variances.sum(axis=0) ** 2, squares, out=full, where=squares > 0)
+    np.divide(variances.sum(axis=0) ** 2, squares, out=full, where=squares > 0)
+    return full
 
 
 def _order(scores: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -181,7 +181,7 @@ def _answer(family: str, start: str, tables: Mapping[str, pd.DataFrame]) -> str:
     text += f", before {second['solver']} with {milliseconds(second['mean_ms'])} ms"
     text += _interval(second, " ({} ms)")
     if np.isnan(first["probability"]):
-        text += ". So few problems say nothing about others."
+        text += ". So few independent problems say nothing about others."
     else:
         sure = _percent(first["probability"])
         text += f". It has the first rank in {sure} of the bootstrap samples of the problems."

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import time
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -112,8 +113,8 @@ def test_compare_report_is_self_contained(compared):
     assert "<script" not in page
 
 
-def test_compare_against_an_earlier_comparison_states_agreement(compared, tmp_path):
-    results = compared[0] / "results" / "compare"
+def test_compare_against_an_earlier_comparison_states_agreement(tmp_path):
+    results = Path(__file__).parents[2] / "results" / "comparison" / "first"
     options = ("--time-limit", 30, "--no-figures", "--no-iterates", "--copies", 1)
     families = ("--family", "formations", "--count", 1, "--solver", "spectral")
     done = casswarm(tmp_path, "compare", *families, *options, "--against", results, "--json")
@@ -131,7 +132,7 @@ def test_compare_against_refuses_before_the_work(compared, tmp_path):
     assert "nowhere holds no comparison" in done.stderr
     assert not (tmp_path / "results").exists()
     (tmp_path / "file").touch()
-    both = ("--out", "file", "--against", "nowhere")
+    both = ("--out", "file/results", "--against", "nowhere")
     assert "nowhere holds no comparison" in casswarm(tmp_path, *OPTIONS, *both, code=2).stderr
 
 

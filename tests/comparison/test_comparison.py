@@ -274,7 +274,10 @@ def test_report_contains_every_solver(known):
     assert headings[:4] == ["Question", "Answer", "Set-up", "Results: Known, cold start"]
     assert "What would change the result" in headings
     assert "Known, cold start: " in text
-    assert "So few problems say nothing about others. Most often solved, 100 %: ipopt." in text
+    assert (
+        "So few independent problems say nothing about others. Most often solved, 100 %: ipopt."
+        in text
+    )
     assert "those that planning and simulation pose" not in text  # of user-defined problems
     assert "gradient is not applicable to 1 run of known" in text
     assert "user-defined" in text

@@ -36,7 +36,7 @@ def test_band_chart_has_a_panel_per_solver(tmp_path):
 
 
 def test_ranking_chart_states_rank_and_probability():
-    costs = pd.DataFrame({"slow": np.full(5, 0.5), "fast": np.full(5, 0.1)}, list("pqrst"))
+    costs = pd.DataFrame({"slow": np.full(8, 0.5), "fast": np.full(8, 0.1)}, list("pqrstuvw"))
     texts = [text.get_text() for text in ranking_chart(rank_solvers(costs, 2.0)).axes[0].texts]
     assert texts == ["rank 1 (100 %)", "rank 2 (100 %)"]
     few = ranking_chart(rank_solvers(costs.iloc[:1], 2.0))
