@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ....typing import FloatArray
+from ....typing import FloatArray, IntArray
 from ...problem import Instances
 from ...solution import BatchSolution, Status
 from ..base import VIOLATION
@@ -61,7 +61,7 @@ def verified(
 
 
 def _residuals(
-    problems: Problems, instances: Instances, results: Results, rows: FloatArray
+    problems: Problems, instances: Instances, results: Results, rows: IntArray
 ) -> tuple[FloatArray, ...]:
     """Objective, violation, largest entry of the Lagrangian's gradient, and complementarity."""
     x, lam_x, lam_g = (part[rows] for part in (results.x, results.lam_x, results.lam_g))
