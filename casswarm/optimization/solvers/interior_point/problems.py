@@ -207,12 +207,12 @@ class CasadiLinearisation:
         """See `RowLinearisation`."""
         diagonal = np.arange(self.gradient.shape[1])
         of_x, of_g = weights[:, : diagonal.size], weights[:, diagonal.size :]
-        matrices = self._condensed(multipliers, of_g, objective)
+        matrices = self.condensed(multipliers, of_g, objective)
         matrices[:, diagonal, diagonal] += of_x
         return DenseFactors(matrices, shifts)
 
-    def _condensed(
-        self, multipliers: FloatArray, weights: FloatArray, objective: FloatArray | float
+    def condensed(
+        self, multipliers: FloatArray, weights: FloatArray, objective: FloatArray | float = 1.0
     ) -> FloatArray:
         """Hessians of objective f + multipliers' g, plus J' diag(weights) J: (b, nx, nx)."""
         hessian = lagrangian_hessian(self._problems.nlp)

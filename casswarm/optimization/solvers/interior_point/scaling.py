@@ -13,8 +13,9 @@ from .factors import Factors
 from .iterates import Results
 from .problems import Linearisation, Problems
 
-_LARGE, _SMALL = 100.0, 1e-2  # gradients of larger and smaller rows are scaled to this size
+_LARGE, _SMALL = 100.0, 1e-2  # sizes of gradients that are not scaled
 _LEAST = 1e-8  # factor, and its inverse the largest
+_NOTHING = 1e-12  # size that is rounding error
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +36,9 @@ class Scaling:
     def of(cls, problems: Problems, instances: Instances, width: int) -> Scaling:
         """Factors of `Instances.scale`, and of gradients at the initial guesses.
 
-        In those units, gradients of f above 100 are scaled to 100, as in Ipopt, and gradients of
-        rows to between 0.01 and 100, but for those that are zero. `width` instances are linearised
-        at a time.
+        In those units, gradients of f and of rows above 100 are scaled to 100, as in Ipopt. If all
+        rows' gradients are below 0.01, they have a common factor: a single one may be small at the
+        initial guess only. `width` instances are linearised at a time.
         """
         length, value = np.array(instances.scale.T)
         objective, rows = 1.0 / value, np.ones(instances.lbg.T.shape)
@@ -46,8 +47,9 @@ class Scaling:
             x = np.clip(instances.x0[some], instances.lbx[some], instances.ubx[some])
             at = problems.linearise(some, np.ascontiguousarray(x.T))
             gradient = length[some] / value[some] * abs(at.gradient).max(axis=0, initial=0.0)
-            objective[some] *= _factor(gradient, 0.0)
-            rows[:, some] = _factor(length[some] * at.row_sizes(), _SMALL)
+            objective[some] *= _smaller(gradient)
+            sizes = length[some] * at.row_sizes()
+            rows[:, some] = _smaller(sizes) * _larger(sizes.max(axis=0, initial=0.0))
         return cls(length, objective, rows)
 
     @classmethod
@@ -85,12 +87,16 @@ def _bounds(values: FloatArray) -> FloatArray:
     return np.where(abs(values) >= INFINITE, np.copysign(np.inf, values), values)
 
 
-def _factor(sizes: FloatArray, least: float) -> FloatArray:
-    """Factors with which sizes are between `least` and 100, if they are neither zero nor NaN."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        factors = np.clip(sizes, least, _LARGE) / sizes
-    factors = np.clip(factors, _LEAST, 1.0 / _LEAST)
-    return np.where(np.isfinite(sizes) & (sizes > 0.0), factors, 1.0)
+def _smaller(sizes: FloatArray) -> FloatArray:
+    """Factors up to 1 of gradients of more than 100; 1 where a size is not finite."""
+    factors = np.maximum(_LARGE / np.maximum(sizes, _LARGE), _LEAST)
+    return np.where(np.isfinite(sizes), factors, 1.0)
+
+
+def _larger(sizes: FloatArray) -> FloatArray:
+    """Factors from 1 of all rows, from the largest size of any; 1 where that is rounding error."""
+    factors = np.minimum(_SMALL / np.clip(sizes, _NOTHING, _SMALL), 1.0 / _LEAST)
+    return np.where(sizes > _NOTHING, factors, 1.0)
 
 
 class ScaledProblems:
