@@ -147,8 +147,8 @@ def success_bound(
         grid can sample every time step.
     max_work : float
         Largest number of values that a level game looks up, about: 1e8 take a few seconds. More
-        work usually, not always, gives a lower bound. Finite; 0 for
-        the bound of independent clocks alone, which takes some hundredths of a second.
+        work usually, not always, gives a lower bound. Finite; 0 for the bound of independent clocks
+        alone, which takes some hundredths of a second.
     accuracy : float
         The level game is refined until this raises the lower bound on the probability of failure by
         less than this fraction of it.
