@@ -323,7 +323,6 @@ def attack(seed: int, trials: int) -> None:
     bound = success_bound(scenario, 20_000, max_work=float(rng.choice([1e5, 1e6])), accuracy=0.0)
     best = max(climbed(scenario, rng, trials) for _ in range(2))
     assert best <= bound.value
-    assert bound.value <= success_bound(scenario, 20_000, max_work=0).value
 
 
 @pytest.mark.parametrize("seed", range(4))

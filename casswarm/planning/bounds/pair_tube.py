@@ -123,7 +123,8 @@ def gathered(task: Relaxation, starts: FloatArray, margins: list[float]) -> Floa
     """
     slack = task.radius + task.steps * task.step
     offsets = starts - task.center
-    outside = np.abs(offsets) > (slack + max(margins)) * (1 + 1e-9)
+    limit = (slack + max(margins)) * (1 + 1e-9)
+    outside = np.asarray(np.abs(offsets) > limit)
     moved = np.where(outside.any(axis=1)[:, None], 0.0, offsets)
     for member in np.flatnonzero(outside.any(axis=1)):
         axis = int(outside[member].argmax())
