@@ -124,13 +124,14 @@ def gathered(task: Relaxation, starts: FloatArray, margins: list[float]) -> Floa
     slack = task.radius + task.steps * task.step
     offsets = starts - task.center
     limit = (slack + max(margins)) * (1 + 1e-9)
-    outside = np.asarray(np.abs(offsets) > limit)
-    moved = np.where(outside.any(axis=1)[:, None], 0.0, offsets)
-    for member in np.flatnonzero(outside.any(axis=1)):
+    outside = np.abs(offsets) > limit
+    gone = np.asarray(outside.any(axis=1))[:, None]
+    moved = np.where(gone, 0.0, offsets)
+    for member in np.flatnonzero(gone):
         axis = int(outside[member].argmax())
         moved[member] = moved[1 - member]
         moved[member, axis] = math.copysign(slack + min(margins), offsets[member, axis])
-    return np.where(outside.any(axis=1)[:, None], task.center + moved, starts)
+    return np.where(gone, task.center + moved, starts)
 
 
 def _moves(
