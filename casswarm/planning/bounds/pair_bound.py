@@ -171,14 +171,14 @@ def first_program(
     if initial_velocities is not None:
         velocities, change = initial_velocities, math.sqrt(scenario.swarm.a_max)
     margins = [_margin(task, reach) for reach in _REACHES[:4]]
-    near = gathered(task, starts, margins)
-    task = Relaxation.from_scenario(scenario, near[0])
     candidates = []
     for reach, margin in zip(_REACHES, margins, strict=False):
-        tube = Tube.full(task, near, margin, velocities, change)
+        near = gathered(task, starts, margin, max(margins))
+        nearer = Relaxation.from_scenario(scenario, near[0])
+        tube = Tube.full(nearer, near, margin, velocities, change)
         if certified and (near != starts).any():
             tube = tube.departed()
-        candidates.append(PairProgram(task, near, tube, reach, margin, None))
+        candidates.append(PairProgram(nearer, near, tube, reach, margin, None))
     sizes = [program.size for program in candidates]
     if sizes[0] > max_nodes:
         raise PlanningError(
@@ -188,7 +188,8 @@ def first_program(
         )
     fitting = [k for k, size in enumerate(sizes) if size <= min(_FIRST_NODES, max_nodes)]
     program = candidates[max(fitting, default=0)]
-    return replace(program, multipliers=(best_multiplier(task),) * 2) if certified else program
+    multipliers = (best_multiplier(program.task),) * 2 if certified else None
+    return replace(program, multipliers=multipliers)
 
 
 def require_pair(scenario: Scenario) -> None:

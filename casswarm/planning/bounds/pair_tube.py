@@ -114,23 +114,26 @@ class Tube:
         return sum(block.size for blocks in self.blocks(spacing) for block in blocks)
 
 
-def gathered(task: Relaxation, starts: FloatArray, margins: list[float]) -> FloatArray:
-    """Starts (2, 2), of which those beyond the rectangles of step 0 are moved to their edges.
+def gathered(
+    task: Relaxation, starts: FloatArray, margin: float, largest_margin: float
+) -> FloatArray:
+    """Starts (2, 2), of which those beyond the rectangle of step 0 are moved to its edge.
 
-    Such a member never arrives and never protects one that does from less than any of the `margins`
-    away. At the edge it can leave in the first step, so the value there is at least that without
-    it. It is moved as near to the other one as possible, which keeps the grid small.
+    They are beyond that of the largest margin, and moved to that of `margin`. Such a member never
+    arrives and never protects one that does from less than either away. At the edge it can leave in
+    the first step, so the value there is at least that without it. It is moved as near to the other
+    one as possible, which keeps the grid small.
     """
     slack = task.radius + task.steps * task.step
     offsets = starts - task.center
-    limit = (slack + max(margins)) * (1 + 1e-9)
+    limit = (slack + largest_margin) * (1 + 1e-9)
     outside = np.abs(offsets) > limit
     gone = np.asarray(outside.any(axis=1))[:, None]
     moved = np.where(gone, 0.0, offsets)
     for member in np.flatnonzero(gone):
         axis = int(outside[member].argmax())
         moved[member] = moved[1 - member]
-        moved[member, axis] = math.copysign(slack + min(margins), offsets[member, axis])
+        moved[member, axis] = math.copysign(slack + margin, offsets[member, axis])
     return np.where(gone, task.center + moved, starts)
 
 
