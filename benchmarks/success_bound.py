@@ -2,31 +2,36 @@
 
 Run with the installed package::
 
-    python benchmarks/success_bound.py
+    python benchmarks/success_bound.py [MEMBERS]
 
-Prints a Markdown table of the scenarios of `policies.py`.
+Prints a Markdown table of the scenarios of `policies.py`, or of their first members.
 """
 
 from __future__ import annotations
+
+import sys
 
 from _timing import print_table
 from policies import cases
 
 import casswarm as csw
+from casswarm.planning.guide import rounded_up
+from casswarm.scenario.variations import with_parameters
 
-WORKS = (1e6, csw.planning.bounds.success_bound.MAX_WORK, 1.5e8)
+WORKS = (0.0, 6e7, 1.5e8)
+COLUMNS = ("scenario", "independent clocks", "level game, default", "`max_work=1.5e8`")
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the table; bounds are rounded up."""
     rows = []
-    for name, scenario in cases().items():
-        clocks = csw.success_bound(scenario, max_work=0)
-        games = [csw.success_bound(scenario, max_work=work, accuracy=0.0) for work in WORKS]
-        cells = [f"{bound.value:.4f} ({bound.seconds:.1f} s)" for bound in (clocks, *games)]
+    fewer = {"n": int(sys.argv[1])} if len(sys.argv) > 1 else {}
+    for name, full in cases().items():
+        scenario = with_parameters(full, fewer)
+        bounds = [csw.success_bound(scenario, max_work=work) for work in WORKS]
+        cells = [f"{rounded_up(bound.value):.4f} ({bound.seconds:.1f} s)" for bound in bounds]
         rows.append((name, *cells))
-    columns = ("scenario", "independent clocks", *(f"level game, {work:.3g}" for work in WORKS))
-    print_table(columns, rows)
+    print_table(COLUMNS, rows)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from _timing import print_table
 from policies import cases
 
 import casswarm as csw
+from casswarm.planning.guide import rounded_up
 from casswarm.scenario.variations import with_parameters
 
 TIME_LIMIT = 60.0  # for both upper ends
@@ -42,7 +43,7 @@ def row(name: str, scenario: csw.Scenario) -> dict[str, str]:
         "width": f"{found.success.width:.4f}",
         "without a_max": f"{found.unlimited.low:.4f} to {found.unlimited.high:.4f}",
         "its width": f"{found.unlimited.width:.4f}",
-        "success_bound": f"{float(csw.success_bound(scenario)):.4f}",
+        "success_bound": f"{rounded_up(csw.success_bound(scenario).value):.4f}",
         "seconds": f"{seconds:.0f}",
         "of that, bounds": f"{sum(bound.levels[-1].seconds for bound in found.bounds):.0f}",
         "largest grid": f"{max(level.nodes for level in levels) / 1e6:.0f} million",

@@ -13,7 +13,7 @@ from test_success_bound import adversary, some_scenario
 from casswarm import Saturation, SaturationCollision, Scenario, load_scenario, success_bound
 from casswarm.hazard.lower_bounds import LeastRate
 from casswarm.planning.bounds import Relaxation
-from casswarm.planning.bounds.game_bound import Effort, game_bound
+from casswarm.planning.bounds.game_bound import Effort, _product, game_bound
 from casswarm.planning.bounds.level_game import LevelGame
 from casswarm.planning.bounds.level_game_kernels import fill_levels
 from casswarm.planning.bounds.potential import Potential, PotentialFamily
@@ -197,7 +197,6 @@ def test_level_game_is_sharper_where_radars_cannot_be_avoided(name: str) -> None
     assert "(level game)" in str(game)
     assert game.seconds > 0
     assert game.as_dict()["method"] == "level game"
-    assert success_bound(scenario, max_work=1e7) == game
 
 
 @pytest.mark.slow
@@ -232,13 +231,60 @@ def test_level_game_with_members_out_of_reach_and_groups() -> None:
     bounds = [success_bound(s, 50_000, max_work=1e6).value for s in (ALLEY, with_far)]
     assert bounds[0] <= bounds[1] <= 1
     many = ALLEY.with_values({"swarm.positions": ALLEY.positions.tolist() * 2})
-    clocks, game = (success_bound(many, 50_000, max_work=work) for work in (0, 1e6))
-    assert game.value <= clocks.value
+    game = success_bound(many, 50_000, max_work=1e6)
+    assert game.method == "level game"
+    # more members in each group than alone, each among nine others that are never lost
+    assert success_bound(ALLEY, 50_000, max_work=1e6).value < game.value < 1
+
+
+def test_groups_multiply_failures() -> None:
+    many = ALLEY.with_values({"swarm.positions": ALLEY.positions.tolist() * 2})
+    levels = potential(many, 1.2, 0.5)
+    groups = [np.arange(5), np.arange(5, 10)]
+    one, other = (1 - LevelGame(levels, 1, tuple(group.tolist())).value() for group in groups)
+    assert _product(levels, groups, 1) == pytest.approx(1 - one * other, abs=1e-11)
+
+
+def test_few_members_use_more_work() -> None:
+    pair = ALLEY.with_values({"swarm.positions": ALLEY.positions[:2].tolist()})
+    bounds = [success_bound(pair, 50_000, max_work=work, accuracy=0).value for work in (1e5, 1e7)]
+    assert bounds[1] < bounds[0] - 0.002
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["gauntlet", "alley"])
+def test_more_work_than_by_default_is_not_worse(name: str) -> None:
+    scenario = load_scenario(name)
+    assert success_bound(scenario, max_work=1.5e8).value <= success_bound(scenario).value
+
+
+@pytest.mark.parametrize("intercept", [0.0, 0.3])
+def test_game_of_rates_that_do_not_grow_proves_nothing(intercept: float) -> None:
+    class Flat(Saturation):
+        """Its rates may be the same everywhere."""
+
+        def single_agent_lower_bound(self, lower: Array, upper: Array) -> Array:
+            return Saturation(self.radars).single_agent_lower_bound(lower, upper)
+
+        def least_rate(self, n: int) -> LeastRate:  # noqa: ARG002
+            return LeastRate(np.array([intercept]), np.zeros(1))
+
+    scenario = small([(0.0, 0.0)] * 2, (2.0, 0.0), [(1.0, 0.3)], 4)
+    task = replace(Relaxation.from_scenario(scenario), hazard=Flat([(1.0, 0.3)]))
+    assert game_bound(task, scenario.positions, 0.0, Effort(100_000, 1e6, 0.0, math.inf)).value == 1
+
+
+def test_infinite_work_raises() -> None:
+    with pytest.raises(ValueError, match="max_work = inf; allowed: finite numbers"):
+        success_bound(ALLEY, max_work=math.inf)
 
 
 def test_time_limit_is_reported() -> None:
     bound = success_bound(ALLEY, 50_000, max_work=1e7, time_limit=0.0)
     assert bound.limited
+    assert success_bound(ALLEY, 50_000, max_work=1e7, time_limit=1e9).limited is False
+    again = success_bound(ALLEY, 50_000, max_work=1e7, time_limit=0.0)
+    assert again is not bound  # it is not cached: there may be more time
     assert bound.value <= success_bound(ALLEY, 50_000, max_work=0).value
 
 
@@ -277,7 +323,6 @@ def attack(seed: int, trials: int) -> None:
     bound = success_bound(scenario, 20_000, max_work=float(rng.choice([1e5, 1e6])), accuracy=0.0)
     best = max(climbed(scenario, rng, trials) for _ in range(2))
     assert best <= bound.value
-    assert bound.value <= success_bound(scenario, 20_000, max_work=0).value
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -15,7 +15,7 @@ from test_success_bound import adversary, some_scenario
 
 from casswarm import Saturation, SaturationCollision, load_scenario, success_bound
 from casswarm.errors import PlanningError
-from casswarm.planning.bounds import pair_bound
+from casswarm.planning.bounds import PairValueFunction, pair_bound
 from casswarm.planning.bounds.grid import Relaxation
 from casswarm.planning.bounds.pair_bound import first_program
 from casswarm.planning.bounds.pair_kernels import MemberNodes, step_back
@@ -115,6 +115,30 @@ def test_pair_bound_of_partner_out_of_reach_is_that_of_protected_agent():
     alone = scenario.with_values({"swarm.positions": [[0.0, 0.0]]})
     single, bound = float(success_bound(alone)), pair_bound(scenario, tolerance=1e-3).value
     assert single - 0.01 <= bound <= single + 0.2  # the proof lets the partner be at the margin
+
+
+@pytest.mark.parametrize("far", [(300.0, 300.0), (0.0, -1e4), (-9.0, 0.0)])
+def test_pair_bound_does_not_depend_on_where_a_partner_out_of_reach_is(far):
+    bounds, sizes = [], []
+    for position in ((12.0, 0.0), far):
+        scenario = small([(0.0, 0.0), position], (1.2, 0.0), [(0.9, 0.5)], 3)
+        bounds.append(pair_bound(scenario, max_nodes=200_000).value)
+        sizes.append(first_program(scenario, 200_000).size)
+    assert math.isclose(*bounds, rel_tol=1e-12)
+    assert max(sizes) < 5_000
+    program = first_program(scenario, 1_000_000, certified=False)
+    assert program.size < 100_000
+    path = PairValueFunction.from_scenario(scenario, 1_000_000).path(scenario.positions)
+    np.testing.assert_allclose(path[0], scenario.positions)
+    assert np.abs(np.diff(path, axis=0)).max() <= DT * V_MAX * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("factor", [1e4, 1e5])
+def test_pair_bound_of_tiny_success_is_positive(factor):
+    bound = pair_bound(
+        small(PAIR, (2.0, 0.4), RADARS, 4, hazard__alpha_1=factor), max_nodes=200_000
+    )
+    assert 0 < bound.value < 1e-300
 
 
 @pytest.mark.parametrize("collides", [False, True])

@@ -24,7 +24,7 @@ _COARSE_NODES = 1_000_000  # of the potentials that are compared
 _LARGEST = np.geomspace(0.06, 0.5, 18)  # drops that are compared, relative to the mean level
 _SLOPES = (2.0, 4.0, 8.0, 16.0)  # relative to the mean slope between the members and the target
 _LOST_LEVEL = 0.01  # relative loss of level for a small slope
-_CELLS = range(1, 9)
+_CELLS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64)
 _STAGE = 30.0  # ratio of work of one stage and the one before
 _FIRST_WORK = 1e6
 
@@ -58,7 +58,7 @@ class Effort(NamedTuple):
     max_nodes : int
         Maximum number of nodes of a potential, over all steps.
     max_work : float
-        Largest number of values that a game looks up, about.
+        Largest number of values that a game looks up, about; finite.
     accuracy : float
         Refine until the bound on the probability of failure rises by less, relatively.
     deadline : float
@@ -111,12 +111,11 @@ def game_bound(
 
 
 def _stages(max_work: float) -> Iterator[float]:
-    work = max_work
-    while work / _STAGE >= _FIRST_WORK:
-        work /= _STAGE
-    while work <= max_work * (1 + 1e-9):
+    work = _FIRST_WORK
+    while work < max_work:
         yield work
         work *= _STAGE
+    yield max_work
 
 
 def _groups(members: np.ndarray) -> list[np.ndarray]:

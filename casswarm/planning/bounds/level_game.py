@@ -13,11 +13,12 @@ import itertools
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import repeat
 
 import numpy as np
 
 from ...hazard import Hazard
-from ...typing import FloatArray
+from ...typing import FloatArray, IntArray
 from .grid import UNIT
 from .level_game_kernels import Buffers, Moves, best_moves, fill_levels, make_decreasing
 from .potential import Potential
@@ -82,21 +83,32 @@ class LevelGame:
             return 0.0
         if (self.starts <= 0).any():
             return 1.0
-        counts = [math.comb(self.size + k - 1, k) for k in range(self.members + 1)]
-        offsets = np.append(0, np.cumsum(counts)).astype(np.int64)
-        tables = np.zeros(offsets[-1])
+        if self._least_slopes[-1] <= 0:  # drops may cost nothing
+            return 1.0
+        steps = self.potential.task.steps
+        highest = max(1.0, float(self.node_values[-1].max()))
+        rounding = 256 * UNIT * self.members * self.cells * (steps + 1) * highest
+        return min(1.0, self.at(self.starts) + rounding)
+
+    @cached_property
+    def node_values(self) -> list[FloatArray]:
+        """G_k (C(M + k - 1, k),) for k = 0, ..., n alive, by the rank of the set of levels."""
+        values, rows = [np.zeros(1)], [np.zeros((1, 0), np.int64)]
         for alive in range(1, self.members + 1):
-            levels = np.zeros((counts[alive], alive), np.int64)
-            fill_levels(levels)
+            count = math.comb(self.size + alive - 1, alive)
+            rows.append(np.zeros((count, alive), np.int64))
+            fill_levels(rows[-1])
+            arrived = max(1.0, float(values[-1].max()))
+            known = [values[0], *map(_with_arrived, values[1:], rows[1:], repeat(arrived))]
+            tables = np.concatenate([*known, _with_arrived(np.zeros(count), rows[-1], arrived)])
+            offsets = np.cumsum([0, *map(len, known)])
             moves, buffers = self._moves(alive), self._buffers(alive)
             for corrected in (False, True):
-                best_moves(levels, moves, self._binomials, offsets, corrected, buffers, tables)
-            values = tables[offsets[alive] : offsets[alive + 1]]
+                best_moves(rows[-1], moves, self._binomials, offsets, corrected, buffers, tables)
+            values.append(tables[offsets[-1] :])
             if alive < self.members:  # which are interpolated otherwise: see `_least_slopes`
-                make_decreasing(levels, self._binomials, values)
-        steps = self.potential.task.steps
-        rounding = 256 * UNIT * self.members * self.cells * (steps + 1)
-        return min(1.0, self._at_start(tables[offsets[-2] :]) + rounding)
+                make_decreasing(rows[-1], self._binomials, values[-1])
+        return values
 
     @cached_property
     def _binomials(self) -> np.ndarray:
@@ -144,22 +156,34 @@ class LevelGame:
         density = _UNITS * np.minimum(density, 1.0)
         return Moves(np.exp(-risks), steepness, surplus, math.exp(slope), density)
 
-    def _at_start(self, values: FloatArray) -> float:
-        """Value of the members' levels at step 0, interpolated in exp(-slope level)."""
-        nodes = np.minimum(self.starts / self.spacing, self.size - 1)
+    def at(self, levels: FloatArray) -> float:
+        """V, without rounding errors: the value with living members at `levels` (k,).
+
+        It is interpolated in exp(-slope level), and may be larger than 1 where it is coarse.
+        """
+        alive = len(levels)
+        nodes = np.minimum(levels / self.spacing, self.size - 1)
         cells = np.minimum(np.floor(nodes).astype(int), self.size - 2)
-        slope = self._least_slopes[-1] * self.spacing
-        upper = np.expm1(-slope * (nodes - cells)) / math.expm1(-slope)
+        slope = self._least_slopes[alive - 1] * self.spacing if alive else 0.0
+        upper = np.expm1(-slope * (nodes - cells)) / math.expm1(-slope) if alive else nodes
         total = 0.0
-        for corner in itertools.product((0, 1), repeat=self.members):
+        for corner in itertools.product((0, 1), repeat=alive):
             weight = float(np.prod(np.where(corner, upper, 1 - upper)))
-            levels = np.sort(cells + corner)
-            rank = sum(math.comb(int(level) + i, i + 1) for i, level in enumerate(levels))
-            total += weight * float(values[rank])
+            corners = np.sort(cells + np.array(corner, int))
+            rank = sum(math.comb(int(level) + i, i + 1) for i, level in enumerate(corners))
+            total += weight * float(self.node_values[alive][rank])
         return total
 
 
+def _with_arrived(values: FloatArray, rows: IntArray, arrived: float) -> FloatArray:
+    """Values of sets of levels `rows`, `arrived` for those with a member at level 0."""
+    return np.where(rows[:, 0] == 0, arrived, values)
+
+
 def look_ups(members: int, size: int, cells: int) -> float:
-    """Number of values that `LevelGame.value` looks up for states of all members, about."""
-    moves = 0.4 * (cells + 1.0) ** members
-    return math.comb(size + members - 1, members) * moves * 2.0**members * (1 + members / 2)
+    """Number of values that `LevelGame.value` looks up for states of all members, about.
+
+    A move of two to five members takes about as long as 45 look-ups.
+    """
+    of_move = max(45.0, 0.4 * 2.0**members * (1 + members / 2))
+    return math.comb(size + members - 1, members) * (cells + 1.0) ** members * of_move

@@ -50,8 +50,8 @@ class Buffers(NamedTuple):
     after, fallen : (k,)
         Levels after the move, sorted, and drops in that order, as all that follows.
     alive, least, most, margin : (k,)
-        Probability of survival, bounds on it within the cells of the grid, and the factor of the
-        correction.
+        Probability of survival, bounds on its weight within the cells of the grid, and the factor
+        of the correction.
     ranks : (2^k,)
         Of the set of every bit set of survivors, within all sets of at most k levels.
     values : (2^k,)
@@ -109,14 +109,13 @@ def best_moves(
         Whether to add the corrections for interpolation; `tables` then hold the values without.
     buffers : Buffers
     tables : (.,)
-        Values of the sets of k levels are written.
+        Values of the sets of k levels are written, but for those with a member at level 0.
     """
     count, k = levels.shape
     deepest = moves.survival.shape[1] - 1
     drops = buffers.drops
     for rank in range(count):
         if levels[rank, 0] == 0:
-            tables[offsets[k] + rank] = 1.0
             continue
         best = float(tables[offsets[k] + rank])
         for i in range(k):  # more members are never worse
@@ -277,6 +276,8 @@ def _prepare(row: IntArray, moves: Moves, buffers: Buffers) -> None:
         if fallen[i] > 0:
             before = moves.survival[many, fallen[i] - 1]
             buffers.margin[i] = before * moves.steepness[few, fallen[i]]
+            if fallen[i] == 1 and after[i] == 0:  # a true drop within the lowest cell
+                buffers.least[i] = min(buffers.least[i], 1.0 - moves.steepness[few, 1])
 
 
 @kernel

@@ -15,7 +15,7 @@ from ...typing import FloatArray
 from .grid import Relaxation
 from .pair_nodes import best_multiplier
 from .pair_program import Arrays, PairProgram
-from .pair_tube import Tube
+from .pair_tube import Tube, gathered
 
 if TYPE_CHECKING:
     from ...scenario import Scenario
@@ -171,11 +171,15 @@ def first_program(
     if initial_velocities is not None:
         velocities, change = initial_velocities, math.sqrt(scenario.swarm.a_max)
     margins = [_margin(task, reach) for reach in _REACHES[:4]]
-    candidates = [
-        (reach, Tube.full(task, starts, margin, velocities, change), margin)
-        for reach, margin in zip(_REACHES, margins, strict=False)
-    ]
-    sizes = [tube.nodes(task.step / reach) for reach, tube, _ in candidates]
+    candidates = []
+    for reach, margin in zip(_REACHES, margins, strict=False):
+        near = gathered(task, starts, margin, max(margins))
+        nearer = Relaxation.from_scenario(scenario, near[0])
+        tube = Tube.full(nearer, near, margin, velocities, change)
+        if certified and (near != starts).any():
+            tube = tube.departed()
+        candidates.append(PairProgram(nearer, near, tube, reach, margin, None))
+    sizes = [program.size for program in candidates]
     if sizes[0] > max_nodes:
         raise PlanningError(
             f"the value of two members needs {sizes[0]:,} nodes, more than max_nodes = "
@@ -183,9 +187,9 @@ def first_program(
             nodes=sizes[0],
         )
     fitting = [k for k, size in enumerate(sizes) if size <= min(_FIRST_NODES, max_nodes)]
-    reach, tube, margin = candidates[max(fitting, default=0)]
-    multipliers = (best_multiplier(task),) * 2 if certified else None
-    return PairProgram(task, starts, tube, reach, margin, multipliers)
+    program = candidates[max(fitting, default=0)]
+    multipliers = (best_multiplier(program.task),) * 2 if certified else None
+    return replace(program, multipliers=multipliers)
 
 
 def require_pair(scenario: Scenario) -> None:
@@ -218,7 +222,7 @@ def _finer(program: PairProgram, tube: Tube, max_nodes: float) -> PairProgram | 
     step = program.task.step
     for reach in reversed(_REACHES):
         if program.reach < reach <= 2 * program.reach and tube.nodes(step / reach) <= max_nodes:
-            return PairProgram(
-                program.task, program.starts, tube, reach, program.margin, program.multipliers
-            )
+            finer = replace(program, tube=tube, reach=reach)
+            if finer.size <= max_nodes:
+                return finer
     return None

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from .pair_kernels import MemberNodes, PairNodes
 
 _MULTIPLIER_NODES = 50_000
+_LARGEST_ARRIVAL = 300.0
+"""Largest product of multiplier and radius: exponentials of costs of arrival do not overflow."""
 
 
 class Rectangle(NamedTuple):
@@ -120,7 +122,10 @@ def pair_lattice(
         )
         slopes, spread = 0 * slopes, 0 * spread
     row, column = np.array(pair.share.shape) // 2
-    guarded = float(pair.share[min(row + margin, 2 * row), column])  # it increases outwards
+    guarded = max(  # it increases outwards
+        float(pair.share[min(row + margin, 2 * row), column]),
+        float(pair.share[row, min(column + margin, 2 * column)]),
+    )
     inner = (slice(1, -1), slice(1, -1))
     alone, floor, with_guard = (
         lone_values(costs, region, share, exact)
@@ -171,8 +176,12 @@ def lone_values(costs: StageCosts, region: Rectangle, share: float, exact: float
 
 
 def _survival(risk: FloatArray) -> FloatArray:
-    """exp(-risk), rounded up by more than the rounding of sums of risks and terminal costs."""
-    return np.asarray(np.exp(-risk) * (1 + 1e-12))
+    """exp(-risk), rounded up by more than the rounding of sums of risks and terminal costs.
+
+    It is positive, if only just, wherever the target is within reach.
+    """
+    values = np.exp(-risk) * (1 + 1e-12)
+    return np.where(np.isfinite(risk), np.maximum(values, np.finfo(float).tiny), 0.0)
 
 
 def best_multiplier(task: Relaxation) -> float:
@@ -195,6 +204,7 @@ def best_multiplier(task: Relaxation) -> float:
     largest = -loss(0.0) / task.radius
     while loss(largest) < loss(largest / 2):
         largest *= 2
+    largest = min(largest, _LARGEST_ARRIVAL / task.radius)
     return float(minimize_scalar(loss, bounds=(0.0, largest), options={"maxiter": 12}).x)
 
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .pair_kernels import MemberNodes, PairNodes
 
 _NO_WEIGHT = 1e-6  # at most so much weight may be due to the rounding of positions
+_LEAST = float(np.finfo(float).tiny)  # of values, so that none is 0 by underflow
 _ROUNDED_UP = 1 + 1e-10  # by more than weights and logarithms are rounded
 
 Arrays = list[FloatArray]
@@ -37,6 +38,7 @@ class PairProgram:
     task : Relaxation
         It starts at the first member.
     starts : (2, 2)
+        Those of members that can never arrive are moved: see `gathered`.
     tube : Tube
     reach : int
         Nodes by which a coordinate changes in a step: the spacing is s / reach.
@@ -64,14 +66,27 @@ class PairProgram:
         return self.tube.blocks(self.spacing)
 
     @cached_property
-    def lattice(self) -> PairLattice:
-        """Functions on the nodes of each member."""
+    def region(self) -> Rectangle:
+        """All nodes that either member visits."""
         rectangles = [r for blocks in self.blocks for block in blocks for r in block]
         low = np.min([r.low for r in rectangles], axis=0).tolist()
         high = np.max([r.high for r in rectangles], axis=0).tolist()
-        region = Rectangle((low[0], low[1]), (high[0], high[1]))
+        return Rectangle((low[0], low[1]), (high[0], high[1]))
+
+    @cached_property
+    def size(self) -> int:
+        """Number of values in memory: of the joint nodes, or of `lattice` if it has more."""
+        n, m = self.region.shape
+        of_lattice = 3 * (self.task.steps + 1) * n * m + 8 * (2 * n - 1) * (2 * m - 1)
+        return max(self.tube.nodes(self.spacing), of_lattice)
+
+    @cached_property
+    def lattice(self) -> PairLattice:
+        """Functions on the nodes of each member."""
         margin = int(self.margin / self.spacing)
-        return pair_lattice(self.task, self.starts, self.reach, region, margin, self.multipliers)
+        return pair_lattice(
+            self.task, self.starts, self.reach, self.region, margin, self.multipliers
+        )
 
     def backward(self, deadline: float = math.inf) -> tuple[float, list[Arrays]]:
         """Upper bound of the optimal value, and values of steps 1 to N before losses are drawn.
@@ -93,7 +108,7 @@ class PairProgram:
                 step_back(*self._nodes(step + 1, block), array)
             kept.append(values)
             values = [
-                np.maximum(largest_within_reach(values, following, block, self.reach), 0.0)
+                np.maximum(largest_within_reach(values, following, block, self.reach), _LEAST)
                 for block in self.blocks[step]
             ]
             for array, block in zip(values, self.blocks[step], strict=True):
@@ -190,8 +205,6 @@ class PairProgram:
             for m in (0, 1):
                 weight = abs(1 - k - at[0]) * abs(1 - m - at[1])
                 value = float(values[i, j, k, m])
-                if value > 0:
+                if value > _LEAST or weight > _NO_WEIGHT:
                     total += weight * math.log(value)
-                elif weight > _NO_WEIGHT:
-                    return 0.0
-        return math.exp(total) * _ROUNDED_UP
+        return max(math.exp(total), _LEAST) * _ROUNDED_UP

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import NamedTuple
 
@@ -100,6 +100,11 @@ class Tube:
         boxes = tuple(np.stack([low, high], axis=1)[:, None])
         return cls(boxes, retreat, np.ones((task.steps, 2), bool))
 
+    def departed(self) -> Tube:
+        """No positions but the starts: members leave the rectangle in the first step."""
+        empty = np.zeros((0, 2, 4))
+        return replace(self, boxes=(self.boxes[0], *(empty for _ in self.boxes[1:])))
+
     def blocks(self, spacing: float) -> list[list[PairBlock]]:
         """Nodes of the boxes, for every step."""
         return [[PairBlock.of_box(box, spacing) for box in boxes] for boxes in self.boxes]
@@ -107,6 +112,29 @@ class Tube:
     def nodes(self, spacing: float) -> int:
         """Number of nodes of all blocks."""
         return sum(block.size for blocks in self.blocks(spacing) for block in blocks)
+
+
+def gathered(
+    task: Relaxation, starts: FloatArray, margin: float, largest_margin: float
+) -> FloatArray:
+    """Starts (2, 2), of which those beyond the rectangle of step 0 are moved to its edge.
+
+    They are beyond that of the largest margin, and moved to that of `margin`. Such a member never
+    arrives and never protects one that does from less than either away. At the edge it can leave in
+    the first step, so the value there is at least that without it. It is moved as near to the other
+    one as possible, which keeps the grid small.
+    """
+    slack = task.radius + task.steps * task.step
+    offsets = starts - task.center
+    limit = (slack + largest_margin) * (1 + 1e-9)
+    outside = np.abs(offsets) > limit
+    gone = np.asarray(outside.any(axis=1))[:, None]
+    moved = np.where(gone, 0.0, offsets)
+    for member in np.flatnonzero(gone):
+        axis = int(outside[member].argmax())
+        moved[member] = moved[1 - member]
+        moved[member, axis] = math.copysign(slack + margin, offsets[member, axis])
+    return np.where(gone, task.center + moved, starts)
 
 
 def _moves(

@@ -30,6 +30,8 @@ class PairValueFunction:
     ----------
     origin : (2,)
         Position of node (0, 0).
+    shifts : (2, 2)
+        By which positions are beyond those on the grid; 0 unless a member can never arrive.
     spacing : float
     step : float
         Largest change of a coordinate in a time step.
@@ -40,6 +42,7 @@ class PairValueFunction:
     """
 
     origin: FloatArray
+    shifts: FloatArray
     spacing: float
     step: float
     blocks: tuple[PairBlock, ...] = field(repr=False)
@@ -59,6 +62,7 @@ class PairValueFunction:
         _, kept = program.backward()
         return cls(
             program.task.start,
+            scenario.positions - program.starts,
             program.spacing,
             program.task.step,
             tuple(blocks[0] for blocks in program.blocks[1:]),
@@ -73,7 +77,7 @@ class PairValueFunction:
         if not 1 <= step <= len(self.values):
             return np.zeros(len(positions))
         block, values = self.blocks[step - 1], self.values[step - 1]
-        at = ((positions - self.origin) / self.spacing).reshape(-1, 4) - block.low
+        at = ((positions - self.shifts - self.origin) / self.spacing).reshape(-1, 4) - block.low
         last = np.array(values.shape) - 1
         inside = ((at >= 0) & (at <= last)).all(axis=1)
         cells = np.clip(np.floor(at).astype(int), 0, last - 1)
@@ -86,7 +90,7 @@ class PairValueFunction:
 
     def path(self, starts: FloatArray) -> FloatArray:
         """Positions (N+1, 2, 2) along the best nodes from the starts, while both are alive."""
-        position = (starts - self.origin).ravel() / self.spacing
+        position = (starts - self.shifts - self.origin).ravel() / self.spacing
         reach = self.step / self.spacing * (1 + 1e-9)
         path = [position]
         for block, values in zip(self.blocks, self.values, strict=True):
@@ -96,4 +100,4 @@ class PairValueFunction:
             best = np.unravel_index(int(window.argmax()), window.shape)
             position = np.asarray(block.low + first + best, float)
             path.append(position)
-        return self.origin + self.spacing * np.array(path).reshape(-1, 2, 2)
+        return self.origin + self.shifts + self.spacing * np.array(path).reshape(-1, 2, 2)

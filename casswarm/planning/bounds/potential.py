@@ -57,7 +57,8 @@ class Potential:
     largest : float
         No level falls by more in a step; infinite without a limit.
     slack : float
-        Bound on the rounding errors of levels: (P1) and (P2) hold for w_t - slack (N - t) / N.
+        Bound on the rounding errors of levels: (P1) and (P2) hold for
+        w_t - slack (N + 1 - t) / (N + 1).
     """
 
     task: Relaxation
@@ -141,7 +142,7 @@ class PotentialFamily:
         stage_costs = self._stage_costs
         per_path = rounding(stage_costs, _HIGHEST, interpolated=True)
         largest = _HIGHEST + stage_costs.max_terminal
-        return per_path + 64 * UNIT * self.task.steps * largest
+        return per_path + 64 * UNIT * (self.task.steps + 1) * largest
 
     @property
     def size(self) -> int:

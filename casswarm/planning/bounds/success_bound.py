@@ -146,8 +146,9 @@ def success_bound(
         members are. More nodes sharpen the members' risks, whose error falls as 1 / nodes if the
         grid can sample every time step.
     max_work : float
-        Largest number of values that a level game looks up, about: 1e8 take a second or two. 0 for
-        the bound of independent clocks alone, which takes some hundredths of a second.
+        Largest number of values that a level game looks up, about: 1e8 take a few seconds. More
+        work usually, not always, gives a lower bound. Finite; 0 for the bound of independent clocks
+        alone, which takes some hundredths of a second.
     accuracy : float
         The level game is refined until this raises the lower bound on the probability of failure by
         less than this fraction of it.
@@ -163,7 +164,7 @@ def success_bound(
     Raises
     ------
     ValueError
-        Fewer than a thousand nodes, or a negative work, accuracy or time.
+        Fewer than a thousand nodes, an infinite work, or a negative work, accuracy or time.
     """
     require_scenario("success_bound", scenario)
     if max_nodes < 1000:
@@ -172,7 +173,10 @@ def success_bound(
     for name, limit in limits.items():
         if not limit >= 0:
             raise ValueError(f"{name} = {limit!r}; allowed: numbers from 0")
-    return _bound(scenario, max_nodes, max_work, accuracy, time_limit)
+    if max_work == math.inf:
+        raise ValueError("max_work = inf; allowed: finite numbers from 0, for example 1e9")
+    compute = _bound if time_limit == math.inf else _bound.__wrapped__  # which may be limited
+    return compute(scenario, max_nodes, max_work, accuracy, time_limit)
 
 
 @lru_cache(maxsize=64)
