@@ -42,6 +42,8 @@ _UNUSED = {
 """Passes for what kernels do not contain: closures, contexts, expressions of whole arrays. They
 take a tenth of the time."""
 
+_MANGLED = "_ZN"  # how names of compiled functions begin
+
 
 class _SharedFlags(Flags):
     """Flags of which there is one instance for equal values, so that they are compared at once.
@@ -163,7 +165,11 @@ def is_linked(payload: Any) -> bool:
 
 
 def linked_result(target: Any, payload: Any) -> Any:
-    """The compile result of a function that kernels link in, from what the cache keeps of it."""
+    """The compile result of a function that kernels link in, from what the cache keeps of it.
+
+    None if it calls functions by names that they no longer have: names contain a number of the
+    process that compiled them, and another process may have compiled them since.
+    """
     (name, _, (origin, bitcode, origins)), descriptor, environment, signature = payload[:4]
     library = _Linked(target.codegen(), name)
     library.origin = origin
@@ -173,6 +179,8 @@ def linked_result(target: Any, payload: Any) -> Any:
         called.compile(arguments)
         library._linking_libraries.append(called.overloads[arguments].library)
     library._finalized = True
+    if _undefined(library):
+        return None
     return compile_result(
         typing_context=target.typing_context,
         target_context=target,
@@ -185,6 +193,18 @@ def linked_result(target: Any, payload: Any) -> Any:
         lifted=(),
         reload_init=(),
     )
+
+
+def _undefined(library: _Linked) -> set[str]:
+    """Names of compiled functions that a library calls and none that it links defines."""
+    defined = {
+        each.name
+        for one in _linked([library])
+        for each in one._final_module.functions
+        if not each.is_declaration
+    }
+    called = {each.name for each in library._final_module.functions if each.is_declaration}
+    return {name for name in called - defined if name.startswith(_MANGLED)}
 
 
 class _Compiler(Compiler):

@@ -3,6 +3,7 @@
 import ast
 import gc
 import os
+import shutil
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -94,11 +95,12 @@ def test_collector_is_as_before_after_compilation(collects):
         gc.enable()
 
 
-def first_use(cache, name):
+def first_use(cache, name, before=""):
     """Hits of the caches of `name` and of the kernels that it calls, in a process of its own."""
     code = (
         "import numpy as np\n"
-        "from casswarm._util.jit import generated_module\n"
+        "from casswarm._util.jit import generated_module, kernel\n"
+        f"{before}\n"
         f"module = generated_module({TEXT!r})\n"
         f"module.{name}(np.array([1.0, 2.0]))\n"
         f"of = module.{name}.entry, module.polynomial.linked, module.power.linked\n"
@@ -118,6 +120,20 @@ def test_called_kernels_are_loaded_by_another_kernel_in_another_process(tmp_path
     assert first_use(tmp_path, "total") == "0 0 0"
     assert first_use(tmp_path, "product") == "0 1 1"
     assert first_use(tmp_path, "product") == "1 0 0"
+
+
+def test_kernel_whose_called_kernel_was_compiled_by_another_process_is_compiled_again(tmp_path):
+    """Processes number their functions differently, and both may write to an empty cache."""
+    ours, theirs = tmp_path / "ours", tmp_path / "theirs"
+    earlier = "generated_module('@kernel\\ndef other(x):\\n    return x\\n').other(1.0)"
+    assert first_use(ours, "total") == "0 0 0"
+    assert first_use(theirs, "total", earlier) == "0 0 0"
+    replaced = list(theirs.rglob("linked.*.power-*"))
+    assert len(replaced) == 2
+    for path in replaced:
+        shutil.copy(path, ours / path.relative_to(theirs))
+    assert first_use(ours, "product") == "0 0 1"
+    assert first_use(ours, "product") == "1 0 0"
 
 
 def kernel_files():
