@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from pickle import PicklingError
 from threading import Condition
@@ -17,6 +16,7 @@ from ..scenario.io import require_scenario, save_scenario
 from ..scenario.variations import with_parameters
 from ..studies.simulation import Study
 from .answers import Answer, Question
+from .history import History, Moment
 from .worker import Worker
 
 POINTS = {
@@ -25,23 +25,6 @@ POINTS = {
     "target": "target.center",
 }
 """What can be moved, and the key of its position or positions."""
-
-
-@dataclass(frozen=True)
-class Moment:
-    """A state of the history.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    policy : str
-    gesture : object
-        Changes of one gesture, such as a drag, are one state; None is a gesture of its own.
-    """
-
-    scenario: Scenario
-    policy: str
-    gesture: object = None
 
 
 class Session:
@@ -60,6 +43,7 @@ class Session:
 
     Attributes
     ----------
+    history : History
     problem : str
         Why the last change was refused; empty if it was not.
     answer : Answer or None
@@ -73,7 +57,7 @@ class Session:
     ) -> None:
         require_scenario("explore", scenario)
         require_policy_name(policy)
-        self._history, self._index = [Moment(scenario, policy)], 0
+        self.history = History(Moment(scenario, policy))
         self._file, self._version = file, 0
         self._listeners: list[Callable[[], None]] = []
         self._lock, self._asked = Condition(), False
@@ -82,32 +66,15 @@ class Session:
         self.answer: Answer | None = None
         self.last_good: Answer | None = None
 
-    # --- the present state
-
     @property
     def scenario(self) -> Scenario:
         """The present scenario."""
-        return self._history[self._index].scenario
+        return self.history.present.scenario
 
     @property
     def policy(self) -> str:
         """Name of the present policy."""
-        return self._history[self._index].policy
-
-    @property
-    def first(self) -> Moment:
-        """The state that the session started with."""
-        return self._history[0]
-
-    @property
-    def can_undo(self) -> bool:
-        """Whether there is an earlier state."""
-        return self._index > 0
-
-    @property
-    def can_redo(self) -> bool:
-        """Whether a state was undone."""
-        return self._index + 1 < len(self._history)
+        return self.history.present.policy
 
     # --- changes
 
@@ -142,43 +109,35 @@ class Session:
 
     def undo(self) -> None:
         """Return to the state before the last change."""
-        self._go_to(self._index - 1)
+        self._shift(-1)
 
     def redo(self) -> None:
         """Return to the state before the last `undo`."""
-        self._go_to(self._index + 1)
+        self._shift(1)
 
     def reset(self) -> None:
         """Return to the first state; this can be undone."""
-        self._try(lambda: (self.first.scenario, self.first.policy))
+        self._try(lambda: (self.history.first.scenario, self.history.first.policy))
 
     def _try(self, make: Callable[[], tuple[Scenario, str]], gesture: object = None) -> bool:
-        """Append the state that `make` returns, or note why it is impossible."""
+        """Make what `make` returns the present state, or note why it is impossible."""
         with self._lock:
             try:
-                scenario, policy = make()
+                moment = Moment(*make(), gesture)
             except CasswarmError as error:
                 self.problem = str(error)
             else:
                 self.problem = ""
-                if (scenario, policy) != (self.scenario, self.policy):
-                    self._append(Moment(scenario, policy, gesture))
+                if self.history.append(moment):
+                    self._renew()
             possible = not self.problem
         self._tell()
         return possible
 
-    def _append(self, moment: Moment) -> None:
-        """Make a state the last of the history; it replaces one of the same gesture."""
-        same = moment.gesture is not None and moment.gesture == self._history[self._index].gesture
-        self._history[self._index + (not same) :] = [moment]
-        self._index = len(self._history) - 1
-        self._renew()
-
-    def _go_to(self, index: int) -> None:
+    def _shift(self, steps: int) -> None:
         with self._lock:
             self.problem = ""
-            if 0 <= index < len(self._history):
-                self._index = index
+            if self.history.shift(steps):
                 self._renew()
         self._tell()
 

@@ -125,7 +125,8 @@ def _same(first: object, second: object) -> bool:
 def _parts(session: Session) -> dict[str, tuple[object, Callable[[], Any]]]:
     """What a page shows, by name: what it depends on, and the function that makes it."""
     present, good = session.answer, session.last_good
-    state = (session.scenario, session.policy, session.can_undo, session.can_redo)
+    history = session.history
+    state = (session.scenario, session.policy, history.can_undo, history.can_redo)
     failure = "" if present is None else present.failure
     parts: dict[str, tuple[object, Callable[[], Any]]] = {
         "scene": (state, partial(_scene, session)),
@@ -147,7 +148,7 @@ def _parts(session: Session) -> dict[str, tuple[object, Callable[[], Any]]]:
 def _scene(session: Session) -> Message:
     scenario = session.scenario
     strengths = scenario.hazard_table.strengths or [1.0] * len(scenario.hazard_table.radars)
-    listed = parameters(session.first.scenario)
+    listed = parameters(session.history.first.scenario)
     return {
         "name": scenario.name,
         "members": scenario.swarm.positions,
@@ -161,8 +162,8 @@ def _scene(session: Session) -> Message:
         ],
         "policy": session.policy,
         "policies": POLICIES,
-        "can_undo": session.can_undo,
-        "can_redo": session.can_redo,
+        "can_undo": session.history.can_undo,
+        "can_redo": session.history.can_redo,
     }
 
 

@@ -60,7 +60,7 @@ def test_moves_change_one_point_and_are_undone(session):
     for _ in range(3):
         session.undo()
     assert session.scenario == before
-    assert not session.can_undo
+    assert not session.history.can_undo
     for _ in range(5):
         session.redo()
     assert session.scenario == after
@@ -85,7 +85,7 @@ def test_change_after_undo_replaces_what_was_undone(session):
     session.change({"swarm.v_max": 1.9})
     session.undo()
     session.change({"swarm.v_max": 1.8})
-    assert not session.can_redo
+    assert not session.history.can_redo
     assert session.scenario.swarm.v_max == 1.8
 
 
