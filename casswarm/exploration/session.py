@@ -242,16 +242,15 @@ class Session:
             with self._lock:
                 if listener in self._listeners:
                     self._listeners.remove(listener)
-                idle = not self._listeners
-            if idle:
-                self.close()
+                if not self._listeners:  # under the lock: another page may open just now
+                    self.close()
 
         return unsubscribe
 
     def close(self) -> None:
         """End the process that answers; the next question starts it again."""
-        self._worker.close()
         with self._lock:
+            self._worker.close()
             self._asked = self.answer is not None and self.answer.done
             self._lock.notify_all()
 

@@ -114,11 +114,17 @@ class MapView {
     return [(x - low[0]) * scale, (high[1] - y) * scale];
   }
 
-  fromPixels([x, y]) {
+  /** Position of the pointer in units of length. */
+  pointer(event) {
     const { low, high } = this.frame;
-    const scale = (high[0] - low[0]) / this.size;
-    const inside = (value) => Math.min(Math.max(value, 0), this.size);
-    return [low[0] + inside(x) * scale, high[1] - inside(y) * scale];
+    const box = this.svg.getBoundingClientRect();
+    const scale = (high[0] - low[0]) / box.width;
+    return [low[0] + (event.clientX - box.left) * scale, high[1] - (event.clientY - box.top) * scale];
+  }
+
+  inside(position) {
+    const { low, high } = this.frame;
+    return position.map((value, k) => Math.min(Math.max(value, low[k]), high[k]));
   }
 
   /** Show a new state; the frame stays while the pointer holds a point. */
@@ -207,25 +213,20 @@ class MapView {
     event.preventDefault();
     event.currentTarget.focus();
     event.currentTarget.setPointerCapture(event.pointerId);
-    const [x, y] = this.toPixels(this.position(name, this.state.scene));
     const at = this.pointer(event);
-    this.held = { name, gesture: this.gestures.begin(), offset: [x - at[0], y - at[1]] };
+    const offset = this.position(name, this.state.scene).map((value, k) => value - at[k]);
+    this.held = { name, gesture: this.gestures.begin(), offset };
   }
 
   drag(event, name) {
     if (!this.held || this.held.name !== name) return;
     const at = this.pointer(event).map((value, k) => value + this.held.offset[k]);
-    this.move(name, this.fromPixels(at), this.held.gesture);
+    this.move(name, at, this.held.gesture);
   }
 
   release() {
     this.held = null;
     this.outbox.flush();
-  }
-
-  pointer(event) {
-    const box = this.svg.getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
   }
 
   key(event, name) {
@@ -237,11 +238,12 @@ class MapView {
     const length = (this.frame.high[0] - this.frame.low[0]) / (event.shiftKey ? 500 : 50);
     const from = this.position(name, this.state.scene);
     const moved = from.map((value, k) => value + length * step[k]);
-    this.move(name, this.fromPixels(this.toPixels(moved)), this.gestures.ofKey(name));
+    this.move(name, moved, this.gestures.ofKey(name));
   }
 
-  move(name, position, gesture) {
+  move(name, wanted, gesture) {
     const [point, index] = name.split(" ");
+    const position = this.inside(wanted);
     this.moved.set(name, position);
     this.outbox.sendSoon({ type: "move", point, index: Number(index), position, gesture });
     this.draw();
