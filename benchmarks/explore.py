@@ -1,7 +1,7 @@
 """Time from a movement of the pointer to the new guide on the page of casswarm explore.
 
-In headless Chromium, a radar is dragged in a circle across the guide's way. After every movement the
-page is watched until it draws another guide; the next movement follows. Needs Chromium and the
+In headless Chromium, a radar is dragged in a circle across the guide's way. After every movement
+the page is watched until it draws another guide; the next movement follows. Needs Chromium and the
 extra explore::
 
     python benchmarks/explore.py crossfire single-agent paper-2
@@ -57,7 +57,7 @@ def milliseconds(name: str) -> list[float]:
         page.value(WATCH)
         x, y = page.center("[data-point='radar 0']")
         page.mouse("mousePressed", x, y)
-        for k in range(MOVES):
+        for k in range(1, MOVES):
             angle = 2 * math.pi * k / MOVES
             page.value(
                 "window.before = document.querySelector('.csw-guide').getAttribute('points')"
@@ -72,7 +72,7 @@ def milliseconds(name: str) -> list[float]:
 
 def main(names: list[str]) -> None:
     """Print a line per scenario."""
-    print(f"{'scenario':14s} median  90 %  largest, in ms of {MOVES} movements")
+    print(f"{'scenario':14s} median  90 %  largest, in ms of {MOVES - 1} movements")
     for name in names:
         times = milliseconds(name)
         numbers = (np.median(times), np.quantile(times, 0.9), max(times))
