@@ -14,9 +14,10 @@ from ..typing import FloatArray
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
-SIZE = 64  # pixels along each side
-_MARGIN = 0.15  # of the larger side
-_CAP = 0.98  # quantile of the rates at which the scale ends: near radars they are far higher
+SIZE = 96  # pixels along each side
+_MARGIN = 0.15  # of the frame, relative to the larger side of what it holds
+_BEYOND = 1.5  # ratio of the sides of the map and its frame, which a page may keep when it changes
+_CAP = 0.995  # quantile of the rates at which the scale ends: near radars they are far higher
 _DECADES = 1e3  # ratio of the ends of the scale
 
 
@@ -27,13 +28,16 @@ class HazardMap:
     Parameters
     ----------
     low, high : (2,)
-        Corners.
+        Corners of the map.
+    frame : (2, 2)
+        Corners of the square within it that holds all points.
     shades : (SIZE, SIZE) uint8
         Row by row from the bottom; 255 for the highest rates.
     """
 
     low: FloatArray
     high: FloatArray
+    frame: FloatArray
     shades: NDArray[np.uint8]
 
     @classmethod
@@ -46,10 +50,11 @@ class HazardMap:
         low, high = points.min(axis=0), points.max(axis=0)
         half = (0.5 + _MARGIN) * float((high - low).max())
         middle = 0.5 * (low + high)
-        low, high = middle - half, middle + half
-        axis = (np.arange(SIZE) + 0.5) / SIZE * 2 * half
+        frame = np.stack([middle - half, middle + half])
+        low, high = middle - _BEYOND * half, middle + _BEYOND * half
+        axis = (np.arange(SIZE) + 0.5) / SIZE * 2 * _BEYOND * half
         pixels = np.stack(np.meshgrid(low[0] + axis, low[1] + axis), axis=-1)
-        return cls(low, high, _shades(scenario.hazard.single_agent_rates(pixels)))
+        return cls(low, high, frame, _shades(scenario.hazard.single_agent_rates(pixels)))
 
 
 def _shades(rates: FloatArray) -> NDArray[np.uint8]:

@@ -183,6 +183,7 @@ def _map(hazard_map: HazardMap) -> Message:
     return {
         "low": hazard_map.low.tolist(),
         "high": hazard_map.high.tolist(),
+        "frame": dict(zip(("low", "high"), hazard_map.frame.tolist(), strict=True)),
         "size": size,
         "shades": shades,
     }

@@ -144,9 +144,12 @@ class Page:
         feature = {"name": "prefers-color-scheme", "value": "dark"}
         self.call("Emulation.setEmulatedMedia", features=[feature])
 
-    def screenshot(self, path):
-        picture = self.call("Page.captureScreenshot", captureBeyondViewport=True)["data"]
-        Path(path).write_bytes(base64.b64decode(picture))
+    def screenshot(self, path, selector="html"):
+        """Write a picture of an element as PNG."""
+        box = self.value(f"document.querySelector({selector!r}).getBoundingClientRect().toJSON()")
+        clip = {name: box[name] for name in ("x", "y", "width", "height")} | {"scale": 1}
+        picture = self.call("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)
+        Path(path).write_bytes(base64.b64decode(picture["data"]))
 
     def close(self):
         self.call("Page.close")

@@ -6,6 +6,7 @@ const SVG = "http://www.w3.org/2000/svg";
 const STEPS = 200; // positions of a slider
 const PLAY = 250; // milliseconds of a step of a run
 const PAUSE = 800; // milliseconds between keys of one gesture
+const LARGER = 1.3; // ratio up to which a frame is kept
 const MARK = 9; // pixels of a marker; its area for pointers has at least 22
 const STARTING = "starting …";
 const HELP = "▲ radar, ● member, ⊕ target: drag them, or choose one with Tab and move it with the arrow keys";
@@ -132,8 +133,8 @@ class MapView {
     this.state = state;
     const { scene, map } = state;
     if (this.outbox.idle && !this.held) this.moved.clear();
-    if (map && !this.held) this.frame = map;
     if (!this.frame) this.frame = around(scene);
+    if (map && !this.held && !suits(this.frame, map.frame)) this.frame = map.frame;
     this.draw();
   }
 
@@ -288,6 +289,12 @@ class MapView {
 
 function place(element, attributes) {
   for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+}
+
+/** Whether a frame holds another one, and is hardly larger: it is then kept. */
+function suits(frame, other) {
+  const holds = [0, 1].every((k) => frame.low[k] <= other.low[k] && other.high[k] <= frame.high[k]);
+  return holds && frame.high[0] - frame.low[0] < LARGER * (other.high[0] - other.low[0]);
 }
 
 /** A square frame around the points of a scene, until Python has sent one. */
