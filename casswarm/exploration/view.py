@@ -137,9 +137,11 @@ def _parts(session: Session) -> dict[str, tuple[object, Callable[[], Any]]]:
         return parts
     current = good.question.scenario == session.scenario
     evaluated = current and good.question.policy == session.policy
-    guide, outcomes = good.guide, (good.study, good.distribution)
+    guide, hazard_map, outcomes = good.guide, good.hazard_map, (good.study, good.distribution)
+    assert guide is not None
+    assert hazard_map is not None
     parts["guide"] = ((guide, current), partial(_guide, guide, current))
-    parts["map"] = (good.hazard_map, partial(_map, good.hazard_map))
+    parts["map"] = (hazard_map, partial(_map, hazard_map))
     parts["success"] = ((*outcomes, evaluated), partial(_success, good, evaluated))
     parts["runs"] = (good.study, partial(_runs, good.study))
     return parts

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shlex
-from typing import Any
 
 from .._util.documents import json_text, render
 from .folder import ResultsFolder
@@ -21,7 +20,7 @@ def sweep_page(folder: ResultsFolder) -> str:
         The folder lacks its table.
     """
     record, table = folder.record, folder.table("sweep")
-    rows: list[dict[str, Any]] = table.to_dict("records")
+    rows = table.to_dict("records")
     settings = {
         key: list(dict.fromkeys(str(row[key]) for row in rows)) for key in folder.objects["keys"]
     }
