@@ -178,8 +178,7 @@ class Session:
             That takes longer than `timeout` seconds.
         """
         with self._lock:
-            self._ask()
-            if not self._lock.wait_for(lambda: self.answer and self.answer.done, timeout):
+            if not self._until(lambda answer: answer.done, timeout):
                 raise TimeoutError(f"no complete answer within {timeout:g} s")
             assert self.answer is not None
             return self.answer
@@ -187,15 +186,21 @@ class Session:
     def _awaited(self, name: str) -> object:
         """A part of the present answer, as soon as it has one."""
         with self._lock:
-            self._ask()
-            self._lock.wait_for(
-                lambda: self.answer and (getattr(self.answer, name) or self.answer.done)
-            )
+            self._until(lambda answer: answer.done or getattr(answer, name) is not None)
+            assert self.answer is not None
             value = getattr(self.answer, name)
             if value is None:
-                assert self.answer is not None
                 raise PlanningError(self.answer.failure)
             return value
+
+    def _until(self, ready: Callable[[Answer], bool], timeout: float | None = None) -> bool:
+        """Wait for a state of the present answer; return whether it is reached in time."""
+
+        def reached() -> bool:
+            self._ask()  # again, if the process was ended meanwhile
+            return self.answer is not None and ready(self.answer)
+
+        return self._lock.wait_for(reached, timeout)
 
     def _renew(self) -> None:
         """Forget the answer about an earlier state; ask about this one if somebody listens."""
