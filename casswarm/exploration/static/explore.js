@@ -519,8 +519,7 @@ function render({ model, el }) {
   const root = make(
     "div", { class: "csw", "data-busy": "true" }, bar, make("div", { class: "csw-main" }, left, panel),
   );
-  const narrow = matchMedia("(max-width: 40rem)");
-  parameters.open = !narrow.matches;
+  parameters.open = el.clientWidth === 0 || el.clientWidth > 640;
   root.addEventListener("keydown", (event) => {
     if (event.key.toLowerCase() !== "z" || !(event.ctrlKey || event.metaKey)) return;
     if (event.target.type === "number") return;
