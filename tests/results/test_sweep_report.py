@@ -58,6 +58,7 @@ def test_page_names_command_and_scenario(page):
     assert re.search(r"at the 12 points of a sweep: proven bounds", page)
 
 
+@pytest.mark.slow  # a browser
 def test_sliders_show_numbers_of_table(folder, page, tmp_path):
     probe = opened(page, tmp_path, CHOOSE)
     assert probe["mistakes"] == probe["requests"] == []
@@ -71,5 +72,6 @@ def test_sliders_show_numbers_of_table(folder, page, tmp_path):
     assert answer["marks"] == 2 + 2  # of the legend; two policies at v_max = 2
 
 
+@pytest.mark.slow
 def test_page_fits_a_phone(page, tmp_path):
     assert opened(page, tmp_path, width=500)["wide"] <= 0
