@@ -14,6 +14,7 @@ from .errors import (
     CasswarmError,
     CheckpointError,
     ComparisonError,
+    ExtraError,
     FolderError,
     HazardError,
     PlanningError,
@@ -24,6 +25,7 @@ from .errors import (
     SolverError,
     WorkerError,
 )
+from .exploration.widget import explore
 from .figures.animation import animate
 from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
 from .optimization import solvers
@@ -55,6 +57,7 @@ __all__ = [
     "CustomHazard",
     "Decision",
     "Estimate",
+    "ExtraError",
     "FolderError",
     "Guide",
     "Hazard",
@@ -93,6 +96,7 @@ __all__ = [
     "compare",
     "estimate",
     "evaluate",
+    "explore",
     "figures",
     "formation_problems",
     "guide_problems",

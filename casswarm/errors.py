@@ -80,3 +80,7 @@ class FolderError(CasswarmError, OSError):
 
 class WorkerError(CasswarmError, RuntimeError):
     """Processes that were to do the work died again and again; what was done before is kept."""
+
+
+class ExtraError(CasswarmError, ImportError):
+    """A package that an extra installs is missing; the message names the command to install it."""
