@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 from .._util.user_code import USER_ERRORS, failure_text
 from ..chain.distribution import OutcomeDistribution
 from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion
+from ..chain.lattice import Lattice
 from ..errors import CasswarmError
-from ..planning.bounds.risk_bound import certify_guide
+from ..planning.bounds.guide_certificate import certify_guide
 from ..planning.guide import Guide
 from ..planning.plan import initial_velocities, plan, plan_from
 from ..policies.base import Policy
@@ -172,8 +173,8 @@ class Inquiry:
         assert guide is not None
         deadline = time.monotonic() + limit
         certificate = certify_guide(self.answer.question.scenario, guide, gap, deadline)
-        if certificate is not None and certificate.bound > (guide.risk_bound or 0.0):
-            bounded = replace(guide, risk_bound=certificate.bound, certificate=certificate)
+        if certificate is not None and certificate.risk_bound > (guide.risk_bound or 0.0):
+            bounded = replace(guide, risk_bound=certificate.risk_bound, certificate=certificate)
             self._add(guide=bounded)
 
     def _evaluate(self) -> None:
@@ -206,11 +207,12 @@ class Inquiry:
         scenario, guide = self.answer.question.scenario, self.answer.guide
         assert guide is not None
         max_states = MAX_STATES if scenario.n <= MAX_MEMBERS else MAX_STATES // 10
+        lattice = Lattice.along(guide, scenario, None, policy.decision_tol)
         expansion = StateSpaceExpansion(
             scenario,
             repeated(policy),
             initial_velocities(scenario, guide),
-            ExpansionOptions(TOLERANCE, max_states),
+            ExpansionOptions(TOLERANCE, max_states, lattice),
         )
         published = time.monotonic()
 
