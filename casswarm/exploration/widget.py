@@ -64,7 +64,7 @@ def _widget_class() -> type[Any]:
     except ImportError as error:
         raise ExtraError("csw.explore needs anywidget: pip install 'casswarm[explore]'") from error
 
-    class ExploreWidget(anywidget.AnyWidget):
+    class ExploreWidget(anywidget.AnyWidget):  # type: ignore[misc, unused-ignore]
         """A scenario that is changed by hand: see `casswarm.explore`."""
 
         _esm = static_text("explore.js")
