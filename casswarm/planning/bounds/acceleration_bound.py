@@ -11,7 +11,7 @@ import numpy as np
 
 from ...typing import FloatArray
 from .acceleration_dual import DualFunction, ascend
-from .acceleration_limits import AccelerationBound, AccelerationLimits
+from .acceleration_limits import AccelerationBound, AccelerationLimits, floored
 from .acceleration_region import Region
 from .grid import Relaxation, node_count
 
@@ -124,8 +124,9 @@ def bound_with_acceleration(
         Maximum number of nodes of the first regions, if their cells can be chosen so.
     """
     started = time.monotonic()
-    goal = (1 - gap) * best
-    search = _Search(limits, (1 - _DISCARD * gap) * best, best, deadline)
+    scale = float(floored(np.asarray(best), best))
+    goal = (1 - gap) * scale
+    search = _Search(limits, (1 - _DISCARD * gap) * scale, scale, deadline)
     reach = 1
     while reach < 64 and node_count(task, 1, 2 * reach) <= first_nodes:
         reach *= 2

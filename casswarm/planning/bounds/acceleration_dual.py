@@ -18,7 +18,7 @@ from .acceleration_kernels import (
     tilted_costs_to_come,
     tilted_costs_to_go,
 )
-from .acceleration_limits import AccelerationLimits
+from .acceleration_limits import AccelerationLimits, floored, power_of_two
 from .acceleration_region import Region
 from .dynamic_programming import StageCosts, rounding
 from .grid import corners
@@ -52,7 +52,8 @@ class DualFunction:
     """Least cost of the paths of a region, with multipliers for the limits that they may violate.
 
     Multipliers are vectors p(t), one for every limit on a second difference, and the multiplier of
-    the distance to the target's rim, in one vector (n,): in units of risk per length.
+    the distance to the target's rim, in one vector (n,). They are risks per length; the unit of
+    length is s, the largest step. Limits, costs and distances are rounded outwards (`QUANTUM`).
 
     Parameters
     ----------
@@ -66,6 +67,14 @@ class DualFunction:
     limits: AccelerationLimits
     scale: float
 
+    @cached_property
+    def _limits(self) -> AccelerationLimits:
+        return self.limits.in_steps(self.region.task.step)
+
+    @property
+    def _spacing(self) -> float:
+        return 1.0 / self.region.reach
+
     @property
     def count(self) -> int:
         """n, the number of multipliers."""
@@ -74,9 +83,9 @@ class DualFunction:
     @cached_property
     def _bounds(self) -> FloatArray:
         """The limits on the second differences at the steps 0 or 1 to T - 1."""
-        later = np.full(self.region.task.steps - 1, self.limits.later)
-        free = np.isinf(self.limits.first)
-        return later if free else np.concatenate([[self.limits.first], later])
+        later = np.full(self.region.task.steps - 1, self._limits.later)
+        free = np.isinf(self._limits.first)
+        return later if free else np.concatenate([[self._limits.first], later])
 
     @cached_property
     def _stage_costs(self) -> StageCosts:
@@ -93,12 +102,14 @@ class DualFunction:
 
     @cached_property
     def _costs(self) -> FloatArray:
-        return np.concatenate([costs.ravel() for (costs,) in self._stage_costs.nodes])
+        costs = np.concatenate([costs.ravel() for (costs,) in self._stage_costs.nodes])
+        return floored(costs, self.scale)
 
     @cached_property
     def _rim(self) -> FloatArray:
         """Distance from the target's rim at the nodes of the last step, infinite away from it."""
-        return self._stage_costs.terminal(self.region.blocks[-1]).ravel()
+        rim = self._stage_costs.terminal(self.region.blocks[-1]).ravel()
+        return floored(rim / self.region.task.step, 1.0)
 
     @cached_property
     def _to_go(self) -> FloatArray:
@@ -112,29 +123,30 @@ class DualFunction:
 
     def _tilts(self, multipliers: FloatArray) -> FloatArray:
         prices = self._prices(multipliers)
-        return self.region.grid.spacing * (prices[:-2] - 2 * prices[1:-1] + prices[2:])
+        return self._spacing * (prices[:-2] - 2 * prices[1:-1] + prices[2:])
 
     def _constant(self, multipliers: FloatArray) -> float:
         """What the tilted cost of a path within the limits exceeds its risk by, at most."""
         prices = multipliers[:-1].reshape(-1, 2)
         constant = float(self._bounds @ np.hypot(*prices.T))
-        if not np.isinf(self.limits.first):
-            constant += float(prices[0] @ self.limits.displacement)
+        if not np.isinf(self._limits.first):
+            constant += float(prices[0] @ self._limits.displacement)
         return constant
 
     def _slack(self, multipliers: FloatArray, threshold: float) -> float:
-        """Bound on the rounding error of costs of at most about `threshold`."""
+        """Bound on the rounding error of costs of at most about `threshold`, a power of two."""
         windows, prices = self._windows, np.abs(self._prices(multipliers))
         far = np.maximum(np.abs(windows[:, :2]), np.abs(windows[:, :2] + windows[:, 2:]))
         weights = prices[:-2] + 2 * prices[1:-1] + prices[2:]
-        tilt = self.region.grid.spacing * float((weights * far).sum())
+        tilt = self._spacing * float((weights * far).sum())
         size = (
             threshold
             + 3 * tilt
             + abs(self._constant(multipliers))
             + float(self._bounds.sum() * prices.max(initial=0.0))
         )
-        return 4 * rounding(replace(self._stage_costs, multiplier=multipliers[-1]), size)
+        multiplier = multipliers[-1] / self.region.task.step
+        return 8 * power_of_two(rounding(replace(self._stage_costs, multiplier=multiplier), size))
 
     def _solve(self, multipliers: FloatArray) -> None:
         ends = np.isfinite(self._rim)
@@ -155,10 +167,10 @@ class DualFunction:
         return Evaluation(value, self._slope(multipliers, path), path)
 
     def _slope(self, multipliers: FloatArray, path: IntArray) -> FloatArray:
-        positions = self.region.grid.spacing * np.vstack([[0, 0], path])
+        positions = self._spacing * np.vstack([[0, 0], path])
         differences = np.diff(positions, 2, axis=0)
-        if not np.isinf(self.limits.first):
-            differences = np.vstack([positions[1] - self.limits.displacement, differences])
+        if not np.isinf(self._limits.first):
+            differences = np.vstack([positions[1] - self._limits.displacement, differences])
         prices = multipliers[:-1].reshape(-1, 2)
         length, actual = np.hypot(*prices.T), np.hypot(*differences.T)
         at_zero = (
@@ -217,7 +229,7 @@ def ascend(
     A level method: the next multipliers are the nearest to the best so far at which all linear
     models of the concave function reach a level; where there are none, the level is lowered.
     """
-    unit = threshold / dual.region.task.step  # of multipliers; the dual function's is `threshold`
+    unit = threshold  # of multipliers, and of the dual function
     models = _Models(dual.count)
     top, point = -math.inf, multipliers / unit
     centre, level = point, 1.0 + _AHEAD * max(best / threshold - 1, 1e-9)
@@ -229,7 +241,7 @@ def ascend(
             top, centre = value / threshold, point
         if top >= 1.0 or time.monotonic() > deadline:
             break
-        models.add(value / threshold, slope / dual.region.task.step, point)
+        models.add(value / threshold, slope, point)
         while (step := models.step_to(level, centre, level - top)) is None:
             level = top + _SHORTEN * (level - top)
             if level - top < _NO_GAIN * (1.0 - top):

@@ -15,6 +15,22 @@ from .grid import UNIT, Relaxation
 if TYPE_CHECKING:
     from ...scenario import Scenario
 
+QUANTUM = 2.0**-26
+"""Lengths in units of the largest step, and risks in units of about the least one, are rounded
+outwards to multiples of it. So the proof does not depend on the last digits of its data, in which
+scenarios in different units differ: its search would lead them to different, valid bounds."""
+
+
+def power_of_two(value: float) -> float:
+    """The largest power of two up to a positive value."""
+    return 2.0 ** (math.frexp(value)[1] - 1)
+
+
+def floored(values: FloatArray, scale: float) -> FloatArray:
+    """Values rounded down to multiples of `QUANTUM`, relative to about `scale`."""
+    quantum = QUANTUM * power_of_two(scale)
+    return np.asarray(np.floor(values / quantum) * quantum)
+
 
 class AccelerationLimits(NamedTuple):
     """Limits on second differences of positions.
@@ -32,6 +48,16 @@ class AccelerationLimits(NamedTuple):
     later: float
     first: float
     displacement: FloatArray
+
+    def in_steps(self, step: float) -> AccelerationLimits:
+        """The limits in units of the length `step`, rounded outwards to multiples of `QUANTUM`."""
+
+        def bound(length: float) -> float:
+            return math.ceil(length * (1 + 8 * UNIT) / QUANTUM) * QUANTUM
+
+        displacement = np.round(self.displacement / step / QUANTUM) * QUANTUM
+        first = self.first if math.isinf(self.first) else bound(self.first / step + 2 * QUANTUM)
+        return AccelerationLimits(bound(self.later / step), first, displacement)
 
 
 @dataclass(frozen=True)
