@@ -63,8 +63,8 @@ success_chart(table)
 # follows a guide that was planned for a single agent. Under the constrained trajectory, members
 # miss the corridor in most steps, since the guide turns faster than they can; in the alley this
 # is worse than independent flight. A longer horizon hardly helps a leader. Planning all members
-# at once for the swarm's own success helps most. The upper bound is loose: it gives every member
-# the protection of all others at all times, wherever they fly.
+# at once for the swarm's own success helps most. How the upper bound is built, and how much of the
+# distance to it is its own, is the subject of the notebook on bounds.
 
 # %%
 best = table.loc[table.groupby("scenario")["success_low"].idxmax()].set_index("scenario")

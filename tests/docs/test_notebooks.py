@@ -88,6 +88,16 @@ rows = table.set_index(["scenario", "policy"])
 for name in scenarios:
     assert rows.loc[(name, "naive"), "success_high"] < rows.loc[(name, "leader"), "success_low"]
 """,
+    "08_bounds": """
+assert guide.survival < guide.survival_bound < 1.05 * guide.survival
+assert game.value() < float(clocks[2]), "the game is sharper"
+assert (np.diff(values, axis=0) <= 1e-9).all(), "lower levels are better"
+assert (table["leader"] < table["joint"]).all()
+assert (table["joint"] <= table["level game"]).all()
+assert (table["level game"] <= table["clocks"]).all()
+bracket = csw.optimal_value(barricade).success
+assert bracket.high <= float(csw.success_bound(barricade)), "the oracle of both"
+""",
 }
 """Claims of the text, as code."""
 
