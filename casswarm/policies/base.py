@@ -8,9 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import PolicyError
 from ..typing import BoolArray, FloatArray
-from .decision import Decision, checked_decision, policy_call
+from .decision import Decision, checked_decision, checked_state, policy_call
 
 
 class Policy(ABC):
@@ -46,37 +45,27 @@ class Policy(ABC):
     def decide(
         self, step: int, positions: ArrayLike, previous_velocities: ArrayLike, alive: ArrayLike
     ) -> Decision:
-        """Decide in one state, which is a batch of one, or in a batch of states.
+        """Decide in one state, which is a batch of one, or in a batch of states; it may be empty.
 
         Parameters
         ----------
         step : int
             t, from 0.
         positions, previous_velocities : (n, 2) or (B, n, 2)
-            X(t) and V(t-1).
+            X(t) and V(t-1); those of the destroyed do not matter, and may be NaN.
         alive : (n,) or (B, n) bool
 
         Raises
         ------
         PolicyError
-            Shapes that do not fit.
+            Shapes that do not fit; living members whose positions or velocities are not finite.
         PolicyCallError
             The policy is a user's and fails, or returns no `Decision`.
         """
-        state = np.asarray(positions), np.asarray(previous_velocities), np.asarray(alive)
-        shapes = [array.shape for array in state]
-        expected = [shapes[0], shapes[0], shapes[0][:-1]]
-        if len(shapes[0]) not in (2, 3) or shapes[0][-1] != 2 or shapes != expected:
-            raise PolicyError(
-                f"positions, previous_velocities and alive have shapes {shapes}; expected "
-                "(n, 2), (n, 2), (n,), or (B, n, 2), (B, n, 2), (B, n)",
-                policy=getattr(self, "name", None),
-                step=step,
-                shapes=shapes,
-            )
-        if state[0].ndim == 2:
-            state = state[0][None], state[1][None], state[2][None]
         name = str(getattr(self, "name", type(self).__name__))
+        state = checked_state(name, step, positions, previous_velocities, alive)
+        if not len(state[0]):
+            return Decision.plain(state[0])
         if is_own(self):
             return self.decide_batch(step, *state)
         with policy_call(name, step):

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .._util.user_code import USER_ERRORS, failure_text
-from ..errors import CasswarmError, PolicyCallError
+from ..errors import CasswarmError, PolicyCallError, PolicyError
 from ..typing import BoolArray, FloatArray, IntArray
 
 SOLVER_TOL = 2.0**-23
@@ -58,6 +60,42 @@ def policy_call(name: str, step: int) -> Iterator[None]:
         raise PolicyCallError(
             f"policy {name!r} failed at step {step}: {failure_text(error)}", policy=name, step=step
         ) from error
+
+
+def checked_state(
+    name: str, step: int, positions: ArrayLike, velocities: ArrayLike, alive: ArrayLike
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Positions and velocities (B, n, 2) and the living (B, n) of one state or a batch of states.
+
+    Raises
+    ------
+    PolicyError
+        Shapes that do not fit, or numbers of the living that are not finite.
+    """
+    x, v, living = np.asarray(positions, float), np.asarray(velocities, float), np.asarray(alive)
+    shapes = [x.shape, v.shape, living.shape]
+    if x.ndim not in (2, 3) or shapes != [x.shape, x.shape, x.shape[:-1]] or x.shape[-1] != 2:
+        raise PolicyError(
+            f"positions, previous_velocities and alive have shapes {shapes}; expected "
+            "(n, 2), (n, 2), (n,), or (B, n, 2), (B, n, 2), (B, n)",
+            policy=name,
+            step=step,
+            shapes=shapes,
+        )
+    if x.ndim == 2:
+        x, v, living = x[None], v[None], living[None]
+    living = living.astype(bool, copy=False)
+    with np.errstate(all="ignore"):
+        total = x.sum() + v.sum()
+    if not math.isfinite(total):  # of destroyed members, it may be
+        x, v = (np.where(living[..., None], array, 0.0) for array in (x, v))
+        if not (np.isfinite(x).all() and np.isfinite(v).all()):
+            raise PolicyError(
+                f"positions or previous velocities of living members are not finite at step {step}",
+                policy=name,
+                step=step,
+            )
+    return x, v, living
 
 
 def checked_decision(name: str, step: int, decision: Any, alive: BoolArray) -> Decision:
