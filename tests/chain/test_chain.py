@@ -133,7 +133,16 @@ def test_member_survives_if_draw_is_below_survival_probability() -> None:
     assert deaths > 100
 
 
-@pytest.mark.parametrize(("steps", "a_max"), [(12, 0.5), (20, 0.05), (12, 0.02), (20, 0.01)])
+@pytest.mark.parametrize(
+    ("steps", "a_max"),
+    [
+        (12, 0.5),
+        *(
+            pytest.param(*values, marks=pytest.mark.slow)
+            for values in ((20, 0.05), (12, 0.02), (20, 0.01))
+        ),
+    ],
+)
 def test_single_member_survival_equals_guide_survival(steps: int, a_max: float) -> None:
     """Also where the limits leave no slack to correct rounding errors."""
     scenario = small([(0.0, 0.0)], (4.0, 0.5), [(2.0, 0.3)], steps, swarm__a_max=a_max)

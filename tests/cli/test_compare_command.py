@@ -113,6 +113,7 @@ def test_compare_report_is_self_contained(compared):
     assert "<script" not in page
 
 
+@pytest.mark.slow
 def test_compare_against_an_earlier_comparison_states_agreement(tmp_path):
     results = Path(__file__).parents[2] / "results" / "comparison" / "first"
     options = ("--time-limit", 30, "--no-figures", "--no-iterates", "--copies", 1)

@@ -196,7 +196,9 @@ def test_plan_risk_is_invariant_under_isometries(motion: str) -> None:
     [
         # the straight start has the best arrival step
         pytest.param((8.1, 5.4), [(4.1, 8.1)], 25, marks=pytest.mark.slow),
-        ((6.0, 4.0), [(2.0, 2.0), (4.5, 1.5), (3.0, 4.0)], 20),
+        pytest.param(
+            *((6.0, 4.0), [(2.0, 2.0), (4.5, 1.5), (3.0, 4.0)], 20), marks=pytest.mark.slow
+        ),
         ((4.0, 0.0), [(2.0, 0.1)], 12),
     ],
 )
