@@ -51,6 +51,14 @@ class PolicyCallError(PolicyError):
     """
 
 
+class EnvError(CasswarmError, ValueError):
+    """An environment for learning that is misconfigured, or stepped with actions it cannot take."""
+
+
+class ExtraError(CasswarmError, ImportError):
+    """An optional package is not installed; the attributes `package` and `extra` name it."""
+
+
 class SolverError(CasswarmError, ValueError):
     """A solver that is unknown, misconfigured, or cannot take the problem it was given."""
 
