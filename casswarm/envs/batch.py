@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,8 @@ from ..scenario import Scenario, load_scenario
 from ..typing import BoolArray, FloatArray, IntArray
 from . import step_kernels
 from .shaping import risk_table
+
+_LANES = 64  # states whose rates are evaluated together: they fit in the first cache
 
 
 @dataclass(frozen=True)
@@ -62,14 +64,24 @@ class StepResult:
     rewards : (B,)
     ended, success : (B,) bool
         Whether the run is over, and whether a member arrived alive.
-    saturated : (B,) int
-        Members whose velocity was projected to respect v_max and a_max.
+    saturated, survivors : (B,) int
+        Members whose velocity was projected to respect v_max and a_max, and living members.
     """
 
     rewards: FloatArray
     ended: BoolArray
     success: BoolArray
     saturated: IntArray
+    survivors: IntArray
+
+    def begun(self, rows: BoolArray, n: int) -> StepResult:
+        """The same where new runs of n members have begun in some rows (B,)."""
+        return replace(
+            self,
+            success=self.success & ~rows,
+            saturated=np.where(rows, 0, self.saturated),
+            survivors=np.where(rows, n, self.survivors),
+        )
 
 
 class SwarmBatch:
@@ -93,7 +105,7 @@ class SwarmBatch:
         self.observation = Observation.from_scenario(self.scenario, options.dtype)
         self._initial_velocities = _initial_velocities(self.scenario, options.guide)
         self._table = risk_table(self.scenario) if options.shaping else None
-        self._rates = compiled_rates(self.scenario.hazard)
+        self._rates = compiled_rates(self.scenario.hazard, self.scenario.n)
         n, shape = self.scenario.n, (self.size, self.scenario.n, 2)
         self.swarms = step_kernels.Swarms(
             np.zeros(shape),
@@ -104,7 +116,7 @@ class SwarmBatch:
         self._moves = step_kernels.Moves(
             np.zeros(shape), np.zeros(shape), np.zeros(shape[:2]), np.zeros(self.size, np.int64)
         )
-        self._work = np.empty(3 * n), np.empty((1, 10)), np.empty(n)
+        self._work = np.empty(6 * n * min(self.size, _LANES)), np.empty((1, 10)), np.empty(n)
         self.ended: BoolArray = np.ones(self.size, bool)
         self._potentials: FloatArray = np.zeros(self.size)
 
@@ -131,14 +143,20 @@ class SwarmBatch:
         # `begin` adds the number of swarms
         self.swarms.runs[rows] = np.flatnonzero(rows).astype(np.uint64) - np.uint64(self.size)
 
-    def begin(self, rows: BoolArray) -> None:
-        """Begin the next run in the given swarms (B,): B runs after the present one."""
+    def begin(self, rows: BoolArray) -> StepResult:
+        """Begin the next run in the given swarms (B,), B runs after the present one.
+
+        Returns what a step is that only begins runs.
+        """
         swarms = self.swarms
         swarms.runs[rows] += np.uint64(self.size)
         swarms.positions[rows] = self.scenario.positions
         swarms.velocities[rows] = self._initial_velocities
         swarms.alive[rows], swarms.steps[rows], self.ended[rows] = True, 0, False
         self._write_potentials()
+        zeros = np.zeros(self.size, np.int64)
+        nothing = rows & False
+        return StepResult(0.0 * zeros, nothing, nothing, zeros, swarms.alive.sum(axis=1))
 
     def observe(self) -> NDArray[Any]:
         """Observations (B, n, d), a new array."""
@@ -174,7 +192,7 @@ class SwarmBatch:
             before = self._potentials.copy()
             self._write_potentials()
             rewards[active] += (self.discount * self._potentials - before)[active]
-        return StepResult(rewards, self.ended.copy(), ends.success, moves.saturated.copy())
+        return StepResult(rewards, self.ended.copy(), ends.success, moves.saturated.copy(), ends.survivors)
 
     def _write_potentials(self) -> None:
         if self._table is not None:
@@ -188,7 +206,7 @@ class SwarmBatch:
         """Write the rates where the active swarms move."""
         moves, alive = self._moves, self.swarms.alive
         if self._rates is not None:
-            state = active, alive, moves.positions, moves.rates
+            state = alive, moves.positions, moves.rates
             if step_kernels.write_rates(*self._rates, *state, work):
                 return
         hazard = self.scenario.hazard  # whose rates are checked

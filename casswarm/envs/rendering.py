@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ..errors import EnvError
@@ -23,16 +24,20 @@ def require_render_mode(mode: str | None) -> None:
         raise EnvError(f"render_mode = {mode!r}; allowed: None, {allowed}", render_mode=mode)
 
 
-@themed
 def frame(
     scenario: Scenario, step: int, positions: FloatArray, alive: BoolArray
 ) -> NDArray[np.uint8]:
     """Picture (height, width, 3) of the living members at a step, on the map of the hazard."""
+    canvas = FigureCanvasAgg(_figure(scenario, step, positions, alive))
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+@themed
+def _figure(scenario: Scenario, step: int, positions: FloatArray, alive: BoolArray) -> Figure:
     fig, axes = base_map(scenario, [scenario.positions])
     add_start(axes, scenario.positions)
     axes.plot(*positions[alive].T, zorder=6, label="living", **marker("o", 6, BLUE))
     add_legend(fig, axes)
     add_title(fig, scenario.name, f"step {step} of {scenario.n_steps}, {alive.sum()} alive")
-    canvas = FigureCanvasAgg(fig)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    return fig

@@ -20,6 +20,9 @@ from ..problems.step_kernels import motion_set
 from ..typing import BoolArray, FloatArray, IntArray
 
 
+_ROUNDING = 2.0**-50  # more than the error of 1 - risk
+
+
 class Swarms(NamedTuple):
     """State of B swarms of n members; the entries of the destroyed are zero.
 
@@ -121,26 +124,38 @@ def move(
 def write_rates(
     evaluate: Any,
     constants: FloatArray,
-    active: BoolArray,
     alive: BoolArray,
     positions: FloatArray,
     rates: FloatArray,
     work: FloatArray,
 ) -> bool:
-    """Write the rates (B, n) of active swarms by `compiled_rates`; False if one is no rate.
+    """Write the rates (B, n) of all swarms by `compiled_rates`; False if one is no rate.
 
-    `work` (3n,) is overwritten.
+    `work` (6 n L,) is overwritten, for L states at once.
     """
-    n = alive.shape[1]
-    living, scratch = work[:n], work[n:]
-    valid = True
-    for b in range(active.size):
-        if active[b]:
+    batch, n = alive.shape
+    lanes, valid = work.size // (6 * n), True
+    size = n * lanes
+    x, living, values, scratch = (
+        work[: 2 * size],
+        work[2 * size : 3 * size],
+        work[3 * size : 4 * size],
+        work[4 * size :],
+    )
+    for first in range(0, batch, lanes):
+        count = min(lanes, batch - first)
+        for k in range(lanes):
+            b = first + min(k, count - 1)  # the last block is filled
             for i in range(n):
-                living[i] = 1.0 if alive[b, i] else 0.0
-            evaluate(positions[b].reshape(2 * n), living, constants, rates[b], scratch)
+                x[2 * i * lanes + k] = positions[b, i, 0]
+                x[(2 * i + 1) * lanes + k] = positions[b, i, 1]
+                living[i * lanes + k] = 1.0 if alive[b, i] else 0.0
+        evaluate(x, living, constants, values, scratch)
+        for k in range(count):
             for i in range(n):
-                valid = valid and 0.0 <= rates[b, i] < math.inf
+                rate = values[i * lanes + k] if alive[first + k, i] else 0.0
+                valid = valid and 0.0 <= rate < math.inf
+                rates[first + k, i] = rate
     return valid
 
 
@@ -163,16 +178,20 @@ def advance(
         write_uniforms(swarms.seeds[b], np.uint64(swarms.steps[b]), swarms.runs[b], draws)
         survivors, arrived = 0, False
         for i in range(draws.size):
-            alive = swarms.alive[b, i] and draws[i] < math.exp(-limits.dt * moves.rates[b, i])
+            risk = limits.dt * moves.rates[b, i]
+            # 1 - risk is below exp(-risk), so that most need no exponential
+            survives = draws[i] < 1.0 - risk - _ROUNDING or draws[i] < math.exp(-risk)
+            alive = swarms.alive[b, i] and survives
             swarms.alive[b, i] = alive
             for axis in range(2):
                 swarms.positions[b, i, axis] = moves.positions[b, i, axis] if alive else 0.0
                 swarms.velocities[b, i, axis] = moves.velocities[b, i, axis] if alive else 0.0
             if alive:
                 survivors += 1
-                east, north = moves.positions[b, i, 0], moves.positions[b, i, 1]
-                distance = math.hypot(east - limits.east, north - limits.north)
-                arrived = arrived or distance <= limits.radius
+                east = moves.positions[b, i, 0] - limits.east
+                north = moves.positions[b, i, 1] - limits.north
+                if max(abs(east), abs(north)) <= limits.radius:  # most need no root
+                    arrived = arrived or math.hypot(east, north) <= limits.radius
         swarms.steps[b] += 1
         ends.success[b], ends.survivors[b] = arrived, survivors
         ends.ended[b] = arrived or survivors == 0 or swarms.steps[b] >= limits.n_steps

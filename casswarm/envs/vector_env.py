@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from .._util.seeds import MAX_SEED
+from .._util.seeds import MAX_SEED, require_seed
 from ..errors import EnvError
 from ..planning.guide import Guide
 from ..scenario import Scenario
@@ -105,15 +105,16 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         infos : dict
         """
         rows = _reset_mask(options, self.num_envs)
-        if seed is None and not self._seeded:
-            seed = int(self.np_random.integers(MAX_SEED, dtype=np.uint64, endpoint=True))
-        elif seed is not None:
+        if seed is not None:
+            seed = require_seed(seed)
             super().reset(seed=seed)
+        elif not self._seeded:
+            seed = int(self.np_random.integers(MAX_SEED, dtype=np.uint64, endpoint=True))
         if seed is not None:
             self.batch.seed(seed, np.ones_like(rows) if not self._seeded else rows)
             self._seeded = True
-        self.batch.begin(rows)
-        return self.batch.observe(), self._infos(rows, None)
+        result = self.batch.begin(rows)
+        return self.batch.observe(), self._infos(rows, result)
 
     def step(
         self, actions: ArrayLike
@@ -131,17 +132,17 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._seeded:
             active = ~self.batch.ended
         result = self.batch.step(actions, active)
+        every, ended, n = np.ones_like(active), result.ended & active, self.scenario.n
+        final: Infos = {}
         if not active.all():
             self.batch.begin(~active)
-        observations = self.batch.observe()
-        ended = result.ended & active
-        infos = self._infos(np.ones_like(active), result)
+            result = result.begun(~active, n)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
-            final = _final(ended, observations, infos)
+            final = _final(ended, self.batch.observe(), self._infos(every, result))
             self.batch.begin(ended)
-            observations = self.batch.observe()
-            infos = self._infos(np.ones_like(ended), None) | final
-        return observations, result.rewards, ended, np.zeros_like(ended), infos
+            result = result.begun(ended, n)
+        infos = self._infos(every, result) | final
+        return self.batch.observe(), result.rewards, ended, np.zeros_like(ended), infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """A picture (height, width, 3) of every environment; None without a render mode."""
@@ -151,16 +152,16 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         state = zip(swarms.steps, swarms.positions, swarms.alive, strict=True)
         return tuple(frame(self.scenario, int(t), x, alive) for t, x, alive in state)
 
-    def _infos(self, rows: BoolArray, result: StepResult | None) -> Infos:
+    def _infos(self, rows: BoolArray, result: StepResult) -> Infos:
         """Information on environments, each array with a mask of those that it is about."""
-        swarms, zeros = self.batch.swarms, np.zeros(self.num_envs, np.int64)
+        swarms = self.batch.swarms
         values = {
-            "run": swarms.runs.copy(),
+            "run": swarms.runs.astype(np.int64),
             "step": swarms.steps.copy(),
             "alive": swarms.alive.copy(),
-            "survivors": swarms.alive.sum(axis=1),
-            "success": zeros.astype(bool) if result is None else result.success,
-            "saturated": zeros if result is None else result.saturated,
+            "survivors": result.survivors,
+            "success": result.success,
+            "saturated": result.saturated,
         }
         return values | {f"_{name}": rows.copy() for name in values}
 

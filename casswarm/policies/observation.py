@@ -18,6 +18,7 @@ not on where the origin is.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -131,11 +132,16 @@ class Observation:
         from .observation_kernels import Frame, write_observations  # Numba takes a second to import
 
         observations = np.empty((*alive.shape, self.size), self.dtype)
-        frame = Frame(*self.center, self.length, self.v_max, self.n_steps, contiguous(self.radars))
+        frame = Frame(*self.center, self.length, self.v_max, self.n_steps)
         each = np.full(len(alive), steps) if np.ndim(steps) == 0 else np.asarray(steps)
         state = map(contiguous, (each, positions, previous_velocities, alive))
-        write_observations(frame, *state, observations)
+        write_observations(frame, *state, self._radars, np.empty((self.n, 4)), observations)
         return observations
+
+    @cached_property
+    def _radars(self) -> FloatArray:
+        """Radars (k, 2) relative to the target, in lengths."""
+        return contiguous((self.radars - self.center) / self.length)
 
     def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
         """Least and greatest observations (n, d) of all states that can be reached."""

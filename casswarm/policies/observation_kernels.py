@@ -18,7 +18,6 @@ class Frame(NamedTuple):
     length, speed : float
         Units of positions and velocities.
     n_steps : int
-    radars : (k, 2)
     """
 
     east: float
@@ -26,7 +25,6 @@ class Frame(NamedTuple):
     length: float
     speed: float
     n_steps: int
-    radars: FloatArray
 
 
 @kernel
@@ -36,37 +34,43 @@ def write_observations(
     positions: FloatArray,
     velocities: FloatArray,
     alive: BoolArray,
+    radars: FloatArray,
+    members: FloatArray,
     observations: Any,
 ) -> None:
-    """Write the observations (B, n, d) of B states, see `casswarm.policies.observation`."""
+    """Write the observations (B, n, d) of B states, see `casswarm.policies.observation`.
+
+    `radars` (k, 2) are relative to the target, in lengths; `members` (n, 4) is overwritten.
+    """
     batch, n = alive.shape
+    of_length, of_speed = 1.0 / frame.length, 1.0 / frame.speed
     for b in range(batch):
         left = (frame.n_steps - steps[b]) / frame.n_steps
+        for i in range(n):
+            members[i, 0] = (positions[b, i, 0] - frame.east) * of_length
+            members[i, 1] = (positions[b, i, 1] - frame.north) * of_length
+            members[i, 2] = velocities[b, i, 0] * of_speed
+            members[i, 3] = velocities[b, i, 1] * of_speed
         for i in range(n):
             row = observations[b, i]
             if not alive[b, i]:
                 row[:] = 0.0
                 continue
-            east, north = positions[b, i, 0], positions[b, i, 1]
-            row[0], row[1] = 1.0, left
-            row[2] = (east - frame.east) / frame.length
-            row[3] = (north - frame.north) / frame.length
-            row[4] = velocities[b, i, 0] / frame.speed
-            row[5] = velocities[b, i, 1] / frame.speed
+            east, north = members[i, 0], members[i, 1]
+            row[0], row[1], row[2], row[3] = 1.0, left, east, north
+            row[4], row[5] = members[i, 2], members[i, 3]
             at = 6
-            for r in range(frame.radars.shape[0]):
-                row[at] = (frame.radars[r, 0] - east) / frame.length
-                row[at + 1] = (frame.radars[r, 1] - north) / frame.length
+            for r in range(radars.shape[0]):
+                row[at], row[at + 1] = radars[r, 0] - east, radars[r, 1] - north
                 at += 2
             for j in range(n):
                 if j == i:
                     continue
+                other = row[at : at + 5]
                 if alive[b, j]:
-                    row[at] = 1.0
-                    row[at + 1] = (positions[b, j, 0] - east) / frame.length
-                    row[at + 2] = (positions[b, j, 1] - north) / frame.length
-                    row[at + 3] = velocities[b, j, 0] / frame.speed
-                    row[at + 4] = velocities[b, j, 1] / frame.speed
+                    other[0] = 1.0
+                    other[1], other[2] = members[j, 0] - east, members[j, 1] - north
+                    other[3], other[4] = members[j, 2], members[j, 3]
                 else:
-                    row[at : at + 5] = 0.0
+                    other[:] = 0.0
                 at += 5
