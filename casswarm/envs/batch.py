@@ -14,6 +14,7 @@ from .._util.jit import contiguous
 from .._util.seeds import require_seed
 from ..errors import EnvError
 from ..hazard.compiled_rates import compiled_rates
+from ..hazard.rate_kernels import write_rates
 from ..planning.guide import Guide
 from ..planning.plan import initial_velocities, plan
 from ..policies.observation import Observation
@@ -192,7 +193,9 @@ class SwarmBatch:
             before = self._potentials.copy()
             self._write_potentials()
             rewards[active] += (self.discount * self._potentials - before)[active]
-        return StepResult(rewards, self.ended.copy(), ends.success, moves.saturated.copy(), ends.survivors)
+        return StepResult(
+            rewards, self.ended.copy(), ends.success, moves.saturated.copy(), ends.survivors
+        )
 
     def _write_potentials(self) -> None:
         if self._table is not None:
@@ -207,7 +210,7 @@ class SwarmBatch:
         moves, alive = self._moves, self.swarms.alive
         if self._rates is not None:
             state = alive, moves.positions, moves.rates
-            if step_kernels.write_rates(*self._rates, *state, work):
+            if write_rates(*self._rates, *state, work):
                 return
         hazard = self.scenario.hazard  # whose rates are checked
         moves.rates[active] = hazard.rates(moves.positions[active], alive[active])

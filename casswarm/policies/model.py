@@ -85,7 +85,8 @@ def model_policy(
     require_scenario("as_policy", scenario)
     if isinstance(model, ca.Function):
         parametric = import_module(".parametric", __package__)
-        policy: Policy = parametric.ParametricPolicy(model, parameters, scenario)
+        named = {"name": name} if name else {}
+        policy: Policy = parametric.ParametricPolicy(model, parameters, scenario, **named)
         return policy
     if parameters is not None:
         raise PolicyError(

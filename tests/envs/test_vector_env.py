@@ -33,10 +33,14 @@ def finished(env: SwarmVectorEnv) -> tuple[Any, ...]:
     return result
 
 
+@pytest.fixture(scope="module")
+def guide() -> csw.Guide:
+    return csw.plan(SMALL, certify=False)
+
+
 @pytest.mark.parametrize("policy", ["naive", "leader"])
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_env_with_policy_has_runs_of_simulate(policy: str, mode: str) -> None:
-    guide = csw.plan(SMALL)
+def test_env_with_policy_has_runs_of_simulate(policy: str, mode: str, guide: csw.Guide) -> None:
     env = SwarmVectorEnv(SMALL, 40, guide=guide, autoreset_mode=mode)
     table = outcomes(env, csw.make_policy(policy, SMALL, guide), seed=7, episodes=3)
     runs = csw.simulate(SMALL, [policy], runs=120, seed=7, guide=guide).runs
@@ -44,6 +48,17 @@ def test_env_with_policy_has_runs_of_simulate(policy: str, mode: str) -> None:
     for column in ("success", "survivors", "steps", "saturated"):
         np.testing.assert_array_equal(table[column], runs[column].to_numpy(float), column)
     np.testing.assert_array_equal(table["returns"], table["success"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["paper-1", "paper-2", "alley", "gauntlet"])
+def test_env_of_builtin_scenario_has_runs_of_simulate(name: str) -> None:
+    scenario = csw.load_scenario(name)
+    env = SwarmVectorEnv(name, 500)  # both plan a guide of their own
+    table = outcomes(env, csw.make_policy("leader", scenario), seed=1, episodes=2)
+    runs = csw.simulate(scenario, "leader", runs=1000, seed=1).runs
+    for column in ("success", "survivors", "steps", "saturated"):
+        np.testing.assert_array_equal(table[column], runs[column].to_numpy(float), column)
 
 
 def test_env_with_collisions_and_random_actions_has_runs_of_simulate() -> None:
