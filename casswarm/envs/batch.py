@@ -109,10 +109,12 @@ class SwarmBatch:
         self._rates = compiled_rates(self.scenario.hazard, self.scenario.n)
         n, shape = self.scenario.n, (self.size, self.scenario.n, 2)
         self.swarms = step_kernels.Swarms(
-            np.zeros(shape),
-            np.zeros(shape),
-            np.zeros(shape[:2], bool),
-            *(np.zeros(self.size, dtype) for dtype in (np.int64, np.uint64, np.uint64)),
+            positions=np.zeros(shape),
+            velocities=np.zeros(shape),
+            alive=np.zeros(shape[:2], bool),
+            steps=np.zeros(self.size, np.int64),
+            seeds=np.zeros(self.size, np.uint64),
+            runs=np.zeros(self.size, np.uint64),
         )
         self._moves = step_kernels.Moves(
             np.zeros(shape), np.zeros(shape), np.zeros(shape[:2]), np.zeros(self.size, np.int64)
@@ -157,7 +159,8 @@ class SwarmBatch:
         self._write_potentials()
         zeros = np.zeros(self.size, np.int64)
         nothing = rows & False
-        return StepResult(0.0 * zeros, nothing, nothing, zeros, swarms.alive.sum(axis=1))
+        rewards = np.zeros(self.size)
+        return StepResult(rewards, nothing, nothing, zeros, swarms.alive.sum(axis=1))
 
     def observe(self) -> NDArray[Any]:
         """Observations (B, n, d), a new array."""
@@ -209,8 +212,8 @@ class SwarmBatch:
         """Write the rates where the active swarms move."""
         moves, alive = self._moves, self.swarms.alive
         if self._rates is not None:
-            state = alive, moves.positions, moves.rates
-            if write_rates(*self._rates, *state, work):
+            rates, constants = self._rates
+            if write_rates(rates, constants, alive, moves.positions, moves.rates, work):
                 return
         hazard = self.scenario.hazard  # whose rates are checked
         moves.rates[active] = hazard.rates(moves.positions[active], alive[active])

@@ -14,7 +14,7 @@ from ..errors import EnvError
 from ..planning.guide import Guide
 from ..scenario import Scenario
 from .rendering import RENDER_FPS, RENDER_MODES
-from .spaces import member_space
+from .spaces import action_space, member_space, observation_space
 from .vector_env import SwarmVectorEnv
 
 require_extra("rl", "pettingzoo")
@@ -35,7 +35,7 @@ class SwarmParallelEnv(ParallelEnv[str, NDArray[Any], NDArray[Any]]):
         As of `SwarmVectorEnv`.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]  # a class variable in PettingZoo, too
+    metadata: ClassVar[dict[str, Any]] = {
         "name": "casswarm_swarm_v0",
         "render_modes": list(RENDER_MODES),
         "render_fps": RENDER_FPS,
@@ -64,10 +64,10 @@ class SwarmParallelEnv(ParallelEnv[str, NDArray[Any], NDArray[Any]]):
         self.scenario, self.render_mode = self.vector.scenario, render_mode
         self.possible_agents = [f"member_{i}" for i in range(self.scenario.n)]
         self.agents: list[str] = []
-        spaces = self.vector.single_observation_space, self.vector.single_action_space
+        observation = self.vector.batch.observation
         self.observation_spaces, self.action_spaces = (
             {agent: member_space(space, i) for i, agent in enumerate(self.possible_agents)}
-            for space in spaces
+            for space in (observation_space(observation), action_space(observation))
         )
 
     def observation_space(self, agent: str) -> Box:

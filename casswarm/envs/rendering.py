@@ -29,8 +29,9 @@ def frame(
 ) -> NDArray[np.uint8]:
     """Picture (height, width, 3) of the living members at a step, on the map of the hazard."""
     canvas = FigureCanvasAgg(_figure(scenario, step, positions, alive))
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    canvas.draw()  # type: ignore[no-untyped-call]
+    pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+    return pixels[..., :3].copy()
 
 
 @themed

@@ -47,6 +47,11 @@ def risk_table(scenario: Scenario) -> RiskTable:
             "SaturationCollision do: use shaping=False"
         )
     potential = PotentialFamily(task, scenario.positions, MAX_NODES).potential()
-    first = np.asarray(task.start) + potential.spacing * np.array(potential.low)
-    values = np.ascontiguousarray(np.stack(potential.values))
-    return RiskTable(values, *map(float, first), float(potential.spacing), float(potential.slack))
+    east, north = np.asarray(task.start) + potential.spacing * np.array(potential.low)
+    return RiskTable(
+        values=np.stack(potential.values),
+        east=float(east),
+        north=float(north),
+        spacing=float(potential.spacing),
+        slack=float(potential.slack),
+    )

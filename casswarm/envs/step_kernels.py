@@ -94,18 +94,19 @@ def move(
     The return value is the index of the state times n plus that of the member. `sets` (1, 10) is
     overwritten.
     """
+    n = len(swarms.alive[0])
     for b in range(active.size):
         moves.saturated[b] = 0
         if not active[b]:
             continue
-        for i in range(swarms.alive.shape[1]):
+        for i in range(n):
             if not swarms.alive[b, i]:
                 moves.velocities[b, i, 0], moves.velocities[b, i, 1] = 0.0, 0.0
                 moves.positions[b, i, 0], moves.positions[b, i, 1] = 0.0, 0.0
                 continue
             vx, vy = actions[b, i, 0], actions[b, i, 1]
             if not (math.isfinite(vx) and math.isfinite(vy)):
-                return b * swarms.alive.shape[1] + i
+                return b * n + i
             previous = swarms.velocities[b, i]
             motion_set(previous[0], previous[1], limits.v_max, limits.max_change, sets, 0)
             excess = violation(vx, vy, sets, 0) / limits.v_max

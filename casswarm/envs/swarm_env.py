@@ -68,7 +68,7 @@ class SwarmEnv(gymnasium.Env[NDArray[Any], NDArray[Any]]):
         ends = bool(terminated[0]), bool(truncated[0])
         return observations[0], float(rewards[0]), *ends, _single(infos)
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]  # no type parameter
+    def render(self) -> NDArray[np.uint8] | None:
         """A picture (height, width, 3); None without a render mode."""
         pictures = self.vector.render()
         return None if pictures is None else pictures[0]

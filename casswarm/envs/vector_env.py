@@ -26,8 +26,8 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     """B swarms of a scenario, controlled by one learner each; see ``docs/envs.md``.
 
     A run ends (`terminated`) with the first arrival of a living member, the last destruction, or
-    at the horizon, which the scenario's model contains; nothing is `truncated`. In environment k the
-    runs k, k + B, k + 2 B, ... of a seed follow each other; run k sees the random numbers of run k of
+    at the horizon, which is part of the model; nothing is `truncated`. In environment k the runs
+    k, k + B, k + 2 B, ... of a seed follow each other; run k sees the random numbers of run k of
     `casswarm.simulate`.
 
     Parameters

@@ -134,8 +134,16 @@ class Observation:
         observations = np.empty((*alive.shape, self.size), self.dtype)
         frame = Frame(*self.center, self.length, self.v_max, self.n_steps)
         each = np.full(len(alive), steps) if np.ndim(steps) == 0 else np.asarray(steps)
-        state = map(contiguous, (each, positions, previous_velocities, alive))
-        write_observations(frame, *state, self._radars, np.empty((self.n, 4)), observations)
+        write_observations(
+            frame,
+            contiguous(each),
+            contiguous(positions),
+            contiguous(previous_velocities),
+            contiguous(alive),
+            self._radars,
+            np.empty((self.n, 4)),
+            observations,
+        )
         return observations
 
     @cached_property

@@ -86,5 +86,5 @@ def test_potential_rises_with_the_living_and_is_one_in_the_target() -> None:
 
 def test_shaping_without_bounds_of_rates_raises() -> None:
     scenario = SMALL.with_hazard(patrolled, radars=[(1.5, 0.8)])
-    with pytest.raises(csw.EnvError, match="CustomHazard does not provide.*shaping=False"):
+    with pytest.raises(csw.EnvError, match=r"CustomHazard does not provide.*shaping=False"):
         SwarmVectorEnv(scenario, 2, shaping=True)

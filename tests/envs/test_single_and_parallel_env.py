@@ -109,7 +109,7 @@ def test_parallel_env_with_wrong_actions_raises() -> None:
         env.step({"member_0": actions["member_0"]})
     with pytest.raises(csw.EnvError, match=r"member_1 has shape \(3,\); expected \(2,\)"):
         env.step(actions | {"member_1": np.zeros(3)})
-    with pytest.raises(csw.EnvError, match="member 2 .* must be finite"):
+    with pytest.raises(csw.EnvError, match=r"member 2 .* must be finite"):
         env.step(actions | {"member_2": np.array([0.0, np.nan])})
     with pytest.raises(csw.EnvError, match="render_mode = 'human'"):
         SwarmParallelEnv(SMALL, render_mode="human")

@@ -119,7 +119,7 @@ def test_model_can_be_pickled_and_sent_to_workers(guide: csw.Guide) -> None:
     [
         (lambda o: o[0], r"velocities of shape \(3, 18\) at step 0; expected \(1, 3, 2\)"),
         (lambda o: np.full((*o.shape[:2], 2), np.nan), "velocities must be finite"),
-        (lambda o: None, r"velocities of shape \(\) at step 0"),
+        (lambda _: None, r"velocities of shape \(\) at step 0"),
         (lambda o: o @ np.ones((3, 2)), "failed at step 0: ValueError"),
     ],
 )
@@ -188,7 +188,7 @@ def test_torch_module_is_evaluated_as_it_was() -> None:
     before = policy.velocities(0, *state)
     with torch.no_grad():
         for parameter in module.parameters():
-            parameter += 1.0
+            parameter.add_(1.0)
     np.testing.assert_array_equal(policy.velocities(0, *state), before)  # also without dropout
     assert module.training
     double = csw.as_policy(module.double(), SMALL)
