@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -14,17 +14,14 @@ from .._util.jit import contiguous
 from .._util.seeds import require_seed
 from ..errors import EnvError
 from ..hazard.compiled_rates import compiled_rates
-from ..hazard.rate_kernels import write_rates
 from ..planning.guide import Guide
 from ..planning.plan import initial_velocities, plan
 from ..policies.observation import Observation
 from ..problems.step import Motion
 from ..scenario import Scenario, load_scenario
-from ..typing import BoolArray, FloatArray, IntArray
+from ..typing import BoolArray, FloatArray
 from . import step_kernels
 from .shaping import risk_table
-
-_LANES = 64  # states whose rates are evaluated together: they fit in the first cache
 
 
 @dataclass(frozen=True)
@@ -56,35 +53,6 @@ class Options:
             raise EnvError(f"discount = {self.discount!r}; allowed: above 0 and at most 1")
 
 
-@dataclass(frozen=True, eq=False)
-class StepResult:
-    """Result of a step of B swarms.
-
-    Parameters
-    ----------
-    rewards : (B,)
-    ended, success : (B,) bool
-        Whether the run is over, and whether a member arrived alive.
-    saturated, survivors : (B,) int
-        Members whose velocity was projected to respect v_max and a_max, and living members.
-    """
-
-    rewards: FloatArray
-    ended: BoolArray
-    success: BoolArray
-    saturated: IntArray
-    survivors: IntArray
-
-    def begun(self, rows: BoolArray, n: int) -> StepResult:
-        """The same where new runs of n members have begun in some rows (B,)."""
-        return replace(
-            self,
-            success=self.success & ~rows,
-            saturated=np.where(rows, 0, self.saturated),
-            survivors=np.where(rows, n, self.survivors),
-        )
-
-
 class SwarmBatch:
     """B swarms with random numbers of their own.
 
@@ -95,6 +63,15 @@ class SwarmBatch:
     options : Options
     size : int
         B.
+
+    Attributes
+    ----------
+    swarms : Swarms
+        Their states.
+    ends : Ends
+        How their last step ended: success, ended, survivors, (B,) each.
+    moves : Moves
+        Their last move, with the number (B,) of velocities that were projected.
     """
 
     def __init__(self, options: Options, size: int) -> None:
@@ -116,17 +93,18 @@ class SwarmBatch:
             seeds=np.zeros(self.size, np.uint64),
             runs=np.zeros(self.size, np.uint64),
         )
-        self._moves = step_kernels.Moves(
-            np.zeros(shape), np.zeros(shape), np.zeros(shape[:2]), np.zeros(self.size, np.int64)
+        counts = np.zeros((2, self.size), np.int64)
+        self.moves = step_kernels.Moves(
+            positions=np.zeros(shape),
+            velocities=np.zeros(shape),
+            rates=np.zeros(shape[:2]),
+            saturated=counts[0],
         )
-        self._work = np.empty(6 * n * min(self.size, _LANES)), np.empty((1, 10)), np.empty(n)
-        self.ended: BoolArray = np.ones(self.size, bool)
+        self.ends = step_kernels.Ends(
+            success=np.zeros(self.size, bool), ended=np.ones(self.size, bool), survivors=counts[1]
+        )
         self._potentials: FloatArray = np.zeros(self.size)
-
-    @property
-    def alive(self) -> BoolArray:
-        """Living members (B, n), a copy."""
-        return self.swarms.alive.copy()
+        self._work = np.empty((1, 10)), np.empty(n)
 
     @cached_property
     def _limits(self) -> step_kernels.Limits:
@@ -146,29 +124,24 @@ class SwarmBatch:
         # `begin` adds the number of swarms
         self.swarms.runs[rows] = np.flatnonzero(rows).astype(np.uint64) - np.uint64(self.size)
 
-    def begin(self, rows: BoolArray) -> StepResult:
-        """Begin the next run in the given swarms (B,), B runs after the present one.
-
-        Returns what a step is that only begins runs.
-        """
-        swarms = self.swarms
-        swarms.runs[rows] += np.uint64(self.size)
-        swarms.positions[rows] = self.scenario.positions
-        swarms.velocities[rows] = self._initial_velocities
-        swarms.alive[rows], swarms.steps[rows], self.ended[rows] = True, 0, False
+    def begin(self, rows: BoolArray) -> None:
+        """Begin the next run in the given swarms (B,): B runs after the present one."""
+        swarms, which = self.swarms, np.flatnonzero(rows)
+        swarms.runs[which] += np.uint64(self.size)
+        swarms.positions[which] = self.scenario.positions
+        swarms.velocities[which] = self._initial_velocities
+        swarms.alive[which], swarms.steps[which] = True, 0
+        self.ends.success[which], self.ends.ended[which] = False, False
+        self.ends.survivors[which], self.moves.saturated[which] = self.scenario.n, 0
         self._write_potentials()
-        zeros = np.zeros(self.size, np.int64)
-        nothing = rows & False
-        rewards = np.zeros(self.size)
-        return StepResult(rewards, nothing, nothing, zeros, swarms.alive.sum(axis=1))
 
     def observe(self) -> NDArray[Any]:
         """Observations (B, n, d), a new array."""
         swarms = self.swarms
         return self.observation(swarms.steps, swarms.positions, swarms.velocities, swarms.alive)
 
-    def step(self, actions: ArrayLike, active: BoolArray | None = None) -> StepResult:
-        """Advance the active swarms (B,), all by default, by velocities (B, n, 2).
+    def step(self, actions: ArrayLike, active: BoolArray) -> FloatArray:
+        """Advance the active swarms (B,) by velocities (B, n, 2); return the rewards (B,).
 
         Raises
         ------
@@ -178,48 +151,40 @@ class SwarmBatch:
         HazardError
             Rates that are negative or not finite.
         """
-        active = np.ones(self.size, bool) if active is None else active
         self._require_running(active)
         velocities = self._checked(actions)
-        swarms, moves, limits = self.swarms, self._moves, self._limits
-        work, sets, draws = self._work
+        swarms, moves, limits = self.swarms, self.moves, self._limits
+        sets, draws = self._work
         first = step_kernels.move(velocities, active, swarms, limits, sets, moves)
         if first >= 0:
             raise self._not_finite(velocities, *divmod(first, self.scenario.n))
-        self._write_rates(active, work)
-        ends = step_kernels.Ends(
-            np.zeros(self.size, bool), self.ended, np.zeros(self.size, np.int64)
-        )
-        step_kernels.advance(active, swarms, moves, limits, draws, ends)
-        rewards = ends.success.astype(float)
+        self._write_rates(active)
+        step_kernels.advance(active, swarms, moves, limits, draws, self.ends)
+        rewards = (self.ends.success & active).astype(np.float64)
         if self._table is not None:
             before = self._potentials.copy()
             self._write_potentials()
             rewards[active] += (self.discount * self._potentials - before)[active]
-        return StepResult(
-            rewards, self.ended.copy(), ends.success, moves.saturated.copy(), ends.survivors
-        )
+        return rewards
 
     def _write_potentials(self) -> None:
         if self._table is not None:
             from .shaping_kernels import write_potentials
 
             swarms = self.swarms
-            state = swarms.steps, swarms.positions, swarms.alive, self.ended
+            state = swarms.steps, swarms.positions, swarms.alive, self.ends.ended
             write_potentials(self._table, *state, self._potentials)
 
-    def _write_rates(self, active: BoolArray, work: FloatArray) -> None:
+    def _write_rates(self, active: BoolArray) -> None:
         """Write the rates where the active swarms move."""
-        moves, alive = self._moves, self.swarms.alive
-        if self._rates is not None:
-            rates, constants = self._rates
-            if write_rates(rates, constants, alive, moves.positions, moves.rates, work):
-                return
+        moves, alive = self.moves, self.swarms.alive
+        if self._rates is not None and self._rates(moves.positions, alive, moves.rates):
+            return
         hazard = self.scenario.hazard  # whose rates are checked
         moves.rates[active] = hazard.rates(moves.positions[active], alive[active])
 
     def _require_running(self, active: BoolArray) -> None:
-        over = np.flatnonzero(self.ended & active)
+        over = np.flatnonzero(self.ends.ended & active)
         if over.size:
             which = ", ".join(map(str, over[:5])) + (", ..." if over.size > 5 else "")
             raise EnvError(

@@ -15,7 +15,7 @@ from ..errors import EnvError
 from ..planning.guide import Guide
 from ..scenario import Scenario
 from ..typing import BoolArray, FloatArray
-from .batch import Options, StepResult, SwarmBatch
+from .batch import Options, SwarmBatch
 from .rendering import RENDER_FPS, RENDER_MODES, frame, require_render_mode
 from .spaces import action_space, observation_space
 
@@ -113,8 +113,8 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         if seed is not None:
             self.batch.seed(seed, np.ones_like(rows) if not self._seeded else rows)
             self._seeded = True
-        result = self.batch.begin(rows)
-        return self.batch.observe(), self._infos(rows, result)
+        self.batch.begin(rows)
+        return self.batch.observe(), self._infos(rows)
 
     def step(
         self, actions: ArrayLike
@@ -128,21 +128,19 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         terminated, truncated : (B,) bool
         infos : dict
         """
-        active = np.ones(self.num_envs, bool)
+        batch, every = self.batch, np.ones(self.num_envs, bool)
+        resets = ~every
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._seeded:
-            active = ~self.batch.ended
-        result = self.batch.step(actions, active)
-        every, ended, n = np.ones_like(active), result.ended & active, self.scenario.n
+            resets = batch.ends.ended.copy()
+        rewards = batch.step(actions, ~resets)
+        ended = batch.ends.ended & ~resets
         final: Infos = {}
-        if not active.all():
-            self.batch.begin(~active)
-            result = result.begun(~active, n)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
-            final = _final(ended, self.batch.observe(), self._infos(every, result))
-            self.batch.begin(ended)
-            result = result.begun(ended, n)
-        infos = self._infos(every, result) | final
-        return self.batch.observe(), result.rewards, ended, np.zeros_like(ended), infos
+            final, resets = _final(ended, batch.observe(), self._infos(every)), ended
+        if resets.any():
+            batch.begin(resets)
+        infos = self._infos(every) | final
+        return batch.observe(), rewards, ended, np.zeros_like(ended), infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """A picture (height, width, 3) of every environment; None without a render mode."""
@@ -152,16 +150,16 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         state = zip(swarms.steps, swarms.positions, swarms.alive, strict=True)
         return tuple(frame(self.scenario, int(t), x, alive) for t, x, alive in state)
 
-    def _infos(self, rows: BoolArray, result: StepResult) -> Infos:
+    def _infos(self, rows: BoolArray) -> Infos:
         """Information on environments, each array with a mask of those that it is about."""
-        swarms = self.batch.swarms
+        swarms, ends = self.batch.swarms, self.batch.ends
         values = {
             "run": swarms.runs.astype(np.int64),
             "step": swarms.steps.copy(),
             "alive": swarms.alive.copy(),
-            "survivors": result.survivors,
-            "success": result.success,
-            "saturated": result.saturated,
+            "survivors": ends.survivors.copy(),
+            "success": ends.success.copy(),
+            "saturated": self.batch.moves.saturated.copy(),
         }
         return values | {f"_{name}": rows.copy() for name in values}
 

@@ -6,80 +6,111 @@ differ from those of `Hazard.rates` by rounding only. Several states are evaluat
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from .._util.jit import generated_module
 from ..errors import HazardError
-from ..typing import FloatArray
+from ..typing import BoolArray, FloatArray
 from .base import Hazard
 from .kernels import KernelHazard, differentiated_kernels
 
 _RATES = """
-@vectorized_objective
-def rates(x, alive, constants, values, scratch):
+@kernel
+def write_blocks(x, alive, constants, lanes, values, densities, collisions):
     n, radars = int(constants[0]), int(constants[1])
-    size = alive.size
-    lanes = size // n
     parameters = {parameters}
     own_density = density(0.0, parameters)[0]
-    densities, collisions = scratch[:size], scratch[size : 2 * size]
-    for k in range(size):
+    for k in range(n * lanes):
         densities[k], collisions[k], values[k] = own_density, 0.0, 0.0
     for i in range(n):
         own = slice(i * lanes, (i + 1) * lanes)
-        living, density_i, collision_i, source_i = (
-            alive[own],
-            densities[own],
-            collisions[own],
-            values[own],
-        )
+        living, values_i = alive[own], values[own]
+        densities_i, collisions_i = densities[own], collisions[own]
         east = x[2 * i * lanes : (2 * i + 1) * lanes]
         north = x[(2 * i + 1) * lanes : (2 * i + 2) * lanes]
         for j in range(i + 1, n):
             other = slice(j * lanes, (j + 1) * lanes)
-            living_j, density_j, collision_j = alive[other], densities[other], collisions[other]
+            living_j, densities_j, collisions_j = alive[other], densities[other], collisions[other]
             east_j = x[2 * j * lanes : (2 * j + 1) * lanes]
             north_j = x[(2 * j + 1) * lanes : (2 * j + 2) * lanes]
             for k in range(lanes):
                 de, dn = east[k] - east_j[k], north[k] - north_j[k]
                 value = density(de * de + dn * dn, parameters)[0]
-                density_i[k] += living_j[k] * value
-                density_j[k] += living[k] * value
+                densities_i[k] += living_j[k] * value
+                densities_j[k] += living[k] * value
             if {collides}:
                 for k in range(lanes):
                     de, dn = east[k] - east_j[k], north[k] - north_j[k]
                     value = collision(de * de + dn * dn, parameters)[0]
-                    collision_i[k] += living_j[k] * value
-                    collision_j[k] += living[k] * value
+                    collisions_i[k] += living_j[k] * value
+                    collisions_j[k] += living[k] * value
         for r in range(2, 2 + 3 * radars, 3):
             radar_east, radar_north, strength = constants[r], constants[r + 1], constants[r + 2]
             for k in range(lanes):
                 de, dn = east[k] - radar_east, north[k] - radar_north
-                source_i[k] += strength * source(de * de + dn * dn, parameters)[0]
-    for k in range(size):
+                values_i[k] += strength * source(de * de + dn * dn, parameters)[0]
+    for k in range(n * lanes):
         values[k] = combine(values[k], densities[k], collisions[k], parameters)[0]
-    return 0.0
+
+
+@kernel
+def write_rates(alive, positions, constants, rates, work):
+    batch, n = alive.shape
+    lanes, valid = work.size // (6 * n), True
+    size = n * lanes
+    x, living, values = work[: 2 * size], work[2 * size : 3 * size], work[3 * size : 4 * size]
+    densities, collisions = work[4 * size : 5 * size], work[5 * size :]
+    for first in range(0, batch, lanes):
+        count = min(lanes, batch - first)
+        for k in range(lanes):
+            b = first + min(k, count - 1)  # the last block is filled
+            for i in range(n):
+                x[2 * i * lanes + k] = positions[b, i, 0]
+                x[(2 * i + 1) * lanes + k] = positions[b, i, 1]
+                living[i * lanes + k] = 1.0 if alive[b, i] else 0.0
+        write_blocks(x, living, constants, lanes, values, densities, collisions)
+        for k in range(count):
+            for i in range(n):
+                rate = values[i * lanes + k] if alive[first + k, i] else 0.0
+                valid = valid and 0.0 <= rate < math.inf
+                rates[first + k, i] = rate
+    return valid
+"""
+"""Rates of B states, in blocks of as many as `work` holds, so that their loops are vectorised.
+
+Text, because the kernels that it calls are generated: compiled in one module with them, they are
+inlined.
 """
 
+_LANES = 64  # states of a block: they fit in the first cache
 
-class CompiledRates(NamedTuple):
-    """A function for kernels, ``rates(x, alive, constants, values, scratch)``.
 
-    It writes the rates of L states to `values` (n, L), from positions `x` (n, 2, L) and `alive`
-    (n, L), 1 or 0, all of them flat; entries of the destroyed have no meaning. `scratch` (2 n L,)
-    is overwritten. It returns 0.
+@dataclass(frozen=True, eq=False)
+class CompiledRates:
+    """Rates of n members as a compiled function.
 
     Parameters
     ----------
-    rates : compiled function
+    n : int
+    function : compiled function
     constants : (s,)
         n, the number of radars, their positions and strengths, and parameters of the hazard.
     """
 
-    rates: Any
+    n: int
+    function: Any
     constants: FloatArray
+
+    def __call__(self, positions: FloatArray, alive: BoolArray, rates: FloatArray) -> bool:
+        """Write the rates (B, n) of states (B, n, 2), (B, n), 0 for the destroyed.
+
+        Returns whether all of them are finite and not negative.
+        """
+        work = np.empty(6 * self.n * min(len(alive), _LANES))
+        return bool(self.function(alive, positions, self.constants, rates, work))
 
 
 def compiled_rates(hazard: Hazard, n: int) -> CompiledRates | None:
@@ -97,4 +128,4 @@ def compiled_rates(hazard: Hazard, n: int) -> CompiledRates | None:
     constants = np.concatenate([[n, len(radars)], radars.ravel(), parameters])
     names = [f"constants[2 + 3 * radars + {i}]," for i in range(len(parameters))]
     rates = _RATES.format(collides=hazard.collides, parameters=f"({' '.join(names)})")
-    return CompiledRates(generated_module(f"{source}\n{rates}").rates, constants)
+    return CompiledRates(n, generated_module(f"{source}\n{rates}").write_rates, constants)

@@ -132,17 +132,15 @@ class Observation:
         from .observation_kernels import Frame, write_observations  # Numba takes a second to import
 
         observations = np.empty((*alive.shape, self.size), self.dtype)
-        frame = Frame(*self.center, self.length, self.v_max, self.n_steps)
         each = np.full(len(alive), steps) if np.ndim(steps) == 0 else np.asarray(steps)
         write_observations(
-            frame,
+            Frame(*self.center, self.length, self.v_max, self.n_steps, self._radars),
             contiguous(each),
             contiguous(positions),
             contiguous(previous_velocities),
             contiguous(alive),
-            self._radars,
             np.empty((self.n, 4)),
-            observations,
+            observations.reshape(-1),
         )
         return observations
 

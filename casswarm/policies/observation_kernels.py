@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from .._util.jit import kernel
 from ..typing import BoolArray, FloatArray, IntArray
+
+_ZERO, _ONE = np.uint64(0), np.uint64(1)
 
 
 class Frame(NamedTuple):
@@ -18,6 +22,8 @@ class Frame(NamedTuple):
     length, speed : float
         Units of positions and velocities.
     n_steps : int
+    radars : (k, 2)
+        Relative to the target, in lengths.
     """
 
     east: float
@@ -25,6 +31,28 @@ class Frame(NamedTuple):
     length: float
     speed: float
     n_steps: int
+    radars: FloatArray
+
+
+@kernel
+def append(numbers: Any, at: Any, first: float, second: float) -> Any:
+    """Write two numbers from an index on; return the index after them.
+
+    The index is unsigned: Numba examines others for negative values, which takes a third of the
+    time.
+    """
+    numbers[at] = first
+    numbers[at + _ONE] = second
+    return at + _ONE + _ONE
+
+
+@kernel
+def append_zeros(numbers: Any, at: Any, count: int) -> Any:
+    """Write zeros from an unsigned index on; return the index after them."""
+    for _ in range(count):
+        numbers[at] = 0.0
+        at += _ONE
+    return at
 
 
 @kernel
@@ -34,16 +62,18 @@ def write_observations(
     positions: FloatArray,
     velocities: FloatArray,
     alive: BoolArray,
-    radars: FloatArray,
     members: FloatArray,
     observations: Any,
 ) -> None:
-    """Write the observations (B, n, d) of B states, see `casswarm.policies.observation`.
+    """Write the observations of B states, see `casswarm.policies.observation`.
 
-    `radars` (k, 2) are relative to the target, in lengths; `members` (n, 4) is overwritten.
+    `members` (n, 4) is overwritten; `observations` (B n d,) are flat.
     """
     batch, n = alive.shape
+    radars = frame.radars
+    size = 6 + 2 * radars.shape[0] + 5 * (n - 1)
     of_length, of_speed = 1.0 / frame.length, 1.0 / frame.speed
+    at = _ZERO
     for b in range(batch):
         left = (frame.n_steps - steps[b]) / frame.n_steps
         for i in range(n):
@@ -52,25 +82,22 @@ def write_observations(
             members[i, 2] = velocities[b, i, 0] * of_speed
             members[i, 3] = velocities[b, i, 1] * of_speed
         for i in range(n):
-            row = observations[b, i]
             if not alive[b, i]:
-                row[:] = 0.0
+                at = append_zeros(observations, at, size)
                 continue
             east, north = members[i, 0], members[i, 1]
-            row[0], row[1], row[2], row[3] = 1.0, left, east, north
-            row[4], row[5] = members[i, 2], members[i, 3]
-            at = 6
+            at = append(observations, at, 1.0, left)
+            at = append(observations, at, east, north)
+            at = append(observations, at, members[i, 2], members[i, 3])
             for r in range(radars.shape[0]):
-                row[at], row[at + 1] = radars[r, 0] - east, radars[r, 1] - north
-                at += 2
+                at = append(observations, at, radars[r, 0] - east, radars[r, 1] - north)
             for j in range(n):
                 if j == i:
                     continue
-                other = row[at : at + 5]
                 if alive[b, j]:
-                    other[0] = 1.0
-                    other[1], other[2] = members[j, 0] - east, members[j, 1] - north
-                    other[3], other[4] = members[j, 2], members[j, 3]
+                    observations[at] = 1.0
+                    at += _ONE
+                    at = append(observations, at, members[j, 0] - east, members[j, 1] - north)
+                    at = append(observations, at, members[j, 2], members[j, 3])
                 else:
-                    other[:] = 0.0
-                at += 5
+                    at = append_zeros(observations, at, 5)

@@ -21,11 +21,11 @@ def outcomes(env: SwarmVectorEnv, policy: csw.Policy, seed: int, episodes: int) 
     for _ in range((steps + 1) * episodes):
         swarms = env.batch.swarms
         actions = np.zeros_like(swarms.positions)
-        for step in np.unique(swarms.steps[~env.batch.ended]):
-            rows = (swarms.steps == step) & ~env.batch.ended
+        for step in np.unique(swarms.steps[~env.batch.ends.ended]):
+            rows = (swarms.steps == step) & ~env.batch.ends.ended
             state = swarms.positions[rows], swarms.velocities[rows], swarms.alive[rows]
             actions[rows] = policy.velocities(int(step), *state)
-        before, resets = swarms.runs.astype(int).copy(), env.batch.ended.copy()
+        before, resets = swarms.runs.astype(int).copy(), env.batch.ends.ended.copy()
         _, rewards, terminated, truncated, infos = env.step(actions)
         assert not truncated.any()
         last = infos.get("final_info", infos)
