@@ -10,9 +10,8 @@ collective robot learning", DARS 2022) runs on PyTorch, here with one thread on 
 
 - ``simple_spread`` is the scenario of VMAS that is most like casswarm's: every agent moves in the
   plane, depends on all others (there by collisions, here by rates), and observes its own
-  position and velocity, those of landmarks (there n, here the target and the radars) and those
-  of the others.
-- ``dispersion`` has neither collisions nor velocities of others.
+  position and velocity, landmarks (there n, here the target and the radars) and the others.
+- ``dispersion`` has no collisions, and agents do not observe each other.
 - ``navigation`` has a range sensor for every agent.
 
 Actions are sampled before. Chunks of steps are timed in turn; the ratio is the median of those of
@@ -35,17 +34,17 @@ from casswarm.envs import SwarmVectorEnv
 
 SCENARIOS = ("simple_spread", "dispersion", "navigation")
 AGENTS = (3, 5, 10)
-SIZES = (1, 32, 1024, 8192)
+SIZES = (1, 32, 256, 1024, 8192)
 CHUNK = 0.1  # seconds of a chunk of steps, about
 REPEATS = 9
 
 
 def scenario(n: int) -> csw.Scenario:
-    """`paper-2`, which has collisions, with n members."""
+    """`paper-1` with n members on a circle, at rest."""
     angles = 2 * np.pi * np.arange(n) / n
     positions = 0.2 * n * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     values = {"swarm.positions": positions.tolist(), "swarm.velocity": [0.0, 0.0]}
-    return csw.load_scenario("paper-2").with_values(values)
+    return csw.load_scenario("paper-1").with_values(values)
 
 
 def of_casswarm(n: int, size: int) -> Callable[[int], None]:
