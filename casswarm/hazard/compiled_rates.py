@@ -7,7 +7,6 @@ differ from those of `Hazard.rates` by rounding only. Several states are evaluat
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -95,13 +94,14 @@ class CompiledRates:
     Parameters
     ----------
     n : int
-    function : compiled function
+    source : str
+        Text of the compiled function, which all hazards of a class share.
     constants : (s,)
         n, the number of radars, their positions and strengths, and parameters of the hazard.
     """
 
     n: int
-    function: Any
+    source: str
     constants: FloatArray
 
     def __call__(self, positions: FloatArray, alive: BoolArray, rates: FloatArray) -> bool:
@@ -110,7 +110,8 @@ class CompiledRates:
         Returns whether all of them are finite and not negative.
         """
         work = np.empty(6 * self.n * min(len(alive), _LANES))
-        return bool(self.function(alive, positions, self.constants, rates, work))
+        compiled = generated_module(self.source).write_rates
+        return bool(compiled(alive, positions, self.constants, rates, work))
 
 
 def compiled_rates(hazard: Hazard, n: int) -> CompiledRates | None:
@@ -128,4 +129,4 @@ def compiled_rates(hazard: Hazard, n: int) -> CompiledRates | None:
     constants = np.concatenate([[n, len(radars)], radars.ravel(), parameters])
     names = [f"constants[2 + 3 * radars + {i}]," for i in range(len(parameters))]
     rates = _RATES.format(collides=hazard.collides, parameters=f"({' '.join(names)})")
-    return CompiledRates(n, generated_module(f"{source}\n{rates}").write_rates, constants)
+    return CompiledRates(n, f"{source}\n{rates}", constants)

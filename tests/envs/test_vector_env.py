@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from typing import Any
 
 import gymnasium
@@ -194,6 +196,18 @@ def test_spaces_hold_every_observation_and_sampled_action() -> None:
             actions = env.action_space.sample()
             assert actions.shape == (20, 3, 2)
             observations = env.step(4.0 * actions)[0]  # beyond the limits, which are kept
+
+
+def test_copied_and_pickled_env_continues_alike() -> None:
+    env = SwarmVectorEnv(SMALL, 30, shaping=True)
+    env.reset(seed=0)
+    env.step(ahead(env))
+    copies = copy.deepcopy(env), pickle.loads(pickle.dumps(env))
+    for _ in range(10):
+        expected = env.step(ahead(env))
+        for other in copies:
+            for found, value in zip(other.step(ahead(env))[:4], expected[:4], strict=True):
+                np.testing.assert_array_equal(found, value)
 
 
 def test_infeasible_action_moves_as_its_projection_and_is_counted() -> None:
