@@ -27,16 +27,12 @@ def potentials(scenario: csw.Scenario, steps: Any, positions: Any, alive: Any) -
     return found
 
 
-@pytest.mark.parametrize("policy", ["leader", "erratic"])
-def test_shaped_return_differs_by_the_initial_potential(policy: str) -> None:
-    guide = csw.plan(SMALL, certify=False)
-
+def test_shaped_return_differs_by_the_initial_potential() -> None:
     def erratic(step: int, positions: Any, _: Any, alive: Any) -> Any:
         return alive[..., None] * (np.array([1.2, 0.3]) + 2.0 * np.sin(9.0 * positions + step))
 
-    made = csw.as_policy(erratic) if policy == "erratic" else csw.make_policy(policy, SMALL, guide)
-    env = SwarmVectorEnv(SMALL, 40, guide=guide, shaping=True)
-    table = outcomes(env, made, seed=2, episodes=2)
+    env = SwarmVectorEnv(SMALL, 40, shaping=True)
+    table = outcomes(env, csw.as_policy(erratic), seed=2, episodes=2)
     initial = potentials(SMALL, [0], [SMALL.positions], [[True] * 3])[0]
     assert 0.1 < initial < 1.0
     np.testing.assert_allclose(table["returns"], table["success"] - initial, atol=1e-12)

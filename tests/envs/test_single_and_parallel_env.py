@@ -130,12 +130,6 @@ def test_missing_extra_is_named(package: str) -> None:
     assert done.stdout == expected
 
 
-def test_import_casswarm_does_not_load_gymnasium() -> None:
-    code = "import casswarm, sys; casswarm.simulate; print('gymnasium' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "False\n"
-
-
 def test_swarm_of_one_without_radars_nearby_arrives() -> None:
     scenario = small([(0.0, 0.0)], (2.0, 0.0), [(90.0, 90.0)], 6, swarm__velocity=[1.0, 0.0])
     env = SwarmEnv(scenario)

@@ -102,11 +102,16 @@ def test_random_model_is_refused_by_evaluate(guide: csw.Guide) -> None:
         csw.evaluate(SMALL, policy, guide=guide)
 
 
-def test_model_can_be_pickled_and_sent_to_workers(guide: csw.Guide) -> None:
+def test_model_can_be_pickled() -> None:
     policy = csw.as_policy(Linear(), SMALL)
     state = np.full((2, 3, 2), 0.3), np.zeros((2, 3, 2)), np.ones((2, 3), bool)
     copied = pickle.loads(pickle.dumps(policy))
     np.testing.assert_array_equal(copied.velocities(2, *state), policy.velocities(2, *state))
+
+
+@pytest.mark.slow
+def test_model_can_be_sent_to_workers(guide: csw.Guide) -> None:
+    policy = csw.as_policy(Linear(), SMALL)
     one, two = (
         csw.simulate(SMALL, policy, runs=40, workers=workers, guide=guide).runs
         for workers in (1, 2)
@@ -157,6 +162,7 @@ def test_casadi_function_is_a_parametric_policy(monkeypatch: pytest.MonkeyPatch)
     assert made == ((function, [1.0], SMALL), {"name": "mine"})
 
 
+@pytest.mark.slow
 def test_casadi_function_is_evaluated_exactly(guide: csw.Guide) -> None:
     pytest.importorskip("casswarm.policies.parametric")
     step, gain, alive = ca.MX.sym("step"), ca.MX.sym("gain"), ca.MX.sym("alive", 3)
@@ -174,6 +180,7 @@ def test_casadi_function_is_evaluated_exactly(guide: csw.Guide) -> None:
     np.testing.assert_allclose(exact, expected, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_torch_module_is_evaluated_as_it_was() -> None:
     torch = pytest.importorskip("torch")
     module = torch.nn.Sequential(
