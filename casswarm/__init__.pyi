@@ -26,6 +26,7 @@ from .errors import (
     SolverError,
     WorkerError,
 )
+from .exploration.widget import explore
 from .figures.animation import animate
 from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
 from .optimization import solvers
@@ -97,6 +98,7 @@ __all__ = [
     "compare",
     "estimate",
     "evaluate",
+    "explore",
     "figures",
     "formation_problems",
     "guide_problems",

@@ -55,10 +55,6 @@ class EnvError(CasswarmError, ValueError):
     """An environment for learning that is misconfigured, or stepped with actions it cannot take."""
 
 
-class ExtraError(CasswarmError, ImportError):
-    """An optional package is not installed; the attributes `package` and `extra` name it."""
-
-
 class SolverError(CasswarmError, ValueError):
     """A solver that is unknown, misconfigured, or cannot take the problem it was given."""
 
@@ -88,3 +84,7 @@ class FolderError(CasswarmError, OSError):
 
 class WorkerError(CasswarmError, RuntimeError):
     """Processes that were to do the work died again and again; what was done before is kept."""
+
+
+class ExtraError(CasswarmError, ImportError):
+    """A package that an extra installs is missing; the message names the command to install it."""

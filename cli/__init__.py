@@ -12,6 +12,7 @@ from .. import __version__
 from .animate import animate
 from .compare import compare
 from .evaluate import evaluate
+from .explore import explore
 from .log import show_log
 from .plan import plan
 from .plan_swarm import plan_swarm
@@ -34,6 +35,7 @@ from .sweep import sweep
         reproduce,
         plot,
         animate,
+        explore,
         scenarios,
         solvers,
     ],
@@ -54,6 +56,7 @@ def main() -> None:
       casswarm compare --family quick             speed and reliability of the solvers
       casswarm plot results/simulate-paper-1      figures from saved results
       casswarm animate results/simulate-paper-1   animation of a saved run
+      casswarm explore paper-1                    a page to drag radars and see what follows
       casswarm reproduce                          tables and figures of the paper
 
     SCENARIO is the name of a built-in scenario or the path of a TOML file.

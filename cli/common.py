@@ -27,7 +27,7 @@ from ..errors import (
     SolverError,
     WorkerError,
 )
-from .options import CommonOptions, PolicyOptions
+from .options import PolicyOptions, ScenarioInput
 from .output import say
 from .study_options import StudyOptions
 
@@ -100,7 +100,7 @@ def reported_errors() -> Iterator[SavedWork]:
         raise Failure(f"{error}{saved.advice(_FREE)}") from error
 
 
-def load(common: CommonOptions, values: Mapping[str, Any] | None = None) -> csw.Scenario:
+def load(common: ScenarioInput, values: Mapping[str, Any] | None = None) -> csw.Scenario:
     """The scenario, with the values of ``--set`` and of other options.
 
     `values` are by dotted key; None leaves the scenario's value.
@@ -115,7 +115,7 @@ def load(common: CommonOptions, values: Mapping[str, Any] | None = None) -> csw.
 
     for text in doubts(changed):
         if text not in doubts(scenario):
-            say(text, common.quiet)
+            say(text, getattr(common, "quiet", False))
     return changed
 
 

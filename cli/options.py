@@ -111,7 +111,7 @@ class OutputOptions:
 
 
 @dataclass(frozen=True)
-class ScenarioOptions(OutputOptions):
+class ScenarioInput:
     """The scenario and its values."""
 
     scenario: str = argument(shell_complete=completion.scenarios)
@@ -123,6 +123,11 @@ class ScenarioOptions(OutputOptions):
         "scenario file. Repeatable.",
     )
     allow_code: bool = allow_code_option()
+
+
+@dataclass(frozen=True)
+class ScenarioOptions(ScenarioInput, OutputOptions):
+    """The scenario, and what is written and printed."""
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -43,6 +44,11 @@ class GridOptions(CommonOptions):
         metavar="KEY=VALUES",
         help="Sweep over these values of a parameter: V1,V2,..., START:STOP:COUNT or "
         "START:STOP:COUNT:log. Repeatable.",
+    )
+    report: bool = option(
+        "--report",
+        is_flag=True,
+        help="Also write a self-contained report.html, with sliders over the sweep points.",
     )
 
 
@@ -85,6 +91,7 @@ def sweep(
       casswarm sweep paper-1 --set formation.rho=0.01:0.1:5 --policy constrained
       casswarm sweep paper-1 --set hazard.alpha_2=1,3,9 --set spacing=0.2,0.5,1 --workers 2
       casswarm sweep paper-2 --set n=1:6:6 --runs 2000
+      casswarm sweep paper-1 --set n=2,3,4,5 --set formation.rho=0.02,0.05,0.1 --report
     """
     if method.exact and method.runs is not None:
         raise WrongInput("--exact and --runs: give one of them")
@@ -120,6 +127,8 @@ def sweep(
         _write(folder, result, inputs)
         ending = Ending(folder, common, progress)
         ending.draw()
+        if common.report:
+            ending.attempt("the report", partial(_write_report, folder))
         ending.finish(_text(result))
     if result.failures == len(result.table):
         raise Failure("every sweep point failed; the reasons are above and in sweep.csv")
@@ -204,6 +213,13 @@ def _write(folder: ResultsFolder, result: csw.Sweep, inputs: dict[str, Any]) -> 
     folder.write_objects(keys=list(result.keys))
     points = result.table.to_dict("records")
     folder.write_record({"failures": result.failures, "sweep": points}, inputs)
+
+
+def _write_report(folder: ResultsFolder) -> None:
+    from ..results.sweep_report import sweep_page
+
+    folder.write_file("report.html", sweep_page(folder))
+    folder.extend_record()
 
 
 def _text(result: csw.Sweep) -> str:

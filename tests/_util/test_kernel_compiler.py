@@ -60,7 +60,9 @@ def test_kernel_equals_its_python_function(module):
     assert module.product(VALUES) == 21.0
 
 
-def test_called_kernels_have_no_entry_and_no_specialisation_for_literals(module):
+def test_called_kernels_have_no_entry_and_no_specialisation_for_literals(tmp_path, monkeypatch):
+    monkeypatch.setenv("CASSWARM_CACHE", str(tmp_path))  # compiled here, not loaded
+    module = generated_module("# of a module without compiled code\n" + TEXT)
     module.total(VALUES)
     assert "entry" not in vars(module.power)
     assert module.power.linked.signatures == [(numba.float64, numba.int64)]

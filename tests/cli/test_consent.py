@@ -31,6 +31,7 @@ COMMANDS = [
     ("simulate", "evil.toml"),
     ("evaluate", "evil.toml"),
     ("sweep", "evil.toml", "--set", "formation.rho=0.1"),
+    ("explore", "evil.toml", "--no-browser"),
     ("plan", "single-agent", "--set", 'hazard={kind="evil:rate"}'),
     ("plot", "saved"),
     ("animate", "saved"),

@@ -1,0 +1,1 @@
+"""Exploring a scenario by hand: a session, the process that answers, a widget and a local page."""

@@ -1,0 +1,248 @@
+"""Answers about a scenario in stages: the guide first, then its bound, runs, and exact bounds."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from .._util.user_code import USER_ERRORS, failure_text
+from ..chain.distribution import OutcomeDistribution
+from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion
+from ..chain.lattice import Lattice
+from ..errors import CasswarmError
+from ..planning.bounds.guide_certificate import certify_guide
+from ..planning.guide import Guide
+from ..planning.plan import initial_velocities, plan, plan_from
+from ..policies.base import Policy
+from ..policies.user import repeated
+from ..studies.policy_list import resolve_policy
+from ..studies.simulation import Study, simulate
+from ..typing import Interval
+from .hazard_map import HazardMap
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+TOLERANCE = 1e-3
+"""Width of the proven bounds of success at which the enumeration ends."""
+
+MAX_STATES = 50_000
+"""Number of states after which runs are sampled instead, unless the bounds are narrow enough."""
+
+RUNS = (200, 800, 3200, 12_800)
+"""Numbers of runs of the studies that follow each other while the bounds are wide."""
+
+BOUND_GAPS = ((0.05, 0.5), (0.01, 2.0))
+"""Relative gaps at which the proof of a bound on the risk ends, with their time limits."""
+
+SAVED_RUNS = 5
+"""Runs whose trajectories are saved, to be played."""
+
+_PUBLISH = 0.15  # seconds between two states of an enumeration
+
+
+class Superseded(Exception):  # noqa: N818  (no failure)
+    """The work ends because another question waits."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked: the success of a policy on a scenario.
+
+    Parameters
+    ----------
+    version : int
+        Number of the question; larger ones are newer.
+    scenario : Scenario
+    policy : str
+    """
+
+    version: int
+    scenario: Scenario
+    policy: str
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What is known so far about a question.
+
+    Parameters
+    ----------
+    question : Question
+    hazard_map : HazardMap, optional
+    guide : Guide, optional
+        With a lower bound on the risk once it is proven.
+    study : Study, optional
+        The largest study so far.
+    distribution : OutcomeDistribution, optional
+        With bounds that become narrower.
+    failure : str
+        Why there is no guide, or no success probability; empty if all is well.
+    done : bool
+        Whether nothing is added any more.
+    """
+
+    question: Question
+    hazard_map: HazardMap | None = None
+    guide: Guide | None = None
+    study: Study | None = None
+    distribution: OutcomeDistribution | None = None
+    failure: str = ""
+    done: bool = False
+
+    @property
+    def success(self) -> tuple[Interval, bool] | None:
+        """The narrowest interval of the success probability, and whether it is proven.
+
+        Proven bounds, or the 95 % interval of the study's runs.
+        """
+        intervals = []
+        if self.distribution is not None:
+            intervals.append((self.distribution.success, True))
+        if self.study is not None:
+            row = self.study.summary.iloc[0]
+            interval = Interval(float(row["success_low"]), float(row["success_high"]))
+            intervals.append((interval, False))
+        return min(intervals, key=lambda item: item[0].width, default=None)
+
+
+class Inquiry:
+    """The work on a question, which publishes what is known whenever something is added.
+
+    Parameters
+    ----------
+    question : Question
+    publish : callable
+        Receives every `Answer`; the last one has `done`.
+    interrupt : callable
+        Called between the parts of the work once there is a guide; it may raise `Superseded`.
+    """
+
+    def __init__(
+        self, question: Question, publish: Callable[[Answer], None], interrupt: Callable[[], None]
+    ) -> None:
+        self.answer, self._publish, self._interrupt = Answer(question), publish, interrupt
+
+    def run(self, previous: Guide | None = None) -> None:
+        """Answer the question; errors become the answer's `failure`.
+
+        Parameters
+        ----------
+        previous : Guide, optional
+            Guide of a similar scenario: a search that starts from it is the first to answer.
+        """
+        try:
+            self._plan(previous)
+            self._bound(*BOUND_GAPS[0])
+            self._evaluate()
+            self._add(done=True)
+        except Superseded:
+            raise
+        except CasswarmError as error:
+            self._add(failure=str(error), done=True)
+        except USER_ERRORS as error:  # of a user's hazard, for example
+            self._add(failure=failure_text(error), done=True)
+
+    def _add(self, **values: Any) -> None:
+        self.answer = replace(self.answer, **values)
+        self._publish(self.answer)
+
+    def _report(self, *_: Any) -> None:
+        """Progress of a computation, which ends it if another question waits."""
+        if self.answer.guide is not None:  # else nothing has been shown yet
+            self._interrupt()
+
+    def _plan(self, previous: Guide | None) -> None:
+        """Plan by a search near the previous guide, then by a full search."""
+        scenario, guide = self.answer.question.scenario, None
+        if previous is not None and is_near(scenario, previous):
+            guide = _planned_near(scenario, previous)
+            if guide is not None:
+                self._add(guide=guide, hazard_map=HazardMap.around(scenario, guide))
+        self._report()
+        full = plan(scenario, certify=False, progress=self._report)
+        if guide is None or full.risk < guide.risk:
+            self._add(guide=full, hazard_map=HazardMap.around(scenario, full))
+
+    def _bound(self, gap: float, limit: float) -> None:
+        """Add a bound on the risk of the guide, if the hazard provides one."""
+        self._report()
+        guide = self.answer.guide
+        assert guide is not None
+        deadline = time.monotonic() + limit
+        certificate = certify_guide(self.answer.question.scenario, guide, gap, deadline)
+        if certificate is not None and certificate.risk_bound > (guide.risk_bound or 0.0):
+            bounded = replace(guide, risk_bound=certificate.risk_bound, certificate=certificate)
+            self._add(guide=bounded)
+
+    def _evaluate(self) -> None:
+        """Add runs and bounds of success: a few runs, an enumeration, more runs if it is slow."""
+        question, guide = self.answer.question, self.answer.guide
+        assert guide is not None
+        self._report()
+        policy = resolve_policy(question.policy, question.scenario, guide, "auto")
+        self._simulate(policy, RUNS[0])
+        distribution = self._enumerate(policy)
+        self._bound(*BOUND_GAPS[1])
+        for runs in RUNS[1:]:
+            if distribution.success.width > TOLERANCE:
+                self._simulate(policy, runs)
+
+    def _simulate(self, policy: Policy, runs: int) -> None:
+        self._report()
+        study = simulate(
+            self.answer.question.scenario,
+            [policy],
+            runs,
+            guide=self.answer.guide,
+            save_trajectories=SAVED_RUNS,
+            progress=self._report,
+        )
+        self._add(study=study)
+
+    def _enumerate(self, policy: Policy) -> OutcomeDistribution:
+        """Add bounds of the outcome distribution while they become narrower; return the last."""
+        scenario, guide = self.answer.question.scenario, self.answer.guide
+        assert guide is not None
+        max_states = MAX_STATES if scenario.n <= MAX_MEMBERS else MAX_STATES // 10
+        lattice = Lattice.along(guide, scenario, None, policy.decision_tol)
+        expansion = StateSpaceExpansion(
+            scenario,
+            repeated(policy),
+            initial_velocities(scenario, guide),
+            ExpansionOptions(TOLERANCE, max_states, lattice),
+        )
+        published = time.monotonic()
+
+        def report(*_: object) -> None:
+            nonlocal published
+            self._interrupt()
+            if time.monotonic() > published + _PUBLISH:
+                published = time.monotonic()
+                self._add(distribution=expansion.distribution())
+
+        expansion.expand(report)
+        distribution = expansion.distribution()
+        self._add(distribution=distribution)
+        return distribution
+
+
+def is_near(scenario: Scenario, guide: Guide) -> bool:
+    """Whether a search can start from the guide of another scenario."""
+    best = guide.best_per_homotopy_class()
+    return (
+        guide.search == scenario.guide.search == "global"
+        and guide.dt == scenario.time.dt
+        and bool(best)
+        and len(best[0].homotopy) == len(scenario.hazard.radar_positions)
+    )
+
+
+def _planned_near(scenario: Scenario, previous: Guide) -> Guide | None:
+    """A guide like the previous one; None if none arrives."""
+    velocity = scenario.swarm.velocity
+    initial = None if velocity == "guide" else velocity
+    guide = plan_from(scenario, scenario.guide_start, near=previous, initial_velocity=initial)
+    return guide if guide.arrives else None

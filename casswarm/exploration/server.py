@@ -1,0 +1,125 @@
+"""The local page: a server for this computer alone, at a random port and under a random token."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from http import HTTPStatus
+from typing import TYPE_CHECKING, Any
+
+from ..errors import ExtraError
+from .session import Session
+from .view import View, static_text
+
+if TYPE_CHECKING:
+    from websockets.http11 import Request, Response
+    from websockets.sync.server import ServerConnection
+
+HOST = "127.0.0.1"
+
+_TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
+_FILES = ("page.html", "page.js", "page.css", "explore.js", "explore.css")
+_MAX_BYTES = 1 << 16  # of a message of the page
+
+
+@contextmanager
+def page_server(session: Session) -> Iterator[str]:
+    """Serve the page of a session in threads during the block; yields its address.
+
+    The process that computes ends when the last page is closed, and starts again with the next.
+
+    Raises
+    ------
+    ExtraError
+        The package websockets is not installed.
+    """
+    try:
+        from websockets.sync.server import serve
+    except ImportError as error:
+        raise ExtraError(
+            "casswarm explore needs websockets: pip install 'casswarm[explore]'"
+        ) from error
+    pages = _Pages(session)
+    with serve(
+        pages.converse,
+        HOST,
+        0,
+        process_request=pages.respond,
+        origins=None,  # `respond` checks them
+        compression=None,
+        max_size=_MAX_BYTES,
+    ) as server:
+        pages.host = f"{HOST}:{server.socket.getsockname()[1]}"
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            yield f"http://{pages.host}/{pages.token}/"
+        finally:
+            pages.end()
+            session.close()
+
+
+class _Pages:
+    """What a server answers: files of the page, and its messages.
+
+    A request needs the token in its path and the server's own name as its host, so that pages of
+    other sites reach nothing.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self.host, self.token = "", secrets.token_urlsafe(24)
+        self._session = session
+        self._connections: set[ServerConnection] = set()
+
+    def respond(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Response to a request of a file; None lets a WebSocket open."""
+        origin = request.headers.get("Origin", f"http://{self.host}")
+        own = request.headers.get("Host") == self.host and origin == f"http://{self.host}"
+        prefix = f"/{self.token}/"
+        if not own or not secrets.compare_digest(
+            request.path[: len(prefix)].encode(), prefix.encode()
+        ):
+            return connection.respond(HTTPStatus.FORBIDDEN, "unknown address\n")
+        name = request.path[len(prefix) :] or "page.html"
+        if name == "socket":
+            return None
+        if name not in _FILES:
+            return connection.respond(HTTPStatus.NOT_FOUND, "no such file\n")
+        response = connection.respond(HTTPStatus.OK, static_text(name))
+        del response.headers["Content-Type"]
+        response.headers["Content-Type"] = f"{_TYPES[name.rpartition('.')[2]]}; charset=utf-8"
+        response.headers["Content-Security-Policy"] = (
+            f"default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; "
+            f"connect-src ws://{self.host}; base-uri 'none'; form-action 'none'; "
+            "frame-ancestors 'none'"
+        )
+        response.headers["Referrer-Policy"] = "no-referrer"
+        response.headers["Cache-Control"] = "no-store"
+        response.headers["X-Content-Type-Options"] = "nosniff"
+        return response
+
+    def converse(self, connection: ServerConnection) -> None:
+        """Pass messages on between a page and a view of its own, until the page is closed."""
+        from websockets.exceptions import ConnectionClosed
+
+        def send(message: dict[str, Any]) -> None:
+            with suppress(ConnectionClosed):
+                connection.send(json.dumps(message, allow_nan=False))
+
+        view = View(self._session, send)
+        self._connections.add(connection)
+        try:
+            with suppress(ConnectionClosed):
+                for text in connection:
+                    with suppress(ValueError):
+                        view.receive(json.loads(text))
+        finally:
+            self._connections.discard(connection)
+            view.close()
+
+    def end(self) -> None:
+        """Close the pages' connections."""
+        for connection in tuple(self._connections):
+            connection.close()

@@ -1,0 +1,287 @@
+"""A session of exploring: the present scenario, its history, and what is known about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from pickle import PicklingError
+from threading import Condition
+from typing import Any
+
+from ..errors import CasswarmError, PlanningError
+from ..planning.guide import Guide
+from ..policies.registry import require_policy_name
+from ..scenario import Scenario
+from ..scenario.io import require_scenario, save_scenario
+from ..scenario.variations import with_parameters
+from ..studies.simulation import Study
+from .answers import Answer, Question
+from .history import History, Moment
+from .worker import Worker
+
+POINTS = {
+    "member": "swarm.positions",
+    "radar": "hazard.radars",
+    "target": "target.center",
+}
+"""What can be moved, and the key of its position or positions."""
+
+
+class Session:
+    """The present scenario and policy, changes that can be undone, and answers about them.
+
+    Every change asks a `Worker`, which answers in stages. An impossible scenario changes nothing:
+    `problem` says why. Methods may be called from any thread.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    policy : str
+        Name of a policy.
+    file : Path, optional
+        Where `save` writes, by default a new file NAME-explored.toml in the current folder.
+
+    Attributes
+    ----------
+    history : History
+    problem : str
+        Why the last change was refused; empty if it was not.
+    answer : Answer or None
+        What is known about the present scenario; None before the first stage.
+    last_good : Answer or None
+        The last answer with a guide that arrives.
+    """
+
+    def __init__(
+        self, scenario: Scenario, policy: str = "leader", file: Path | None = None
+    ) -> None:
+        require_scenario("explore", scenario)
+        require_policy_name(policy)
+        self.history = History(Moment(scenario, policy))
+        self._file, self._version = file, 0
+        self._listeners: list[Callable[[], None]] = []
+        self._lock, self._asked = Condition(), False
+        self._worker = Worker(self._receive)
+        self.problem = ""
+        self.answer: Answer | None = None
+        self.last_good: Answer | None = None
+
+    @property
+    def scenario(self) -> Scenario:
+        """The present scenario."""
+        return self.history.present.scenario
+
+    @property
+    def policy(self) -> str:
+        """Name of the present policy."""
+        return self.history.present.policy
+
+    # --- changes
+
+    def change(self, values: Mapping[str, Any], gesture: object = None) -> bool:
+        """Change parameters, by key as in `casswarm.sweep`; return whether that is possible."""
+        return self._try(lambda: (with_parameters(self.scenario, values), self.policy), gesture)
+
+    def move(
+        self, point: str, index: int, position: tuple[float, float], gesture: object = None
+    ) -> bool:
+        """Move a point of `POINTS`, one of several by its index; return whether it is possible."""
+
+        def moved() -> tuple[Scenario, str]:
+            scenario = self.scenario
+            if point == "target":
+                return scenario.with_values({POINTS[point]: position}), self.policy
+            held = {"member": scenario.swarm.positions, "radar": scenario.hazard_table.radars}
+            positions = list(held[point])
+            positions[index] = position
+            return scenario.with_values({POINTS[point]: positions}), self.policy
+
+        return self._try(moved, gesture)
+
+    def choose_policy(self, name: str) -> bool:
+        """Choose a policy by name; return whether there is one of that name."""
+
+        def chosen() -> tuple[Scenario, str]:
+            require_policy_name(name)
+            return self.scenario, name
+
+        return self._try(chosen)
+
+    def undo(self) -> None:
+        """Return to the state before the last change."""
+        self._shift(-1)
+
+    def redo(self) -> None:
+        """Return to the state before the last `undo`."""
+        self._shift(1)
+
+    def reset(self) -> None:
+        """Return to the first state; this can be undone."""
+        self._try(lambda: (self.history.first.scenario, self.history.first.policy))
+
+    def _try(self, make: Callable[[], tuple[Scenario, str]], gesture: object = None) -> bool:
+        """Make what `make` returns the present state, or note why it is impossible."""
+        with self._lock:
+            try:
+                moment = Moment(*make(), gesture)
+            except CasswarmError as error:
+                self.problem = str(error)
+            else:
+                self.problem = ""
+                if self.history.append(moment):
+                    self._renew()
+            possible = not self.problem
+        self._tell()
+        return possible
+
+    def _shift(self, steps: int) -> None:
+        with self._lock:
+            self.problem = ""
+            if self.history.shift(steps):
+                self._renew()
+        self._tell()
+
+    # --- answers
+
+    @property
+    def guide(self) -> Guide:
+        """Guide of the present scenario; waits until it is planned.
+
+        Raises
+        ------
+        PlanningError
+            The present scenario has none.
+        """
+        guide = self._awaited("guide")
+        assert isinstance(guide, Guide)
+        return guide
+
+    @property
+    def study(self) -> Study:
+        """The largest study of the present scenario and policy so far; waits for the first.
+
+        Raises
+        ------
+        PlanningError
+            The present scenario has no guide, or the policy cannot be applied to it.
+        """
+        study = self._awaited("study")
+        assert isinstance(study, Study)
+        return study
+
+    def wait(self, timeout: float | None = None) -> Answer:
+        """Wait until nothing is added to the answer any more, and return it.
+
+        Raises
+        ------
+        TimeoutError
+            That takes longer than `timeout` seconds.
+        """
+        with self._lock:
+            if not self._until(lambda answer: answer.done, timeout):
+                raise TimeoutError(f"no complete answer within {timeout:g} s")
+            assert self.answer is not None
+            return self.answer
+
+    def _awaited(self, name: str) -> object:
+        """A part of the present answer, as soon as it has one."""
+        with self._lock:
+            self._until(lambda answer: answer.done or getattr(answer, name) is not None)
+            assert self.answer is not None
+            value = getattr(self.answer, name)
+            if value is None:
+                raise PlanningError(self.answer.failure)
+            return value
+
+    def _until(self, ready: Callable[[Answer], bool], timeout: float | None = None) -> bool:
+        """Wait for a state of the present answer; return whether it is reached in time."""
+
+        def reached() -> bool:
+            self._ask()  # again, if the process was ended meanwhile
+            return self.answer is not None and ready(self.answer)
+
+        return self._lock.wait_for(reached, timeout)
+
+    def _renew(self) -> None:
+        """Forget the answer about an earlier state; ask about this one if somebody listens."""
+        self._version += 1
+        self.answer, self._asked = None, False
+        if self._listeners:
+            self._ask()
+
+    def _ask(self) -> None:
+        if self._asked:
+            return
+        self._asked = True
+        question = Question(self._version, self.scenario, self.policy)
+        try:
+            self._worker.ask(question)
+        except (PicklingError, AttributeError, TypeError) as error:
+            failure = f"the scenario's hazard cannot be sent to another process ({error})"
+            self.answer = Answer(question, failure=failure, done=True)
+
+    def _receive(self, answer: Answer) -> None:
+        """Keep an answer; one about an earlier state is good until there is a newer one."""
+        version = answer.question.version
+        with self._lock:
+            last = -1 if self.last_good is None else self.last_good.question.version
+            if answer.guide is not None and answer.guide.arrives and version >= last:
+                self.last_good = answer
+            if version == self._version:
+                self.answer = answer
+            self._lock.notify_all()
+        self._tell()
+
+    # --- listeners
+
+    def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:
+        """Call a function after every change, from any thread; returns what ends that.
+
+        Answers are computed while there are listeners. When the last one ends, so does the process.
+        """
+        with self._lock:
+            self._listeners.append(listener)
+            self._ask()
+
+        def unsubscribe() -> None:
+            with self._lock:
+                if listener in self._listeners:
+                    self._listeners.remove(listener)
+                if not self._listeners:  # under the lock: another page may open just now
+                    self.close()
+
+        return unsubscribe
+
+    def close(self) -> None:
+        """End the process that answers; the next question starts it again."""
+        with self._lock:
+            self._worker.close()
+            self._asked = self.answer is not None and self.answer.done
+            self._lock.notify_all()
+
+    def _tell(self) -> None:
+        for listener in tuple(self._listeners):
+            listener()
+
+    # --- files
+
+    def save(self) -> Path:
+        """Write the present scenario to its file, and return the path.
+
+        Raises
+        ------
+        ScenarioError
+            The file cannot be written, or cannot name the hazard.
+        """
+        with self._lock:
+            if self._file is None:
+                self._file = _new_file(self.scenario.name)
+            save_scenario(self.scenario, self._file)
+            return self._file
+
+
+def _new_file(name: str) -> Path:
+    """A path in the current folder at which there is no file."""
+    numbers = ("", *(f"-{number}" for number in range(2, 1000)))
+    paths = (Path(f"{name}-explored{number}.toml").resolve() for number in numbers)
+    return next(path for path in paths if not path.exists())

@@ -1,0 +1,217 @@
+"""A view of a session: changes that it sends, and what it draws, as JSON.
+
+The widget and the local page have the same JavaScript (``static/explore.js``). A message to it has
+the parts of what it draws that have changed.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from functools import cache, partial
+from importlib.resources import files
+from threading import RLock
+from typing import Any
+
+from ..errors import CasswarmError
+from ..planning.guide import Guide
+from ..policies.registry import POLICIES
+from ..studies.simulation import Study
+from .answers import Answer
+from .hazard_map import HazardMap
+from .parameters import CHOICES, parameters, value
+from .session import POINTS, Session
+
+Message = dict[str, Any]
+
+_UNSUPPORTED = "the page sent something unknown; load it again"
+
+
+@cache
+def static_text(name: str) -> str:
+    """Text of a file of ``static/``."""
+    return files(__package__).joinpath("static", name).read_text(encoding="utf-8")
+
+
+class View:
+    """One widget or page of a session.
+
+    Parameters
+    ----------
+    session : Session
+    send : callable
+        Sends a message to the page; called from any thread.
+    """
+
+    def __init__(self, session: Session, send: Callable[[Message], None]) -> None:
+        self._session, self._send = session, send
+        self._sent: dict[str, object] = {}
+        self._end: Callable[[], None] | None = None
+        self._pages, self._lock = 0, RLock()
+
+    def open(self) -> None:
+        """Send everything to another page, and from now on every change."""
+        with self._lock:
+            self._pages += 1
+            self._sent.clear()
+        if self._end is None:
+            self._end = self._session.subscribe(self._show)
+        self._show()
+
+    def close(self) -> None:
+        """Send nothing any more if this is the last page."""
+        self._pages = max(0, self._pages - 1)
+        if self._end is not None and not self._pages:
+            self._end()
+            self._end = None
+
+    def receive(self, message: Any) -> None:
+        """Do what a message of the page says, and confirm its number."""
+        try:
+            self._actions[message["type"]](message)
+        except CasswarmError as error:
+            self._send({"notice": str(error)})
+        except (LookupError, TypeError, ValueError):
+            self._send({"notice": _UNSUPPORTED})
+        if isinstance(message, dict) and "number" in message:
+            self._send({"handled": message["number"]})
+
+    @property
+    def _actions(self) -> dict[str, Callable[[Mapping[str, Any]], object]]:
+        session = self._session
+        return {
+            "open": lambda _: self.open(),
+            "close": lambda _: self.close(),
+            "move": self._move,
+            "change": lambda m: session.change({m["key"]: m["value"]}, m.get("gesture")),
+            "policy": lambda m: session.choose_policy(m["name"]),
+            "undo": lambda _: session.undo(),
+            "redo": lambda _: session.redo(),
+            "reset": lambda _: session.reset(),
+            "copy": lambda _: self._send({"toml": session.scenario.to_toml()}),
+            "save": lambda _: self._send({"notice": f"saved as {session.save()}"}),
+        }
+
+    def _move(self, message: Mapping[str, Any]) -> None:
+        x, y = message["position"]
+        if message["point"] not in POINTS:
+            raise ValueError(message["point"])
+        position = (float(x), float(y))
+        self._session.move(
+            message["point"], int(message["index"]), position, message.get("gesture")
+        )
+
+    def _show(self) -> None:
+        """Send the parts that have changed since they were sent."""
+        with self._lock:
+            message: Message = {}
+            for name, (token, part) in _parts(self._session).items():
+                if name not in self._sent or not _same(self._sent[name], token):
+                    self._sent[name] = token
+                    message[name] = part()
+            if message:
+                self._send(message)
+
+
+def _same(first: object, second: object) -> bool:
+    """Whether tokens are the same objects, or equal plain values."""
+    if isinstance(first, tuple) and isinstance(second, tuple):
+        return all(map(_same, first, second))
+    plain = isinstance(first, str | int | bool | None)
+    return first == second if plain else first is second
+
+
+def _parts(session: Session) -> dict[str, tuple[object, Callable[[], Any]]]:
+    """What a page shows, by name: what it depends on, and the function that makes it."""
+    present, good = session.answer, session.last_good
+    history = session.history
+    state = (session.scenario, session.policy, history.can_undo, history.can_redo)
+    failure = "" if present is None else present.failure
+    parts: dict[str, tuple[object, Callable[[], Any]]] = {
+        "scene": (state, partial(_scene, session)),
+        "problem": (session.problem or failure, lambda: session.problem or failure),
+        "busy": (present is None or not present.done, lambda: present is None or not present.done),
+    }
+    if good is None:
+        return parts
+    current = good.question.scenario == session.scenario
+    evaluated = current and good.question.policy == session.policy
+    guide, hazard_map, outcomes = good.guide, good.hazard_map, (good.study, good.distribution)
+    assert guide is not None
+    assert hazard_map is not None
+    parts["guide"] = ((guide, current), partial(_guide, guide, current))
+    parts["map"] = (hazard_map, partial(_map, hazard_map))
+    parts["success"] = ((*outcomes, evaluated), partial(_success, good, evaluated))
+    parts["runs"] = (good.study, partial(_runs, good.study))
+    return parts
+
+
+def _scene(session: Session) -> Message:
+    scenario = session.scenario
+    strengths = scenario.hazard_table.strengths or [1.0] * len(scenario.hazard_table.radars)
+    listed = parameters(session.history.first.scenario)
+    return {
+        "name": scenario.name,
+        "members": scenario.swarm.positions,
+        "radars": scenario.hazard_table.radars,
+        "strengths": strengths,
+        "target": {"center": scenario.target.center, "radius": scenario.target.radius},
+        "parameters": [asdict(item) | {"value": value(scenario, item.key)} for item in listed],
+        "choices": [
+            {"key": key, "values": values, "value": value(scenario, key)}
+            for key, values in CHOICES.items()
+        ],
+        "policy": session.policy,
+        "policies": POLICIES,
+        "can_undo": session.history.can_undo,
+        "can_redo": session.history.can_redo,
+    }
+
+
+def _guide(guide: Guide, current: bool) -> Message:
+    return {
+        "positions": guide.positions.tolist(),
+        "arrival": guide.arrival,
+        "survival": guide.survival,
+        "bound": guide.survival_bound,
+        "current": current,
+    }
+
+
+def _map(hazard_map: HazardMap) -> Message:
+    shades = base64.b64encode(hazard_map.shades.tobytes()).decode()
+    size = len(hazard_map.shades)
+    return {
+        "low": hazard_map.low.tolist(),
+        "high": hazard_map.high.tolist(),
+        "frame": dict(zip(("low", "high"), hazard_map.frame.tolist(), strict=True)),
+        "size": size,
+        "shades": shades,
+    }
+
+
+def _success(answer: Answer, current: bool) -> Message | None:
+    if answer.success is None:
+        return None
+    (low, high), proven = answer.success
+    runs = 0 if answer.study is None else len(answer.study.runs)
+    policy = answer.question.policy
+    return {"low": low, "high": high, "proven": proven, "runs": runs, "policy": policy} | {
+        "current": current
+    }
+
+
+def _runs(study: Study | None) -> list[Message]:
+    """Trajectories of the saved runs."""
+    if study is None:
+        return []
+    (trajectories,) = study.trajectories.values()
+    return [
+        {
+            "positions": run.positions.tolist(),
+            "alive": run.alive.tolist(),
+            "leaders": run.leaders.tolist(),
+        }
+        for run in trajectories
+    ]

@@ -1,0 +1,93 @@
+"""Record the pictures of casswarm explore in docs/images, with headless Chromium.
+
+A radar of crossfire is dragged into the way of the guide, step by step; every frame of explore.gif
+shows the page once its answer is complete. Needs the extra explore::
+
+    python docs/record_explore.py
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+import casswarm as csw
+from casswarm.exploration.server import page_server
+from casswarm.exploration.session import Session
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests" / "helpers"))
+from devtools import Page, opened_page  # noqa: E402  (a helper of the tests)
+
+IMAGES = ROOT / "docs" / "images"
+RADAR, FRAMES, WIDTH = "[data-point='radar 4']", 18, 720
+TO = (0.0, 150.0)  # pixels
+SHOWN = ".csw-main"
+READY = (
+    "document.querySelector('.csw')?.dataset.busy === 'false' "
+    "&& document.querySelector('.csw-guide').points.length"
+)
+
+
+def frames(page: Page, folder: Path) -> list[Image.Image]:
+    """Pictures of the page while the radar is dragged."""
+    pictures = []
+    x, y = page.center(RADAR)
+    page.mouse("mousePressed", x, y)
+    for k in range(FRAMES + 1):
+        page.mouse("mouseMoved", x + TO[0] * k / FRAMES, y + TO[1] * k / FRAMES)
+        page.value("new Promise((done) => setTimeout(done, 300))")
+        page.wait(READY, 120)
+        page.screenshot(folder / "frame.png", SHOWN)
+        with Image.open(folder / "frame.png") as picture:
+            height = round(picture.height * WIDTH / picture.width)
+            pictures.append(picture.convert("RGB").resize((WIDTH, height)))
+    page.mouse("mouseReleased", x + TO[0], y + TO[1])
+    return pictures
+
+
+def palette_of(picture: Image.Image) -> Image.Image:
+    """128 shades of the hazard, and as many other colours of a picture."""
+    other = picture.quantize(128, method=Image.Quantize.MAXCOVERAGE).getpalette() or []
+    alphas = [0.55 * k / 127 for k in range(128)]
+    shades = [round(255 + a * (c - 255)) for a in alphas for c in (213, 94, 0)]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(shades + other[: 3 * 128])
+    return palette
+
+
+def main() -> None:
+    """Write explore.png and explore.gif."""
+    session = Session(csw.load_scenario("crossfire"))
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        page_server(session) as address,
+        opened_page(Path(folder), height=800) as page,
+    ):
+        page.open(address)
+        page.wait(READY, 300)
+        page.value("document.querySelector('details').open = false")
+        pictures = frames(page, Path(folder))
+        page.value("document.querySelector('details').open = true")
+        page.value(
+            "(() => { const s = document.querySelector('.csw-player input');"
+            " s.value = 14.5; s.dispatchEvent(new Event('input')); })()"
+        )
+        page.screenshot(IMAGES / "explore.png", ".csw")
+    palette = palette_of(pictures[-1])
+    small = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    small[0].save(
+        IMAGES / "explore.gif",
+        save_all=True,
+        append_images=small[1:],
+        duration=[1200] + [200] * (FRAMES - 1) + [2500],
+        loop=0,
+        optimize=True,
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,110 @@
+"""Answers in stages: their order, their agreement with the library, and how they end early."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from small_scenarios import small, three_members
+
+import casswarm as csw
+from casswarm.exploration import answers
+from casswarm.exploration.answers import Answer, Inquiry, Question, Superseded
+
+
+def told(scenario, policy="leader", previous=None, interrupt=lambda: None):
+    """Every published answer."""
+    published: list[Answer] = []
+    Inquiry(Question(1, scenario, policy), published.append, interrupt).run(previous)
+    return published
+
+
+def test_stages_come_in_order_and_agree_with_library():
+    scenario = three_members()
+    published = told(scenario)
+    first, last = published[0], published[-1]
+    assert first.guide is not None
+    assert first.guide.risk_bound is first.study is first.distribution is None
+    assert [answer.done for answer in published] == [False] * (len(published) - 1) + [True]
+    assert last.failure == ""
+    guide = csw.plan(scenario)
+    assert last.guide.risk == pytest.approx(guide.risk, rel=1e-6)
+    assert last.guide.risk_bound <= guide.risk
+    exact = csw.evaluate(scenario, "leader", 1e-6, guide=last.guide).success
+    interval, proven = last.success
+    assert proven
+    assert interval.low <= exact.high
+    assert exact.low <= interval.high
+    assert interval.width <= answers.TOLERANCE
+    assert len(last.study.runs) == answers.RUNS[0]
+    assert len(last.study.trajectories["leader"]) == answers.SAVED_RUNS
+
+
+def test_bounds_become_narrower(monkeypatch):
+    monkeypatch.setattr(answers, "_PUBLISH", 0.0)
+    published = told(three_members())
+    intervals = [a.distribution.success for a in published if a.distribution is not None]
+    assert len(intervals) > 5
+    for wider, narrower in pairwise(intervals):
+        assert wider.low <= narrower.low + 1e-12
+        assert narrower.high <= wider.high + 1e-12
+
+
+def test_slow_enumeration_is_followed_by_more_runs(monkeypatch):
+    monkeypatch.setattr(answers, "MAX_STATES", 20)
+    monkeypatch.setattr(answers, "RUNS", (50, 100, 200))
+    published = told(three_members())
+    runs = [len(answer.study.runs) for answer in published if answer.study is not None]
+    assert sorted(set(runs)) == [50, 100, 200]
+    interval, proven = published[-1].success
+    assert not proven
+    exact = csw.evaluate(three_members(), "leader", 1e-6).success
+    assert interval.low < exact.midpoint < interval.high
+
+
+def test_search_near_previous_guide_answers_first_and_full_search_decides():
+    scenario = small([(0.0, 0.0)], (6.0, 0.0), [(3.0, 0.6)], 20)
+    previous = csw.plan(scenario, certify=False)
+    below = previous.positions[:, 1].min()
+    assert below < 0 < 0.6
+    moved = scenario.with_values({"hazard.radars": [[3.0, -0.6]]})  # the mirror image
+    published = told(moved, previous=previous)
+    near, full = published[0].guide, published[-1].guide
+    assert len(near.candidates) < len(csw.plan(moved, certify=False).candidates)
+    assert full.risk == pytest.approx(previous.risk, rel=1e-6)
+    assert full.risk <= near.risk
+    assert full.positions[:, 1].max() == pytest.approx(-below, rel=1e-3)
+
+
+@pytest.mark.parametrize("changes", [{"time.dt": 0.3}, {"guide.search": "local"}])
+def test_guide_of_other_steps_or_search_is_not_near(changes):
+    scenario = three_members()
+    previous = csw.plan(scenario, certify=False)
+    assert answers.is_near(scenario, previous)
+    assert not answers.is_near(scenario.with_values(changes), previous)
+
+
+def test_work_is_interrupted_only_after_first_guide():
+    published: list[Answer] = []
+
+    def interrupt():
+        raise Superseded
+
+    with pytest.raises(Superseded):
+        Inquiry(Question(1, three_members(), "leader"), published.append, interrupt).run()
+    assert [answer.guide is not None for answer in published] == [True]
+
+
+def test_scenario_without_guide_says_why():
+    scenario = small([(0.0, 0.0)], (3.0, 0.0), [(1.5, 0.8)], 6, swarm__velocity=[-2.0, 0.0])
+    (answer,) = told(scenario)
+    assert answer.done
+    assert answer.guide is None
+    assert "no guide found" in answer.failure
+
+
+def test_policy_that_does_not_apply_says_why_and_keeps_guide():
+    answer = told(three_members(), "optimal")[-1]
+    assert "two members" in answer.failure or "pair" in answer.failure
+    assert answer.guide.arrives
+    assert answer.success is None
