@@ -215,7 +215,7 @@ def success(rng: Rng) -> Iterator[Check]:
     if scenario.n <= 6:
         yield _climbed(rng, scenario, bound)
     value = csw.ValueFunction.from_scenario(scenario, 100_000, certified=False)
-    best = csw.as_policy(lambda t, x, _v, _a: value.velocities(t, x), "value function")
+    best = csw.as_policy(lambda t, x, _v, _a: value.velocities(t, x), name="value function")
     yield _below(scenario, best, bound)
     for kind in ("toward", "together", "weaving"):
         pushing = _Pushing(scenario, kind, 10 ** rng.uniform(-0.3, 6))

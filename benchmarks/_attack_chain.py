@@ -106,7 +106,7 @@ def limits(rng: Rng) -> Iterator[Check]:
     name = str(rng.choice([*POLICIES, "leader-mpc-3", "constrained-mpc-3", "pushing"]))
     if name == "pushing":
         speed = scenario.swarm.v_max * 10 ** rng.uniform(-1, 9)
-        policy = csw.as_policy(lambda t, x, _v, _a: speed * np.cos(t + 3 * x), name)
+        policy = csw.as_policy(lambda t, x, _v, _a: speed * np.cos(t + 3 * x), name=name)
     else:
         policy = csw.make_policy(name, scenario, guide)
     states = States.initial(scenario, initial_velocities(scenario, guide), 8)

@@ -51,6 +51,10 @@ class PolicyCallError(PolicyError):
     """
 
 
+class EnvError(CasswarmError, ValueError):
+    """An environment for learning that is misconfigured, or stepped with actions it cannot take."""
+
+
 class SolverError(CasswarmError, ValueError):
     """A solver that is unknown, misconfigured, or cannot take the problem it was given."""
 

@@ -148,7 +148,7 @@ def _imported(name: str, time_limit: float | None) -> Any:
         policy = _user_object(name)
     except ImportError as error:
         raise PolicyError(f"policy {name!r}: {error}", policy=name) from error
-    return csw.as_policy(policy, name.partition(":")[2], time_limit)
+    return csw.as_policy(policy, name=name.partition(":")[2], time_limit=time_limit)
 
 
 def named_solver(name: str) -> csw.Solver:

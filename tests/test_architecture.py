@@ -15,7 +15,17 @@ import casswarm
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("casswarm", "problems", "cli")
-HEAVY = {"casadi", "pandas", "matplotlib", "scipy", "numba", "pydantic", "jinja2", "PIL"}
+HEAVY = {
+    "casadi",
+    "pandas",
+    "matplotlib",
+    "scipy",
+    "numba",
+    "pydantic",
+    "jinja2",
+    "PIL",
+    "gymnasium",
+}
 MAX_LINES = 300
 
 

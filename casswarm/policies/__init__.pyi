@@ -3,6 +3,7 @@ from .decision import Decision
 from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy
 from .leader_selection import LEADER_SELECTION
+from .observation import Observation
 from .optimal import OptimalPolicy
 from .planned_paths import JointPolicy, NaivePolicy, ReplanningPolicy
 from .registry import POLICIES, make_policy, member_guides
@@ -18,6 +19,7 @@ __all__ = [
     "LeaderFeedbackPolicy",
     "LeaderPolicy",
     "NaivePolicy",
+    "Observation",
     "OptimalPolicy",
     "Policy",
     "ReplanningPolicy",

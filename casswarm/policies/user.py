@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ from ..errors import PolicyCallError, PolicyError
 from ..typing import BoolArray, FloatArray
 from .base import Policy, is_own
 from .decision import Decision, checked_velocities, policy_call
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
 
 _REPEATED = 8  # states of a batch that a policy is asked twice
 _REPEATED_TOL = 1e-6  # relative to the fastest: what rounding and solvers leave is no randomness
@@ -113,20 +116,38 @@ def repeated(policy: Policy) -> Policy:
     return RepeatedPolicy(policy, policy.name) if users else policy
 
 
-def as_policy(policy: Any, name: str | None = None, time_limit: float | None = None) -> Policy:
-    """Policy from a `Policy`, an object with a method `velocities`, or a function.
+def as_policy(
+    policy: Any,
+    scenario: Scenario | None = None,
+    *,
+    name: str | None = None,
+    time_limit: float | None = None,
+    parameters: Any = None,
+    dtype: Any = None,
+) -> Policy:
+    """Policy from a `Policy`, an object with a method `velocities`, a function, or a learned model.
 
     Parameters
     ----------
-    policy : Policy, object or function
-        The method or function takes (step, positions, previous_velocities, alive), of shapes
-        (B, n, 2), (B, n, 2) and (B, n), and returns velocities (B, n, 2).
+    policy : Policy, object, function or model
+        Without a scenario: the method or function takes (step, positions, previous_velocities,
+        alive), of shapes (B, n, 2), (B, n, 2) and (B, n), and returns velocities (B, n, 2). With
+        one: a function of observations (B, n, d), as of `casswarm.policies.Observation`, that
+        returns velocities (B, n, 2); an object with such a method ``predict``, which is asked for
+        deterministic answers if it takes ``deterministic=True``; a ``torch.nn.Module``, of which
+        a copy is evaluated; or a ``casadi.Function``, see `parameters`.
+    scenario : Scenario, optional
+        Of which a model takes observations.
     name : str, optional
         Name in tables; by default that of the object, the function or the class.
     time_limit : float, optional
         Seconds that a call may take, of all states of a batch; a longer one raises an error. A call
         is interrupted on the main thread of a process, as with ``workers=1`` and in worker
         processes; in other threads, such as Dask's, and on Windows the error comes when it ends.
+    parameters : array_like, optional
+        Parameters of a ``casadi.Function``.
+    dtype : dtype, optional
+        float32 or float64, of observations; by default that of a module's parameters, or float32.
 
     Raises
     ------
@@ -135,10 +156,15 @@ def as_policy(policy: Any, name: str | None = None, time_limit: float | None = N
     ValueError
         A time limit that is not above 0.
     """
+    if isinstance(scenario, str):
+        raise PolicyError(
+            f"the second argument of as_policy is a scenario, not {scenario!r}: the name of a "
+            f"policy is given as name={scenario!r}"
+        )
     if time_limit is not None:
         if not time_limit > 0:
             raise ValueError(f"time_limit = {time_limit!r}; allowed: seconds above 0")
-        unlimited = as_policy(policy, name)
+        unlimited = as_policy(policy, scenario, name=name, parameters=parameters, dtype=dtype)
         return LimitedPolicy(unlimited, unlimited.name, float(time_limit))
     if isinstance(policy, type):
         raise PolicyError(f"{policy.__name__} is a class; pass an instance: {policy.__name__}()")
@@ -146,6 +172,10 @@ def as_policy(policy: Any, name: str | None = None, time_limit: float | None = N
         if not hasattr(policy, "name"):
             raise PolicyError(f"{policy!r} has no name; define one in its class: name = 'mine'")
         return policy
+    if scenario is not None:
+        from .model import model_policy  # which makes a `UserPolicy`
+
+        return model_policy(policy, scenario, name, parameters, dtype)
     function = getattr(policy, "velocities", policy)
     if not callable(function):
         raise PolicyError(

@@ -46,14 +46,14 @@ def policy_list(policies: Any) -> list[Any]:
         if not name.isprintable() or set(name) & set("/\\$") or not name.strip():
             raise PolicyError(
                 f"policy name {name!r}: figures and files need printable characters, without "
-                "slashes and '$'; as_policy(function, name) names a function",
+                "slashes and '$'; as_policy(function, name=...) names a function",
                 policy=name,
             )
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
         raise PolicyError(
             f"policies need different names; repeated: {', '.join(repeated)}; "
-            "as_policy(function, name) names a function",
+            "as_policy(function, name=...) names a function",
             policy=repeated[0],
         )
     if not names:

@@ -38,7 +38,7 @@ def test_scenario_with_odd_name_is_refused(tmp_path, name):
 
 
 def test_policy_with_odd_name_is_refused(tmp_path):
-    code = "import casswarm as csw\n\nodd = csw.as_policy(lambda *_: 0, 'a$x_{$')\n"
+    code = "import casswarm as csw\n\nodd = csw.as_policy(lambda *_: 0, name='a$x_{$')\n"
     (tmp_path / "mine.py").write_text(code)
     options = ("--policy", "mine:odd", "--runs", 2)
     done = casswarm(tmp_path, "simulate", "single-agent", *options, code=2)

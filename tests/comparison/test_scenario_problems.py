@@ -60,7 +60,7 @@ def test_scenario_problems_reject_policies_without_problems_and_counts(scenario)
     for name in ("naive", "joint", "joint-replanning"):
         with pytest.raises(csw.ComparisonError, match=f"policy '{name}' poses no formation"):
             csw.formation_problems(scenario, ["leader", name], runs=2)
-    still = csw.as_policy(lambda *state: 0 * state[1], "still")
+    still = csw.as_policy(lambda *state: 0 * state[1], name="still")
     with pytest.raises(csw.ComparisonError, match="policy 'still': no problem was posed"):
         csw.formation_problems(scenario, still, runs=1)
     with pytest.raises(csw.ComparisonError, match="'single-agent' has a single member"):

@@ -63,7 +63,7 @@ def test_quickstart_removes_the_title_and_prints_success(
     assert figure.get_suptitle()
     exec("\n".join(lines), {"figure": figure})
     assert not figure.get_suptitle()
-    policy = as_policy(lambda _, positions, *__: 0 * positions, "waiting")
+    policy = as_policy(lambda _, positions, *__: 0 * positions, name="waiting")
     study = simulate(SCENARIO, [policy], runs=2, guide=GUIDE)
     exec(next(line for line in page.splitlines() if line.startswith("print(")), {"study": study})
     assert "success" in capsys.readouterr().out

@@ -104,7 +104,7 @@ def test_decision_that_is_none_raises_policy_error(decision: Any, words: str) ->
 @pytest.mark.parametrize("value", ["fast", [[1.0], [1.0, 2.0]], object()])
 def test_velocities_that_are_no_numbers_raise_policy_error(value: Any) -> None:
     with pytest.raises(PolicyCallError, match=r"'odd' returned an object of type .* at step 0"):
-        as_policy(lambda *_: value, "odd").decide(0, *STATES)
+        as_policy(lambda *_: value, name="odd").decide(0, *STATES)
 
 
 def test_slow_policy_is_interrupted_at_its_time_limit() -> None:

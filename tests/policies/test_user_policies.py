@@ -98,7 +98,7 @@ def test_as_policy_name_defaults_to_function_or_class() -> None:
     assert as_policy(straight_on).name == "straight_on"
     assert as_policy(StraightOn()).name == "StraightOn"
     assert as_policy(named).name == "mine"
-    assert as_policy(straight_on, "other").name == "other"
+    assert as_policy(straight_on, name="other").name == "other"
 
 
 def test_as_policy_returns_policy_unchanged() -> None:

@@ -4,6 +4,7 @@ from .grid import UNIT, Relaxation
 from .guide_certificate import certify_guide
 from .pair_bound import PairBound, pair_bound, require_pair
 from .pair_value import PairValueFunction
+from .potential import PotentialFamily
 from .risk_bound import Certificate, Level, certify
 from .success_bound import SuccessBound
 from .value_function import CostToGoMap, ValueFunction
@@ -16,6 +17,7 @@ __all__ = [
     "Level",
     "PairBound",
     "PairValueFunction",
+    "PotentialFamily",
     "Relaxation",
     "SuccessBound",
     "ValueFunction",

@@ -1,0 +1,230 @@
+"""Swarms of a scenario that advance together, each in a run of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._util.jit import contiguous
+from .._util.seeds import require_seed
+from ..errors import EnvError
+from ..hazard.compiled_rates import compiled_rates
+from ..planning.guide import Guide
+from ..planning.plan import initial_velocities, plan
+from ..policies.observation import Observation
+from ..problems.step import Motion
+from ..scenario import Scenario, load_scenario
+from ..typing import BoolArray, FloatArray
+from . import step_kernels
+from .shaping import risk_table
+
+
+@dataclass(frozen=True)
+class Options:
+    """What all environments have in common.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or Path
+        Or a built-in name, or the path of a scenario file.
+    guide : Guide, optional
+        Whose first velocity is V(-1), where the scenario says so; planned by default.
+    dtype : str
+        Of observations: float32 or float64.
+    shaping : bool
+        Whether rewards are shaped, see `casswarm.envs.shaping`.
+    discount : float
+        gamma of the shaping; that of the learner, above 0 and at most 1.
+    """
+
+    scenario: Scenario | str | Path
+    guide: Guide | None = None
+    dtype: Any = "float32"
+    shaping: bool = False
+    discount: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.discount <= 1:
+            raise EnvError(f"discount = {self.discount!r}; allowed: above 0 and at most 1")
+
+
+class SwarmBatch:
+    """B swarms with random numbers of their own.
+
+    The run k of a seed sees the random numbers of the run k of `casswarm.simulate` with this seed.
+
+    Parameters
+    ----------
+    options : Options
+    size : int
+        B.
+
+    Attributes
+    ----------
+    swarms : Swarms
+        Their states.
+    ends : Ends
+        How their last step ended: success, ended, survivors, (B,) each.
+    moves : Moves
+        Their last move, with the number (B,) of velocities that were projected.
+    """
+
+    def __init__(self, options: Options, size: int) -> None:
+        if not isinstance(size, int | np.integer) or size < 1:
+            raise EnvError(f"num_envs = {size!r}; allowed: whole numbers from 1")
+        given = options.scenario
+        self.scenario = given if isinstance(given, Scenario) else load_scenario(given)
+        self.size, self.discount = int(size), options.discount
+        self.observation = Observation.from_scenario(self.scenario, options.dtype)
+        self._initial_velocities = _initial_velocities(self.scenario, options.guide)
+        self._table = risk_table(self.scenario) if options.shaping else None
+        self._rates = compiled_rates(self.scenario.hazard, self.scenario.n)
+        n, shape = self.scenario.n, (self.size, self.scenario.n, 2)
+        self.swarms = step_kernels.Swarms(
+            positions=np.zeros(shape),
+            velocities=np.zeros(shape),
+            alive=np.zeros(shape[:2], bool),
+            steps=np.zeros(self.size, np.int64),
+            seeds=np.zeros(self.size, np.uint64),
+            runs=np.zeros(self.size, np.uint64),
+        )
+        counts = np.zeros((2, self.size), np.int64)
+        self.moves = step_kernels.Moves(
+            positions=np.zeros(shape),
+            velocities=np.zeros(shape),
+            rates=np.zeros(shape[:2]),
+            saturated=counts[0],
+        )
+        self.ends = step_kernels.Ends(
+            success=np.zeros(self.size, bool), ended=np.ones(self.size, bool), survivors=counts[1]
+        )
+        self._potentials: FloatArray = np.zeros(self.size)
+        self._work = np.empty((1, 10)), np.empty(n)
+
+    @cached_property
+    def _limits(self) -> step_kernels.Limits:
+        motion, target = Motion.from_scenario(self.scenario), self.scenario.target
+        return step_kernels.Limits(
+            motion.v_max,
+            motion.max_change,
+            motion.dt,
+            *target.center,
+            target.radius,
+            self.scenario.n_steps,
+        )
+
+    def seed(self, seed: int, rows: BoolArray) -> None:
+        """Let swarm k of the given ones begin with the run k of a seed, at its next `begin`."""
+        self.swarms.seeds[rows] = np.uint64(require_seed(seed))
+        # `begin` adds the number of swarms
+        self.swarms.runs[rows] = np.flatnonzero(rows).astype(np.uint64) - np.uint64(self.size)
+
+    def begin(self, rows: BoolArray) -> None:
+        """Begin the next run in the given swarms (B,): B runs after the present one."""
+        swarms, which = self.swarms, np.flatnonzero(rows)
+        swarms.runs[which] += np.uint64(self.size)
+        swarms.positions[which] = self.scenario.positions
+        swarms.velocities[which] = self._initial_velocities
+        swarms.alive[which], swarms.steps[which] = True, 0
+        self.ends.success[which], self.ends.ended[which] = False, False
+        self.ends.survivors[which], self.moves.saturated[which] = self.scenario.n, 0
+        self._write_potentials()
+
+    def observe(self) -> NDArray[Any]:
+        """Observations (B, n, d), a new array."""
+        swarms = self.swarms
+        return self.observation(swarms.steps, swarms.positions, swarms.velocities, swarms.alive)
+
+    def step(self, actions: ArrayLike, active: BoolArray) -> FloatArray:
+        """Advance the active swarms (B,) by velocities (B, n, 2); return the rewards (B,).
+
+        Raises
+        ------
+        EnvError
+            A run that has ended, or actions of the wrong shape, or not finite for a living member;
+            no swarm has moved then.
+        HazardError
+            Rates that are negative or not finite.
+        """
+        self._require_running(active)
+        velocities = self._checked(actions)
+        swarms, moves, limits = self.swarms, self.moves, self._limits
+        sets, draws = self._work
+        first = step_kernels.move(velocities, active, swarms, limits, sets, moves)
+        if first >= 0:
+            raise self._not_finite(velocities, *divmod(first, self.scenario.n))
+        self._write_rates(active)
+        step_kernels.advance(active, swarms, moves, limits, draws, self.ends)
+        rewards = (self.ends.success & active).astype(np.float64)
+        if self._table is not None:
+            before = self._potentials.copy()
+            self._write_potentials()
+            rewards[active] += (self.discount * self._potentials - before)[active]
+        return rewards
+
+    def _write_potentials(self) -> None:
+        if self._table is not None:
+            from .shaping_kernels import write_potentials
+
+            swarms = self.swarms
+            state = swarms.steps, swarms.positions, swarms.alive, self.ends.ended
+            write_potentials(self._table, *state, self._potentials)
+
+    def _write_rates(self, active: BoolArray) -> None:
+        """Write the rates where the active swarms move."""
+        moves, alive = self.moves, self.swarms.alive
+        if self._rates is not None and self._rates(moves.positions, alive, moves.rates):
+            return
+        hazard = self.scenario.hazard  # whose rates are checked
+        moves.rates[active] = hazard.rates(moves.positions[active], alive[active])
+
+    def _require_running(self, active: BoolArray) -> None:
+        over = np.flatnonzero(self.ends.ended & active)
+        if over.size:
+            which = ", ".join(map(str, over[:5])) + (", ..." if over.size > 5 else "")
+            raise EnvError(
+                f"step after the end, or before the first reset, of {over.size} of {self.size} "
+                f"runs (environment {which}): call reset, for some of several environments with "
+                "options={'reset_mask': mask}",
+                environments=over,
+            )
+
+    def _checked(self, actions: ArrayLike) -> FloatArray:
+        """The actions as an array (B, n, 2)."""
+        shape = self.swarms.positions.shape
+        try:
+            velocities = np.asarray(actions, float)
+        except (TypeError, ValueError):
+            raise EnvError(
+                f"actions are an object of type {type(actions).__name__}; expected an array of "
+                f"velocities {shape}: (environments, members, 2)"
+            ) from None
+        if velocities.shape != shape:
+            raise EnvError(
+                f"actions have shape {velocities.shape}; expected {shape}: "
+                "(environments, members, 2)",
+                shape=velocities.shape,
+                expected=shape,
+            )
+        return contiguous(velocities)
+
+    def _not_finite(self, velocities: FloatArray, state: int, member: int) -> EnvError:
+        velocity = velocities[state, member]
+        return EnvError(
+            f"the action of member {member} in environment {state} is {velocity}; velocities of "
+            "living members must be finite",
+            environment=state,
+            member=member,
+            action=velocity,
+        )
+
+
+def _initial_velocities(scenario: Scenario, guide: Guide | None) -> FloatArray:
+    if scenario.swarm.velocity != "guide":
+        return np.tile(np.asarray(scenario.swarm.velocity, float), (scenario.n, 1))
+    return initial_velocities(scenario, guide or plan(scenario, certify=False))

@@ -1,0 +1,162 @@
+"""One swarm as a PettingZoo `ParallelEnv`, an agent for every member."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+
+from .._util.extras import require_extra
+from ..errors import EnvError
+from ..planning.guide import Guide
+from ..scenario import Scenario
+from .rendering import RENDER_FPS, RENDER_MODES
+from .spaces import action_space, member_space, observation_space
+from .vector_env import SwarmVectorEnv
+
+require_extra("rl", "pettingzoo")
+
+from pettingzoo import ParallelEnv  # noqa: E402  (an error of ours comes first)
+
+
+class SwarmParallelEnv(ParallelEnv[str, NDArray[Any], NDArray[Any]]):
+    """A swarm of agents "member_0", ..., "member_(n-1)", which leave `agents` when destroyed.
+
+    Every agent receives the reward of the swarm for as long as it lives, in the step of its
+    destruction, too. All leave when the run ends.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or Path
+    guide, dtype, shaping, discount, render_mode
+        As of `SwarmVectorEnv`.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "name": "casswarm_swarm_v0",
+        "render_modes": list(RENDER_MODES),
+        "render_fps": RENDER_FPS,
+        "is_parallelizable": True,
+    }
+
+    def __init__(
+        self,
+        scenario: Scenario | str | Path,
+        *,
+        guide: Guide | None = None,
+        dtype: Any = "float32",
+        shaping: bool = False,
+        discount: float = 1.0,
+        render_mode: str | None = None,
+    ) -> None:
+        self.vector = SwarmVectorEnv(
+            scenario,
+            guide=guide,
+            dtype=dtype,
+            shaping=shaping,
+            discount=discount,
+            autoreset_mode="Disabled",
+            render_mode=render_mode,
+        )
+        self.scenario, self.render_mode = self.vector.scenario, render_mode
+        self.possible_agents = [f"member_{i}" for i in range(self.scenario.n)]
+        self.agents: list[str] = []
+        observation = self.vector.batch.observation
+        self.observation_spaces, self.action_spaces = (
+            {agent: member_space(space, i) for i, agent in enumerate(self.possible_agents)}
+            for space in (observation_space(observation), action_space(observation))
+        )
+
+    def observation_space(self, agent: str) -> Box:
+        """Box (d,) of an agent's observations."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> Box:
+        """Box (2,) of an agent's velocities."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,  # noqa: ARG002  (of the interface)
+    ) -> tuple[dict[str, NDArray[Any]], dict[str, dict[str, Any]]]:
+        """Begin run 0 of a seed, or the next run: see `SwarmVectorEnv.reset`."""
+        observations, infos = self.vector.reset(seed=seed)
+        self.agents = list(self.possible_agents)
+        return self._by_agent(observations[0]), self._infos(infos)
+
+    def step(
+        self, actions: dict[str, NDArray[Any]]
+    ) -> tuple[
+        dict[str, NDArray[Any]],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        """Advance by the velocities (2,) of all agents: see `SwarmVectorEnv.step`.
+
+        Raises
+        ------
+        EnvError
+            The agents of the actions are not those of `agents`; and as `SwarmVectorEnv.step`.
+        """
+        observations, rewards, terminated, _, infos = self.vector.step(self._velocities(actions))
+        agents = self.agents
+        ended = {a: bool(terminated[0]) or not self._alive(a) for a in agents}
+        result = (
+            self._by_agent(observations[0]),
+            dict.fromkeys(agents, float(rewards[0])),
+            ended,
+            dict.fromkeys(agents, False),
+            self._infos(infos),
+        )
+        self.agents = [agent for agent in agents if not ended[agent]]
+        return result
+
+    def state(self) -> NDArray[Any]:
+        """Observations (n, d) of all members, zeros for the destroyed."""
+        return np.asarray(self.vector.batch.observe()[0])
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """A picture (height, width, 3); None without a render mode."""
+        pictures = self.vector.render()
+        return None if pictures is None else pictures[0]
+
+    def _velocities(self, actions: dict[str, NDArray[Any]]) -> NDArray[Any]:
+        """The actions as velocities (1, n, 2), zero for the destroyed."""
+        if self.agents and set(actions) != set(self.agents):
+            raise EnvError(
+                f"actions are of {sorted(actions)}; expected one of every living agent, "
+                f"{sorted(self.agents)}"
+            )
+        velocities = np.zeros((1, self.scenario.n, 2))
+        for agent, action in actions.items():
+            value = np.asarray(action)
+            if value.shape != (2,):
+                raise EnvError(f"the action of {agent} has shape {value.shape}; expected (2,)")
+            velocities[0, self.possible_agents.index(agent)] = value
+        return velocities
+
+    def _alive(self, agent: str) -> bool:
+        alive = self.vector.batch.swarms.alive
+        return bool(alive[0, self.possible_agents.index(agent)])
+
+    def _by_agent(self, observations: NDArray[Any]) -> dict[str, NDArray[Any]]:
+        every = dict(zip(self.possible_agents, observations, strict=True))
+        return {agent: every[agent].copy() for agent in self.agents}
+
+    def _infos(self, infos: dict[str, Any]) -> dict[str, dict[str, Any]]:
+        return {
+            agent: {
+                "run": int(infos["run"][0]),
+                "step": int(infos["step"][0]),
+                "alive": self._alive(agent),
+                "success": bool(infos["success"][0]),
+                "saturated": int(infos["saturated"][0]),
+            }
+            for agent in self.agents
+        }

@@ -1,0 +1,158 @@
+"""A step of many swarms at once: velocities made feasible, survivors drawn, runs ended.
+
+The transition of `casswarm.chain.transition` and the draws of `casswarm.chain.random_streams`, for
+swarms that may be at different steps of different runs.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._util.constants import SPEED_TOL
+from .._util.jit import kernel
+from ..chain.random_stream_kernels import write_uniforms
+from ..chain.transition import SATURATION_TOL
+from ..optimization.feasible_sets.planar_kernels import projected, violation
+from ..problems.step_kernels import motion_set
+from ..typing import BoolArray, FloatArray, IntArray
+
+_ROUNDING = 2.0**-50  # more than the error of 1 - risk
+
+
+class Swarms(NamedTuple):
+    """State of B swarms of n members; the entries of the destroyed are zero.
+
+    Parameters
+    ----------
+    positions, velocities : (B, n, 2)
+        X(t) and V(t-1).
+    alive : (B, n) bool
+    steps : (B,) int
+        t.
+    seeds, runs : (B,) uint64
+        Of the random numbers.
+    """
+
+    positions: FloatArray
+    velocities: FloatArray
+    alive: BoolArray
+    steps: IntArray
+    seeds: Any
+    runs: Any
+
+
+class Moves(NamedTuple):
+    """Where B swarms move: V(t) and X(t+1), rates there, and velocities that were projected.
+
+    Parameters
+    ----------
+    positions, velocities : (B, n, 2)
+    rates : (B, n)
+    saturated : (B,) int
+    """
+
+    positions: FloatArray
+    velocities: FloatArray
+    rates: FloatArray
+    saturated: IntArray
+
+
+class Limits(NamedTuple):
+    """Limits of motion, and the target and the horizon at which runs end."""
+
+    v_max: float
+    max_change: float
+    dt: float
+    east: float
+    north: float
+    radius: float
+    n_steps: int
+
+
+class Ends(NamedTuple):
+    """How a step ended: whether a member arrived, whether the run is over, and who is left."""
+
+    success: BoolArray
+    ended: BoolArray
+    survivors: IntArray
+
+
+@kernel
+def move(
+    actions: FloatArray,
+    active: BoolArray,
+    swarms: Swarms,
+    limits: Limits,
+    sets: FloatArray,
+    moves: Moves,
+) -> int:
+    """Write where the active swarms move; return the first action that is not finite, or -1.
+
+    The return value is the index of the state times n plus that of the member. `sets` (1, 10) is
+    overwritten.
+    """
+    n = len(swarms.alive[0])
+    for b in range(active.size):
+        moves.saturated[b] = 0
+        if not active[b]:
+            continue
+        for i in range(n):
+            if not swarms.alive[b, i]:
+                moves.velocities[b, i, 0], moves.velocities[b, i, 1] = 0.0, 0.0
+                moves.positions[b, i, 0], moves.positions[b, i, 1] = 0.0, 0.0
+                continue
+            vx, vy = actions[b, i, 0], actions[b, i, 1]
+            if not (math.isfinite(vx) and math.isfinite(vy)):
+                return b * n + i
+            previous = swarms.velocities[b, i]
+            motion_set(previous[0], previous[1], limits.v_max, limits.max_change, sets, 0)
+            excess = violation(vx, vy, sets, 0) / limits.v_max
+            if excess > SPEED_TOL:
+                vx, vy, _ = projected(vx, vy, sets, 0)
+            if excess > SATURATION_TOL:
+                moves.saturated[b] += 1
+            moves.velocities[b, i, 0], moves.velocities[b, i, 1] = vx, vy
+            moves.positions[b, i, 0] = swarms.positions[b, i, 0] + limits.dt * vx
+            moves.positions[b, i, 1] = swarms.positions[b, i, 1] + limits.dt * vy
+    return -1
+
+
+@kernel
+def advance(
+    active: BoolArray,
+    swarms: Swarms,
+    moves: Moves,
+    limits: Limits,
+    draws: FloatArray,
+    ends: Ends,
+) -> None:
+    """Draw the survivors of the active swarms and advance them; `draws` (n,) is overwritten.
+
+    A run ends with the first arrival of a living member, the last destruction, or the horizon.
+    """
+    for b in range(active.size):
+        if not active[b]:
+            continue
+        write_uniforms(swarms.seeds[b], np.uint64(swarms.steps[b]), swarms.runs[b], draws)
+        survivors, arrived = 0, False
+        for i in range(draws.size):
+            risk = limits.dt * moves.rates[b, i]
+            # 1 - risk is below exp(-risk), so that most need no exponential
+            survives = draws[i] < 1.0 - risk - _ROUNDING or draws[i] < math.exp(-risk)
+            alive = swarms.alive[b, i] and survives
+            swarms.alive[b, i] = alive
+            for axis in range(2):
+                swarms.positions[b, i, axis] = moves.positions[b, i, axis] if alive else 0.0
+                swarms.velocities[b, i, axis] = moves.velocities[b, i, axis] if alive else 0.0
+            if alive:
+                survivors += 1
+                east = moves.positions[b, i, 0] - limits.east
+                north = moves.positions[b, i, 1] - limits.north
+                if max(abs(east), abs(north)) <= limits.radius:  # most need no root
+                    arrived = arrived or math.hypot(east, north) <= limits.radius
+        swarms.steps[b] += 1
+        ends.success[b], ends.survivors[b] = arrived, survivors
+        ends.ended[b] = arrived or survivors == 0 or swarms.steps[b] >= limits.n_steps

@@ -1,0 +1,175 @@
+"""What a learned policy sees of a state: an array of fixed shape, for batches of states.
+
+Each member has a row of d = 6 + 2 k + 5 (n - 1) numbers, with k radars:
+
+- ``alive``: 1;
+- ``time_left``: (N - t) / N, the fraction of the steps that are left;
+- ``position``: X_i - c over the length L, with c the centre of the target;
+- ``velocity``: V_i(t-1) / v_max;
+- ``radars``: for every radar l its position from the member, (x_l - X_i) / L;
+- ``others``: for every other member j, in the order of their indices, five numbers: 1,
+  (X_j - X_i) / L, V_j(t-1) / v_max; zeros if it was destroyed.
+
+The row of a destroyed member is zero. The length L is the largest distance of a member from c
+at the start, or the target's radius if that is larger: observations do not depend on units, and
+not on where the origin is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._util.jit import contiguous
+from ..errors import PolicyError
+from ..typing import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+DTYPES = ("float32", "float64")
+"""Types of the numbers of an observation."""
+
+_OWN, _RADAR, _OTHER = 6, 2, 5  # numbers for a member itself, a radar, and another member
+_ROUNDING = 1e-6  # of bounds, relative: observations may be in single precision
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """The observation of a scenario's states.
+
+    Parameters
+    ----------
+    n, n_steps : int
+    center : (2,)
+        Of the target.
+    length, v_max : float
+        Units of positions and velocities.
+    radars, starts : (k, 2), (n, 2)
+    reach : float
+        Largest change of a coordinate by the end.
+    dtype : str
+        Of `DTYPES`.
+    """
+
+    n: int
+    n_steps: int
+    center: tuple[float, float]
+    length: float
+    v_max: float
+    radars: FloatArray
+    starts: FloatArray
+    reach: float
+    dtype: str
+
+    @classmethod
+    def from_scenario(cls, scenario: Scenario, dtype: Any = "float32") -> Observation:
+        """Observation of the states of a scenario.
+
+        Raises
+        ------
+        PolicyError
+            A dtype that is neither float32 nor float64.
+        """
+        try:
+            name = np.dtype(dtype).name
+        except TypeError:
+            name = ""
+        if name not in DTYPES:
+            raise PolicyError(f"dtype = {dtype!r}; allowed: {' or '.join(DTYPES)}", dtype=dtype)
+        distances = scenario.target.distances(scenario.positions)
+        return cls(
+            n=scenario.n,
+            n_steps=scenario.n_steps,
+            center=scenario.target.center,
+            length=float(max(distances.max(), scenario.target.radius)),
+            v_max=scenario.swarm.v_max,
+            radars=scenario.hazard.radar_positions.reshape(-1, 2).astype(float),
+            starts=scenario.positions,
+            reach=scenario.n_steps * scenario.time.dt * scenario.swarm.v_max,
+            dtype=name,
+        )
+
+    @property
+    def size(self) -> int:
+        """Numbers d of a member's row."""
+        return _OWN + _RADAR * len(self.radars) + _OTHER * (self.n - 1)
+
+    @property
+    def slices(self) -> dict[str, slice]:
+        """Where the parts of a row are, by name."""
+        radars = _OWN + _RADAR * len(self.radars)
+        return {
+            "alive": slice(0, 1),
+            "time_left": slice(1, 2),
+            "position": slice(2, 4),
+            "velocity": slice(4, 6),
+            "radars": slice(6, radars),
+            "others": slice(radars, self.size),
+        }
+
+    def __call__(
+        self,
+        steps: int | IntArray,
+        positions: FloatArray,
+        previous_velocities: FloatArray,
+        alive: BoolArray,
+    ) -> NDArray[Any]:
+        """Observations (B, n, d) of B states, a new array.
+
+        Parameters
+        ----------
+        steps : int or (B,) int
+            t, of all states or of each.
+        positions, previous_velocities : (B, n, 2)
+            X(t) and V(t-1).
+        alive : (B, n) bool
+        """
+        from .observation_kernels import Frame, write_observations  # Numba takes a second to import
+
+        observations = np.empty((*alive.shape, self.size), self.dtype)
+        each = np.full(len(alive), steps) if np.ndim(steps) == 0 else np.asarray(steps)
+        write_observations(
+            Frame(*self.center, self.length, self.v_max, self.n_steps, self._radars),
+            contiguous(each),
+            contiguous(positions),
+            contiguous(previous_velocities),
+            contiguous(alive),
+            np.empty((self.n, 4)),
+            observations.reshape(-1),
+        )
+        return observations
+
+    @cached_property
+    def _radars(self) -> FloatArray:
+        """Radars (k, 2) relative to the target, in lengths."""
+        return contiguous((self.radars - self.center) / self.length)
+
+    def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Least and greatest observations (n, d) of all states that can be reached."""
+        n, between = self.n, self.starts[None] - self.starts[:, None]
+        unit, speed = np.full((n, 2), 0.5), np.zeros((n, 2))
+        others = np.zeros((n, n - 1, _OTHER))
+        others[..., 0] = 0.5
+        others[..., 1:3] = between[~np.eye(n, dtype=bool)].reshape(n, n - 1, 2) / self.length
+        radars = (self.radars[None] - self.starts[:, None]) / self.length
+        middle = np.hstack(
+            [
+                *(unit, (self.starts - self.center) / self.length, speed),
+                *(radars.reshape(n, -1), others.reshape(n, -1)),
+            ]
+        )
+        reach = self.reach / self.length
+        other = [0.5, 2 * reach, 2 * reach, 1.0, 1.0]
+        spread = np.array(
+            [0.5, 0.5, reach, reach, 1.0, 1.0, *[reach] * radars[0].size, *other * (n - 1)]
+        )
+        spread = spread + _ROUNDING * (np.abs(middle) + spread)
+        return (
+            np.minimum(middle - spread, 0.0).astype(self.dtype),  # the destroyed have zeros
+            np.maximum(middle + spread, 0.0).astype(self.dtype),
+        )

@@ -1,0 +1,204 @@
+"""Learned models as policies: in `simulate`, in `evaluate`, and what is wrong with some."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+import types
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from small_scenarios import three_members
+
+import casswarm as csw
+from casswarm.policies import Observation
+
+SMALL = three_members(swarm__velocity=[1.0, 0.2])
+OBSERVATION = Observation.from_scenario(SMALL)
+POSITION, OTHERS = OBSERVATION.slices["position"], OBSERVATION.slices["others"]
+
+
+def gather(observations: Any) -> Any:
+    """Towards the target, and towards the first neighbour."""
+    return -1.6 * observations[..., POSITION] + 2.0 * observations[..., OTHERS][..., 1:3]
+
+
+class Linear:
+    """A model with weights."""
+
+    def __init__(self) -> None:
+        self.weights = np.zeros((OBSERVATION.size, 2), np.float32)
+        self.weights[POSITION] = -1.6 * np.eye(2)
+        self.calls: list[Any] = []
+
+    def __call__(self, observations: Any) -> Any:
+        self.calls.append(observations.shape)
+        return observations @ self.weights
+
+
+class Predictor(Linear):
+    """A model as of Stable-Baselines3."""
+
+    __call__ = None  # type: ignore[assignment]
+
+    def predict(self, observation: Any, state: Any = None, deterministic: bool = False) -> Any:
+        noise = 0.0 if deterministic else np.random.default_rng().normal()
+        return observation @ self.weights + noise, state
+
+
+@pytest.fixture(scope="module")
+def guide() -> csw.Guide:
+    return csw.plan(SMALL, certify=False)
+
+
+def test_model_is_evaluated_exactly_and_sampled(guide: csw.Guide) -> None:
+    policy = csw.as_policy(gather, SMALL)
+    assert policy.name == "gather"
+    exact = csw.evaluate(SMALL, policy, tolerance=1e-2, guide=guide).success
+    assert exact.width <= 1e-2
+    study = csw.simulate(SMALL, [policy, "leader"], runs=500, seed=3, guide=guide)
+    row = study.summary.set_index("policy").loc["gather"]
+    assert row["success_low"] <= exact.midpoint <= row["success_high"]
+    assert exact.low <= csw.success_bound(SMALL).value
+    assert study.summary["policy"].tolist() == ["gather", "leader"]
+
+
+def test_model_equals_the_function_that_it_computes(guide: csw.Guide) -> None:
+    def by_hand(step: int, positions: Any, velocities: Any, alive: Any) -> Any:  # noqa: ARG001
+        return -1.6 * (positions - np.array(SMALL.target.center)) / OBSERVATION.length
+
+    model = csw.as_policy(Linear(), SMALL, name="model", dtype="float64")
+    hand, found = (
+        csw.evaluate(SMALL, policy, tolerance=1e-2, guide=guide) for policy in (by_hand, model)
+    )
+    np.testing.assert_allclose(found.success, hand.success, atol=1e-6)
+
+
+def test_model_is_called_once_for_a_batch() -> None:
+    model = Linear()
+    policy = csw.as_policy(model, SMALL)
+    state = np.zeros((7, 3, 2)), np.zeros((7, 3, 2)), np.ones((7, 3), bool)
+    assert policy.velocities(0, *state).shape == (7, 3, 2)
+    assert model.calls == [(7, 3, OBSERVATION.size)]
+
+
+def test_predict_is_asked_for_deterministic_answers(guide: csw.Guide) -> None:
+    model = csw.as_policy(Predictor(), SMALL)
+    assert model.name == "Predictor"
+    linear = csw.as_policy(Linear(), SMALL, name="Predictor")
+    first, second = (
+        csw.evaluate(SMALL, policy, tolerance=1e-3, guide=guide) for policy in (model, linear)
+    )
+    assert first.success == second.success
+
+
+def test_random_model_is_refused_by_evaluate(guide: csw.Guide) -> None:
+    rng = np.random.default_rng(0)
+    policy = csw.as_policy(lambda o: rng.normal(size=(*o.shape[:2], 2)), SMALL, name="noise")
+    assert len(csw.simulate(SMALL, policy, runs=5, guide=guide).runs) == 5
+    with pytest.raises(csw.PolicyCallError, match="answers the same state differently"):
+        csw.evaluate(SMALL, policy, guide=guide)
+
+
+def test_model_can_be_pickled() -> None:
+    policy = csw.as_policy(Linear(), SMALL)
+    state = np.full((2, 3, 2), 0.3), np.zeros((2, 3, 2)), np.ones((2, 3), bool)
+    copied = pickle.loads(pickle.dumps(policy))
+    np.testing.assert_array_equal(copied.velocities(2, *state), policy.velocities(2, *state))
+
+
+@pytest.mark.slow
+def test_model_can_be_sent_to_workers(guide: csw.Guide) -> None:
+    policy = csw.as_policy(Linear(), SMALL)
+    one, two = (
+        csw.simulate(SMALL, policy, runs=40, workers=workers, guide=guide).runs
+        for workers in (1, 2)
+    )
+    assert one.equals(two)
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        (lambda o: o[0], r"velocities of shape \(3, 18\) at step 0; expected \(1, 3, 2\)"),
+        (lambda o: np.full((*o.shape[:2], 2), np.nan), "velocities must be finite"),
+        (lambda _: None, r"velocities of shape \(\) at step 0"),
+        (lambda o: o @ np.ones((3, 2)), "failed at step 0: ValueError"),
+    ],
+)
+def test_model_with_bad_actions_raises(model: Any, message: str) -> None:
+    policy = csw.as_policy(model, SMALL, name="bad")
+    with pytest.raises(csw.PolicyCallError, match=message):
+        policy.decide(0, SMALL.positions, np.zeros((3, 2)), np.ones(3, bool))
+
+
+def test_as_policy_with_wrong_arguments_raises() -> None:
+    with pytest.raises(csw.PolicyError, match="is not a model: expected a function of obs"):
+        csw.as_policy(3, SMALL)
+    with pytest.raises(csw.PolicyError, match="name='mine'"):
+        csw.as_policy(gather, "mine")  # type: ignore[arg-type]
+    with pytest.raises(csw.PolicyError, match=r"parameters are for a casadi\.Function"):
+        csw.as_policy(gather, SMALL, parameters=[1.0])
+    with pytest.raises(TypeError, match=r"as_policy\(\) needs a Scenario"):
+        csw.as_policy(gather, 3)  # type: ignore[arg-type]
+    with pytest.raises(csw.PolicyError, match="allowed: float32 or float64"):
+        csw.as_policy(gather, SMALL, dtype="int8")
+
+
+def test_time_limit_holds_for_models_too() -> None:
+    policy = csw.as_policy(gather, SMALL, time_limit=60)
+    assert policy.velocities(0, SMALL.positions, np.zeros((3, 2)), np.ones(3, bool)).shape == (3, 2)
+
+
+def test_casadi_function_is_a_parametric_policy(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = types.ModuleType("casswarm.policies.parametric")
+    module.ParametricPolicy = lambda *given, **options: (given, options)  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "casswarm.policies.parametric", module)
+    x = ca.SX.sym("x", 2)
+    function: Any = ca.Function("f", [x], [x])
+    made: Any = csw.as_policy(function, SMALL, parameters=[1.0], name="mine")
+    assert made == ((function, [1.0], SMALL), {"name": "mine"})
+
+
+@pytest.mark.slow
+def test_casadi_function_is_evaluated_exactly(guide: csw.Guide) -> None:
+    pytest.importorskip("casswarm.policies.parametric")
+    step, gain, alive = ca.MX.sym("step"), ca.MX.sym("gain"), ca.MX.sym("alive", 3)
+    positions, velocities = ca.MX.sym("positions", 3, 2), ca.MX.sym("velocities", 3, 2)
+    to_target = ca.repmat(ca.DM(SMALL.target.center).T, 3, 1) - positions
+    state = [step, positions, velocities, alive, gain]
+    policy = csw.as_policy(ca.Function("f", state, [gain * to_target]), SMALL, parameters=[0.4])
+
+    def by_hand(step: int, positions: Any, velocities: Any, alive: Any) -> Any:  # noqa: ARG001
+        return 0.4 * (np.array(SMALL.target.center) - positions)
+
+    exact, expected = (
+        csw.evaluate(SMALL, p, tolerance=1e-2, guide=guide).success for p in (policy, by_hand)
+    )
+    np.testing.assert_allclose(exact, expected, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_torch_module_is_evaluated_as_it_was() -> None:
+    torch = pytest.importorskip("torch")
+    module = torch.nn.Sequential(
+        torch.nn.Linear(OBSERVATION.size, 8),
+        torch.nn.Tanh(),
+        torch.nn.Dropout(),
+        torch.nn.Linear(8, 2),
+    )
+    policy = csw.as_policy(module, SMALL)
+    assert policy.name == "Sequential"
+    state = np.full((4, 3, 2), 0.3), np.zeros((4, 3, 2)), np.ones((4, 3), bool)
+    before = policy.velocities(0, *state)
+    with torch.no_grad():
+        for parameter in module.parameters():
+            parameter.add_(1.0)
+    np.testing.assert_array_equal(policy.velocities(0, *state), before)  # also without dropout
+    assert module.training
+    double = csw.as_policy(module.double(), SMALL)
+    assert double.function.observation.dtype == "float64"  # type: ignore[attr-defined]
+    copied = pickle.loads(pickle.dumps(policy))
+    np.testing.assert_array_equal(copied.velocities(0, *state), before)
