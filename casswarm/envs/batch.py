@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._util.constants import SPEED_TOL
 from .._util.jit import contiguous
 from .._util.seeds import require_seed
+from ..chain.transition import SATURATION_TOL
 from ..errors import EnvError
 from ..hazard.compiled_rates import compiled_rates
 from ..planning.guide import Guide
@@ -112,6 +114,8 @@ class SwarmBatch:
         return step_kernels.Limits(
             motion.v_max,
             motion.max_change,
+            SPEED_TOL,
+            SATURATION_TOL,
             motion.dt,
             *target.center,
             target.radius,

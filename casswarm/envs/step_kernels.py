@@ -11,10 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._util.constants import SPEED_TOL
 from .._util.jit import kernel
 from ..chain.random_stream_kernels import write_uniforms
-from ..chain.transition import SATURATION_TOL
 from ..optimization.feasible_sets.planar_kernels import projected, violation
 from ..problems.step_kernels import motion_set
 from ..typing import BoolArray, FloatArray, IntArray
@@ -61,10 +59,16 @@ class Moves(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Limits of motion, and the target and the horizon at which runs end."""
+    """Limits of motion with their tolerances, and the target and the horizon at which runs end.
+
+    Velocities are executed as they are up to an excess of `allowed`, and counted above `counted`,
+    both relative to v_max.
+    """
 
     v_max: float
     max_change: float
+    allowed: float
+    counted: float
     dt: float
     east: float
     north: float
@@ -110,9 +114,9 @@ def move(
             previous = swarms.velocities[b, i]
             motion_set(previous[0], previous[1], limits.v_max, limits.max_change, sets, 0)
             excess = violation(vx, vy, sets, 0) / limits.v_max
-            if excess > SPEED_TOL:
+            if excess > limits.allowed:
                 vx, vy, _ = projected(vx, vy, sets, 0)
-            if excess > SATURATION_TOL:
+            if excess > limits.counted:
                 moves.saturated[b] += 1
             moves.velocities[b, i, 0], moves.velocities[b, i, 1] = vx, vy
             moves.positions[b, i, 0] = swarms.positions[b, i, 0] + limits.dt * vx
