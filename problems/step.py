@@ -70,6 +70,37 @@ class Motion:
         """
         return self.sets(previous_velocities).project((goals - positions) / self.dt)
 
+    def project_adjoint(
+        self,
+        commanded: FloatArray,
+        previous_velocities: FloatArray,
+        projected: FloatArray,
+        seeds: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Products of seeds with the derivatives of a projection; all arrays are (..., 2).
+
+        Parameters
+        ----------
+        commanded, previous_velocities : (..., 2)
+            What was projected, and the velocities before.
+        projected : (..., 2)
+            ``sets(previous_velocities).project(commanded)``.
+        seeds : (..., 2)
+            Derivatives with respect to `projected`.
+
+        Returns
+        -------
+        to_commanded, to_previous : (..., 2)
+            Derivatives with respect to `commanded` and `previous_velocities`.
+        """
+        from .step_derivative_kernels import project_adjoint  # Numba takes a second to import
+
+        given = (commanded, previous_velocities, projected, seeds)
+        flat = [contiguous(array.reshape(-1, 2)) for array in given]
+        results = np.empty_like(flat[0]), np.empty_like(flat[0])
+        project_adjoint(*flat[:3], self.v_max, flat[3], *results)
+        return results[0].reshape(seeds.shape), results[1].reshape(seeds.shape)
+
     def misses(
         self, positions: FloatArray, velocities: FloatArray, goals: FloatArray, radius: float = 0.0
     ) -> BoolArray:

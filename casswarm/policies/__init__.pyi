@@ -4,6 +4,7 @@ from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
 from .formation import ConstrainedPolicy, LeaderPolicy
 from .leader_selection import LEADER_SELECTION
 from .optimal import OptimalPolicy
+from .parametric import ParametricPolicy
 from .planned_paths import JointPolicy, NaivePolicy, ReplanningPolicy
 from .registry import POLICIES, make_policy, member_guides
 from .user import UserPolicy, as_policy
@@ -19,6 +20,7 @@ __all__ = [
     "LeaderPolicy",
     "NaivePolicy",
     "OptimalPolicy",
+    "ParametricPolicy",
     "Policy",
     "ReplanningPolicy",
     "UserPolicy",
