@@ -1,10 +1,10 @@
 """The success of a policy and its gradient, along all histories of losses that are followed.
 
-The state at a step is a smooth function of the parameters for every history of losses, but for kinks
-of measure zero, and so are the probabilities of the histories. A forward sweep enumerates the
-states, step by step; a backward sweep gives the value of every state and its derivatives (the
-adjoint recursion of ``docs/policy-gradients.md``). Equal states are one state: the value of a state
-does not depend on how it was reached.
+For every history of losses, the states and their probabilities are smooth functions of the
+parameters, but for kinks of measure zero. A forward sweep enumerates the states, step by step; a
+backward sweep gives the value of every state and its derivatives (the adjoint recursion of
+``docs/policy-gradients.md``). Equal states are one state: the value of a state does not depend on
+how it was reached.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from ..policies.batch_function import BatchFunction
 from ..policies.parametric import ParametricPolicy
 from ..typing import BoolArray, FloatArray, IntArray
 from . import gradient_kernels as kernels
+from .lattice import Lattice
 from .states import States, distinct_states
 from .transition import Transition, transition
 
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
 
 _BEFORE_MERGING = 0.1
 """Share of what may be left out that outcomes may have before equal ones are identified."""
+
+_PER_STATE = 32
+"""Largest number of outcomes before that, per state that may be followed."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +50,15 @@ class FollowingOptions:
         w: a member at the distance d from the target's centre is absorbed with a probability that
         increases smoothly from 0 at d = R, the radius, to 1 at d = R - w. With 0 all members in the
         target are absorbed.
+    lattice : Lattice, optional
+        Lattice of the positions, on which nearly equal states become equal. Rounding to it is
+        differentiated as if it were none.
     """
 
     tolerance: float
     max_states: int
     arrival_smoothing: float = 0.0
+    lattice: Lattice | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,13 +107,13 @@ class FollowedTree:
         for step in range(scenario.n_steps):
             count += len(states)
             following = scenario.n_steps - 1 - step
-            share = (options.tolerance - residual) / following if following else 0.0
-            limit = (options.max_states - count) // following if following else 0
-            step_, states, left_out = _advance(
-                *(scenario, policy, step, states, options.arrival_smoothing), share, limit
-            )
-            steps.append(step_)
-            residual += left_out
+            share = (options.tolerance - residual) / following if following else 1.0
+            limit = max(0, options.max_states - count) // following if following else 0
+            move = transition(scenario, policy, step, states, options.lattice)
+            absorption = _absorption(scenario, move, options.arrival_smoothing)
+            followed, states, left_out = _advance(states, move, absorption, share, limit)
+            steps.append(followed)
+            residual += left_out if following else 0.0  # after the last step nobody arrives
             if not len(states):
                 break
         return cls(steps, residual)
@@ -129,11 +137,9 @@ class FollowedTree:
 
 
 def _advance(
-    scenario: Scenario,
-    policy: ParametricPolicy,
-    step: int,
     states: States,
-    smoothing: float,
+    move: Transition,
+    absorption: tuple[FloatArray, FloatArray],
     share: float,
     limit: int,
 ) -> tuple[FollowedStep, States, float]:
@@ -141,21 +147,17 @@ def _advance(
 
     At most `share` is left out unless more than `limit` states would be followed.
     """
-    move = transition(scenario, policy, step, states)
-    arrival, slopes = _absorption(scenario, move, smoothing)
     moves = kernels.Moves(
-        *map(contiguous, (states.weights, move.survival, arrival, states.alive, move.inside))
+        *map(contiguous, (states.weights, move.survival, absorption[0], states.alive, move.inside))
     )
-    last, left_out = -1, 0.0
     counts, sums = np.zeros(kernels.BINS, np.int64), np.zeros(kernels.BINS)
-    if step + 1 < scenario.n_steps:
-        kernels.count_outcomes(moves, counts, sums)
-        last, left_out = _last_bin(counts, sums, _BEFORE_MERGING * share, 32 * limit)
-    size = int(counts[: last + 1].sum())
+    kernels.count_outcomes(moves, counts, sums)
+    last, left_out = _last_bin(counts, sums, _BEFORE_MERGING * share, _PER_STATE * limit)
+    size, n = int(counts[: last + 1].sum()), states.alive.shape[1]
     outcomes = kernels.Outcomes(
         np.empty(len(states) + 1, np.int64),
         *np.empty((2, size), np.int64),
-        np.empty((size, scenario.n), bool),
+        np.empty((size, n), bool),
         np.empty(size),
     )
     kernels.follow(moves, last, outcomes)
@@ -167,8 +169,8 @@ def _advance(
     kept, dropped = _kept(masses, share - left_out, limit)
     first, numbers = first[kept], np.where(kept, np.cumsum(kept) - 1, -1)
     following = States(positions[first], velocities[first], outcomes.survived[first], masses[kept])
-    result = FollowedStep(states, move, moves, slopes, outcomes, numbers[children])
-    return result, following, left_out + dropped
+    step = FollowedStep(states, move, moves, absorption[1], outcomes, numbers[children])
+    return step, following, left_out + dropped
 
 
 def _kept(masses: FloatArray, share: float, limit: int) -> tuple[BoolArray, float]:
@@ -226,9 +228,7 @@ def _backward(
     to_positions += rates_adjoint(scenario.hazard, move.positions, states.alive, to_rates)
     seeds = by.velocities + dt * to_positions
     state = states.positions, states.previous_velocities, states.alive
-    to_commanded, to_previous = policy.motion.project_adjoint(
-        policy.commanded(step, *state), states.previous_velocities, move.velocities, seeds
-    )
+    to_commanded, to_previous = policy.project_adjoint(step, state, seeds)
     by_position, by_previous, gradient = policy.adjoint(step, state, to_commanded, states.weights)
     living = states.alive[..., None]
     positions = np.where(living, to_positions + by_position, 0.0)

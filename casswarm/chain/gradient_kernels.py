@@ -1,8 +1,8 @@
 """Outcomes of a step, which of them are followed, and the derivatives of the states before it.
 
-Of k living members each is destroyed, or survives and moves on, or survives and is absorbed by the
-target. A run goes on if nobody is absorbed and somebody survives: that are 2^k - 1 outcomes, numbered
-by the survivors, the j-th living member being bit j.
+Each of k living members is destroyed, or survives and moves on, or survives and is absorbed by the
+target. A run goes on if nobody is absorbed and somebody survives: these are 2^k - 1 outcomes, whose
+numbers have bit j set if the j-th living member survives.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 class ParametricPolicy(Policy):
     """A policy that is a CasADi function of the state and of parameters.
 
-    Its velocities are the nearest ones to the function's that v_max and a_max allow. This projection
-    is differentiable almost everywhere, so `casswarm.success_gradient` can differentiate the
-    success with respect to the parameters wherever the function is differentiable.
+    Its velocities are the nearest ones to the function's that v_max and a_max allow. This
+    projection is differentiable almost everywhere, so `casswarm.success_gradient` can differentiate
+    the success with respect to the parameters.
 
     Parameters
     ----------
@@ -77,6 +77,7 @@ class ParametricPolicy(Policy):
     parameters: FloatArray
     scenario: Scenario
     name: str = "parametric"
+    decision_tol: ClassVar[float] = 2.0**-36
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", checked_parameters(self.parameters))
@@ -128,6 +129,25 @@ class ParametricPolicy(Policy):
         columns = _columns(positions, previous_velocities, alive)
         (values,) = function.values(columns, self.parameters[function.used])
         return checked_velocities(self.name, step, values.T.reshape(-1, n, 2), alive)
+
+    def project_adjoint(
+        self, step: int, states: tuple[FloatArray, FloatArray, BoolArray], seeds: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Products of seeds with the derivatives of the projection of `commanded`.
+
+        Parameters
+        ----------
+        step, states, seeds
+            As of `adjoint`, seeds being with respect to the projected velocities.
+
+        Returns
+        -------
+        to_commanded, to_previous : (B, n, 2)
+            Derivatives with respect to the commanded and the previous velocities.
+        """
+        commanded = self.commanded(step, *states)
+        projected = self.motion.sets(states[1]).project(commanded)
+        return self.motion.project_adjoint(commanded, states[1], projected, seeds)
 
     def adjoint(
         self,

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
 from ..chain.exact import MAX_MEMBERS
 from ..chain.gradient import FollowedTree, FollowingOptions
+from ..chain.lattice import Lattice
 from ..errors import PolicyError
 from ..planning.guide import Guide
 from ..planning.plan import initial_velocities, plan
@@ -72,6 +73,7 @@ def success_gradient(
     *,
     max_states: int = MAX_STATES,
     arrival_smoothing: float = 0.0,
+    aggregation_tol: float | None = None,
     guide: Guide | None = None,
 ) -> SuccessGradient:
     """Differentiate the success of a policy with respect to its parameters, without sampling.
@@ -102,6 +104,11 @@ def success_gradient(
         target at the distance d from its centre as arrived with the probability
         z^2 (3 - 2 z), where z = (R^2 - d^2) / (R^2 - (R - w)^2), at most 1. That is continuously
         differentiable in d, and never more than the success.
+    aggregation_tol : float, optional
+        As of `evaluate`: the spacing of the lattice to which positions are rounded, so that nearly
+        equal states coincide; the value is that of the rounded policy, and the rounding itself is
+        not differentiated. By default 2^-36 v_max dt or as little as double precision allows, far
+        below what matters for derivatives; 0 rounds nothing.
     guide : Guide, optional
         Provides the initial velocities if the scenario says ``velocity = "guide"``; planned by
         default.
@@ -113,8 +120,9 @@ def success_gradient(
     Raises
     ------
     PolicyError
-        A policy that is no `ParametricPolicy`, or is of another scenario's members or limits; a swarm
-        that is too large; a function that fails, or whose values or derivatives are not finite.
+        A policy that is no `ParametricPolicy`, or has other members or limits than the scenario; a
+        swarm that is too large; a function that fails, or whose values or derivatives are not
+        finite.
     PlanningError
         No guide was found.
     ValueError
@@ -124,8 +132,8 @@ def success_gradient(
     -----
     Derivatives are those where they exist. Kinks are where a velocity begins to be limited, jumps
     where a member just reaches the target; both are of measure zero. What is left out is not
-    differentiated: with the followed histories fixed, the objective is a lower bound of the success at
-    every parameter, and the gradient is that of this bound.
+    differentiated: for a fixed set of histories, their part of the objective is a lower bound of
+    the success at every parameter, and the gradient is that of this bound.
 
     Examples
     --------
@@ -145,8 +153,8 @@ def success_gradient(
     require_scenario("success_gradient", scenario)
     if not isinstance(policy, ParametricPolicy):
         raise PolicyError(
-            f"success_gradient takes a ParametricPolicy, not {type(policy).__name__}: wrap a CasADi "
-            "function as csw.ParametricPolicy(function, parameters, scenario)"
+            f"success_gradient takes a ParametricPolicy, not {type(policy).__name__}: make one of "
+            "a CasADi function by csw.ParametricPolicy(function, parameters, scenario)"
         )
     _require_fit(scenario, policy)
     options = _options(scenario, tolerance, max_states, arrival_smoothing)
@@ -154,6 +162,8 @@ def success_gradient(
         policy = policy.with_parameters(parameters)
     if guide is None:
         guide = plan(scenario, certify=False)
+    lattice = Lattice.along(guide, scenario, aggregation_tol, policy.decision_tol)
+    options = replace(options, lattice=lattice)
     tree = FollowedTree.of(scenario, policy, initial_velocities(scenario, guide), options)
     objective, low, gradient = tree.gradient(scenario, policy)
     return SuccessGradient(
