@@ -96,10 +96,10 @@ class Motion:
         from .step_derivative_kernels import project_adjoint  # Numba takes a second to import
 
         given = (commanded, previous_velocities, projected, seeds)
-        flat = [contiguous(array.reshape(-1, 2)) for array in given]
-        results = np.empty_like(flat[0]), np.empty_like(flat[0])
-        project_adjoint(*flat[:3], self.v_max, flat[3], *results)
-        return results[0].reshape(seeds.shape), results[1].reshape(seeds.shape)
+        p, c, q, s = (contiguous(array.reshape(-1, 2)) for array in given)
+        to_commanded, to_previous = np.empty_like(p), np.empty_like(p)
+        project_adjoint(p, c, q, self.v_max, s, to_commanded, to_previous)
+        return to_commanded.reshape(seeds.shape), to_previous.reshape(seeds.shape)
 
     def misses(
         self, positions: FloatArray, velocities: FloatArray, goals: FloatArray, radius: float = 0.0

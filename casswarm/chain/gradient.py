@@ -148,7 +148,11 @@ def _advance(
     At most `share` is left out unless more than `limit` states would be followed.
     """
     moves = kernels.Moves(
-        *map(contiguous, (states.weights, move.survival, absorption[0], states.alive, move.inside))
+        contiguous(states.weights),
+        contiguous(move.survival),
+        contiguous(absorption[0]),
+        contiguous(states.alive),
+        contiguous(move.inside),
     )
     counts, sums = np.zeros(kernels.BINS, np.int64), np.zeros(kernels.BINS)
     kernels.count_outcomes(moves, counts, sums)
@@ -156,7 +160,8 @@ def _advance(
     size, n = int(counts[: last + 1].sum()), states.alive.shape[1]
     outcomes = kernels.Outcomes(
         np.empty(len(states) + 1, np.int64),
-        *np.empty((2, size), np.int64),
+        np.empty(size, np.int64),
+        np.empty(size, np.int64),
         np.empty((size, n), bool),
         np.empty(size),
     )
@@ -220,7 +225,7 @@ def _backward(
     """Values of the states of a step, and this step's part of the gradient (p,)."""
     states, move, dt = followed.states, followed.move, scenario.time.dt
     shape = states.positions.shape
-    by = kernels.Adjoints(*np.empty((2, *shape[:2])), *np.empty((2, *shape)))
+    by = kernels.Adjoints(*np.zeros((2, *shape[:2])), *np.zeros((2, *shape)))
     before = kernels.Values(*np.empty((2, len(states))), *np.empty((2, 0, 0, 2)))
     kernels.backward(followed.moves, followed.outcomes, followed.children, after, before, by)
     to_rates = -dt * move.survival * by.survival

@@ -8,9 +8,10 @@ numbers have bit j set if the j-th living member survives.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._util.jit import allocating_kernel, kernel
 from ..typing import BoolArray, FloatArray, IntArray
@@ -162,18 +163,79 @@ def follow(moves: Moves, last: int, outcomes: Outcomes) -> None:
     outcomes.starts[moves.weights.size] = filled
 
 
-@kernel
-def folded(stays: FloatArray, leaves: FloatArray, k: int, levels: FloatArray) -> float:
-    """Expectation of the values ``levels[k]`` (2^k,) over the outcomes of k members.
+class Scratch(NamedTuple):
+    """Of the state whose outcomes are folded; see `fold`.
 
-    Member j is bit j: it stays with `stays` (k,) and is destroyed with `leaves` (k,). Level d has
-    the expectations over the members from d on.
+    Parameters
+    ----------
+    members : (n,)
+        Its k living members.
+    stays, leaves, absorbed : (n,)
+        Probability that each survives and moves on, is destroyed, and is absorbed.
+    levels, weights : (n+1, 2^n)
+        Values and probabilities of the outcomes of the members up to each.
     """
+
+    members: IntArray
+    stays: FloatArray
+    leaves: FloatArray
+    absorbed: FloatArray
+    levels: FloatArray
+    weights: FloatArray
+
+
+@kernel
+def weigh(moves: Moves, arrival: NDArray[Any], s: int, scratch: Scratch) -> int:
+    """Write the members of state s and what happens to each; their number k.
+
+    `arrival` (S, n) has the probabilities that members are absorbed if they survive.
+    """
+    k = 0
+    for i in range(moves.alive.shape[1]):
+        if moves.alive[s, i]:
+            p, a = moves.survival[s, i], arrival[s, i]
+            scratch.members[k] = i
+            scratch.stays[k], scratch.leaves[k] = p * (1.0 - a), 1.0 - p
+            scratch.absorbed[k] = p * a
+            k += 1
+    return k
+
+
+@kernel
+def fold(k: int, scratch: Scratch) -> float:
+    """Probability that a member is absorbed, now or later, given the values of the outcomes.
+
+    The values of the outcomes in which k members move on are ``levels[k]`` (2^k,). Level d is the
+    expectation over the members from d on, level 0 that over all.
+    """
+    levels, nobody = scratch.levels, 1.0
     for d in range(k - 1, -1, -1):
-        size = 1 << d
+        size, nobody = 1 << d, nobody * (1.0 - scratch.absorbed[d])
         for o in range(size):
-            levels[d, o] = stays[d] * levels[d + 1, size + o] + leaves[d] * levels[d + 1, o]
-    return levels[0, 0]
+            stays, leaves = levels[d + 1, size + o], levels[d + 1, o]
+            levels[d, o] = scratch.stays[d] * stays + scratch.leaves[d] * leaves
+    return 1.0 - nobody + levels[0, 0]
+
+
+@kernel
+def unfold(k: int, arrival: FloatArray, s: int, scratch: Scratch, by: Adjoints) -> None:
+    """Write the derivatives by the probabilities of state s, and the weights of its outcomes."""
+    levels, weights = scratch.levels, scratch.weights
+    weights[0, 0] = 1.0
+    for j in range(k):
+        i, size, to_stay, to_leave = scratch.members[j], 1 << j, 0.0, 0.0
+        for o in range(size):
+            to_stay += weights[j, o] * levels[j + 1, size + o]
+            to_leave += weights[j, o] * levels[j + 1, o]
+            weights[j + 1, size + o] = weights[j, o] * scratch.stays[j]
+            weights[j + 1, o] = weights[j, o] * scratch.leaves[j]
+        others = 1.0  # nobody else is absorbed
+        for m in range(k):
+            if m != j:
+                others *= 1.0 - scratch.absorbed[m]
+        a = arrival[s, i]
+        by.survival[s, i] = (1.0 - a) * to_stay - to_leave + a * others
+        by.arrival[s, i] = (1.0 - scratch.leaves[j]) * (others - to_stay)
 
 
 @allocating_kernel
@@ -187,65 +249,41 @@ def backward(
     moves, outcomes : Moves, Outcomes
         Of S states, K outcomes.
     children : (K,)
-        State after the step that an outcome leads to; -1 if it is not followed further.
+        State after the step that an outcome leads to; -1 if it is not followed.
     after : Values
         Of the states after the step.
     to : Values
         Written: its `objective` and `success`.
     by : Adjoints
-        Written.
+        Zeros; written.
     """
     n = moves.alive.shape[1]
-    members, stays, leaves = np.empty(n, np.int64), np.empty(n), np.empty(n)
-    levels, weights = np.empty((n + 1, 1 << n)), np.empty((n + 1, 1 << n))
-    by.survival[:], by.arrival[:], by.positions[:], by.velocities[:] = 0.0, 0.0, 0.0, 0.0
+    scratch = Scratch(
+        np.empty(n, np.int64),
+        np.empty(n),
+        np.empty(n),
+        np.empty(n),
+        np.zeros((n + 1, 1 << n)),
+        np.empty((n + 1, 1 << n)),
+    )
     for s in range(moves.weights.size):
-        k = 0
-        for i in range(n):
-            if moves.alive[s, i]:
-                members[k] = i
-                k += 1
-        first, end = outcomes.starts[s], outcomes.starts[s + 1]
-        # the chain itself: members in the target arrive
-        nobody = 1.0
-        for j in range(k):
-            p, inside = moves.survival[s, members[j]], moves.inside[s, members[j]]
-            stays[j], leaves[j] = 0.0 if inside else p, 1.0 - p
-            nobody *= 1.0 - p if inside else 1.0
-        levels[k, : 1 << k] = 0.0
-        for c in range(first, end):
+        outcomes_of_state = range(outcomes.starts[s], outcomes.starts[s + 1])
+        k = weigh(moves, moves.inside, s, scratch)
+        leaf = scratch.levels[k]
+        leaf[: 1 << k] = 0.0
+        for c in outcomes_of_state:
             if children[c] >= 0:
-                levels[k, outcomes.numbers[c]] = after.success[children[c]]
-        to.success[s] = 1.0 - nobody + folded(stays, leaves, k, levels)
-        # the objective: they are absorbed with their probabilities
-        nobody = 1.0
-        for j in range(k):
-            p, a = moves.survival[s, members[j]], moves.arrival[s, members[j]]
-            stays[j], leaves[j] = p * (1.0 - a), 1.0 - p
-            nobody *= 1.0 - p * a
-        for c in range(first, end):
+                leaf[outcomes.numbers[c]] = after.success[children[c]]
+        to.success[s] = fold(k, scratch)
+        weigh(moves, moves.arrival, s, scratch)
+        for c in outcomes_of_state:
             if children[c] >= 0:
-                levels[k, outcomes.numbers[c]] = after.objective[children[c]]
-        to.objective[s] = 1.0 - nobody + folded(stays, leaves, k, levels)
-        weights[0, 0] = 1.0
-        for j in range(k):
-            i, size, to_stay, to_leave = members[j], 1 << j, 0.0, 0.0
-            for o in range(size):
-                to_stay += weights[j, o] * levels[j + 1, size + o]
-                to_leave += weights[j, o] * levels[j + 1, o]
-                weights[j + 1, size + o] = weights[j, o] * stays[j]
-                weights[j + 1, o] = weights[j, o] * leaves[j]
-            others = 1.0
-            for m in range(k):
-                if m != j:
-                    others *= 1.0 - moves.survival[s, members[m]] * moves.arrival[s, members[m]]
-            p, a = moves.survival[s, i], moves.arrival[s, i]
-            by.survival[s, i] = (1.0 - a) * to_stay - to_leave + a * others
-            by.arrival[s, i] = p * (others - to_stay)
-        for c in range(first, end):
-            child = children[c]
-            if child >= 0:
-                weight = weights[k, outcomes.numbers[c]]
+                leaf[outcomes.numbers[c]] = after.objective[children[c]]
+        to.objective[s] = fold(k, scratch)
+        unfold(k, moves.arrival, s, scratch, by)
+        for c in outcomes_of_state:
+            if children[c] >= 0:
+                weight, child = scratch.weights[k, outcomes.numbers[c]], children[c]
                 for i in range(n):
                     if outcomes.survived[c, i]:
                         for axis in range(2):
