@@ -197,7 +197,8 @@ class ParametricPolicy(Policy):
         return to_positions.T.reshape(shape), to_previous.T.reshape(shape), to_parameters
 
     def _step_function(self, step: int) -> _StepFunction:
-        return _step_function(self.function, self.name, self.scenario.n, self.parameters.size, step)
+        function = _ByIdentity(self.function, self.name)
+        return _step_function(function, self.scenario.n, self.parameters.size, step)
 
 
 def checked_parameters(parameters: ArrayLike) -> FloatArray:
@@ -238,10 +239,23 @@ class _StepFunction:
     derivatives: BatchFunction
 
 
+@dataclass(frozen=True, eq=False)
+class _ByIdentity:
+    """A user's function, which need not be hashable, as a key."""
+
+    function: Callable[..., Expr]
+    name: str
+
+    def __hash__(self) -> int:
+        return id(self.function)
+
+    def __eq__(self, other: object) -> bool:
+        same = isinstance(other, _ByIdentity) and self.function is other.function
+        return same and self.name == other.name
+
+
 @locked_cache(maxsize=512)
-def _step_function(
-    function: Callable[..., Expr], name: str, n: int, size: int, step: int
-) -> _StepFunction:
+def _step_function(key: _ByIdentity, n: int, size: int, step: int) -> _StepFunction:
     """Compiled values and derivatives of a user's function at a step.
 
     Raises
@@ -249,10 +263,11 @@ def _step_function(
     PolicyCallError
         It fails, or returns no expression of shape (n, 2).
     """
+    name = key.name
     state, parameters = ca.MX.sym("state", 5 * n), ca.MX.sym("parameters", size)
     positions, previous = (ca.reshape(state[2 * n * k : 2 * n * (k + 1)], 2, n).T for k in (0, 1))
     try:
-        returned = function(step, positions, previous, state[4 * n :], parameters)
+        returned = key.function(step, positions, previous, state[4 * n :], parameters)
         velocities: Any = ca.MX(returned)
     except USER_ERRORS as error:
         raise PolicyCallError(

@@ -64,6 +64,19 @@ def test_casadi_function_is_a_policy():
     )
 
 
+class Unhashable:
+    __hash__ = None
+
+    def __call__(self, *state):
+        return steering(*state)
+
+
+def test_callable_need_not_be_hashable():
+    policy = csw.ParametricPolicy(Unhashable(), START, scene(3))
+    expected = steered(scene(3)).velocities(0, *states(9))
+    np.testing.assert_array_equal(policy.velocities(0, *states(9)), expected)
+
+
 def test_policy_survives_pickling():
     policy = steered(scene(3))
     copy = cloudpickle.loads(cloudpickle.dumps(policy))
