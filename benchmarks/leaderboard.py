@@ -2,11 +2,11 @@
 
 Run with the installed package::
 
-    python benchmarks/leaderboard.py                     # all rows, and docs/leaderboard.md
-    python benchmarks/leaderboard.py barricade leader    # one row, which is printed
-    python benchmarks/leaderboard.py --page              # docs/leaderboard.md of the kept rows
+    python benchmarks/leaderboard.py                     # all rows, some quarters of an hour
+    python benchmarks/leaderboard.py barricade           # the rows of a scenario
+    python benchmarks/leaderboard.py barricade leader    # one row, which is only printed
 
-Rows are kept in results/leaderboard/leaderboard.csv.
+Rows are kept in results/leaderboard/leaderboard.csv and written to docs/leaderboard.md.
 """
 
 from __future__ import annotations
@@ -112,31 +112,40 @@ def page(table: pd.DataFrame) -> str:
     return "\n".join(parts)
 
 
-def write(rows: list[dict[str, Any]]) -> None:
-    """Write the table and the page."""
-    TABLE.parent.mkdir(parents=True, exist_ok=True)
+def renew(scenario: Scenario) -> None:
+    """Measure the rows of a scenario, and write the table and the page with them."""
+    rows = []
+    for policy in names_of(scenario):
+        rows.append(measured(scenario, policy))
+        print(scenario.name, markdown_row(rows[-1]), flush=True)
     table = pd.DataFrame(rows)
+    if TABLE.exists():
+        kept = pd.read_csv(TABLE)
+        table = pd.concat([kept[kept["scenario"] != scenario.name], table])
+    TABLE.parent.mkdir(parents=True, exist_ok=True)
+    table = table.sort_values("scenario", kind="stable")
     table.to_csv(TABLE, index=False)
     PAGE.write_text(page(table), encoding="utf-8")
 
 
 def main() -> None:
-    """Print a row, or make all of them and the page."""
-    if sys.argv[1:] == ["--page"]:
-        PAGE.write_text(page(pd.read_csv(TABLE)), encoding="utf-8")
-        return
+    """Print a row, or make the rows of a scenario or of all, and the page."""
+    names = sys.argv[1:2] or list(csw.builtin_scenarios())
+    if len(sys.argv) > 3 or names[0] not in csw.builtin_scenarios():
+        raise SystemExit(
+            f"usage: leaderboard.py [SCENARIO [POLICY]]; got {' '.join(sys.argv[1:])}; "
+            f"scenarios: {', '.join(csw.builtin_scenarios())}"
+        )
+    scenarios = [csw.load_scenario(name) for name in names]
     if len(sys.argv) == 3:
-        print(markdown_row(measured(csw.load_scenario(sys.argv[1]), sys.argv[2])))
+        if sys.argv[2] not in names_of(scenarios[0]):
+            raise SystemExit(
+                f"unknown policy {sys.argv[2]}; known: {', '.join(names_of(scenarios[0]))}"
+            )
+        print(markdown_row(measured(scenarios[0], sys.argv[2])))
         return
-    if len(sys.argv) > 1:
-        raise SystemExit(f"give a scenario and a policy, or --page, or nothing; got {sys.argv[1:]}")
-    rows = []
-    for name in csw.builtin_scenarios():
-        scenario = csw.load_scenario(name)
-        for policy in names_of(scenario):
-            rows.append(measured(scenario, policy))
-            print(rows[-1]["scenario"], markdown_row(rows[-1]), flush=True)
-    write(rows)
+    for scenario in scenarios:
+        renew(scenario)
 
 
 if __name__ == "__main__":

@@ -2,13 +2,14 @@
 
 Run with the installed package::
 
-    python benchmarks/train_policy.py                    # alley and barricade, some minutes
-    python benchmarks/train_policy.py alley ring         # scenarios of policies.py by first word
-    python benchmarks/train_policy.py --quick            # one scenario, few iterations
+    python benchmarks/train_policy.py                    # all scenarios of policies.py
+    python benchmarks/train_policy.py alley barricade    # some of them, by first word: minutes
+    python benchmarks/train_policy.py --quick            # few iterations
 
 The policy sends every member to a waypoint of its own, which depends on the step and on how many
-members are lost. At the start of the training all waypoints are those of a formation that closes up
-around the guide. Prints a Markdown table; success has proven bounds, and time is CPU time.
+members are lost. At the start of the training all waypoints are those of a formation around the
+guide, which closes up unless members collide. Prints a Markdown table; success has proven bounds,
+and time is CPU time.
 """
 
 from __future__ import annotations
@@ -75,17 +76,18 @@ class Waypoints:
         return (waypoints - positions) / self.dt
 
 
-def closing_formation(scenario: Scenario, guide: Guide) -> FloatArray:
-    """Waypoints (N+1, n, 2) of members that close up around the guide."""
+def formation(scenario: Scenario, guide: Guide) -> FloatArray:
+    """Waypoints (N+1, n, 2) of members around the guide, who close up if they gather."""
     steps = np.arange(scenario.n_steps + 1)
     path = np.stack([guide.reference(int(step)) for step in steps])
     offsets = scenario.positions - scenario.guide_start
-    return path[:, None] + np.exp(-steps / CLOSING_STEPS)[:, None, None] * offsets
+    closing = np.exp(-steps / CLOSING_STEPS) if scenario.hazard.gathers else np.ones(len(steps))
+    return path[:, None] + closing[:, None, None] * offsets
 
 
 def initial_policy(scenario: Scenario, guide: Guide) -> ParametricPolicy:
     """The policy before training."""
-    function = Waypoints(closing_formation(scenario, guide), scenario.time.dt)
+    function = Waypoints(formation(scenario, guide), scenario.time.dt)
     return ParametricPolicy(function, np.zeros(function.parameters), scenario, "trained")
 
 
@@ -116,18 +118,6 @@ def trained(
     return policy
 
 
-def chosen(words: Sequence[str]) -> dict[str, Scenario]:
-    """Scenarios of `policies.py` by their first word, or whole name."""
-    found = {
-        name: scenario
-        for name, scenario in cases().items()
-        if name in words or name.partition(",")[0] in words
-    }
-    if not found:
-        raise SystemExit(f"unknown scenario {' '.join(words)}; known: {', '.join(cases())}")
-    return found
-
-
 def row(name: str, scenario: Scenario, stages: Sequence[tuple[float, float, int]]) -> list[Any]:
     """Measurements in a scenario."""
     guide = csw.plan(scenario)
@@ -147,12 +137,11 @@ def row(name: str, scenario: Scenario, stages: Sequence[tuple[float, float, int]
 
 def main() -> None:
     """Train and print the table."""
-    words = [name.partition(",")[0] for name in cases()]
-    options = arguments(__doc__, dict.fromkeys(words))
-    names = ["alley", "barricade"] if options.parts == list(dict.fromkeys(words)) else options.parts
+    words = {name: name.partition(",")[0] for name in cases()}
+    options = arguments(__doc__, dict.fromkeys(words.values()))
     stages = [(0.4, 0.05, 5)] if options.quick else STAGES
-    rows = [row(name, scenario, stages) for name, scenario in chosen(names).items()]
-    print_table(COLUMNS, rows)
+    chosen = [(name, s) for name, s in cases().items() if words[name] in options.parts]
+    print_table(COLUMNS, [row(name, scenario, stages) for name, scenario in chosen])
 
 
 if __name__ == "__main__":

@@ -132,10 +132,11 @@ print(f"success {by_gradient[0, 1]:.4f} -> {by_gradient[-1, 1]:.4f}")
 # sum over its steps of the noise, divided by its variance, times the derivative of the function.
 # The mean of these, weighted by the run's success minus the mean success, estimates the gradient of
 # the noisy policy's success. The runs are sampled from the chain itself; what is plotted is the
-# exact success of the policy without noise.
+# exact success of the policy without noise. Noise and rates are the best of three each: sigma of
+# 0.1, 0.2 and 0.4, and rates of 0.003, 0.01 and 0.03 for either number of runs.
 
 # %%
-SIGMA = 0.1
+SIGMA = 0.2
 velocity = guide.velocities[0]
 
 
@@ -174,7 +175,7 @@ def sampled_gradient(runs, seed):
 
 
 budget = int(by_gradient[-1, 0])
-same, _ = curve(adam(start.parameters, sampled_gradient(50, seed=1), 40, 0.01), every=4)
+same, _ = curve(adam(start.parameters, sampled_gradient(50, seed=1), 40, 0.003), every=4)
 large, _ = curve(adam(start.parameters, sampled_gradient(500, seed=2), 120, 0.01), every=12)
 print(f"decisions: exact gradient {budget}, REINFORCE {same[-1, 0]:.0f} and {large[-1, 0]:.0f}")
 
@@ -195,10 +196,14 @@ for label, points in curves.items():
     axes.plot(np.maximum(points[:, 0], 100), points[:, 1], marker=".", label=label)
 for label, value in {"leader": leader.low, "joint": joint.low, "bound": bound.value}.items():
     axes.axhline(value, color="0.5", linestyle=":", linewidth=1)
-    axes.annotate(label, (1, value), xycoords=("axes fraction", "data"), va="center")
+    axes.annotate(f" {label}", (1, value), xycoords=("axes fraction", "data"), va="center")
 axes.set(xscale="log", xlabel="decisions", ylabel="exact success")
-axes.legend(loc="lower right", bbox_to_anchor=(1, 0.12))
+axes.legend(loc="center right", bbox_to_anchor=(1, 0.78))
 figure
 
 # %% [markdown]
-# **Findings.** TODO
+# **Findings.** With the exact gradient, the small policy passes `leader` after a few updates and
+# comes close to `joint`, whose paths have many more degrees of freedom. On the same budget of
+# decisions REINFORCE does not improve on the start: 50 runs say little about 40 parameters. With
+# 500 runs an update it needs more than ten times the budget to pass `leader`, and is still behind.
+# The bound says how much a policy could gain at most.

@@ -5,21 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._util.text import counted
-from .._util.threads import locked_cache
-from .._util.user_code import USER_ERRORS, failure_text
 from ..errors import PolicyCallError, PolicyError
 from ..problems.step import Motion
-from ..typing import BoolArray, Expr, FloatArray, IntArray
+from ..typing import BoolArray, Expr, FloatArray
 from .base import Policy
-from .batch_function import BatchFunction
 from .decision import Decision, checked_velocities
+from .step_function import ByIdentity, StepFunction, state_columns, step_function
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -126,7 +123,7 @@ class ParametricPolicy(Policy):
         if alive.shape[1] != n:
             raise PolicyError(f"policy {self.name!r} is for {n} members, not {alive.shape[1]}")
         function = self._step_function(step)
-        columns = _columns(positions, previous_velocities, alive)
+        columns = state_columns(positions, previous_velocities, alive)
         (values,) = function.values(columns, self.parameters[function.used])
         return checked_velocities(self.name, step, values.T.reshape(-1, n, 2), alive)
 
@@ -180,7 +177,7 @@ class ParametricPolicy(Policy):
             A derivative is not finite.
         """
         function, shape = self._step_function(step), seeds.shape
-        columns = _columns(*states)
+        columns = state_columns(*states)
         seeds = np.where(states[2][..., None], seeds, 0.0).reshape(len(seeds), -1).T
         used = self.parameters[function.used]
         to_state, to_used = function.derivatives(columns, used, seeds)
@@ -196,9 +193,9 @@ class ParametricPolicy(Policy):
         to_positions, to_previous = to_state.reshape(2, -1, len(weights))
         return to_positions.T.reshape(shape), to_previous.T.reshape(shape), to_parameters
 
-    def _step_function(self, step: int) -> _StepFunction:
-        function = _ByIdentity(self.function, self.name)
-        return _step_function(function, self.scenario.n, self.parameters.size, step)
+    def _step_function(self, step: int) -> StepFunction:
+        function = ByIdentity(self.function, self.name)
+        return step_function(function, self.scenario.n, self.parameters.size, step)
 
 
 def checked_parameters(parameters: ArrayLike) -> FloatArray:
@@ -218,89 +215,3 @@ def checked_parameters(parameters: ArrayLike) -> FloatArray:
         raise PolicyError("parameters hold NaN or infinity")
     values.flags.writeable = False
     return values
-
-
-@dataclass(frozen=True, eq=False)
-class _StepFunction:
-    """The function at a step.
-
-    Parameters
-    ----------
-    used : (q,) int
-        Parameters that it depends on.
-    values : BatchFunction
-        States (5n, B), parameters (q,) to velocities (2n, B).
-    derivatives : BatchFunction
-        States, parameters, seeds (2n, B) to derivatives (4n, B), (q, B).
-    """
-
-    used: IntArray
-    values: BatchFunction
-    derivatives: BatchFunction
-
-
-@dataclass(frozen=True, eq=False)
-class _ByIdentity:
-    """A user's function, which need not be hashable, as a key."""
-
-    function: Callable[..., Expr]
-    name: str
-
-    def __hash__(self) -> int:
-        return id(self.function)
-
-    def __eq__(self, other: object) -> bool:
-        same = isinstance(other, _ByIdentity) and self.function is other.function
-        return same and self.name == other.name
-
-
-@locked_cache(maxsize=512)
-def _step_function(key: _ByIdentity, n: int, size: int, step: int) -> _StepFunction:
-    """Compiled values and derivatives of a user's function at a step.
-
-    Raises
-    ------
-    PolicyCallError
-        It fails, or returns no expression of shape (n, 2).
-    """
-    name = key.name
-    state, parameters = ca.MX.sym("state", 5 * n), ca.MX.sym("parameters", size)
-    positions, previous = (ca.reshape(state[2 * n * k : 2 * n * (k + 1)], 2, n).T for k in (0, 1))
-    try:
-        returned = key.function(step, positions, previous, state[4 * n :], parameters)
-        velocities: Any = ca.MX(returned)
-    except USER_ERRORS as error:
-        raise PolicyCallError(
-            f"policy {name!r} failed at step {step} with CasADi arguments: {failure_text(error)}",
-            policy=name,
-            step=step,
-        ) from error
-    if velocities.shape != (n, 2):
-        raise PolicyCallError(
-            f"policy {name!r} returned shape {velocities.shape} at step {step}; expected ({n}, 2): "
-            "a velocity for every member",
-            policy=name,
-            step=step,
-        )
-    column = ca.vec(velocities.T)
-    used = np.flatnonzero(ca.which_depends(column, parameters, 1, False))
-    chosen, seeds = ca.MX.sym("chosen", len(used)), ca.MX.sym("seeds", 2 * n)
-    given = ca.MX(size, 1)
-    given[used.tolist()] = chosen
-    column = ca.Function("velocities", [state, parameters], [column])(state, given)
-    to_state = ca.jtimes(column, state, seeds, True)[: 4 * n]
-    to_chosen = ca.jtimes(column, chosen, seeds, True)
-    return _StepFunction(
-        used,
-        BatchFunction.of([state, chosen], [column]),
-        BatchFunction.of([state, chosen, seeds], [to_state, to_chosen]),
-    )
-
-
-def _columns(
-    positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
-) -> FloatArray:
-    """States as columns (5n, B): positions and previous velocities member by member, the living."""
-    batch = len(alive)
-    parts = (positions, previous_velocities, alive)
-    return np.concatenate([np.reshape(part, (batch, -1)) for part in parts], axis=1).T

@@ -143,7 +143,7 @@ def success_gradient(
     >>> scenario = csw.load_scenario("barricade")
     >>> guide = csw.plan(scenario)
     >>> velocities = np.zeros((scenario.n_steps, 2))
-    >>> velocities[: guide.n_steps] = guide.velocities
+    >>> velocities[: len(guide.velocities)] = guide.velocities
     >>> def common(step, positions, previous_velocities, alive, parameters):
     ...     return ca.repmat(parameters[2 * step : 2 * step + 2].T, scenario.n, 1)
     >>> policy = csw.ParametricPolicy(common, velocities.ravel(), scenario)
