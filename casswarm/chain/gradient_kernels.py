@@ -214,7 +214,7 @@ def fold(k: int, scratch: Scratch) -> float:
         for o in range(size):
             stays, leaves = levels[d + 1, size + o], levels[d + 1, o]
             levels[d, o] = scratch.stays[d] * stays + scratch.leaves[d] * leaves
-    return 1.0 - nobody + levels[0, 0]
+    return float(1.0 - nobody + levels[0, 0])
 
 
 @kernel

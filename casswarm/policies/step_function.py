@@ -46,8 +46,9 @@ class ByIdentity:
         return id(self.function)
 
     def __eq__(self, other: object) -> bool:
-        same = isinstance(other, ByIdentity) and self.function is other.function
-        return same and self.name == other.name
+        if not isinstance(other, ByIdentity):
+            return NotImplemented
+        return self.function is other.function and self.name == other.name
 
 
 @locked_cache(maxsize=512)
