@@ -132,8 +132,11 @@ print(f"success {by_gradient[0, 1]:.4f} -> {by_gradient[-1, 1]:.4f}")
 # sum over its steps of the noise, divided by its variance, times the derivative of the function.
 # The mean of these, weighted by the run's success minus the mean success, estimates the gradient of
 # the noisy policy's success. The runs are sampled from the chain itself; what is plotted is the
-# exact success of the policy without noise. Noise and rates are the best of three each: sigma of
-# 0.1, 0.2 and 0.4, and rates of 0.003, 0.01 and 0.03 for either number of runs.
+# exact success of the policy without noise.
+#
+# Sigma was chosen from 0.1, 0.2 and 0.4, and the rate for either number of runs from 0.003, 0.01
+# and 0.03, by trials of 40 updates with 50 runs and of 60 with 500, with the seeds below. The choice
+# is within 0.001 of the best trial. The rate of the exact gradient, 0.03, was not tuned.
 
 # %%
 SIGMA = 0.2
