@@ -135,8 +135,8 @@ print(f"success {by_gradient[0, 1]:.4f} -> {by_gradient[-1, 1]:.4f}")
 # exact success of the policy without noise.
 #
 # Sigma was chosen from 0.1, 0.2 and 0.4, and the rate for either number of runs from 0.003, 0.01
-# and 0.03, by trials of 40 updates with 50 runs and of 60 with 500, with the seeds below. The choice
-# is within 0.001 of the best trial. The rate of the exact gradient, 0.03, was not tuned.
+# and 0.03, by trials of 40 updates with 50 runs and of 60 with 500, with the seeds below. The
+# choice is within 0.001 of the best trial. The rate of the exact gradient, 0.03, was not tuned.
 
 # %%
 SIGMA = 0.2
