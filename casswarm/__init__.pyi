@@ -38,10 +38,11 @@ from .planning.bounds.value_function import ValueFunction
 from .planning.guide import Candidate, Guide
 from .planning.joint import SwarmOutcome, SwarmPlan, plan_swarm
 from .planning.plan import plan
-from .policies import Decision, Policy, as_policy, make_policy
+from .policies import Decision, ParametricPolicy, Policy, as_policy, make_policy
 from .scenario import Scenario, builtin_scenarios, load_scenario, save_scenario
 from .studies.evaluation import estimate, evaluate
 from .studies.optimal_value import OptimalValue, optimal_value
+from .studies.policy_gradient import SuccessGradient, success_gradient
 from .studies.simulation import Study, runs_needed, simulate
 from .studies.sweep import Sweep, sweep
 from .typing import Interval, Progress
@@ -68,6 +69,7 @@ __all__ = [
     "KernelHazard",
     "OptimalValue",
     "OutcomeDistribution",
+    "ParametricPolicy",
     "PlanningError",
     "Policy",
     "PolicyCallError",
@@ -86,6 +88,7 @@ __all__ = [
     "Status",
     "Study",
     "SuccessBound",
+    "SuccessGradient",
     "SwarmOutcome",
     "SwarmPlan",
     "Sweep",
@@ -114,5 +117,6 @@ __all__ = [
     "simulate",
     "solvers",
     "success_bound",
+    "success_gradient",
     "sweep",
 ]

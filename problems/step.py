@@ -70,6 +70,37 @@ class Motion:
         """
         return self.sets(previous_velocities).project((goals - positions) / self.dt)
 
+    def project_adjoint(
+        self,
+        commanded: FloatArray,
+        previous_velocities: FloatArray,
+        projected: FloatArray,
+        seeds: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Products of seeds with the derivatives of a projection; all arrays are (..., 2).
+
+        Parameters
+        ----------
+        commanded, previous_velocities : (..., 2)
+            What was projected, and the velocities before.
+        projected : (..., 2)
+            ``sets(previous_velocities).project(commanded)``.
+        seeds : (..., 2)
+            Derivatives with respect to `projected`.
+
+        Returns
+        -------
+        to_commanded, to_previous : (..., 2)
+            Derivatives with respect to `commanded` and `previous_velocities`.
+        """
+        from .step_derivative_kernels import project_adjoint  # Numba takes a second to import
+
+        given = (commanded, previous_velocities, projected, seeds)
+        p, c, q, s = (contiguous(array.reshape(-1, 2)) for array in given)
+        to_commanded, to_previous = np.empty_like(p), np.empty_like(p)
+        project_adjoint(p, c, q, self.v_max, s, to_commanded, to_previous)
+        return to_commanded.reshape(seeds.shape), to_previous.reshape(seeds.shape)
+
     def misses(
         self, positions: FloatArray, velocities: FloatArray, goals: FloatArray, radius: float = 0.0
     ) -> BoolArray:

@@ -5,6 +5,7 @@ from .formation import ConstrainedPolicy, LeaderPolicy
 from .leader_selection import LEADER_SELECTION
 from .observation import Observation
 from .optimal import OptimalPolicy
+from .parametric import ParametricPolicy
 from .planned_paths import JointPolicy, NaivePolicy, ReplanningPolicy
 from .registry import POLICIES, make_policy, member_guides
 from .user import UserPolicy, as_policy
@@ -21,6 +22,7 @@ __all__ = [
     "NaivePolicy",
     "Observation",
     "OptimalPolicy",
+    "ParametricPolicy",
     "Policy",
     "ReplanningPolicy",
     "UserPolicy",

@@ -81,6 +81,15 @@ assert runs.loc["ipopt", "solved"].all()
 assert not runs.loc["hasty", "solved"].all(), "false positives"
 assert set(comparison.iterates["solver"]) == {"ipopt", "slsqp", "projected-gradient", "hasty"}
 """,
+    "09_policy_gradients": """
+assert by_gradient[-1, 0] < 1.2 * same[-1, 0] < 0.1 * large[-1, 0], "budgets"
+assert by_gradient[3, 1] > leader.high, "a few updates"
+assert by_gradient[-1, 1] > joint.low - 0.03 and joint.high < bound.value
+assert same[:, 1].max() < by_gradient[0, 1] + 0.005
+assert large[-1, 1] > leader.high and large[large[:, 0] < 10 * budget, 1].max() < leader.low
+assert large[-1, 1] < by_gradient[-1, 1] - 0.02
+assert abs(exact.gradient @ direction - (high - low) / 2e-6) < 1e-6
+""",
     "05_policies": """
 assert (best["policy"] == "joint").all()
 assert (table["success_high"] < table["bound"]).all()

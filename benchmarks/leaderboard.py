@@ -1,0 +1,152 @@
+"""The leaderboard: success of policies in the built-in scenarios, and the bound of all policies.
+
+Run with the installed package::
+
+    python benchmarks/leaderboard.py                     # all rows, some quarters of an hour
+    python benchmarks/leaderboard.py barricade           # the rows of a scenario
+    python benchmarks/leaderboard.py barricade leader    # one row, which is only printed
+
+Rows are kept in results/leaderboard/leaderboard.csv and written to docs/leaderboard.md.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from _timing import timed
+from policies import RUNS, WIDE
+from train_policy import trained
+
+import casswarm as csw
+from casswarm import Guide, Scenario
+from casswarm.planning.guide import rounded_up
+
+ROOT = Path(__file__).resolve().parents[1]
+TABLE = ROOT / "results" / "leaderboard" / "leaderboard.csv"
+PAGE = ROOT / "docs" / "leaderboard.md"
+
+POLICIES = ("naive", "constrained", "leader", "joint", "joint-replanning")
+TRAINED = ("alley", "barricade")
+"""Scenarios in which a policy is trained, which takes minutes."""
+
+MAX_PLANNED = 10  # members of whom all paths are planned at once
+STATES = 20_000
+
+HEADER = """\
+# Leaderboard
+
+Success of policies in the built-in scenarios, best first. `trained` is the policy of
+[policy gradients](policy-gradients.md#a-trained-policy); the others are
+[described here](policies.md). To add a policy, give it a name in `benchmarks/leaderboard.py`.
+
+- **Success**: proven bounds at most {wide} apart, or (~) an interval with 95 % confidence, for
+  which the probable states are enumerated and the rest is sampled by {runs} runs.
+- **Bound**: no policy exceeds it (`success_bound`, rounded up).
+- **Time**: CPU seconds until the policy is ready, guide, plan and training included, measured
+  beside other work.
+- **Command**: prints the row again. `python benchmarks/leaderboard.py` makes all rows,
+  [leaderboard.csv](../results/leaderboard/leaderboard.csv), and this page.
+"""
+COLUMNS = ("policy", "success", "bound", "time, s", "command")
+
+
+def make_policy(name: str, scenario: Scenario, guide: Guide) -> Any:
+    """The policy of a row."""
+    return trained(scenario, guide) if name == "trained" else csw.make_policy(name, scenario, guide)
+
+
+def names_of(scenario: Scenario) -> list[str]:
+    """Policies of a scenario's rows."""
+    names = [name for name in POLICIES if scenario.n <= MAX_PLANNED or "joint" not in name]
+    return names + (["trained"] if scenario.name in TRAINED else [])
+
+
+def measured(scenario: Scenario, name: str) -> dict[str, Any]:
+    """A row of the table."""
+    guide, _, planned = timed(lambda: csw.plan(scenario))
+    ready = timed(lambda: make_policy(name, scenario, guide))
+    distribution = csw.evaluate(scenario, ready.result, max_states=STATES, guide=guide)
+    (low, high), exact = distribution.success, distribution.success.width <= WIDE
+    if not exact:
+        low, high = csw.estimate(scenario, ready.result, RUNS, guide=guide).success
+    return {
+        "scenario": scenario.name,
+        "policy": name,
+        "success_low": round(low, 6),
+        "success_high": rounded_up(high, 6),
+        "exact": exact,
+        "bound": rounded_up(csw.success_bound(scenario).value, 6),
+        "seconds": round(planned + ready.cpu, 1),
+    }
+
+
+def command(row: dict[str, Any]) -> str:
+    """What prints a row again."""
+    return f"python benchmarks/leaderboard.py {row['scenario']} {row['policy']}"
+
+
+def markdown_row(row: dict[str, Any]) -> str:
+    """A row of the page."""
+    success = f"{row['success_low']:.4f} to {row['success_high']:.4f}"
+    cells = (
+        row["policy"],
+        success if row["exact"] else f"~ {success}",
+        f"{row['bound']:.4f}",
+        f"{row['seconds']:.1f}",
+        f"`{command(row)}`",
+    )
+    return f"| {' | '.join(cells)} |"
+
+
+def page(table: pd.DataFrame) -> str:
+    """Text of docs/leaderboard.md."""
+    parts = [HEADER.format(wide=WIDE, runs=RUNS)]
+    for name, rows in table.groupby("scenario"):
+        ranked = rows.sort_values(["success_low", "policy"], ascending=[False, True])
+        lines = [markdown_row(row) for row in ranked.to_dict("records")]
+        head = f"| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}"
+        parts.append("\n".join([f"## {name}\n", head, *lines, ""]))
+    return "\n".join(parts)
+
+
+def renew(scenario: Scenario) -> None:
+    """Measure the rows of a scenario, and write the table and the page with them."""
+    rows = []
+    for policy in names_of(scenario):
+        rows.append(measured(scenario, policy))
+        print(scenario.name, markdown_row(rows[-1]), flush=True)
+    table = pd.DataFrame(rows)
+    if TABLE.exists():
+        kept = pd.read_csv(TABLE)
+        table = pd.concat([kept[kept["scenario"] != scenario.name], table])
+    TABLE.parent.mkdir(parents=True, exist_ok=True)
+    table = table.sort_values("scenario", kind="stable")
+    table.to_csv(TABLE, index=False)
+    PAGE.write_text(page(table), encoding="utf-8")
+
+
+def main() -> None:
+    """Print a row, or make the rows of a scenario or of all, and the page."""
+    names = sys.argv[1:2] or list(csw.builtin_scenarios())
+    if len(sys.argv) > 3 or names[0] not in csw.builtin_scenarios():
+        raise SystemExit(
+            f"usage: leaderboard.py [SCENARIO [POLICY]]; got {' '.join(sys.argv[1:])}; "
+            f"scenarios: {', '.join(csw.builtin_scenarios())}"
+        )
+    scenarios = [csw.load_scenario(name) for name in names]
+    if len(sys.argv) == 3:
+        if sys.argv[2] not in names_of(scenarios[0]):
+            raise SystemExit(
+                f"unknown policy {sys.argv[2]}; known: {', '.join(names_of(scenarios[0]))}"
+            )
+        print(markdown_row(measured(scenarios[0], sys.argv[2])))
+        return
+    for scenario in scenarios:
+        renew(scenario)
+
+
+if __name__ == "__main__":
+    main()

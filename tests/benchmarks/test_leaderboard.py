@@ -1,0 +1,89 @@
+"""The leaderboard's page is that of its table, and a row can be made again."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import casswarm as csw
+
+ROOT = Path(__file__).resolve().parents[2]
+BENCHMARKS = ROOT / "benchmarks"
+
+
+@pytest.fixture(scope="module")
+def leaderboard():
+    sys.path.insert(0, str(BENCHMARKS))
+    try:
+        import leaderboard
+
+        yield leaderboard
+    finally:
+        sys.path.remove(str(BENCHMARKS))
+
+
+@pytest.fixture(scope="module")
+def table(leaderboard):
+    return pd.read_csv(leaderboard.TABLE)
+
+
+def test_page_is_that_of_the_table(leaderboard, table):
+    assert leaderboard.PAGE.read_text(encoding="utf-8") == leaderboard.page(table)
+
+
+def test_table_has_all_rows(leaderboard, table):
+    rows = set(zip(table["scenario"], table["policy"], strict=True))
+    names = leaderboard.names_of
+    expected = {(s, p) for s in csw.builtin_scenarios() for p in names(csw.load_scenario(s))}
+    assert rows == expected
+    assert len(table) == len(expected)
+
+
+def test_no_row_exceeds_its_bound(table):
+    assert (table["success_low"] <= table["bound"]).all()
+    assert (table["success_low"] <= table["success_high"]).all()
+    exact = table[table["exact"]]
+    assert ((exact["success_high"] - exact["success_low"]) <= 0.01 + 2e-6).all()
+
+
+def test_trained_policies_are_above_leader(table):
+    rows = table.set_index(["scenario", "policy"])
+    for name in ("alley", "barricade"):
+        trained, leader = rows.loc[(name, "trained")], rows.loc[(name, "leader")]
+        assert trained["success_low"] > leader["success_high"]
+
+
+def test_command_of_a_row_prints_it_again(leaderboard, table):
+    row = table.set_index(["scenario", "policy"]).loc[("single-agent", "naive")]
+    kept = {"scenario": "single-agent", "policy": "naive", **row}
+    words = leaderboard.command(kept).split()
+    done = subprocess.run(
+        [sys.executable, "-W", "error", *words[1:]],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    cells, expected = (
+        [cell.strip() for cell in line.strip("| \n").split("|")]
+        for line in (done.stdout, leaderboard.markdown_row(kept))
+    )
+    time = leaderboard.COLUMNS.index("time, s")
+    assert cells[:time] == expected[:time]
+    assert cells[time + 1 :] == expected[time + 1 :]
+    assert float(cells[time]) > 0
+
+
+@pytest.mark.parametrize("words", [["nowhere"], ["alley", "best"], ["alley", "naive", "again"]])
+def test_wrong_arguments_are_one_line(leaderboard, words):
+    script = Path(leaderboard.__file__)
+    done = subprocess.run(
+        [sys.executable, script, *words], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
