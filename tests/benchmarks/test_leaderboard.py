@@ -57,6 +57,7 @@ def test_trained_policies_are_above_leader(table):
         assert trained["success_low"] > leader["success_high"]
 
 
+@pytest.mark.slow
 def test_command_of_a_row_prints_it_again(leaderboard, table):
     row = table.set_index(["scenario", "policy"]).loc[("single-agent", "naive")]
     kept = {"scenario": "single-agent", "policy": "naive", **row}

@@ -118,6 +118,7 @@ def test_success_equals_that_of_evaluate(n):
     assert found.objective < found.success.low
 
 
+@pytest.mark.slow
 def test_bounds_with_tolerance_hold_success():
     scenario = scene(4)
     exact = gradient(scenario, steered(scenario)).success.low
