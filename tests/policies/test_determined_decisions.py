@@ -70,7 +70,8 @@ def test_leader_protection_is_the_same_for_solvers_and_starts(name, starts):
 @pytest.mark.parametrize("starts", [1, 2, 16, 64, "ipopt"])
 def test_success_of_leader_protection_is_the_same_for_solvers_and_starts(starts):
     scenario, guide = planned("gauntlet")
-    options = {"tolerance": 1e-2, "aggregation_tol": 1e-4, "guide": guide}
+    tolerance = 0.1 if starts == "ipopt" else 1e-2  # which takes milliseconds a state
+    options = {"tolerance": tolerance, "aggregation_tol": 1e-4, "guide": guide}
     expected, found = (
         evaluate(scenario, policy("gauntlet", which), **options).success
         for which in ("auto", starts)
