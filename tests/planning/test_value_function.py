@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import tracemalloc
 from fractions import Fraction
 
 import numpy as np
@@ -184,3 +185,19 @@ def test_rounding_grows_with_resolution() -> None:
         for nodes, interpolated in ((100_000, False), (100_000, True), (1_500_000, True))
     ]
     assert 0 < allowances[0] < allowances[1] < allowances[2] < 1e-11
+
+
+def test_memory_of_best_nodes_is_bounded_where_many_are_within_reach() -> None:
+    """With one step left, all nodes of the finest grid are within reach of a position."""
+    scenario = small([(0.0, 0.0)], (0.9, 0.2), [(0.6, 0.1)], 1, guide__acceleration_limited=False)
+    value = ValueFunction.from_scenario(scenario, 1_000_000, certified=False)
+    assert value.grid.reach >= 256
+    positions = np.random.default_rng(0).normal(scale=0.1, size=(64, 2))
+    value.velocities(0, positions[:1])
+    tracemalloc.start()
+    velocities = value.velocities(0, positions)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 100e6  # the costs of all nodes at once need at least 64 * 513**2 * 8
+    for position, velocity in zip(positions[:4], velocities, strict=False):
+        assert np.array_equal(value.velocities(0, position), velocity)

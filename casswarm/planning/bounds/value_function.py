@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _MAX_NODES = 2_500_000  # of the grid, over all steps
 _TIE = 1e-9  # relative: nodes at the edge of reach, for positions that are nodes but for rounding
-_CHUNK = 2048  # positions at once: bounds memory
+_CHUNK = 2**21  # nodes at once, of all positions: bounds memory
 
 _MAP_NODES = 150  # along an axis
 _MAP_ARROWS = slice(4, None, 9)  # of the nodes, along an axis
@@ -179,19 +179,18 @@ class ValueFunction:
         at = (flat - task.start) / h - np.array(low)
         limit = k * (1 + _TIE)
         first = np.ceil(at - limit).astype(int)
-        offsets = np.stack(np.meshgrid(*[np.arange(2 * k + 1)] * 2, indexing="ij"), -1)
-        offsets = offsets.reshape(-1, 2)
-        for begin in range(0, len(flat), _CHUNK):
-            chunk = slice(begin, begin + _CHUNK)
-            nodes = first[chunk, None] + offsets
-            valid = ((nodes >= 0) & (nodes < np.array(array.shape))).all(axis=-1)
-            valid &= (np.abs(nodes - at[chunk, None]) <= limit).all(axis=-1)
-            nodes = np.where(valid[..., None], nodes, 0)
-            costs = np.where(valid, array[nodes[..., 0], nodes[..., 1]], np.inf)
-            best = costs.argmin(axis=1)
-            rows = np.arange(len(best))
-            risk[chunk] = costs[rows, best]
-            goals[chunk] = task.start + h * (nodes[rows, best] + np.array(low))
+        size = max(1, _CHUNK // (2 * k + 1) ** 2)
+        for begin in range(0, len(flat), size):
+            chunk = slice(begin, begin + size)
+            nodes = first[chunk, None] + np.arange(2 * k + 1)[:, None]  # (B, 2k+1, 2): by axis
+            valid = (nodes >= 0) & (nodes < array.shape) & (nodes - at[chunk, None] <= limit)
+            rows, columns = np.moveaxis(np.where(valid, nodes, 0), -1, 0)
+            costs = array[rows[:, :, None], columns[:, None, :]]
+            costs[~valid[..., 0]] = np.inf
+            np.moveaxis(costs, 1, 2)[~valid[..., 1]] = np.inf
+            risk[chunk] = costs.min(axis=(1, 2))
+            best = np.divmod(costs.reshape(len(costs), -1).argmin(axis=1), 2 * k + 1)
+            goals[chunk] = task.start + h * (first[chunk] + np.stack(best, axis=1) + low)
         return risk, goals
 
 
