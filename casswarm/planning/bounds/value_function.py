@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ...scenario import Scenario
 
 _MAX_NODES = 2_500_000  # of the grid, over all steps
+_MAX_REACH = 1024  # nodes that a step spans; values are interpolated as far around the grid
 _TIE = 1e-9  # relative: nodes at the edge of reach, for positions that are nodes but for rounding
 _CHUNK = 2**21  # nodes at once, of all positions: bounds memory
 
@@ -178,24 +179,28 @@ class ValueFunction:
         task, h, k = self.grid.task, self.grid.spacing, self.grid.reach
         at = (flat - task.start) / h - np.array(low)
         limit = k * (1 + _TIE)
-        first = np.ceil(at - limit).astype(int)
-        size = max(1, _CHUNK // (2 * k + 1) ** 2)
-        for begin in range(0, len(flat), size):
-            chunk = slice(begin, begin + size)
-            nodes = first[chunk, None] + np.arange(2 * k + 1)[:, None]  # (B, 2k+1, 2): by axis
-            valid = (nodes >= 0) & (nodes < array.shape) & (nodes - at[chunk, None] <= limit)
-            rows, columns = np.moveaxis(np.where(valid, nodes, 0), -1, 0)
+        first = np.maximum(0, np.ceil(at - limit)).astype(int)
+        last = np.minimum(np.array(array.shape) - 1, np.floor(at + limit)).astype(int)
+        height, width = (np.arange(min(2 * k + 1, size)) for size in array.shape)
+        count = max(1, _CHUNK // (len(height) * len(width)))
+        for begin in range(0, len(flat), count):
+            chunk = slice(begin, begin + count)
+            rows, columns = first[chunk, :1] + height, first[chunk, 1:] + width
+            beyond_rows, beyond_columns = rows > last[chunk, :1], columns > last[chunk, 1:]
+            rows[beyond_rows], columns[beyond_columns] = 0, 0
             costs = array[rows[:, :, None], columns[:, None, :]]
-            costs[~valid[..., 0]] = np.inf
-            np.moveaxis(costs, 1, 2)[~valid[..., 1]] = np.inf
+            costs[beyond_rows] = np.inf
+            costs.transpose(0, 2, 1)[beyond_columns] = np.inf
             risk[chunk] = costs.min(axis=(1, 2))
-            best = np.divmod(costs.reshape(len(costs), -1).argmin(axis=1), 2 * k + 1)
+            best = np.divmod(costs.reshape(len(costs), -1).argmin(axis=1), len(width))
             goals[chunk] = task.start + h * (first[chunk] + np.stack(best, axis=1) + low)
         return risk, goals
 
 
 def value_grid(scenario: Scenario, max_nodes: int = _MAX_NODES) -> Grid:
     """The finest grid of at most `max_nodes` nodes, or of ten times as many if it must be.
+
+    A step at full speed spans at most 1024 nodes along an axis.
 
     Raises
     ------
@@ -214,7 +219,7 @@ def value_grid(scenario: Scenario, max_nodes: int = _MAX_NODES) -> Grid:
             nodes=nodes,
             max_nodes=limit,
         )
-    while node_count(task, 1, 2 * reach, ANYWHERE) <= max_nodes:
+    while 2 * reach <= _MAX_REACH and node_count(task, 1, 2 * reach, ANYWHERE) <= max_nodes:
         reach *= 2
     return Grid.full(task, 1, reach, ANYWHERE)
 
