@@ -40,8 +40,8 @@ def explore(scenario: Scenario, policy: str = "leader", *, file: str | Path | No
         of the present state: `scenario`; `guide` and `study`, which wait until they are computed;
         `session`, with `undo`, `change` and more. The trait `revision` changes when the view shows
         another state and nothing moves any more: ``widget.observe(function, "revision")``. In
-        marimo, cells that use ``mo.ui.anywidget(widget)`` then run again. Everything runs on this computer, in another
-        process; ``widget.close()`` ends it.
+        marimo, cells that use ``mo.ui.anywidget(widget)`` then run again. Everything runs on this
+        computer, in another process; ``widget.close()`` ends it.
 
     Raises
     ------

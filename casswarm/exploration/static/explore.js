@@ -47,9 +47,10 @@ class Outbox {
   }
 
   post(message) {
-    this.model.send({ ...message, number: ++this.number });
+    this.number += 1;
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this.idle || this.miss(), LATE);
+    this.model.send({ ...message, number: this.number }); // fails if the kernel was restarted
   }
 
   sendSoon(message) {
