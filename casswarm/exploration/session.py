@@ -76,6 +76,11 @@ class Session:
         """Name of the present policy."""
         return self.history.present.policy
 
+    @property
+    def revision(self) -> int:
+        """Number of changes so far of the scenario or the policy."""
+        return self._version
+
     # --- changes
 
     def change(self, values: Mapping[str, Any], gesture: object = None) -> bool:

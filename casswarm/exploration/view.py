@@ -152,6 +152,7 @@ def _scene(session: Session) -> Message:
     strengths = scenario.hazard_table.strengths or [1.0] * len(scenario.hazard_table.radars)
     listed = parameters(session.history.first.scenario)
     return {
+        "revision": session.revision,
         "name": scenario.name,
         "members": scenario.swarm.positions,
         "radars": scenario.hazard_table.radars,

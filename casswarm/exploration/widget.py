@@ -38,8 +38,10 @@ def explore(scenario: Scenario, policy: str = "leader", *, file: str | Path | No
     widget
         An `anywidget.AnyWidget`, for Jupyter, VS Code, Colab and marimo. Its attributes are those
         of the present state: `scenario`; `guide` and `study`, which wait until they are computed;
-        `session`, with `undo`, `change` and more. Everything runs on this computer, in another
-        process; ``widget.close()`` ends it.
+        `session`, with `undo`, `change` and more. The trait `revision` changes when the view shows
+        another state and nothing moves any more: ``widget.observe(function, "revision")``. In
+        marimo, cells that use ``mo.ui.anywidget(widget)`` then run again. Everything runs on this
+        computer, in another process; ``widget.close()`` ends it.
 
     Raises
     ------
@@ -61,6 +63,7 @@ def _widget_class() -> type[Any]:
     """The class, which exists only where anywidget is installed."""
     try:
         import anywidget
+        from traitlets import Int
     except ImportError as error:
         raise ExtraError("csw.explore needs anywidget: pip install 'casswarm[explore]'") from error
 
@@ -69,6 +72,7 @@ def _widget_class() -> type[Any]:
 
         _esm = static_text("explore.js")
         _css = static_text("explore.css")
+        revision = Int(0, help="Number of the state that the view shows.").tag(sync=True)
 
         def __init__(self, session: Session) -> None:
             super().__init__()

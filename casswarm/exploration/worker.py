@@ -17,12 +17,15 @@ from .answers import Answer, Inquiry, Question, Superseded
 GRACE = 2.0
 """Seconds after which work is ended that does not make way for a newer question."""
 
+IDLE = 600.0
+"""Seconds after a complete answer until the process ends: a view may go without saying so."""
+
 
 class Worker:
     """A process that answers the newest question, and drops older ones once their guide is out.
 
-    It starts with the first question. If it dies, the question fails and the next one starts
-    another process.
+    It starts with the first question, and ends when it is idle. If it dies, the question fails.
+    The next question then starts another process.
 
     Parameters
     ----------
@@ -53,9 +56,7 @@ class Worker:
             with suppress(OSError):  # the process has died: the thread that reads will report it
                 self._connection.send_bytes(content)
         if self._is_late(question):
-            timer = Timer(GRACE, self._restart_if_late, (question,))
-            timer.daemon = True
-            timer.start()
+            _later(GRACE, self._restart_if_late, question)
 
     def close(self) -> None:
         """End the process, whatever it does; the next question starts another one."""
@@ -86,6 +87,8 @@ class Worker:
                         break
                     self._latest = answer
                 self._receive(answer)
+                if answer.done:
+                    _later(IDLE, self._end_if_idle, answer.question.version)
         with self._lock:
             lost = self._wanted if connection is self._connection else None
             if connection is self._connection:
@@ -113,6 +116,18 @@ class Worker:
                 return
             self.close()
         self.ask(newest)
+
+    def _end_if_idle(self, version: int) -> None:
+        with self._lock:
+            if self._wanted is not None and self._wanted.version == version:
+                self.close()
+
+
+def _later(seconds: float, function: Callable[..., None], *arguments: object) -> None:
+    """Call a function in a thread of its own, unless Python ends before."""
+    timer = Timer(seconds, function, arguments)
+    timer.daemon = True
+    timer.start()
 
 
 def _answer_questions(connection: Connection) -> None:

@@ -157,6 +157,21 @@ def test_keyboard_alone_moves_undoes_and_chooses(page, session):
     page.wait("document.querySelector('.csw-detail').textContent.startsWith('constrained')")
 
 
+def test_plain_keys_stay_in_the_view_and_shortcuts_leave_it(page):
+    """A notebook deletes its cell when D is typed twice, and saves with Ctrl+S."""
+    page.value(
+        "(window.heard = [], window.hear = (event) => window.heard.push(event.key),"
+        " document.addEventListener('keydown', window.hear), null)"
+    )
+    for selector in (RADAR, "select[name=policy]", "input[name='swarm.v_max']", ".csw summary"):
+        page.value(f"document.querySelector({selector!r}).focus()")
+        for key in ("d", "d", "ArrowDown", "ArrowUp"):
+            page.key(key)
+        page.key("k", modifiers=2)
+    assert page.value("window.heard") == ["k"] * 4
+    page.value("document.removeEventListener('keydown', window.hear)")
+
+
 def test_slider_changes_parameter_in_one_step(page, session):
     change = (
         "(() => { const s = document.querySelector('input[name=\"hazard.alpha_1\"]');"
@@ -164,6 +179,8 @@ def test_slider_changes_parameter_in_one_step(page, session):
         " s.dispatchEvent(new Event('input')); } s.dispatchEvent(new Event('change')); })()"
     )
     before = session.scenario.hazard_table.alpha_1
+    number = "document.querySelector('.csw-row input[type=number]')"
+    assert page.value(f"getComputedStyle({number}).boxSizing") == "border-box"  # in <details> too
     page.value(change)
     page.wait(f"!{UNDO}.disabled")
     session.wait(120)

@@ -44,6 +44,17 @@ def test_messages_of_the_front_end_reach_the_session(widget, monkeypatch):
     assert sent == [{"handled": 1}]
 
 
+def test_revision_is_a_trait_that_the_front_end_sets(widget):
+    seen = []
+    widget.observe(lambda change: seen.append(change["new"]), "revision")
+    widget.session.move("radar", 0, (1.2, 1.0))
+    assert seen == []  # the view says when nothing moves any more
+    widget._handle_msg(
+        {"content": {"data": {"method": "update", "state": {"revision": 1}}}, "buffers": []}
+    )
+    assert seen == [widget.session.revision] == [1]
+
+
 @pytest.mark.slow
 def test_guide_and_study_wait_until_they_are_computed(widget):
     widget.session.choose_policy("leader")

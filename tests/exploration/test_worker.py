@@ -60,6 +60,19 @@ def test_process_that_dies_is_reported_and_started_again(session):
     assert session.wait(120).failure == ""
 
 
+def test_idle_process_ends_and_next_change_starts_another(session, monkeypatch):
+    monkeypatch.setattr(worker_module, "IDLE", 0.2)
+    session.subscribe(lambda: None)
+    assert session.wait(120).failure == ""
+    process = process_of(session)
+    process.join(20)
+    assert not process.is_alive()
+    assert session.wait(1).failure == ""  # the answer stays
+    session.change({"swarm.a_max": 0.4})
+    assert session.wait(120).failure == ""
+    assert process_of(session) is not process
+
+
 def test_work_that_does_not_make_way_is_ended(monkeypatch):
     monkeypatch.setattr(worker_module, "GRACE", 0.2)
     session = Session(three_members())

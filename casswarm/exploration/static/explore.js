@@ -1,14 +1,17 @@
 // View of a session of casswarm.exploration: the same module draws the widget and the local page.
-// The model has `send(message)` and `on("msg:custom", listener)`, as in anywidget. Messages from
+// The model has `send(message)`, `on("msg:custom", listener)`, `set` and `save_changes`, as in
+// anywidget, and may say in `silence` what it means that Python does not answer. Messages from
 // Python hold the parts of a state that have changed (casswarm/exploration/view.py).
 
 const SVG = "http://www.w3.org/2000/svg";
 const STEPS = 200; // positions of a slider
 const PLAY = 250; // milliseconds of a step of a run
 const PAUSE = 800; // milliseconds between keys of one gesture
+const LATE = 4000; // milliseconds after which an answer is missed
 const LARGER = 1.3; // ratio up to which a frame is kept
 const MARK = 9; // pixels of a marker; its area for pointers has at least 22
 const STARTING = "starting …";
+const SILENCE = "no answer yet: another cell may be running; if the kernel was restarted, run this cell again";
 const HELP = "▲ radar, ● member, ⊕ target: drag them, or choose one with Tab and move it with the arrow keys";
 const COLORS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00"];
 
@@ -31,8 +34,8 @@ const ceil4 = (value) => (Math.ceil(value * 1e4 - 1e-9) / 1e4).toFixed(4);
 
 /** Messages to Python: at most one move a frame, numbered, so that answers to old ones are known. */
 class Outbox {
-  constructor(model) {
-    this.model = model;
+  constructor(model, miss) {
+    [this.model, this.miss] = [model, miss]; // `miss` is called if an answer is late
     this.number = 0;
     this.handled = 0;
     this.waiting = null;
@@ -40,7 +43,14 @@ class Outbox {
 
   send(message) {
     this.flush();
-    this.model.send({ ...message, number: ++this.number });
+    this.post(message);
+  }
+
+  post(message) {
+    this.number += 1;
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.idle || this.miss(), LATE);
+    this.model.send({ ...message, number: this.number }); // fails if the kernel was restarted
   }
 
   sendSoon(message) {
@@ -51,7 +61,7 @@ class Outbox {
   flush() {
     const message = this.waiting;
     this.waiting = null;
-    if (message) this.model.send({ ...message, number: ++this.number });
+    if (message) this.post(message);
   }
 
   get idle() {
@@ -496,8 +506,15 @@ function showText(box, text, notify) {
   );
 }
 
+/** Whether a key is for the widget alone: a notebook may delete its cell when D is typed twice. */
+function isPlain(event) {
+  const runsCell = event.shiftKey && event.key === "Enter";
+  return !(event.ctrlKey || event.metaKey || event.altKey || runsCell || event.key === "Escape");
+}
+
 function render({ model, el }) {
-  const [outbox, gestures, state] = [new Outbox(model), new Gestures(), {}];
+  const silence = model.silence || SILENCE;
+  const [outbox, gestures, state] = [new Outbox(model, () => notify(silence)), new Gestures(), {}];
   const map = new MapView(outbox, gestures);
   const [controls, player, results] = [new Controls(outbox, gestures), new Player(map), new Results()];
   const button = (label, type, key) =>
@@ -521,15 +538,28 @@ function render({ model, el }) {
   );
   parameters.open = el.clientWidth === 0 || el.clientWidth > 640;
   root.addEventListener("keydown", (event) => {
-    if (event.key.toLowerCase() !== "z" || !(event.ctrlKey || event.metaKey)) return;
-    if (event.target.type === "number") return;
+    const undoes = event.key.toLowerCase() === "z" && (event.ctrlKey || event.metaKey);
+    if (undoes || isPlain(event)) event.stopPropagation();
+    if (!undoes || event.target.type === "number") return;
     event.preventDefault();
-    event.stopPropagation();
     outbox.send({ type: event.shiftKey ? "redo" : "undo" });
   });
 
+  let timer = 0;
+  const settle = () => { // tells the notebook of a new state: marimo runs the cells that use it
+    clearTimeout(timer);
+    timer = setTimeout(() => {
+      if (map.held || controls.busy || !outbox.idle) return settle();
+      model.set("revision", state.scene.revision);
+      return model.save_changes();
+    }, PAUSE);
+  };
+
   const receive = (message) => {
-    if ("handled" in message) outbox.handled = message.handled;
+    if ("handled" in message) {
+      outbox.handled = message.handled;
+      if (outbox.idle && notice.textContent === silence) notify("");
+    }
     if ("notice" in message) notify(message.notice);
     if ("toml" in message) showText(text, message.toml, notify);
     const { handled, notice: _, toml, ...parts } = message;
@@ -541,6 +571,7 @@ function render({ model, el }) {
       controls.update(state.scene);
       buttons.undo.disabled = !state.scene.can_undo;
       buttons.redo.disabled = !state.scene.can_redo;
+      settle();
     }
     if (parts.guide || "success" in parts || "busy" in parts) results.update(state);
     if (parts.guide && notice.textContent === STARTING) notify("");
@@ -555,9 +586,11 @@ function render({ model, el }) {
   model.on("msg:custom", receive);
   el.append(root);
   notify(STARTING);
-  model.send({ type: "open" });
+  outbox.send({ type: "open" });
   return () => {
     player.stop();
+    clearTimeout(timer);
+    clearTimeout(outbox.timer);
     model.off("msg:custom", receive);
     model.send({ type: "close" });
   };

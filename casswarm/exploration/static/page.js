@@ -6,6 +6,9 @@ const model = {
   send: (message) => socket.readyState === WebSocket.OPEN && socket.send(JSON.stringify(message)),
   on: (_, listener) => socket.addEventListener("message", (event) => listener(JSON.parse(event.data))),
   off: () => {},
+  set: () => {},
+  save_changes: () => {},
+  silence: "casswarm explore does not answer; if it has ended, start it again and open its new address",
 };
 const place = document.getElementById("view");
 socket.addEventListener("open", () => view.render({ model, el: place }));
