@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import ExtraError
 from .session import Session
-from .view import View, static_text
+from .static_files import PAGE, static_text
+from .view import View
 
 if TYPE_CHECKING:
     from websockets.http11 import Request, Response
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 HOST = "127.0.0.1"
 
 _TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
-_FILES = ("page.html", "page.js", "page.css", "explore.js", "explore.css")
 _MAX_BYTES = 1 << 16  # of a message of the page
 
 
@@ -85,7 +85,7 @@ class _Pages:
         name = request.path[len(prefix) :] or "page.html"
         if name == "socket":
             return None
-        if name not in _FILES:
+        if name not in PAGE:
             return connection.respond(HTTPStatus.NOT_FOUND, "no such file\n")
         response = connection.respond(HTTPStatus.OK, static_text(name))
         del response.headers["Content-Type"]

@@ -1,6 +1,6 @@
 """A view of a session: changes that it sends, and what it draws, as JSON.
 
-The widget and the local page have the same JavaScript (``static/explore.js``). A message to it has
+The widget and the local page have the same JavaScript (``static/view.js``). A message to it has
 the parts of what it draws that have changed.
 """
 
@@ -9,8 +9,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
-from functools import cache, partial
-from importlib.resources import files
+from functools import partial
 from threading import RLock
 from typing import Any
 
@@ -26,12 +25,6 @@ from .session import POINTS, Session
 Message = dict[str, Any]
 
 _UNSUPPORTED = "the page sent something unknown; load it again"
-
-
-@cache
-def static_text(name: str) -> str:
-    """Text of a file of ``static/``."""
-    return files(__package__).joinpath("static", name).read_text(encoding="utf-8")
 
 
 class View:

@@ -10,7 +10,8 @@ from ..errors import ExtraError
 from ..planning.guide import Guide
 from ..studies.simulation import Study
 from .session import Session
-from .view import View, static_text
+from .static_files import static_text
+from .view import View
 
 if TYPE_CHECKING:
     from ..scenario import Scenario

@@ -1,0 +1,235 @@
+// The map with its points, which are dragged, and the frame it shows.
+
+const LARGER = 1.3; // ratio up to which a frame is kept
+const MARK = 9; // pixels of a marker; its area for pointers has at least 22
+const COLORS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00"];
+
+/** The map: canvas with the hazard, and above it an SVG with the guide, a run and the points. */
+class MapView {
+  constructor(outbox, gestures) {
+    [this.outbox, this.gestures] = [outbox, gestures];
+    this.frame = null; // corners {low, high} in units of length
+    this.moved = new Map(); // positions of points that Python has not confirmed
+    this.held = null; // the point that the pointer holds
+    this.painted = []; // what the canvas shows
+    this.canvas = make("canvas", { class: "csw-hazard", "aria-hidden": "true" });
+    this.guide = make("polyline", { class: "csw-guide" });
+    this.run = make("g", { class: "csw-run" });
+    this.zone = make("circle", { class: "csw-zone" });
+    this.points = make("g");
+    this.svg = make(
+      "svg",
+      { role: "group", "aria-label": "Map: target, radars and members" },
+      this.zone, this.guide, this.run, this.points,
+    );
+    this.element = make("div", { class: "csw-map" }, this.canvas, this.svg);
+    this.marks = new Map();
+    new ResizeObserver(() => this.draw()).observe(this.element);
+  }
+
+  get size() {
+    return this.element.clientWidth || 400;
+  }
+
+  toPixels([x, y]) {
+    const { low, high } = this.frame;
+    const scale = this.size / (high[0] - low[0]);
+    return [(x - low[0]) * scale, (high[1] - y) * scale];
+  }
+
+  /** Position of the pointer in units of length. */
+  pointer(event) {
+    const { low, high } = this.frame;
+    const box = this.svg.getBoundingClientRect();
+    const scale = (high[0] - low[0]) / box.width;
+    return [low[0] + (event.clientX - box.left) * scale, high[1] - (event.clientY - box.top) * scale];
+  }
+
+  inside(position) {
+    const { low, high } = this.frame;
+    return position.map((value, k) => Math.min(Math.max(value, low[k]), high[k]));
+  }
+
+  /** Show a new state; the frame stays while the pointer holds a point. */
+  update(state) {
+    this.state = state;
+    const { scene, map } = state;
+    if (this.outbox.idle && !this.held) this.moved.clear();
+    if (!this.frame) this.frame = around(scene);
+    if (map && !this.held && !suits(this.frame, map.frame)) this.frame = map.frame;
+    this.draw();
+  }
+
+  position(name, scene) {
+    const [kind, index] = name.split(" ");
+    return this.moved.get(name) || (kind === "target" ? scene.target.center : scene[`${kind}s`][index]);
+  }
+
+  draw() {
+    if (!this.state || !this.state.scene) return;
+    const { scene, guide, map } = this.state;
+    this.svg.setAttribute("viewBox", `0 0 ${this.size} ${this.size}`);
+    const painted = [map, this.frame, this.size];
+    if (map && painted.some((value, k) => value !== this.painted[k])) this.drawHazard(map);
+    this.painted = painted;
+    const scale = this.size / (this.frame.high[0] - this.frame.low[0]);
+    const [x, y] = this.toPixels(this.position("target 0", scene));
+    place(this.zone, { cx: x, cy: y, r: scene.target.radius * scale });
+    if (guide) {
+      this.guide.setAttribute("points", guide.positions.map((p) => this.toPixels(p).join()).join(" "));
+      this.guide.classList.toggle("csw-stale", !guide.current);
+    }
+    const names = ["target 0"];
+    scene.radars.forEach((_, k) => names.push(`radar ${k}`));
+    scene.members.forEach((_, k) => names.push(`member ${k}`));
+    for (const name of [...this.marks.keys()].filter((known) => !names.includes(known))) {
+      this.marks.get(name).remove();
+      this.marks.delete(name);
+    }
+    for (const name of names) this.drawPoint(name, scene);
+  }
+
+  drawPoint(name, scene) {
+    if (!this.marks.has(name)) {
+      this.marks.set(name, this.makePoint(name));
+      this.points.append(this.marks.get(name));
+    }
+    const mark = this.marks.get(name);
+    const position = this.position(name, scene);
+    const [x, y] = this.toPixels(position);
+    mark.setAttribute("transform", `translate(${x} ${y})`);
+    const label = `${title(name)} at ${position.map((value) => short(value)).join(", ")}`;
+    mark.setAttribute("aria-label", `${label}; arrow keys move it`);
+    mark.querySelector("title").textContent = label;
+  }
+
+  makePoint(name) {
+    const [kind, index] = name.split(" ");
+    const color = COLORS[index % COLORS.length];
+    const shapes = {
+      radar: make("path", { d: `M0 ${-MARK}L${MARK} ${MARK * 0.8}H${-MARK}Z` }),
+      member: make("circle", { r: MARK * 0.6, fill: color }),
+      target: make("path", { d: `M${-MARK} 0H${MARK}M0 ${-MARK}V${MARK}` }),
+    };
+    return make(
+      "g",
+      {
+        class: `csw-point csw-${kind}`,
+        "data-point": name,
+        tabindex: "0",
+        role: "button",
+        "aria-roledescription": "movable point",
+        pointerdown: (event) => this.grab(event, name),
+        pointermove: (event) => this.drag(event, name),
+        pointerup: (event) => this.release(event),
+        pointercancel: (event) => this.release(event),
+        keydown: (event) => this.key(event, name),
+      },
+      make("title"),
+      make("circle", { class: "csw-reach", r: kind === "member" ? MARK * 1.3 : MARK * 2.4 }),
+      shapes[kind],
+    );
+  }
+
+  grab(event, name) {
+    if (event.button) return;
+    event.preventDefault();
+    event.currentTarget.focus();
+    event.currentTarget.setPointerCapture(event.pointerId);
+    const at = this.pointer(event);
+    const offset = this.position(name, this.state.scene).map((value, k) => value - at[k]);
+    this.held = { name, gesture: this.gestures.begin(), offset };
+  }
+
+  drag(event, name) {
+    if (!this.held || this.held.name !== name) return;
+    const at = this.pointer(event).map((value, k) => value + this.held.offset[k]);
+    this.move(name, at, this.held.gesture);
+  }
+
+  release() {
+    this.held = null;
+    this.outbox.flush();
+  }
+
+  key(event, name) {
+    const steps = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+    const step = steps[event.key];
+    if (!step || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    event.stopPropagation();
+    const length = (this.frame.high[0] - this.frame.low[0]) / (event.shiftKey ? 500 : 50);
+    const from = this.position(name, this.state.scene);
+    const moved = from.map((value, k) => value + length * step[k]);
+    this.move(name, moved, this.gestures.ofKey(name));
+  }
+
+  move(name, wanted, gesture) {
+    const [point, index] = name.split(" ");
+    const position = this.inside(wanted);
+    this.moved.set(name, position);
+    this.outbox.sendSoon({ type: "move", point, index: Number(index), position, gesture });
+    this.draw();
+  }
+
+  /** Paint the rates as shades, where the frame shows them. */
+  drawHazard(map) {
+    const bytes = Uint8Array.from(atob(map.shades), (letter) => letter.charCodeAt(0));
+    const image = new ImageData(map.size, map.size);
+    bytes.forEach((shade, k) => {
+      const row = map.size - 1 - Math.floor(k / map.size); // shades begin at the bottom
+      image.data.set([213, 94, 0, 0.55 * shade], 4 * (row * map.size + (k % map.size)));
+    });
+    const small = make("canvas", { width: map.size, height: map.size });
+    small.getContext("2d").putImageData(image, 0, 0);
+    const [left, bottom] = this.toPixels(map.low);
+    const [right, top] = this.toPixels(map.high);
+    [this.canvas.width, this.canvas.height] = [this.size, this.size];
+    this.canvas.getContext("2d").drawImage(small, left, top, right - left, bottom - top);
+  }
+
+  /** Draw the members of a run at a time between its first step and its last. */
+  drawRun(run, time) {
+    this.run.replaceChildren();
+    if (!run || !this.frame) return;
+    const step = Math.min(Math.floor(time), run.positions.length - 1);
+    const next = Math.min(step + 1, run.positions.length - 1);
+    run.positions[step].forEach((from, member) => {
+      const to = run.alive[step][member] ? run.positions[next][member] : from;
+      const at = from.map((value, k) => value + (time - step) * (to[k] - value));
+      const [x, y] = this.toPixels(at);
+      const leads = run.leaders[step] === member;
+      const color = COLORS[member % COLORS.length];
+      const mark = run.alive[step][member]
+        ? make("circle", { r: leads ? 7 : 5, fill: color, class: leads ? "csw-leader" : "" })
+        : make("path", { d: "M-5 -5L5 5M-5 5L5 -5", class: "csw-lost" });
+      mark.setAttribute("transform", `translate(${x} ${y})`);
+      this.run.append(mark);
+    });
+  }
+}
+
+function place(element, attributes) {
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+}
+
+/** Whether a frame holds another one, and is hardly larger: it is then kept. */
+function suits(frame, other) {
+  const holds = [0, 1].every((k) => frame.low[k] <= other.low[k] && other.high[k] <= frame.high[k]);
+  return holds && frame.high[0] - frame.low[0] < LARGER * (other.high[0] - other.low[0]);
+}
+
+/** A square frame around the points of a scene, until Python has sent one. */
+function around(scene) {
+  const points = [...scene.members, ...scene.radars, scene.target.center];
+  const ends = (k, best) => best(...points.map((point) => point[k]));
+  const middle = [0, 1].map((k) => (ends(k, Math.min) + ends(k, Math.max)) / 2);
+  const widths = [0, 1].map((k) => ends(k, Math.max) - ends(k, Math.min));
+  const half = 0.65 * Math.max(...widths) + scene.target.radius;
+  return { low: middle.map((m) => m - half), high: middle.map((m) => m + half) };
+}
+
+function title(name) {
+  const [kind, index] = name.split(" ");
+  return kind === "target" ? "Target" : `${kind[0].toUpperCase()}${kind.slice(1)} ${index}`;
+}

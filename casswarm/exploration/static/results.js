@@ -1,0 +1,97 @@
+// The numbers, and runs that are played on the map.
+
+const PLAY = 250; // milliseconds of a step of a run
+
+/** Plays a saved run on the map. */
+class Player {
+  constructor(map) {
+    this.map = map;
+    [this.runs, this.time, this.playing] = [[], 0, false];
+    this.button = make("button", { type: "button", click: () => this.toggle() }, "Play");
+    this.range = make("input", {
+      type: "range", min: 0, value: 0, step: "any", "aria-label": "step of the run",
+      input: () => { this.stop(); this.show(Number(this.range.value)); },
+    });
+    this.choice = make("select", { "aria-label": "run", change: () => this.show(this.time) });
+    this.note = make("output", {});
+    const controls = make("div", { class: "csw-row" }, this.button, this.range, this.choice);
+    this.element = make("div", { class: "csw-player" }, controls, this.note);
+  }
+
+  update(runs) {
+    this.runs = runs;
+    const chosen = this.choice.value || "0";
+    this.choice.replaceChildren(...runs.map((_, k) => make("option", { value: k }, `run ${k}`)));
+    if (Number(chosen) < runs.length) this.choice.value = chosen;
+    this.show(this.time);
+  }
+
+  get run() {
+    return this.runs[Number(this.choice.value)];
+  }
+
+  show(time) {
+    const last = this.run ? this.run.positions.length - 1 : 0;
+    this.time = Math.min(time, last);
+    [this.range.max, this.range.value] = [last, this.time];
+    this.button.disabled = !this.run;
+    const alive = this.run ? this.run.alive[Math.floor(this.time)].filter(Boolean).length : 0;
+    this.note.textContent = this.run ? `step ${Math.floor(this.time)} of ${last}, ${alive} alive` : "";
+    this.map.drawRun(this.time > 0 ? this.run : null, this.time);
+  }
+
+  toggle() {
+    if (this.playing) return this.stop();
+    if (this.run && this.time >= this.run.positions.length - 1) this.time = 0;
+    [this.playing, this.before] = [true, performance.now()];
+    this.button.textContent = "Pause";
+    return requestAnimationFrame((now) => this.tick(now));
+  }
+
+  stop() {
+    this.playing = false;
+    this.button.textContent = "Play";
+  }
+
+  tick(now) {
+    if (!this.playing || !this.run) return this.stop();
+    this.show(this.time + Math.max(0, now - this.before) / PLAY);
+    this.before = now;
+    if (this.time >= this.run.positions.length - 1) return this.stop();
+    return requestAnimationFrame((next) => this.tick(next));
+  }
+}
+
+/** The numbers: survival of the guide, and success of the policy. */
+class Results {
+  constructor() {
+    this.survival = make("output", { class: "csw-survival" }, "…");
+    this.success = make("output", { class: "csw-success" }, "…");
+    this.detail = make("div", { class: "csw-detail" });
+    this.bar = make("div", { class: "csw-interval" });
+    this.element = make(
+      "div",
+      { class: "csw-results" },
+      make("div", {}, "guide's survival ", this.survival),
+      make("div", {}, "success ", this.success),
+      make("div", { class: "csw-track", "aria-hidden": "true" }, this.bar),
+      this.detail,
+    );
+  }
+
+  update({ guide, success, busy }) {
+    if (guide) {
+      const bound = guide.bound === null ? "" : ` (no guide exceeds ${ceil4(guide.bound)})`;
+      this.survival.textContent = `${guide.survival.toFixed(4)}${bound}`;
+      this.survival.classList.toggle("csw-stale", !guide.current);
+    }
+    this.success.classList.toggle("csw-stale", !success || !success.current);
+    if (!success) return;
+    const { low, high, proven, runs, policy } = success;
+    const more = busy ? "; computing …" : "";
+    this.success.textContent = `${floor4(low)} to ${ceil4(high)}`;
+    this.detail.textContent = `${policy}, ${proven ? "proven bounds" : `95 % interval of ${runs} runs`}${more}`;
+    this.bar.style.left = `${100 * low}%`;
+    this.bar.style.width = `${Math.max(0.5, 100 * (high - low))}%`;
+  }
+}
