@@ -1,11 +1,11 @@
-"""Policies with parameters, given as CasADi functions, and their derivatives."""
+"""Policies with parameters, given as functions of CasADi, JAX or PyTorch, and their derivatives."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike
 from .._util.text import counted
 from ..errors import PolicyCallError, PolicyError
 from ..problems.step import Motion
-from ..typing import BoolArray, Expr, FloatArray
+from ..typing import BoolArray, FloatArray
 from .base import Policy
 from .decision import Decision, checked_velocities
-from .step_function import ByIdentity, StepFunction, state_columns, step_function
+from .state_function import ByIdentity, StateFunction, state_function
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ParametricPolicy(Policy):
-    """A policy that is a CasADi function of the state and of parameters.
+    """A policy that is a function of the state and of parameters, in CasADi, JAX or PyTorch.
 
     Its velocities are the nearest ones to the function's that v_max and a_max allow. This
     projection is differentiable almost everywhere, so `casswarm.success_gradient` can differentiate
@@ -33,24 +33,36 @@ class ParametricPolicy(Policy):
     Parameters
     ----------
     function : callable
-        ``function(step, positions, previous_velocities, alive, parameters)`` with the step t, an
-        int from 0, and CasADi expressions: positions and previous velocities (n, 2), `alive`
-        (n, 1), 1 for the living, and parameters (p, 1). It returns velocities (n, 2), in units of
-        length per unit time. The entries of the destroyed are zero, and the function must not
-        depend on them. It is called once for every step. Use squared distances rather than
-        ``norm_2``, whose derivative at zero is NaN.
+        ``function(step, positions, previous_velocities, alive, parameters)``, which returns
+        velocities (n, 2), in units of length per unit time. The step t is an int from 0, positions
+        and previous velocities are (n, 2); the entries of the destroyed are zero, and the function
+        must not depend on them. Use squared distances rather than norms, whose derivative at zero
+        is NaN. The other arguments depend on the framework:
+
+        - CasADi: expressions; `alive` (n, 1), 1 for the living, and parameters (p, 1). It is called
+          once for every step.
+        - JAX: traced arrays of double precision, whatever the global configuration is; `alive`
+          (n,), booleans, and parameters (p,). The step is traced, too, so that one compilation
+          serves all steps.
+        - PyTorch: tensors of double precision on the default device; `alive` (n,), booleans, and
+          parameters (p,). It is mapped over states by `torch.func.vmap`.
     parameters : array_like, shape (p,)
         Their values, finite.
     scenario : Scenario
         Whose number of members, v_max and a_max the policy has.
     name : str
         Name in tables.
+    framework : {"casadi", "jax", "torch"}
+        What the function is written in. JAX and PyTorch need packages of their own:
+        ``pip install 'casswarm[jax]'`` or ``pip install 'casswarm[torch]'``.
 
     Raises
     ------
     PolicyError
-        Parameters that are not a vector of finite numbers; a function that fails at step 0, or
-        returns another shape.
+        Parameters that are not a vector of finite numbers; an unknown framework; a function that
+        fails at step 0, or returns another shape.
+    ExtraError
+        The framework's package is not installed.
 
     Examples
     --------
@@ -70,10 +82,11 @@ class ParametricPolicy(Policy):
     array([0.5, 0.5, 0.5, 0.5, 0.5])
     """
 
-    function: Callable[..., Expr]
+    function: Callable[..., Any]
     parameters: FloatArray
     scenario: Scenario
     name: str = "parametric"
+    framework: str = "casadi"
     decision_tol: ClassVar[float] = 2.0**-36
 
     def __post_init__(self) -> None:
@@ -83,7 +96,7 @@ class ParametricPolicy(Policy):
                 f"{self.function!r} is not a function of (step, positions, previous_velocities, "
                 "alive, parameters)"
             )
-        self._step_function(0)
+        self._state_function()
 
     def with_parameters(self, parameters: ArrayLike) -> ParametricPolicy:
         """The policy with other parameters (p,)."""
@@ -122,10 +135,9 @@ class ParametricPolicy(Policy):
         n = self.scenario.n
         if alive.shape[1] != n:
             raise PolicyError(f"policy {self.name!r} is for {n} members, not {alive.shape[1]}")
-        function = self._step_function(step)
-        columns = state_columns(positions, previous_velocities, alive)
-        (values,) = function.values(columns, self.parameters[function.used])
-        return checked_velocities(self.name, step, values.T.reshape(-1, n, 2), alive)
+        states = positions, previous_velocities, alive
+        values = self._state_function().values(step, states, self.parameters)
+        return checked_velocities(self.name, step, values, alive)
 
     def project_adjoint(
         self, step: int, states: tuple[FloatArray, FloatArray, BoolArray], seeds: FloatArray
@@ -176,26 +188,22 @@ class ParametricPolicy(Policy):
         PolicyCallError
             A derivative is not finite.
         """
-        function, shape = self._step_function(step), seeds.shape
-        columns = state_columns(*states)
-        seeds = np.where(states[2][..., None], seeds, 0.0).reshape(len(seeds), -1).T
-        used = self.parameters[function.used]
-        to_state, to_used = function.derivatives(columns, used, seeds)
-        to_parameters = np.zeros_like(self.parameters)
-        to_parameters[function.used] = to_used @ weights
-        if not (np.isfinite(to_state).all() and np.isfinite(to_parameters).all()):
+        seeds = np.where(states[2][..., None], seeds, 0.0)
+        derivatives = self._state_function().derivatives(
+            step, states, self.parameters, seeds, weights
+        )
+        if not all(np.isfinite(part).all() for part in derivatives):
             raise PolicyCallError(
                 f"policy {self.name!r} has a derivative at step {step} that is not finite; avoid "
                 "roots and norms of numbers that can be zero, such as distances of the destroyed",
                 policy=self.name,
                 step=step,
             )
-        to_positions, to_previous = to_state.reshape(2, -1, len(weights))
-        return to_positions.T.reshape(shape), to_previous.T.reshape(shape), to_parameters
+        return derivatives
 
-    def _step_function(self, step: int) -> StepFunction:
-        function = ByIdentity(self.function, self.name)
-        return step_function(function, self.scenario.n, self.parameters.size, step)
+    def _state_function(self) -> StateFunction:
+        key = ByIdentity(self.function, self.name)
+        return state_function(self.framework, key, self.scenario.n, self.parameters.size)
 
 
 def checked_parameters(parameters: ArrayLike) -> FloatArray:
@@ -206,7 +214,7 @@ def checked_parameters(parameters: ArrayLike) -> FloatArray:
     PolicyError
     """
     try:
-        values = np.array(parameters, dtype=float)
+        values = np.asarray(parameters, dtype=float).copy()
     except (TypeError, ValueError):
         raise PolicyError(f"parameters are {parameters!r}; expected a vector of numbers") from None
     if values.ndim != 1 or not values.size:

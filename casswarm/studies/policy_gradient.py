@@ -154,7 +154,8 @@ def success_gradient(
     if not isinstance(policy, ParametricPolicy):
         raise PolicyError(
             f"success_gradient takes a ParametricPolicy, not {type(policy).__name__}: make one of "
-            "a CasADi function by csw.ParametricPolicy(function, parameters, scenario)"
+            "a function of CasADi, JAX or PyTorch by csw.ParametricPolicy(function, parameters, "
+            "scenario)"
         )
     _require_fit(scenario, policy)
     options = _options(scenario, tolerance, max_states, arrival_smoothing)

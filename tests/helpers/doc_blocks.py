@@ -5,6 +5,7 @@ A comment in the line above a block marks it:
     <!-- file: NAME -->   written to NAME before anything runs
     <!-- tested -->       Python, or sh with lines of casswarm and of python. The blocks of a page
                           run in order in one process and share their names
+    <!-- tested with PACKAGE -->  as tested, where an optional package is installed
     <!-- output -->       each line is printed by a tested block; numbers may differ slightly
 """
 
@@ -16,9 +17,12 @@ import shlex
 import subprocess
 import sys
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
-BLOCK = re.compile(r"^<!-- (tested|output|file: \S+) -->\n```(\w*)\n(.*?)^```$", re.M | re.S)
+BLOCK = re.compile(
+    r"^<!-- (tested(?: with \w+)?|output|file: \S+) -->\n```(\w*)\n(.*?)^```$", re.M | re.S
+)
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 PREAMBLE = """
 import subprocess as _subprocess, sys as _sys
@@ -47,6 +51,12 @@ class Block:
     text: str
 
     @property
+    def runs(self) -> bool:
+        """Whether it is a tested block whose package, if it needs one, is installed."""
+        tested, _, package = self.mark.partition(" with ")
+        return tested == "tested" and (not package or find_spec(package) is not None)
+
+    @property
     def script(self) -> str:
         """The block as Python."""
         if self.language == "python":
@@ -65,7 +75,7 @@ def run(page: Path, folder: Path) -> None:
     for block in marked:
         if block.mark.startswith("file: "):
             (folder / block.mark.removeprefix("file: ")).write_text(block.text, encoding="utf-8")
-    script = "\n".join([PREAMBLE, *(block.script for block in marked if block.mark == "tested")])
+    script = "\n".join([PREAMBLE, *(block.script for block in marked if block.runs)])
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", script],
         cwd=folder,

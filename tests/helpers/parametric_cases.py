@@ -6,6 +6,7 @@ from functools import cache
 
 import casadi as ca
 import numpy as np
+import pytest
 from small_scenarios import small
 
 import casswarm as csw
@@ -14,6 +15,7 @@ STARTS = [(0.0, 0.0), (0.3, 0.2), (-0.2, 0.3), (0.1, -0.3)]
 STEPS = 5
 START = np.array([0.9, 0.1, 0.21, -0.05, 0.1] + [0.05, -0.05] * STEPS)
 """Parameters of `steering`, with which most members arrive."""
+DIFFERENCE = 1e-5
 
 
 @cache
@@ -57,3 +59,25 @@ def gradient(scenario, policy, parameters=None, tolerance=0.0, **options):
     """`success_gradient` without rounding."""
     options = {"aggregation_tol": 0.0, "guide": guide(scenario)} | options
     return csw.success_gradient(scenario, policy, parameters, tolerance, **options)
+
+
+def assert_smooth(smooth):
+    assert smooth, "there is a kink or a jump: choose other parameters"
+
+
+def assert_equals_differences(scenario, policy, parameters, require=assert_smooth, **options):
+    """Central differences in random directions and in the first parameters, to 1e-6."""
+    found = gradient(scenario, policy, parameters, **options)
+    rng = np.random.default_rng(0)
+    directions = np.vstack([np.eye(len(parameters))[:5], rng.normal(size=(3, len(parameters)))])
+    for direction in directions:
+        high, low = (
+            gradient(
+                scenario, policy, parameters + side * DIFFERENCE * direction, **options
+            ).objective
+            for side in (1, -1)
+        )
+        require(abs(high + low - 2 * found.objective) < 1e-7)
+        assert found.gradient @ direction == pytest.approx(
+            (high - low) / (2 * DIFFERENCE), abs=1e-6
+        )

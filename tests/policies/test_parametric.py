@@ -124,6 +124,8 @@ def test_wrong_functions_raise():
         csw.ParametricPolicy(lambda *state: state[1].T, [1.0], scene(3))
     with pytest.raises(PolicyCallError, match=r"failed at step 0 .*IndexError: no such"):
         csw.ParametricPolicy(failing, [1.0], scene(3))
+    with pytest.raises(PolicyError, match="framework = 'numpy'; allowed: casadi, jax, torch"):
+        csw.ParametricPolicy(steering, START, scene(3), framework="numpy")
     infinite = csw.ParametricPolicy(lambda *state: state[1] / 0, [1.0], scene(3))
     with pytest.raises(PolicyCallError, match="velocities must be finite"):
         infinite.velocities(0, *states(2))

@@ -13,6 +13,7 @@ from parametric_cases import (
     START,
     STARTS,
     STEPS,
+    assert_equals_differences,
     gradient,
     guide,
     scene,
@@ -23,26 +24,6 @@ from small_scenarios import DT, patrolled, single_agent_rate_by_hand, small
 
 import casswarm as csw
 from casswarm.errors import PolicyCallError, PolicyError
-
-STEP = 1e-5
-
-
-def assert_smooth(smooth):
-    assert smooth, "there is a kink or a jump: choose other parameters"
-
-
-def assert_equals_differences(scenario, policy, parameters, require=assert_smooth, **options):
-    """Central differences in random directions and in the first parameters, to 1e-6."""
-    found = gradient(scenario, policy, parameters, **options)
-    rng = np.random.default_rng(0)
-    directions = np.vstack([np.eye(len(parameters))[:5], rng.normal(size=(3, len(parameters)))])
-    for direction in directions:
-        high, low = (
-            gradient(scenario, policy, parameters + side * STEP * direction, **options).objective
-            for side in (1, -1)
-        )
-        require(abs(high + low - 2 * found.objective) < 1e-7)
-        assert found.gradient @ direction == pytest.approx((high - low) / (2 * STEP), abs=1e-6)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4])

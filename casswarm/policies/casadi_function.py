@@ -17,7 +17,60 @@ from .batch_function import BatchFunction
 
 
 @dataclass(frozen=True, eq=False)
-class StepFunction:
+class CasadiFunction:
+    """A CasADi function; see `casswarm.policies.state_function.StateFunction`.
+
+    Parameters
+    ----------
+    function : callable
+        Takes (step, positions, previous_velocities, alive, parameters), expressions of shapes
+        (n, 2), (n, 2), (n, 1) and (p, 1), and returns velocities (n, 2).
+    name : str
+    n : int
+        Number of members.
+    size : int
+        Number of parameters.
+    """
+
+    function: Callable[..., Expr]
+    name: str
+    n: int
+    size: int
+
+    def __post_init__(self) -> None:
+        _compiled(self, 0)
+
+    def values(
+        self, step: int, states: tuple[FloatArray, FloatArray, BoolArray], parameters: FloatArray
+    ) -> FloatArray:
+        """Velocities (B, n, 2) in B states."""
+        function = _compiled(self, step)
+        (values,) = function.values(_columns(*states), parameters[function.used])
+        return values.T.reshape(states[0].shape)
+
+    def derivatives(
+        self,
+        step: int,
+        states: tuple[FloatArray, FloatArray, BoolArray],
+        parameters: FloatArray,
+        seeds: FloatArray,
+        weights: FloatArray,
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Products of seeds with the derivatives; see `ParametricPolicy.adjoint`."""
+        function, batch = _compiled(self, step), len(weights)
+        used = parameters[function.used]
+        to_state, to_used = function.derivatives(
+            _columns(*states), used, seeds.reshape(batch, -1).T
+        )
+        to_parameters = np.zeros_like(parameters)
+        to_parameters[function.used] = to_used @ weights
+        to_positions, to_previous = to_state.reshape(2, -1, batch)
+        shape = seeds.shape
+        return to_positions.T.reshape(shape), to_previous.T.reshape(shape), to_parameters
+
+
+@dataclass(frozen=True, eq=False)
+class _StepFunction:
     """The function at a step.
 
     Parameters
@@ -35,24 +88,8 @@ class StepFunction:
     derivatives: BatchFunction
 
 
-@dataclass(frozen=True, eq=False)
-class ByIdentity:
-    """A user's function, which need not be hashable, as a key."""
-
-    function: Callable[..., Expr]
-    name: str
-
-    def __hash__(self) -> int:
-        return id(self.function)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, ByIdentity):
-            return NotImplemented
-        return self.function is other.function and self.name == other.name
-
-
 @locked_cache(maxsize=512)
-def step_function(key: ByIdentity, n: int, size: int, step: int) -> StepFunction:
+def _compiled(of: CasadiFunction, step: int) -> _StepFunction:
     """Compiled values and derivatives of a user's function at a step.
 
     Raises
@@ -60,11 +97,11 @@ def step_function(key: ByIdentity, n: int, size: int, step: int) -> StepFunction
     PolicyCallError
         It fails, or returns no expression of shape (n, 2).
     """
-    name = key.name
+    name, n, size = of.name, of.n, of.size
     state, parameters = ca.MX.sym("state", 5 * n), ca.MX.sym("parameters", size)
     positions, previous = (ca.reshape(state[2 * n * k : 2 * n * (k + 1)], 2, n).T for k in (0, 1))
     try:
-        returned = key.function(step, positions, previous, state[4 * n :], parameters)
+        returned = of.function(step, positions, previous, state[4 * n :], parameters)
         velocities: Any = ca.MX(returned)
     except USER_ERRORS as error:
         raise PolicyCallError(
@@ -87,14 +124,14 @@ def step_function(key: ByIdentity, n: int, size: int, step: int) -> StepFunction
     column = ca.Function("velocities", [state, parameters], [column])(state, given)
     to_state = ca.jtimes(column, state, seeds, True)[: 4 * n]
     to_chosen = ca.jtimes(column, chosen, seeds, True)
-    return StepFunction(
+    return _StepFunction(
         used,
         BatchFunction.of([state, chosen], [column]),
         BatchFunction.of([state, chosen, seeds], [to_state, to_chosen]),
     )
 
 
-def state_columns(
+def _columns(
     positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
 ) -> FloatArray:
     """States as columns (5n, B): positions and previous velocities member by member, the living."""
