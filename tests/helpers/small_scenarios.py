@@ -51,6 +51,20 @@ def three_members(**values: object) -> Scenario:
     return small(positions, (3.0, 0.0), [(1.5, 0.8)], 12, **values)
 
 
+def image(scenario: Scenario, matrix: Array, order: Sequence[int]) -> Scenario:
+    """The scenario with its axes mapped and its members in another order."""
+    velocity = np.array(scenario.swarm.velocity, dtype=float)
+    radars = np.array(scenario.hazard_table.radars)
+    return scenario.with_values(
+        {
+            "swarm.positions": scenario.positions[order] @ matrix.T,
+            "swarm.velocity": matrix @ velocity,
+            "target.center": matrix @ np.array(scenario.target.center),
+            "hazard.radars": radars @ matrix.T,
+        }
+    )
+
+
 def rate_by_hand(
     member: int, positions: Array, alive: Sequence[bool], radars: Sequence[Point]
 ) -> float:

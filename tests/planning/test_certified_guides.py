@@ -14,11 +14,14 @@ from small_scenarios import (
     Array,
     Point,
     free,
+    image,
     patrolled,
+    small,
 )
 
 from casswarm import HazardError, Saturation, ScenarioError, load_scenario, plan
 from casswarm.planning.bounds import certify_guide
+from casswarm.planning.frame import SYMMETRIES
 from casswarm.typing import FloatArray
 
 
@@ -158,3 +161,20 @@ def test_plan_without_certify_has_no_certificate() -> None:
 def test_plan_gap_or_time_limit_out_of_range_raises(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"{name} = .*allowed"):
         plan(free((4.0, 1.0), [(2.0, 0.5)], 12), **{name: value})
+
+
+@pytest.mark.parametrize("matrix", SYMMETRIES[3::4])
+def test_certificate_is_that_of_turned_and_mirrored_scenarios(matrix: Array) -> None:
+    """To the last digit, also where the search with limits of acceleration has not ended."""
+    scenario = small(
+        [(0.0, 0.0)],
+        (3.0, 1.0),
+        [(1.2, 0.9), (1.6, -0.3)],
+        7,
+        swarm__velocity=(1.0, -1.0),
+        swarm__a_max=0.3,
+    )
+    certificates = [plan(s, gap=0.05).certificate for s in (scenario, image(scenario, matrix, [0]))]
+    bounds = [(c.bound, c.accelerated.bound, c.accelerated.regions) for c in certificates]
+    assert bounds[0] == bounds[1]
+    assert bounds[0][2] > 20

@@ -9,31 +9,17 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from small_scenarios import Array, small
+from small_scenarios import Array, image, small
 
 from casswarm import Scenario, SwarmPlan, plan_swarm
+from casswarm.planning.frame import SYMMETRIES, Frame
 from casswarm.planning.homotopy import homotopy_signature
-from casswarm.planning.joint.frame import SYMMETRIES, Frame
 from casswarm.planning.joint.initial_guesses import Guesses
 from casswarm.planning.joint.screening import InitialGuess
 from casswarm.problems.joint_instances import JointTask
 
 RADARS = [(1.0, 0.9), (2.2, -0.8)]
 VELOCITY = (1.0, 0.2)
-
-
-def image(scenario: Scenario, matrix: Array, order: list[int]) -> Scenario:
-    """The scenario with its axes mapped and its members in another order."""
-    velocity = np.array(scenario.swarm.velocity, dtype=float)
-    radars = np.array(scenario.hazard_table.radars)
-    return scenario.with_values(
-        {
-            "swarm.positions": scenario.positions[order] @ matrix.T,
-            "swarm.velocity": matrix @ velocity,
-            "target.center": matrix @ np.array(scenario.target.center),
-            "hazard.radars": radars @ matrix.T,
-        }
-    )
 
 
 def random_scenario(seed: int, n: int, radars: int = 2) -> Scenario:

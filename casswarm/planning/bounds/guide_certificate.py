@@ -12,6 +12,7 @@ import numpy as np
 from ...optimization.solvers import ProjectedGradient, make_solver
 from ...problems.guide import GuideTask
 from ...typing import FloatArray
+from ..frame import Frame
 from ..guide import Candidate, Guide
 from ..homotopy import best_homotopy_classes
 from ..kinematics import integrate
@@ -39,7 +40,12 @@ def certify_guide(
     within `gap` of the guide's risk, and the guide obeys limits of acceleration, the second bound
     is for the paths that obey them, too. The `deadline` is a time of `time.monotonic`; by default
     the proof takes at most `TIME_LIMIT`.
+
+    Scenarios that differ by quarter turns and mirrors have the same bounds, for the same guide.
     """
+    frame = Frame.of_scenario(scenario, guide.velocities[0]).in_own_order()
+    scenario = frame.scenario_in(scenario)
+    guide = replace(guide, positions=frame.points_to(guide.positions))
     task = Relaxation.from_scenario(scenario)
     if not task.bounded:
         return None

@@ -17,11 +17,11 @@ from ...problems.joint_instances import JointTask
 from ...scenario.io import require_scenario
 from ...typing import Objective, Progress
 from ..bounds.success_bound import success_bound
+from ..frame import Frame
 from ..guide import Guide
 from ..kinematics import integrate
 from ..plan import initial_velocities, plan
 from .distribution import PlanDistribution
-from .frame import Frame
 from .initial_guesses import INITIAL_GUESSES
 from .likely_sets import MAX_MEMBERS, likely_sets
 from .plan import SwarmPlan, least_distance

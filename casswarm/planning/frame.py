@@ -1,9 +1,9 @@
-"""The frame in which a swarm is planned, so that all images of a scenario have the same plan.
+"""The frame in which a swarm is planned and a guide certified, the same for a scenario's images.
 
 Limits of speed are squares along the axes. So quarter turns, mirrors and permutations of members
-map scenarios to equivalent ones. Solves are local, and their results may depend on a direction or
-on an order; every scenario is therefore planned in a frame that its own geometry defines, and the
-plan is mapped back. Both maps only swap and negate coordinates, and are exact.
+map scenarios to equivalent ones. Solves are local and searches have limits, and their results may
+depend on a direction or on an order. So this is done in a frame that the scenario's own geometry
+defines, and results are mapped back. Both maps only swap and negate coordinates, and are exact.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...scenario.hazard_section import CONSTANTS
-from ...typing import FloatArray, IntArray
+from ..scenario.hazard_section import CONSTANTS
+from ..typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from ...scenario import Scenario
-    from .plan import SwarmOutcome
+    from ..scenario import Scenario
+    from .joint.plan import SwarmOutcome
 
 _TURN, _MIRROR = np.array([[0.0, -1.0], [1.0, 0.0]]), np.diag([1.0, -1.0])
 
@@ -68,6 +68,10 @@ class Frame:
         reach = np.round(_reach(scenario) / scenario.target.radius, _DIGITS)
         return cls(matrix, _sorting(np.column_stack([reach, offsets])))
 
+    def in_own_order(self) -> Frame:
+        """The frame with these axes, but the scenario's order of members."""
+        return replace(self, order=np.arange(len(self.order)))
+
     @property
     def is_identity(self) -> bool:
         """Whether the frame is the scenario's own."""
@@ -88,11 +92,11 @@ class Frame:
             return scenario
         values: dict[str, object] = {
             "swarm.positions": self.members_to(scenario.positions),
-            "target.center": self._points(scenario.target.center),
-            "hazard.radars": self._points(scenario.hazard_table.radars),
+            "target.center": self.points_to(scenario.target.center),
+            "hazard.radars": self.points_to(scenario.hazard_table.radars),
         }
         if scenario.swarm.velocity != "guide":
-            values["swarm.velocity"] = self._points(scenario.swarm.velocity)
+            values["swarm.velocity"] = self.points_to(scenario.swarm.velocity)
         return scenario.with_values(values)
 
     def outcome_from(self, outcome: SwarmOutcome) -> SwarmOutcome:
@@ -112,7 +116,8 @@ class Frame:
             return text
         return _SIDES.sub(lambda sides: sides.group().translate(_MIRRORED), text)
 
-    def _points(self, points: ArrayLike) -> FloatArray:
+    def points_to(self, points: ArrayLike) -> FloatArray:
+        """Points or vectors (..., 2) of the scenario in the frame."""
         vectors = np.asarray(points, float)
         return np.asarray(vectors @ self.matrix.T + 0.0) if vectors.size else vectors
 
