@@ -1,9 +1,10 @@
-"""The frame in which a swarm is planned and a guide certified, the same for a scenario's images.
+"""The frame in which swarms and guides are planned, so that images of a scenario have equal plans.
 
 Limits of speed are squares along the axes. So quarter turns, mirrors and permutations of members
-map scenarios to equivalent ones. Solves are local and searches have limits, and their results may
-depend on a direction or on an order. So this is done in a frame that the scenario's own geometry
-defines, and results are mapped back. Both maps only swap and negate coordinates, and are exact.
+map scenarios to equivalent ones. Solves are local, proofs stop at a gap, and their results may
+depend on a direction or on an order; every scenario is therefore planned in a frame that its own
+geometry defines, and the plan is mapped back. Both maps only swap and negate coordinates, and are
+exact.
 """
 
 from __future__ import annotations
@@ -17,10 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..scenario.hazard_section import CONSTANTS
-from ..typing import FloatArray, IntArray
+from ..typing import FloatArray, IntArray, Progress
 
 if TYPE_CHECKING:
+    from ..problems.guide import GuideTask
     from ..scenario import Scenario
+    from .guide import Candidate, Guide
     from .joint.plan import SwarmOutcome
 
 _TURN, _MIRROR = np.array([[0.0, -1.0], [1.0, 0.0]]), np.diag([1.0, -1.0])
@@ -78,13 +81,18 @@ class Frame:
         in_order = bool((np.diff(self.order) > 0).all())
         return in_order and np.array_equal(self.matrix, SYMMETRIES[0])
 
+    @property
+    def inverse(self) -> Frame:
+        """What maps the frame to the scenario."""
+        return Frame(self.matrix.T, np.argsort(self.order))
+
     def members_to(self, vectors: FloatArray) -> FloatArray:
         """Vectors (..., n, 2) of the scenario's members in the frame."""
-        return np.asarray(vectors[..., self.order, :] @ self.matrix.T + 0.0)
+        return self.points_to(vectors[..., self.order, :])
 
     def members_from(self, vectors: FloatArray) -> FloatArray:
         """Vectors (..., n, 2) of the frame's members in the scenario."""
-        return np.asarray(vectors[..., np.argsort(self.order), :] @ self.matrix + 0.0)
+        return self.inverse.members_to(vectors)
 
     def scenario_in(self, scenario: Scenario) -> Scenario:
         """The scenario in the frame; its radars keep their order."""
@@ -104,22 +112,56 @@ class Frame:
         x = outcome.solution.x.reshape(-1, len(self.order), 2)
         return replace(
             outcome,
-            start=self.name_from(outcome.start),
+            start=self.renamed(outcome.start),
             arrivals=outcome.arrivals[np.argsort(self.order)],
             velocities=self.members_from(outcome.velocities),
             solution=replace(outcome.solution, x=self.members_from(x).ravel()),
         )
 
-    def name_from(self, text: str) -> str:
-        """A text with homotopy signatures of the frame, with those of the scenario."""
+    def guide_task_in(self, task: GuideTask) -> GuideTask:
+        """The task of a single agent of the scenario in the frame."""
+        return replace(
+            task,
+            start=self.points_to(task.start),
+            center=self.points_to(task.center),
+            initial_velocity=self.points_to(task.initial_velocity),
+        )
+
+    def guide_to(self, guide: Guide) -> Guide:
+        """Positions and candidates of a guide of the scenario in the frame."""
+        candidates = tuple(map(self.candidate_to, guide.candidates))
+        return replace(guide, positions=self.points_to(guide.positions), candidates=candidates)
+
+    def candidate_to(self, candidate: Candidate) -> Candidate:
+        """A candidate of a guide of the scenario, with its solution, in the frame."""
+        x = self.points_to(candidate.solution.x.reshape(-1, 2)).ravel()
+        return replace(
+            candidate,
+            start=self.renamed(candidate.start),
+            homotopy=self.renamed(candidate.homotopy),
+            velocities=self.points_to(candidate.velocities),
+            solution=replace(candidate.solution, x=x),
+        )
+
+    def renamed(self, text: str) -> str:
+        """A text with homotopy signatures of the scenario, with those of the frame."""
         if np.linalg.det(self.matrix) > 0:
             return text
         return _SIDES.sub(lambda sides: sides.group().translate(_MIRRORED), text)
 
+    def reported(self, progress: Progress | None) -> Progress | None:
+        """What a search in the frame reports to, whose texts have signatures of the scenario."""
+        if progress is None:
+            return None
+        return lambda text, done, total: progress(self.renamed(text), done, total)
+
     def points_to(self, points: ArrayLike) -> FloatArray:
         """Points or vectors (..., 2) of the scenario in the frame."""
         vectors = np.asarray(points, float)
-        return np.asarray(vectors @ self.matrix.T + 0.0) if vectors.size else vectors
+        if not vectors.size:
+            return vectors
+        axes, signs = np.abs(self.matrix).argmax(axis=1), self.matrix.sum(axis=1)
+        return np.asarray(vectors[..., axes] * signs + 0.0)
 
 
 def _key(scenario: Scenario, velocity: FloatArray, matrix: FloatArray) -> list[float]:

@@ -21,6 +21,7 @@ from ..scenario.io import require_scenario
 from ..typing import FloatArray, Progress, Search
 from .bounds.guide_certificate import certify_guide
 from .bounds.risk_bound import GAP
+from .frame import Frame
 from .guide import Guide
 from .multistart import Multistart, preference
 
@@ -156,11 +157,18 @@ def plan_from(
     task = GuideTask.from_scenario(scenario, start, initial_velocity)
     backend = _solver(scenario, solver, solver_options)
     kind = _checked_search(search, scenario, backend)
-    multistart = Multistart(scenario, task, backend, progress, deadline)
+    frame = Frame.of_scenario(scenario, task.initial_velocity).in_own_order()
+    multistart = Multistart(
+        frame.scenario_in(scenario),
+        frame.guide_task_in(task),
+        backend,
+        frame.reported(progress),
+        deadline,
+    )
     if isinstance(backend, ProjectedGradient):
         candidates = [multistart.penalised()]
     elif near is not None and near.best_per_homotopy_class():
-        candidates = multistart.candidates_near(near)
+        candidates = multistart.candidates_near(frame.guide_to(near))
     else:
         candidates = multistart.candidates(kind)
     if not candidates:
@@ -169,8 +177,9 @@ def plan_from(
             "solve; raise it, or choose a larger time.dt",
             time_limit=time_limit,
         )
-    best = min(candidates, key=preference)
-    guide = Guide.from_candidate(scenario.hazard, task, best, tuple(candidates), kind)
+    first = candidates.index(min(candidates, key=preference))
+    outcomes = tuple(map(frame.inverse.candidate_to, candidates))
+    guide = Guide.from_candidate(scenario.hazard, task, outcomes[first], outcomes, kind)
     if not multistart.expired:
         return guide
     solves = counted(len(candidates), "solve")

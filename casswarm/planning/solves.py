@@ -18,7 +18,7 @@ def solve_by(deadline: float, solver: Solver, nlp: Nlp, instance: Instances) -> 
 
     A target that can only just be reached leaves a thin feasible set. Ipopt moves its guess away
     from bounds, and may then find the problem infeasible although the guess is feasible. It is
-    solved again there from the guess itself.
+    solved again there from the guess itself, with several settings.
 
     Parameters
     ----------
@@ -27,15 +27,17 @@ def solve_by(deadline: float, solver: Solver, nlp: Nlp, instance: Instances) -> 
     solver, nlp, instance
     """
     solution = _limited(solver, deadline).solve(nlp, instance)[0]
-    careful = solver.from_feasible_guess()
-    if solution.status is not Status.INFEASIBLE or careful == solver:
-        return solution
-    if time.monotonic() >= deadline:
+    if solution.status is not Status.INFEASIBLE:
         return solution
     if kkt_residuals(nlp, instance, instance.x0[0]).violation > VIOLATION:
         return solution
-    again = _limited(careful, deadline).solve(nlp, instance)[0]
-    return again if again.status.success else solution
+    for careful in solver.from_feasible_guess():
+        if time.monotonic() >= deadline:
+            break
+        again = _limited(careful, deadline).solve(nlp, instance)[0]
+        if again.status.success:
+            return again
+    return solution
 
 
 def _limited(solver: Solver, deadline: float) -> Solver:

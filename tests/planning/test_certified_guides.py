@@ -164,8 +164,8 @@ def test_plan_gap_or_time_limit_out_of_range_raises(name: str, value: float) -> 
 
 
 @pytest.mark.parametrize("matrix", SYMMETRIES[3::4])
-def test_certificate_is_that_of_turned_and_mirrored_scenarios(matrix: Array) -> None:
-    """To the last digit, also where the search with limits of acceleration has not ended."""
+def test_guide_of_image_is_image_of_guide(matrix: Array) -> None:
+    """To the last digit, also bounds of a proof that ended at its gap."""
     scenario = small(
         [(0.0, 0.0)],
         (3.0, 1.0),
@@ -174,7 +174,17 @@ def test_certificate_is_that_of_turned_and_mirrored_scenarios(matrix: Array) -> 
         swarm__velocity=(1.0, -1.0),
         swarm__a_max=0.3,
     )
-    certificates = [plan(s, gap=0.05).certificate for s in (scenario, image(scenario, matrix, [0]))]
-    bounds = [(c.bound, c.accelerated.bound, c.accelerated.regions) for c in certificates]
+    guide, other = (plan(s, gap=0.05) for s in (scenario, image(scenario, matrix, [0])))
+    np.testing.assert_array_equal(other.positions, guide.positions @ matrix.T)
+    mirrored = str.maketrans("LR", "RL" if np.linalg.det(matrix) < 0 else "LR")
+    for one, its_image in zip(guide.candidates, other.candidates, strict=True):
+        assert its_image.homotopy == one.homotopy.translate(mirrored)
+        np.testing.assert_array_equal(its_image.velocities, one.velocities @ matrix.T)
+        x = one.solution.x.reshape(-1, 2) @ matrix.T
+        np.testing.assert_array_equal(its_image.solution.x, x.ravel())
+    bounds = [
+        (c.bound, c.accelerated.bound, c.accelerated.regions)
+        for c in (guide.certificate, other.certificate)
+    ]
     assert bounds[0] == bounds[1]
     assert bounds[0][2] > 20

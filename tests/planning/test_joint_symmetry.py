@@ -37,7 +37,7 @@ def guesses_of(scenario: Scenario) -> Iterator[InitialGuess]:
     for guess in Guesses(frame.scenario_in(scenario), task, "success").first(["formations"], 6):
         arrivals = guess.arrivals[np.argsort(frame.order)]
         yield InitialGuess(
-            frame.name_from(guess.name), arrivals, frame.members_from(guess.velocities)
+            frame.renamed(guess.name), arrivals, frame.members_from(guess.velocities)
         )
 
 

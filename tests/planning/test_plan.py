@@ -279,9 +279,13 @@ def impossible(a_max: float) -> Scenario:
 
 
 def test_plan_without_arrival_raises_and_counts_outcomes() -> None:
-    expected = r"of (\d+) solves \(\1 infeasible\) none arrives .* check=False"
-    with pytest.raises(PlanningError, match=expected):
+    expected = r"of (\d+) solves \(\d+ infeasible\b.*\) none arrives .* check=False"
+    with pytest.raises(PlanningError, match=expected) as failure:
         plan(impossible(1e-4))
+    outcomes = failure.value.outcomes
+    assert not {"solved", "acceptable"} & set(outcomes)
+    counted = ", ".join(f"{count} {status}" for status, count in outcomes.items())
+    assert f"of {sum(outcomes.values())} solves ({counted})" in str(failure.value)
 
 
 @pytest.mark.parametrize(

@@ -105,9 +105,9 @@ class Solver(ABC):
         """The solver for initial guesses that are close to a minimum; by default itself."""
         return self
 
-    def from_feasible_guess(self) -> Solver:
-        """The solver that starts at a feasible guess, however thin the feasible set; or itself."""
-        return self
+    def from_feasible_guess(self) -> tuple[Solver, ...]:
+        """Solvers that start at a feasible guess, however thin the feasible set, to try in turn."""
+        return ()
 
     @abstractmethod
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:

@@ -67,9 +67,15 @@ class Ipopt(NlpsolSolver):
         """With a small initial barrier parameter, which keeps it near its initial guess."""
         return self if self.mu_init is not None else replace(self, mu_init=1e-4)
 
-    def from_feasible_guess(self) -> Ipopt:
-        """See `Solver.from_feasible_guess`: hardly pushed away from bounds, hardly a barrier."""
-        return replace(self, bound_push=1e-10, mu_init=1e-8)
+    def from_feasible_guess(self) -> tuple[Ipopt, ...]:
+        """See `Solver.from_feasible_guess`: hardly pushed away from bounds, hardly a barrier.
+
+        Whether Ipopt then finds such a set is chance, but rarely for all of these settings.
+        """
+        return tuple(
+            replace(self, bound_push=push, mu_init=barrier)
+            for push, barrier in ((1e-10, 1e-8), (1e-4, 1e-6), (1e-8, 1e-9))
+        )
 
     def plugin_options(self) -> dict[str, Any]:
         """See `NlpsolSolver.plugin_options`."""

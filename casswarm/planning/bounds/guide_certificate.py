@@ -45,7 +45,7 @@ def certify_guide(
     """
     frame = Frame.of_scenario(scenario, guide.velocities[0]).in_own_order()
     scenario = frame.scenario_in(scenario)
-    guide = replace(guide, positions=frame.points_to(guide.positions))
+    guide = frame.guide_to(guide)
     task = Relaxation.from_scenario(scenario)
     if not task.bounded:
         return None

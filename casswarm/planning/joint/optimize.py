@@ -117,7 +117,7 @@ def plan_swarm(
     if solver not in STAGED or solver_options:
         solver = make_solver(solver, **dict(solver_options or {}))
     deadline = math.inf if time_limit is None else started + time_limit
-    search = JointSearch(framed, task, objective, solver, deadline, _renamed(progress, frame))
+    search = JointSearch(framed, task, objective, solver, deadline, frame.reported(progress))
     found = search.run(initial_guesses, seed)
     best = frame.outcome_from(found)
     positions = integrate(scenario.positions, best.velocities, scenario.time.dt)
@@ -141,13 +141,6 @@ def plan_swarm(
         seconds=time.perf_counter() - started,
         likely=likely,
     )
-
-
-def _renamed(progress: Progress | None, frame: Frame) -> Progress | None:
-    """The same progress for a search in a frame."""
-    if progress is None:
-        return None
-    return lambda text, done, total: progress(frame.name_from(text), done, total)
 
 
 def _require_known(objective: str, kinds: Sequence[str]) -> None:
