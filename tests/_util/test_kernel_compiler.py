@@ -118,6 +118,7 @@ def first_use(cache, name, before=""):
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 def test_called_kernels_are_loaded_by_another_kernel_in_another_process(tmp_path):
     assert first_use(tmp_path, "total") == "0 0 0"
     assert first_use(tmp_path, "product") == "0 1 1"

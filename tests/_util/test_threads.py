@@ -27,6 +27,7 @@ def run_threads(repeats: int, seconds: int) -> None:
     assert done.returncode == 0, done.stderr[-2000:]
 
 
+@pytest.mark.slow
 def test_eight_threads_give_results_of_one_thread() -> None:
     run_threads(repeats=1, seconds=100)
 

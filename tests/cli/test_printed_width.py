@@ -13,10 +13,13 @@ POLICIES = ("--policy", "constrained-feedback", "--policy", "leader-feedback")
 GRID = ("--set", "formation.rho=0.05,0.1", "--set", "hazard.alpha_1=0.5,1")
 COMMANDS = [
     ("plan", "ring", "--no-certify"),
-    ("plan-swarm", "paper-1", "--time-limit", 0.1),
+    pytest.param(("plan-swarm", "paper-1", "--time-limit", 0.1), marks=pytest.mark.slow),
     pytest.param(("simulate", "paper-1", "--runs", 10, *POLICIES), marks=pytest.mark.slow),
     ("evaluate", "paper-1", "--policy", "constrained", "--max-states", 100),
-    ("evaluate", "paper-1", "--policy", "leader", "--max-states", 20, "--runs", 20),
+    pytest.param(
+        ("evaluate", "paper-1", "--policy", "leader", "--max-states", 20, "--runs", 20),
+        marks=pytest.mark.slow,
+    ),
     ("sweep", "paper-1", *GRID, "--policy", "naive", "--runs", 5),
     pytest.param(
         ("compare", "--family", "quick", "--count", 1, "--solver", "sqp", "--time-limit", 60),

@@ -161,6 +161,7 @@ def many_rows() -> tuple[Nlp, Instances]:
     return Nlp.from_expressions("rows", x, p, objective, ca.vcat(rows)), instances
 
 
+@pytest.mark.slow
 def test_many_rows_are_added_in_the_same_order_in_any_batch() -> None:
     nlp, instances = many_rows()
     together = SOLVER.solve_batch(nlp, instances)

@@ -163,7 +163,9 @@ def test_plan_gap_or_time_limit_out_of_range_raises(name: str, value: float) -> 
         plan(free((4.0, 1.0), [(2.0, 0.5)], 12), **{name: value})
 
 
-@pytest.mark.parametrize("matrix", SYMMETRIES[3::4])
+@pytest.mark.parametrize(
+    "matrix", [pytest.param(SYMMETRIES[3], marks=pytest.mark.slow), SYMMETRIES[7]]
+)
 def test_guide_of_image_is_image_of_guide(matrix: Array) -> None:
     """To the last digit, also bounds of a proof that ended at its gap."""
     scenario = small(

@@ -126,6 +126,7 @@ def test_replanning_failed_solves_are_counted_and_harmless(
     assert distribution.success[0] >= first.success[0]
 
 
+@pytest.mark.slow
 def test_replanning_survivors_keep_min_distance() -> None:
     scenario = small([(0.0, 0.0), (0.5, 0.1), (-0.2, 0.5)], (3.0, 0.2), RADARS, 8)
     first = plan_swarm(scenario, initial_guesses=["formations"], min_distance=0.3)

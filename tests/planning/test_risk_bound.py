@@ -245,6 +245,7 @@ def test_certify_refinement_increases_bound() -> None:
     assert nodes[1] < nodes[0] / 10  # the cells that cannot carry a better guide are gone
 
 
+@pytest.mark.slow
 def test_certify_pruning_keeps_bound() -> None:
     """Discarding cells must not raise the bound above that of the whole grid and the best risk."""
     scenario = free((6.0, 4.0), [(2.0, 2.0), (4.5, 1.5)], 16)

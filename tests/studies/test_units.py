@@ -64,7 +64,7 @@ def reference(scenario: Scenario) -> tuple[list[float], Array]:
     return numbers, exact(scenario, 1e-8, guide, POLICIES, 1e-7)
 
 
-SOME = ((10.0, 1.0), (1.0, 1000.0))
+SOME = ((10.0, 1.0),)
 
 
 @pytest.mark.parametrize(
