@@ -18,6 +18,7 @@ import sys
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from _timing import arguments, print_table, timed
@@ -44,9 +45,10 @@ COLUMNS = (
 Row = tuple[object, ...]
 
 
-def compared(name: str, nlp: Nlp, instances: Instances, few: int) -> Row:
+def compared(name: str, nlp: Nlp, instances: Instances, few: int, **options: Any) -> Row:
     """A row: both solvers on the same instances, Ipopt on the first few of them."""
-    ours, ipopt = FilterInteriorPoint(fallback=Ipopt()), Ipopt()
+    ipopt = Ipopt(**options)
+    ours = FilterInteriorPoint(fallback=ipopt, **options)
     for solver in (ours, ipopt):
         solver.solve_batch(nlp, instances[:2])  # compiles
     batch, _, own = timed(partial(ours.solve_batch, nlp, instances))
@@ -70,13 +72,17 @@ def compared(name: str, nlp: Nlp, instances: Instances, few: int) -> Row:
 
 
 def own(count: int) -> Iterator[Row]:
-    """Windows of the look-ahead, and guides."""
-    for name, formation in zip(
-        ("leader-mpc-3", "constrained-mpc-3"), both(window(count, 5, 3, 0)), strict=True
-    ):
-        yield compared(name, formation.nlp, formation.instances, max(5, count // 20))
+    """Windows of the look-ahead, and guides; also with a smaller barrier for both solvers."""
+    leader, constrained = both(window(count, 5, 3, 0))
     nlp, one = guide(10.0)
-    yield compared("guide, 30 steps", nlp, around(one, count, 0.02), max(5, count // 20))
+    programs = {
+        "leader-mpc-3": (leader.nlp, leader.instances),
+        "constrained-mpc-3": (constrained.nlp, constrained.instances),
+        "guide, 30 steps": (nlp, around(one, count, 0.02)),
+    }
+    for name, program in programs.items():
+        yield compared(name, *program, max(5, count // 20))
+        yield compared(f"{name}, mu_init = 0.02", *program, max(5, count // 20), mu_init=0.02)
 
 
 def of_hock_and_schittkowski(count: int) -> Iterator[Row]:

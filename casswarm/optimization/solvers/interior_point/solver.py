@@ -51,7 +51,8 @@ class FilterInteriorPoint(Solver):
         Largest violation of a constraint.
     max_iter : int
     mu_init : float
-        Initial barrier parameter: a smaller one stays nearer to a good guess.
+        Initial barrier parameter, relative to `Instances.scale`: a smaller one stays nearer to a
+        good guess.
     bound_push : float
         Relative distance by which the initial guess is moved away from its bounds.
     constr_mult_init_max : float
