@@ -125,6 +125,7 @@ def test_called_kernels_are_loaded_by_another_kernel_in_another_process(tmp_path
     assert first_use(tmp_path, "product") == "1 0 0"
 
 
+@pytest.mark.slow
 def test_kernel_whose_called_kernel_was_compiled_by_another_process_is_compiled_again(tmp_path):
     """Processes number their functions differently, and both may write to an empty cache."""
     ours, theirs = tmp_path / "ours", tmp_path / "theirs"

@@ -11,6 +11,8 @@ import pandas as pd
 import pytest
 from commands import CASSWARM, casswarm
 
+pytestmark = pytest.mark.slow  # test_compare_own_problems.py is fast
+
 OPTIONS = ("compare", "--family", "quick", "--solver", "ipopt", "--solver", "spectral")
 OPTIONS += ("--time-limit", "30", "--copies", "1")  # the limit is for a busy machine
 

@@ -95,6 +95,7 @@ def test_code_is_run_with_consent(mailed):
     assert (mailed / "RAN").exists()
 
 
+@pytest.mark.slow
 def test_policy_from_the_current_folder_hides_no_other_module(tmp_path):
     (tmp_path / "evil.py").write_text(MODULE)
     (tmp_path / "html.py").write_text("raise SystemExit('not the library')\n")

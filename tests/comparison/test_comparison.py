@@ -236,6 +236,7 @@ def known():
     return comparison, reports, cases
 
 
+@pytest.mark.slow
 def test_what_a_process_does_once_is_not_timed():
     case = active_box()
     problem = Problem("corner", "known", case.nlp, {"cold": case.instance})
