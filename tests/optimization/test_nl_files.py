@@ -249,7 +249,7 @@ def test_operator_numbers_are_unique() -> None:
 
 
 terms = st.recursive(
-    st.one_of(st.sampled_from(["x[0]", "x[1]"]), st.floats(-3, 3).map("{:.3f}".format)),
+    st.one_of(st.sampled_from(["x[0]", "x[1]"]), st.floats(-3, 3).map("({:.3f})".format)),
     lambda inner: st.one_of(
         st.tuples(inner, st.sampled_from("+-*"), inner).map(lambda t: f"({' '.join(t)})"),
         inner.map("ca.sin({})".format),
