@@ -51,9 +51,9 @@ def test_interrupted_bound_costs_no_tables(tmp_path, arguments):
     "arguments",
     [
         ("plan", "single-agent", "--no-certify"),
-        ("plan-swarm", "single-agent"),
+        pytest.param(("plan-swarm", "single-agent"), marks=pytest.mark.slow),
         SIMULATE,
-        EVALUATE,
+        pytest.param(EVALUATE, marks=pytest.mark.slow),
         ("sweep", "single-agent", "--set", "formation.rho=0.1,0.2", "--policy", "naive"),
     ],
     ids=lambda arguments: arguments[0],
@@ -69,6 +69,7 @@ def test_figures_interrupted_after_record_are_drawn_by_plot(tmp_path, arguments)
     assert list(path.glob("*.png"))
 
 
+@pytest.mark.slow
 def test_error_while_drawing_keeps_comparison(tmp_path):
     options = ("--family", "quick", "--count", "1", "--solver", "spectral")
     failing(tmp_path, "figures", "bug", "compare", *options)

@@ -8,6 +8,7 @@ import re
 import sys
 import time
 
+import pytest
 from commands import casswarm
 
 import casswarm as csw
@@ -58,6 +59,7 @@ def test_quiet_command_has_no_progress():
         assert report is None
 
 
+@pytest.mark.slow
 def test_command_says_how_many_figures_it_draws(tmp_path):
     options = ("--runs", 3, "--policy", "naive")
     assert "drawing figures: 2\n" in casswarm(tmp_path, "simulate", "single-agent", *options).stderr

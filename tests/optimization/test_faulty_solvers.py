@@ -72,6 +72,7 @@ def test_solve_interrupt_inside_casadi_propagates():
 # --- a process of its own
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", DEADLY)
 def test_isolated_replaces_process_after_crash_or_hang(fault):
     solver = Isolated(Faulty(fault, above=2.0), time_limit=2.0)

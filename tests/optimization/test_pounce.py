@@ -138,6 +138,7 @@ def test_options_may_be_whole_numbers() -> None:
 
 
 @needs_package
+@pytest.mark.slow
 def test_log_of_the_package_is_not_printed() -> None:
     """A problem about which it would write a line, in a process that imports it first."""
     script = """

@@ -199,7 +199,7 @@ def test_plan_risk_is_invariant_under_isometries(motion: str) -> None:
         pytest.param(
             *((6.0, 4.0), [(2.0, 2.0), (4.5, 1.5), (3.0, 4.0)], 20), marks=pytest.mark.slow
         ),
-        ((4.0, 0.0), [(2.0, 0.1)], 12),
+        pytest.param((4.0, 0.0), [(2.0, 0.1)], 12, marks=pytest.mark.slow),
     ],
 )
 def test_plan_wider_search_is_never_worse(

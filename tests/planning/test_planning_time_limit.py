@@ -60,6 +60,7 @@ def test_value_function_at_its_limit_raises_error_with_limit() -> None:
     assert caught.value.time_limit == 1e-9
 
 
+@pytest.mark.slow
 def test_map_beyond_the_time_limit_costs_no_guide(tmp_path) -> None:
     options = ("--time-limit", 1000, "--map")
     done = casswarm(tmp_path, "plan", "single-agent", *options, code=1, failing=("map", "late"))
