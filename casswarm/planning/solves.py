@@ -27,11 +27,12 @@ def solve_by(deadline: float, solver: Solver, nlp: Nlp, instance: Instances) -> 
     solver, nlp, instance
     """
     solution = _limited(solver, deadline).solve(nlp, instance)[0]
-    if solution.status is not Status.INFEASIBLE:
+    careful_solvers = solver.from_feasible_guess()
+    if solution.status is not Status.INFEASIBLE or not careful_solvers:
         return solution
     if kkt_residuals(nlp, instance, instance.x0[0]).violation > VIOLATION:
         return solution
-    for careful in solver.from_feasible_guess():
+    for careful in careful_solvers:
         if time.monotonic() >= deadline:
             break
         again = _limited(careful, deadline).solve(nlp, instance)[0]
