@@ -71,9 +71,17 @@ class Frame:
         reach = np.round(_reach(scenario) / scenario.target.radius, _DIGITS)
         return cls(matrix, _sorting(np.column_stack([reach, offsets])))
 
-    def in_own_order(self) -> Frame:
-        """The frame with these axes, but the scenario's order of members."""
-        return replace(self, order=np.arange(len(self.order)))
+    @classmethod
+    def of_agent(cls, scenario: Scenario, start: FloatArray, velocity: FloatArray) -> Frame:
+        """The same for a single agent at `start` (2,), with the scenario's order of members."""
+        if scenario.hazard_table.kind not in CONSTANTS:
+            return cls(SYMMETRIES[0], np.arange(scenario.n))
+        offset = _offsets(scenario, start)
+
+        def key(matrix: FloatArray) -> list[float]:
+            return [*_key(scenario, velocity, matrix), *(offset @ matrix.T)]
+
+        return cls(max(SYMMETRIES, key=key), np.arange(scenario.n))
 
     @property
     def is_identity(self) -> bool:

@@ -157,7 +157,7 @@ def plan_from(
     task = GuideTask.from_scenario(scenario, start, initial_velocity)
     backend = _solver(scenario, solver, solver_options)
     kind = _checked_search(search, scenario, backend)
-    frame = Frame.of_scenario(scenario, task.initial_velocity).in_own_order()
+    frame = Frame.of_agent(scenario, task.start, task.initial_velocity)
     multistart = Multistart(
         frame.scenario_in(scenario),
         frame.guide_task_in(task),

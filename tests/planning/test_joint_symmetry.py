@@ -106,6 +106,14 @@ def test_frame_of_symmetric_scenario_is_defined_by_velocity() -> None:
     np.testing.assert_array_equal(frames[0].matrix, frames[1].matrix @ np.diag([1.0, -1.0]))
 
 
+def test_frame_of_agent_is_defined_by_its_start_where_nothing_else_has_a_side() -> None:
+    positions = [(0.0, 0.2), (0.0, -0.2)]
+    scenario = small(positions, (3.0, 0.0), [(1.5, 1.0), (1.5, -1.0)], 6)
+    starts = scenario.positions
+    frames = [Frame.of_agent(scenario, start, np.array([1.0, 0.0])) for start in starts]
+    np.testing.assert_array_equal(frames[0].points_to(starts[0]), frames[1].points_to(starts[1]))
+
+
 def uphill(positions: ca.MX, alive: ca.MX) -> ca.MX:
     """Rates that depend on a direction."""
     return 0.1 + 0.05 * (positions[:, 1] + 3) * ca.sum1(alive) / ca.sum1(alive)

@@ -43,7 +43,7 @@ def certify_guide(
 
     Scenarios that differ by quarter turns and mirrors have the same bounds, for the same guide.
     """
-    frame = Frame.of_scenario(scenario, guide.velocities[0]).in_own_order()
+    frame = Frame.of_agent(scenario, guide.positions[0], guide.velocities[0])
     scenario = frame.scenario_in(scenario)
     guide = frame.guide_to(guide)
     task = Relaxation.from_scenario(scenario)
