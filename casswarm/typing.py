@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 FloatArray: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 IntArray: TypeAlias = NDArray[np.int64]
+States: TypeAlias = tuple[FloatArray, FloatArray, BoolArray]  # positions, velocities, alive
 Expr: TypeAlias = Any
 """A CasADi expression or Function; CasADi has no type hints."""
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .._util.extras import require_extra
 from ..errors import PolicyCallError
-from ..typing import BoolArray, FloatArray, IntArray
+from ..typing import FloatArray, IntArray, States
 from .batch_function import CHUNK
 from .decision import policy_call
 
@@ -35,9 +35,7 @@ class ArrayFunction:
     evaluate: Callable[..., NDArray[Any]]
     differentiate: Callable[..., tuple[FloatArray, FloatArray, FloatArray]]
 
-    def values(
-        self, step: int, states: tuple[FloatArray, FloatArray, BoolArray], parameters: FloatArray
-    ) -> FloatArray:
+    def values(self, step: int, states: States, parameters: FloatArray) -> FloatArray:
         """Velocities (B, n, 2) in B states."""
         parts, expected = [], states[0].shape[1:]
         for rows, count in _chunks(len(states[0])):
@@ -56,7 +54,7 @@ class ArrayFunction:
     def derivatives(
         self,
         step: int,
-        states: tuple[FloatArray, FloatArray, BoolArray],
+        states: States,
         parameters: FloatArray,
         seeds: FloatArray,
         weights: FloatArray,

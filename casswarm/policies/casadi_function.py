@@ -12,7 +12,7 @@ import numpy as np
 from .._util.threads import locked_cache
 from .._util.user_code import USER_ERRORS, failure_text
 from ..errors import PolicyCallError
-from ..typing import BoolArray, Expr, FloatArray, IntArray
+from ..typing import BoolArray, Expr, FloatArray, IntArray, States
 from .batch_function import BatchFunction
 
 
@@ -40,9 +40,7 @@ class CasadiFunction:
     def __post_init__(self) -> None:
         _compiled(self, 0)
 
-    def values(
-        self, step: int, states: tuple[FloatArray, FloatArray, BoolArray], parameters: FloatArray
-    ) -> FloatArray:
+    def values(self, step: int, states: States, parameters: FloatArray) -> FloatArray:
         """Velocities (B, n, 2) in B states."""
         function = _compiled(self, step)
         (values,) = function.values(_columns(*states), parameters[function.used])
@@ -51,7 +49,7 @@ class CasadiFunction:
     def derivatives(
         self,
         step: int,
-        states: tuple[FloatArray, FloatArray, BoolArray],
+        states: States,
         parameters: FloatArray,
         seeds: FloatArray,
         weights: FloatArray,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._util.user_code import USER_ERRORS, failure_text
 from ..errors import CasswarmError, PolicyCallError, PolicyError
-from ..typing import BoolArray, FloatArray, IntArray
+from ..typing import BoolArray, FloatArray, IntArray, States
 
 SOLVER_TOL = 2.0**-23
 """Accuracy of velocities that solve formation problems, in units of v_max: about 1e-7, to which the
@@ -64,7 +64,7 @@ def policy_call(name: str, step: int) -> Iterator[None]:
 
 def checked_state(
     name: str, step: int, positions: ArrayLike, velocities: ArrayLike, alive: ArrayLike
-) -> tuple[FloatArray, FloatArray, BoolArray]:
+) -> States:
     """Positions and velocities (B, n, 2) and the living (B, n) of one state or a batch of states.
 
     Raises

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from .._util.text import counted
 from ..errors import PolicyCallError, PolicyError
 from ..problems.step import Motion
-from ..typing import BoolArray, FloatArray
+from ..typing import BoolArray, FloatArray, States
 from .base import Policy
 from .decision import Decision, checked_velocities
 from .state_function import ByIdentity, StateFunction, state_function
@@ -140,7 +140,7 @@ class ParametricPolicy(Policy):
         return checked_velocities(self.name, step, values, alive)
 
     def project_adjoint(
-        self, step: int, states: tuple[FloatArray, FloatArray, BoolArray], seeds: FloatArray
+        self, step: int, states: States, seeds: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Products of seeds with the derivatives of the projection of `commanded`.
 
@@ -161,7 +161,7 @@ class ParametricPolicy(Policy):
     def adjoint(
         self,
         step: int,
-        states: tuple[FloatArray, FloatArray, BoolArray],
+        states: States,
         seeds: FloatArray,
         weights: FloatArray,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from .._util.threads import locked_cache
 from ..errors import PolicyError
-from ..typing import BoolArray, FloatArray
+from ..typing import FloatArray, States
 from .array_function import jax_function, torch_function
 from .casadi_function import CasadiFunction
 
@@ -27,15 +27,13 @@ class StateFunction(Protocol):
     States are positions and previous velocities (B, n, 2) and the living (B, n).
     """
 
-    def values(
-        self, step: int, states: tuple[FloatArray, FloatArray, BoolArray], parameters: FloatArray
-    ) -> FloatArray:
+    def values(self, step: int, states: States, parameters: FloatArray) -> FloatArray:
         """Velocities (B, n, 2) in B states."""
 
     def derivatives(
         self,
         step: int,
-        states: tuple[FloatArray, FloatArray, BoolArray],
+        states: States,
         parameters: FloatArray,
         seeds: FloatArray,
         weights: FloatArray,
