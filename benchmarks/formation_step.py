@@ -25,8 +25,8 @@ from _timing import arguments, in_turn, print_table, timed
 from batch import jax, recorded
 
 import casswarm as csw
+from casswarm._util import kernel_threads
 from casswarm.optimization.solvers import Auto, Ipopt
-from casswarm.optimization.solvers.batch import engine
 from casswarm.policies.formation import formation_decision
 from casswarm.policies.leader_selection import LEADER_SELECTION
 from casswarm.problems.formation import FormationTask
@@ -84,7 +84,7 @@ def threads(number: int) -> Iterator[None]:
     def cores() -> int:
         return number
 
-    with mock.patch.object(engine, "_cores", cores):
+    with mock.patch.object(kernel_threads, "_cores", cores):
         yield
 
 

@@ -259,11 +259,14 @@ def differentiate_block(
 
 
 @allocating_kernel
-def differentiate(steps: Steps, collides: bool, out: Derivatives) -> None:
-    """Derivatives of all steps, whose axis is in front in the results; `collides` as the hazard."""
+def differentiate(blocks: tuple[int, int], steps: Steps, collides: bool, out: Derivatives) -> None:
+    """Write the derivatives of the steps of these blocks; `collides` as the hazard.
+
+    Results have the axis of all steps in front.
+    """
     n = steps.lost.shape[2]
     work, sums = workspace(n), curvature(n)
     slopes = Slopes(np.zeros((n, n, 2, LANES)), np.zeros((n, n, 2, LANES)))
-    for block in range(len(steps.lost)):
+    for block in range(blocks[0], blocks[1]):
         pair_slopes(steps.points[block], steps.pairs[block], slopes)
         differentiate_block(block, steps, collides, work, sums, slopes, out)

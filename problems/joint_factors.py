@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._util.kernel_threads import execute
 from ..typing import FloatArray
 
 if TYPE_CHECKING:
     from .joint_riccati_kernels import Stages
+
+_FACTORISED, _SOLVED = 2**12, 2**15  # sets, of all steps, that are worth a thread
 
 
 class StageFactors:
@@ -32,12 +36,19 @@ class StageFactors:
         self._factors = Factor(
             np.empty((batch, steps, width, width)), np.empty((batch, steps, width, size))
         )
-        self.shifts = factorise(shifts, stages, self._factors)
+        self.shifts = np.empty(batch)
+        arguments = shifts, stages, self._factors, self.shifts
+        execute(factorise, batch, arguments, self._per_thread(_FACTORISED))
 
     def solve(self, right: FloatArray) -> FloatArray:
         """See `Factors`."""
         from .joint_substitution_kernels import solve
 
         solution = np.array(right.T, order="C").reshape(self._stages.limits.shape)
-        solve(self._stages, self._factors, solution)
+        arguments = self._stages, self._factors, solution
+        execute(solve, len(solution), arguments, self._per_thread(_SOLVED))
         return np.ascontiguousarray(solution.reshape(len(solution), -1).T)
+
+    def _per_thread(self, sets: int) -> int:
+        """Matrices that are worth a thread, where so many sets of all steps are."""
+        return max(1, sets // math.prod(self._stages.by_set.shape[1:3]))

@@ -12,7 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from .._util.jit import allocating_kernel, kernel
+from .._util.kernel_threads import execute
 from ..typing import FloatArray, IntArray
+
+_PER_THREAD = 2**15  # sets, of all steps, that are worth a thread
 
 
 class Scratch(NamedTuple):
@@ -80,22 +83,37 @@ def outcomes(mass: float, count: int, work: Scratch) -> None:
             values[m] *= q
 
 
-@allocating_kernel
-def sweep(
+def recursion(
     lost: FloatArray, continues: FloatArray, costs: FloatArray, last_cost: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """F_0 (b, m), masses before and functions after every step (b, T, m), of b recursions.
 
-    lost are probabilities (b, T, m, n); continues, costs (b, T, m); last_cost (b, m).
+    `lost` are probabilities (b, T, m, n); `continues`, `costs` (b, T, m); `last_cost` (b, m).
     """
-    batch, steps, sets, n = lost.shape
-    work, value = scratch(n), last_cost.copy()
-    masses, after = np.zeros((batch, steps, sets)), np.empty((batch, steps, sets))
-    for k in range(batch):
+    batch, steps, sets, _ = lost.shape
+    value, masses, after = last_cost.copy(), np.zeros(costs.shape), np.empty(costs.shape)
+    per_thread = max(1, _PER_THREAD // (steps * sets))
+    execute(sweep, batch, (lost, continues, costs, value, masses, after), per_thread)
+    return value, masses, after
+
+
+@allocating_kernel
+def sweep(
+    plans: tuple[int, int],
+    lost: FloatArray,
+    continues: FloatArray,
+    costs: FloatArray,
+    value: FloatArray,
+    masses: FloatArray,
+    after: FloatArray,
+) -> None:
+    """Run these of the recursions, whose value begins as the last cost and masses as zeros."""
+    sets, n = lost.shape[2:]
+    work = scratch(n)
+    for k in range(plans[0], plans[1]):
         backward(lost[k], continues[k], costs[k], value[k], after[k], work)
         masses[k, 0, sets - 1] = 1.0
         forward(lost[k], continues[k], masses[k], work)
-    return value, masses, after
 
 
 @kernel

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._util.kernel_threads import execute
 from ..hazard import KernelHazard
 from ..optimization.problem import Nlp
 from ..typing import FloatArray, IntArray
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 TINY, CERTAIN = 1e-30, 1e-13
 """Offsets that keep the log-odds finite at a cost of 0 and of 1."""
+
+_PER_THREAD = 2**7  # sets, of blocks of steps, that are worth a thread
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,13 +114,13 @@ class JointPoints:
 
     def _swept(self, rates: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Probabilities of losses in blocks, F_0 (b, m), masses and functions (b, T, m)."""
-        from .joint_kernels import sweep
+        from .joint_kernels import recursion
 
         lost = -np.expm1(-self._clock[:, None, None] * rates)
         batch, steps = self.constraints.changes.shape[:2]
         by_step = unblocked(lost, batch * steps)
         ends = self.p["continues"], self.p["costs"], self.p["last_cost"][:, 0]
-        return lost, *sweep(by_step.reshape(batch, steps, *by_step.shape[1:]), *ends)
+        return lost, *recursion(by_step.reshape(batch, steps, *by_step.shape[1:]), *ends)
 
     @property
     def _clock(self) -> FloatArray:
@@ -142,7 +145,9 @@ class JointPoints:
         continues[..., 0], costs[..., 0] = 0.0, self.p["last_cost"][..., 0]
         of_sets = [self._in_blocks(part) for part in (masses, after, continues, costs)]
         arrays = lost, *of_sets, self._blocks, local.radars, local.pairs, local.rates
-        differentiate(Steps._make([self._clock, *arrays]), self.hazard.collides, flat)
+        in_steps = Steps._make([self._clock, *arrays])
+        arguments = in_steps, self.hazard.collides, flat
+        execute(differentiate, len(lost), arguments, max(1, _PER_THREAD // sets))
         out = Derivatives(*(part.reshape(batch, steps, *part.shape[1:]) for part in flat))
         unit = self.p["length"]
         out.gradient[:] *= unit

@@ -202,14 +202,21 @@ def factorise_one(
 
 
 @allocating_kernel
-def factorise(tried: FloatArray, stages: Stages, factors: Factor) -> FloatArray:
-    """Factors of b plans, whose arrays have this axis in front; their shifts (b,), NaN for none.
+def factorise(
+    plans: tuple[int, int],
+    tried: FloatArray,
+    stages: Stages,
+    factors: Factor,
+    shifts: FloatArray,
+) -> None:
+    """Write the factors of these of b plans, whose arrays have this axis in front.
 
-    `tried` (b, m) are the shifts to try, in order.
+    `tried` (b, m) are the shifts to try, in order, and `shifts` (b,) those taken, NaN for none.
     """
     size, sets = factors.gains.shape[-1], stages.by_set.shape[2]
-    cost, rows, shifts = np.empty((size, size)), np.empty((sets, size)), np.full(len(tried), np.nan)
-    for b in range(len(tried)):
+    cost, rows = np.empty((size, size)), np.empty((sets, size))
+    for b in range(plans[0], plans[1]):
+        shifts[b] = np.nan
         one = Stages(
             stages.transitions[b],
             stages.by_outcome[b],
@@ -226,4 +233,3 @@ def factorise(tried: FloatArray, stages: Stages, factors: Factor) -> FloatArray:
             if factorise_one(shift, one, cost, rows, factor):
                 shifts[b] = shift
                 break
-    return shifts

@@ -10,12 +10,12 @@ from .joint_riccati_kernels import Factor, Stages
 
 
 @allocating_kernel
-def solve(stages: Stages, factors: Factor, right: FloatArray) -> None:
-    """Replace right-hand sides (b, T, w) by the solutions."""
-    batch, steps = right.shape[:2]
+def solve(plans: tuple[int, int], stages: Stages, factors: Factor, right: FloatArray) -> None:
+    """Replace right-hand sides (b, T, w) by the solutions, in these of b plans."""
+    steps = right.shape[1]
     size, sets = factors.gains.shape[-1], stages.by_set.shape[2]
     state, law = np.empty(size), np.empty(sets)
-    for b in range(batch):
+    for b in range(plans[0], plans[1]):
         state[:] = 0.0
         for k in range(steps - 1, -1, -1):
             parts = stages.transitions[b, k], stages.by_outcome[b, k], right[b, k]

@@ -77,6 +77,11 @@ class Kernel:
         return linked_dispatcher(self.py_func, self._options, _stamp())
 
     @property
+    def is_loaded(self) -> bool:
+        """Whether there is machine code in this process, for calls from Python."""
+        return bool(self.entry.overloads)
+
+    @property
     def signatures(self) -> list[Any]:
         """Types of arguments that it is compiled for, for calls from Python."""
         return list(self.entry.signatures)
@@ -123,7 +128,7 @@ def vectorized_objective(function: _Function) -> _Function:
 def _objective(function: _Function, options: dict[str, Any]) -> _Function:
     from numba.core.sigutils import normalize_signature
 
-    from .kernel_compiler import callback
+    from .kernel_callbacks import callback
 
     signature = normalize_signature(_OBJECTIVE)
     return cast("_Function", callback(function, signature, _OPTIONS | options, _stamp()))
@@ -148,8 +153,10 @@ def contiguous(array: _Array) -> _Array:
 
 def announce(compiled: Any) -> None:
     """Log a warning if a kernel is going to be compiled, which takes seconds."""
+    if compiled.is_loaded:
+        return
     folder, name = compiled.stats.cache_path, compiled.__module__.rpartition(".")[2]
-    if compiled.signatures or folder is None:  # without a folder there is another warning
+    if folder is None:  # there is another warning
         return
     if not any(Path(folder).glob(f"{name}.{compiled.__name__}-*.nbi")):
         LOG.warning("compiling once, for some seconds; the result is kept in %s", folder)

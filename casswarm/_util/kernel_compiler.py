@@ -19,12 +19,10 @@ from typing import Any, ClassVar
 
 import llvmlite.binding as llvm
 from numba.core import typed_passes, untyped_passes
-from numba.core.ccallback import CFunc
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, DefaultPassBuilder, Flags, PassManager, compile_result
 from numba.core.registry import CPUDispatcher
 from numba.core.types.misc import unliteral
-from numba.experimental import function_type  # noqa: F401  (registers the type of callbacks)
 
 from .compiled_files import compiled_files
 
@@ -207,7 +205,7 @@ def _undefined(library: _Linked) -> set[str]:
     return {name for name in called - defined if name.startswith(_MANGLED)}
 
 
-class _Compiler(Compiler):
+class KernelCompiler(Compiler):
     """Numba's compiler without passes that kernels do not need."""
 
     library: ClassVar[type[JITCodeLibrary]] = _EntryLibrary
@@ -231,7 +229,7 @@ class _Compiler(Compiler):
         return [manager]
 
 
-class _LinkedCompiler(_Compiler):
+class _LinkedCompiler(KernelCompiler):
     library = _Linked
 
 
@@ -240,8 +238,8 @@ class _EntryDispatcher(CPUDispatcher):
         """Nothing: arguments are arrays, numbers and tuples, not types of Numba's extensions."""
 
     def compile(self, sig: Any) -> Any:
-        """Load or compile it, without the collector, which finds little in what is compiled."""
-        with _without_collector():
+        """Load or compile it."""
+        with without_collector():
             return super().compile(sig)
 
 
@@ -255,7 +253,7 @@ class _LinkedDispatcher(CPUDispatcher):
 def entry_dispatcher(function: Callable[..., Any], options: dict[str, Any], stamp: bytes) -> Any:
     """Dispatcher of a function for calls from Python."""
     options = {"nopython": True, "nogil": True, "no_cfunc_wrapper": True, **options}
-    dispatcher = _EntryDispatcher(function, {}, options, _Compiler)
+    dispatcher = _EntryDispatcher(function, {}, options, KernelCompiler)
     dispatcher._cache = compiled_files(function, stamp)
     return dispatcher
 
@@ -270,19 +268,9 @@ def linked_dispatcher(function: Callable[..., Any], options: dict[str, Any], sta
     return dispatcher
 
 
-def callback(
-    function: Callable[..., Any], signature: Any, options: dict[str, Any], stamp: bytes
-) -> Any:
-    """Compile a function to one that kernels take as argument, as `numba.cfunc` does."""
-    compiled: Any = CFunc(function, signature, {}, options, _Compiler)
-    compiled._cache = compiled_files(function, stamp)
-    with _without_collector():
-        compiled.compile()
-    return compiled
-
-
 @contextmanager
-def _without_collector() -> Iterator[None]:
+def without_collector() -> Iterator[None]:
+    """Compile without the garbage collector, which finds little in what is compiled."""
     enabled = gc.isenabled()
     gc.disable()
     try:

@@ -11,13 +11,13 @@ from typing import Any, ClassVar, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
+from .._util.kernel_threads import execute
 from ..hazard import Hazard
 from ..optimization.problem import Instances, Nlp
 from ..optimization.solution import BatchSolution
 from ..optimization.solvers import Solver
 from ..optimization.solvers.auto import Auto
 from ..optimization.solvers.base import VIOLATION
-from ..optimization.solvers.batch.engine import execute
 from ..optimization.solvers.batch.spg import SpectralProjectedGradient
 from ..planning.guide import Guide
 from ..problems.formation import Formation, FormationTask, or_none
@@ -162,8 +162,9 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
     )
     limits = Limits(VIOLATION, min(solver.stationarity, MAX_STATIONARITY))
     method = solver.batch.method(nlp.n_starts, n)
-    arguments = compiled.evaluate, compiled.constants, task.states, task.terms, method, limits
-    execute(decide_states, arguments, results, _PER_THREAD // nlp.n_starts)
+    problems = compiled.evaluate, compiled.constants, task.states, task.terms
+    arguments = *problems, method, limits, results
+    execute(decide_states, batch, arguments, _PER_THREAD // nlp.n_starts)
     failures, fallbacks = np.zeros((2, batch), np.int64)
     left = np.flatnonzero(~results.accepted)
     if left.size:

@@ -154,3 +154,10 @@ def test_kernels_take_constants_from_files_whose_change_compiles_them_again():
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ImportFrom) and not (node.module or "").endswith("_kernels"):
                 assert not [each.name for each in node.names if each.name.isupper()], path
+
+
+def test_type_of_callback_is_built_once():
+    text = "@objective\ndef sphere(x, p, constants, gradient, scratch):\n    return x[0] * x[0]\n"
+    sphere = generated_module(text).sphere
+    assert numba.typeof(sphere) is numba.typeof(sphere)
+    assert numba.typeof(sphere).signature == sphere._sig

@@ -8,6 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import casswarm as csw
+from casswarm._util import kernel_threads
 from casswarm.optimization.problem import Instances, Nlp
 from casswarm.optimization.solvers.interior_point.factors import shifts_to_try
 from casswarm.optimization.solvers.interior_point.problems import CasadiProblems
@@ -102,3 +103,21 @@ def test_instances_are_independent() -> None:
     for row in range(2):
         alone = problems.linearise(np.array([row]), batch.x0[row : row + 1])
         assert (alone.gradient == together.gradient[row : row + 1]).all()
+
+
+def test_threads_compute_as_one_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    nlp, batch = posed("paper-2", 4, "success", True, 11)
+    assert nlp.numeric is not None
+    rows = np.arange(900) % 2
+    x, multipliers = batch.x0[rows], np.ones((900, batch.lbg.shape[1]))
+    weights = np.full((900, x.shape[1] + multipliers.shape[1]), 1e3)
+    results = []
+    for cores in (1, 3):
+        monkeypatch.setattr(kernel_threads, "_cores", lambda cores=cores: cores)
+        at = nlp.numeric(batch.p).linearise(rows, x)
+        factors = at.factors(multipliers, weights, np.zeros((900, 1)))
+        assert np.isfinite(factors.shifts).all()
+        values = nlp.numeric(batch.p).evaluate(rows, x)[0]
+        results.append((values, at.gradient, factors.solve(x.T)))
+    for one, other in zip(*results, strict=True):
+        np.testing.assert_array_equal(one, other)

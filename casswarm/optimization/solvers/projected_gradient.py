@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
+from ..._util.kernel_threads import execute
 from ..._util.threads import locked_cache
 from ...errors import SolverError
 from ...typing import BoolArray, FloatArray
@@ -16,7 +17,7 @@ from ..feasible_sets.planar import PlanarSets
 from ..problem import Instances, Nlp
 from ..solution import BatchSolution, Status
 from .base import Answer, Capabilities, Solver
-from .batch.engine import BatchRun, Results, execute
+from .batch.engine import BatchRun, Results
 from .batch.outcome_kernels import CONVERGED
 from .batch.spg import SpectralProjectedGradient, batch_data
 from .iterates import IterateLog, Iterates
@@ -111,9 +112,9 @@ class ProjectedGradient(Solver):
         data = batch_data(nlp, instances, self._initial(instances))
         step, tolerance = self.step * self.x_scale**2, self.tolerance / self.x_scale
         assert nlp.compiled is not None
-        arguments = nlp.compiled.evaluate, data, step, tolerance, self.max_iter
         results = Results.empty(instances.x0.shape)
-        seconds = execute(descend_batch, arguments, results, _PER_THREAD)
+        arguments = nlp.compiled.evaluate, data, step, tolerance, self.max_iter, results
+        seconds = execute(descend_batch, len(results.x), arguments, _PER_THREAD)
         return BatchRun(results, seconds)
 
     def _run_chunk(

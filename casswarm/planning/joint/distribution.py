@@ -167,8 +167,8 @@ def prescribed_costs(
     steps = lost.shape[1]
     arriving = np.arange(1, steps + 1)[:, None] == arrivals[:, None]  # (B, N, n)
     costs, ended, last = terminal_costs(objective, n, arriving)
-    from ...problems.joint_kernels import sweep
+    from ...problems.joint_kernels import recursion
 
     shape = len(lost), steps, 2**n
     continues, costs = (np.array(np.broadcast_to(part, shape), float) for part in (~ended, costs))
-    return np.asarray(sweep(lost, continues, costs, np.tile(last, (len(lost), 1)))[0][:, -1])
+    return np.asarray(recursion(lost, continues, costs, np.tile(last, (len(lost), 1)))[0][:, -1])

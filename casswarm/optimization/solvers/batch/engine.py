@@ -1,19 +1,14 @@
-"""What the compiled batch solvers share: outcomes, threads, and answers from arrays."""
+"""What the compiled batch solvers share: outcomes, and answers from arrays."""
 
 from __future__ import annotations
 
-import os
-import time
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ...._util.jit import announce
 from ....typing import BoolArray, FloatArray, IntArray
 from ...problem import Instances, Nlp
 from ...solution import BatchSolution, Status
@@ -121,36 +116,3 @@ class BatchSolver(Solver):
         """Solve every instance; residuals are recomputed from the problem, in its scale."""
         run = self.run_batch(nlp, instances)
         return run.solution(run.results.outcome == CONVERGED)
-
-
-def execute(
-    kernel: Callable[..., None], arguments: tuple[Any, ...], results: Any, per_thread: int
-) -> float:
-    """Call ``kernel(rows, *arguments, results)`` for all rows, on threads; return the seconds.
-
-    `results` are arrays, such as `Results`, with a row each. A thread gets at least `per_thread`.
-    """
-    announce(kernel)
-    started = time.perf_counter()
-
-    def work(first: int, last: int) -> None:
-        kernel((first, last), *arguments, results)
-
-    size = len(results[0])
-    threads = min(_cores(), size // per_thread)
-    if threads < 2:
-        work(0, size)
-    else:
-        ends = np.linspace(0, size, 4 * threads + 1).astype(int).tolist()
-        list(_pool(os.getpid()).map(work, ends[:-1], ends[1:]))
-    return time.perf_counter() - started
-
-
-@lru_cache(maxsize=1)
-def _cores() -> int:
-    return os.cpu_count() or 1
-
-
-@lru_cache(maxsize=1)
-def _pool(process: int) -> ThreadPoolExecutor:  # noqa: ARG001  (threads do not survive a fork)
-    return ThreadPoolExecutor(_cores(), thread_name_prefix="casswarm")

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import numpy as np
 
 from ...._util.jit import contiguous
+from ...._util.kernel_threads import execute
 from ....errors import SolverError
 from ....typing import FloatArray
 from ...feasible_sets.trajectory import TrajectorySets
 from ...problem import Instances, Nlp
 from ..base import Capabilities
 from ..options import Allowed, PositiveFinite, PositiveInt
-from .engine import BatchRun, BatchSolver, Results, execute
+from .engine import BatchRun, BatchSolver, Results
 
 if TYPE_CHECKING:
     from .multistart_kernels import Starts
@@ -96,8 +97,8 @@ class InteriorPoint(BatchSolver):
         options = Options(self.mu_final, self.tolerance, self.max_iter)
         multipliers = np.zeros((batch, steps, n, 6))
         results = Results.empty((batch, steps, 2 * n))
-        arguments = nlp.compiled.evaluate, data, starts, options, multipliers
-        seconds = execute(minimise_batch, arguments, results, _PER_THREAD)
+        arguments = nlp.compiled.evaluate, data, starts, options, multipliers, results
+        seconds = execute(minimise_batch, batch, arguments, _PER_THREAD)
         results.verified[:, 1] *= data.scale[:, 0]
         results = results._replace(x=results.x.reshape(batch, -1))
         return InteriorPointRun(results, seconds, nlp, instances, multipliers)

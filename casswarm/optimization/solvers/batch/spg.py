@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from ...._util.jit import contiguous
+from ...._util.kernel_threads import execute
 from ....errors import SolverError
 from ....typing import FloatArray
 from ...feasible_sets.planar import PlanarSets
 from ...problem import Instances, Nlp
 from ..base import Capabilities
 from ..options import PositiveFinite, PositiveInt
-from .engine import BatchRun, BatchSolver, Results, execute
+from .engine import BatchRun, BatchSolver, Results
 
 if TYPE_CHECKING:
     from .spg_batch_kernels import Batch, Method
@@ -76,9 +77,10 @@ class SpectralProjectedGradient(BatchSolver):
 
         assert nlp.compiled is not None
         data = batch_data(nlp, instances, instances.x0)
-        arguments = nlp.compiled.evaluate, data, self.method(nlp.n_starts, nlp.sizes[0] // 2)
         results = Results.empty(instances.x0.shape)
-        seconds = execute(minimise_batch, arguments, results, _PER_THREAD)
+        method = self.method(nlp.n_starts, nlp.sizes[0] // 2)
+        arguments = nlp.compiled.evaluate, data, method, results
+        seconds = execute(minimise_batch, len(results.x), arguments, _PER_THREAD)
         return BatchRun(results, seconds)
 
     def method(self, n_starts: int, members: int) -> Method:
