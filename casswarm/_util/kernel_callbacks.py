@@ -10,8 +10,9 @@ from collections.abc import Callable
 from typing import Any
 
 from numba.core.ccallback import CFunc
+from numba.core.types import FunctionType
 from numba.core.typing.typeof import typeof_impl
-from numba.experimental.function_type import FunctionType
+from numba.experimental import function_type  # noqa: F401  (how kernels call such an argument)
 
 from .compiled_files import compiled_files
 from .kernel_compiler import KernelCompiler, without_collector
@@ -20,14 +21,10 @@ from .kernel_compiler import KernelCompiler, without_collector
 class _Callback(CFunc):
     """A compiled function with its type at hand."""
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        self._numba_type_ = FunctionType(self._sig)
+    type: Any = None
 
 
-@typeof_impl.register(_Callback)
-def _type(function: _Callback, context: Any) -> Any:  # noqa: ARG001
-    return function._numba_type_
+typeof_impl.register(_Callback, lambda function, _: function.type)
 
 
 def callback(
@@ -35,6 +32,7 @@ def callback(
 ) -> Any:
     """Compile a function to one that kernels take as argument, as `numba.cfunc` does."""
     compiled: Any = _Callback(function, signature, {}, options, KernelCompiler)
+    compiled.type = FunctionType(compiled._sig)
     compiled._cache = compiled_files(function, stamp)
     with without_collector():
         compiled.compile()
