@@ -11,6 +11,7 @@ Run as a program, it is the worker process of one version, and answers lines of 
 from __future__ import annotations
 
 import json
+import resource
 import subprocess
 import sys
 import tempfile
@@ -148,8 +149,10 @@ CASES: dict[str, Callable[[], Work]] = {
     "constrained-10000": partial(decision, "paper-1", "constrained", 10_000),
     "constrained-collisions": partial(decision, "paper-2", "constrained", 500),
     "constrained-200-members": partial(decision, "paper-1", "constrained", 4, 200),
+    "constrained-1000-members": partial(decision, "paper-1", "constrained", 1, 1000),
     "look-ahead": partial(decision, "paper-1", "constrained-mpc-3", 500),
     "simulate": partial(simulated, "paper-1", ("naive", "leader", "constrained"), 10_000),
+    "simulate-million": partial(simulated, "paper-1", ("leader",), 1_000_000),
     "evaluate": partial(evaluated, "ring", "leader"),
     "solve-batch": partial(batch_solved, 1_000),
 }
@@ -179,6 +182,7 @@ def main() -> None:
                 again = work
                 result = timed(lambda: [again() for _ in range(int(argument))])  # noqa: B023
                 answer = {"wall": result.wall / int(argument), "cpu": result.cpu / int(argument)}
+                answer["peak"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         except Exception as error:  # a version that lacks a name; the other goes on
             answer["error"] = f"{type(error).__name__}: {error}".splitlines()[0]
         print(json.dumps(answer), flush=True)

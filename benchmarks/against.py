@@ -5,10 +5,11 @@ Run with the installed package, in a checkout::
     python benchmarks/against.py HEAD~1                       # all cases, some minutes
     python benchmarks/against.py v0.1.0 plan leader-1 --pairs 21
 
-Each version runs in its own process; a case is repeated until a measurement takes 50 ms, and the
-processes take turns. The table has the median time of both, and the median ratio of the pairs,
-checkout / commit, with its quartiles, in wall-clock and in processor time. A case is slower if the
-lower quartiles of both exceed 1.05: the exit status is then 1. Answers are not compared.
+Each version runs each case in a process of its own; a case is repeated until a measurement takes
+50 ms, and the processes take turns. The table has the median time of both, and the median ratio of
+the pairs, checkout / commit, with its quartiles, in wall-clock and in processor time, and the peaks
+of memory. A case is slower if the lower quartiles of both ratios exceed 1.05: the exit status is
+then 1. Answers are not compared.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +70,17 @@ class Version:
         self._process.communicate()
 
 
+@contextmanager
+def started(folders: Sequence[Path | None]) -> Iterator[list[Version]]:
+    """A process of each version; None is the checkout's."""
+    versions = [Version(folder) for folder in folders]
+    try:
+        yield versions
+    finally:
+        for version in versions:
+            version.end()
+
+
 def install(revision: str, folder: Path) -> Path:
     """Install a commit's casswarm, without dependencies, in a folder; its path."""
     source, target = folder / "source", folder / "installed"
@@ -94,7 +107,7 @@ def row(name: str, versions: Sequence[Version], pairs: int) -> tuple[list[str], 
             break
     for answer, which in zip(ready, ("checkout", "commit"), strict=True):
         if "error" in answer:
-            return [name, "", "", "", "", f"{which}: {answer['error']}"], False
+            return [name, "", "", "", "", "", f"{which}: {answer['error']}"], False
     wall, cpu = ([[one[key] for one in pair] for pair in times] for key in ("wall", "cpu"))
     ratios = [
         np.quantile([own / other for own, other in each], (0.25, 0.5, 0.75)) for each in (wall, cpu)
@@ -102,6 +115,7 @@ def row(name: str, versions: Sequence[Version], pairs: int) -> tuple[list[str], 
     slower = all(ratio[0] > SLOWER for ratio in ratios)
     cells = [f"{middle:.2f} ({low:.2f} to {high:.2f})" for low, middle, high in ratios]
     medians = [f"{1e3 * median:.3g} ms" for median in np.median(wall, axis=0)]
+    cells.append(" / ".join(f"{answer['peak']:.0f}" for answer in ready))
     faster = all(ratio[2] < 1 / SLOWER for ratio in ratios)
     return [name, *medians, *cells, "slower" if slower else "faster" if faster else ""], slower
 
@@ -120,15 +134,14 @@ def main() -> None:
     slow: list[str] = []
     with tempfile.TemporaryDirectory() as temporary:
         try:
-            versions = [Version(None), Version(install(options.revision, Path(temporary)))]
-            for which, version in zip(("checkout", "commit"), versions, strict=True):
-                print(f"{which}: {version.ask('version 0')['version']}")
+            folders = None, install(options.revision, Path(temporary))
+            with started(folders) as versions:
+                for which, version in zip(("checkout", "commit"), versions, strict=True):
+                    print(f"{which}: {version.ask('version 0')['version']}")
             print_table(
-                ("case", "checkout", "commit", "ratio of times", "of processor time", ""),
-                rows(options.cases or list(CASES), versions, options.pairs, slow),
+                ("case", "checkout", "commit", "ratio of times", "of processor time", "MB", ""),
+                rows(options.cases or list(CASES), folders, options.pairs, slow),
             )
-            for version in versions:
-                version.end()
         finally:
             source = str(Path(temporary) / "source")
             subprocess.run(
@@ -141,11 +154,12 @@ def main() -> None:
 
 
 def rows(
-    names: Sequence[str], versions: Sequence[Version], pairs: int, slow: list[str]
+    names: Sequence[str], folders: Sequence[Path | None], pairs: int, slow: list[str]
 ) -> Iterator[list[str]]:
     """Rows of the table; names of cases that are slower are added to `slow`."""
     for name in names:
-        cells, slower = row(name, versions, pairs)
+        with started(folders) as versions:
+            cells, slower = row(name, versions, pairs)
         if slower:
             slow.append(name)
         yield cells

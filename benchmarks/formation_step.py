@@ -39,6 +39,9 @@ PROBLEMS = {
 }
 """Scenario, policy, and number of members where it is not the scenario's."""
 
+SECONDS = 60.0
+"""Time of a comparison, beyond which it has fewer repeats, but no fewer than seven."""
+
 
 def random_states(task: FormationTask) -> FormationTask:
     """The same number of random states, around the guide's point after five steps."""
@@ -98,7 +101,10 @@ def processor_times(
 
     first(), second()
     with threads(1):
-        pairs = [(several(first), several(second)) for _ in range(repeats)]
+        pairs = [(several(first), several(second))]
+        affordable = int(SECONDS / (calls * sum(pairs[0])))
+        more = range(min(repeats, max(7, affordable)) - 1)
+        pairs += [(several(first), several(second)) for _ in more]
     ones, others = np.array(pairs).T
     return float(np.median(ones)), float(np.median(others)), float(np.median(others / ones))
 

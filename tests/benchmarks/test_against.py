@@ -30,12 +30,13 @@ def test_two_versions_are_timed_in_pairs() -> None:
     first, second, *_, row = done.stdout.split("\n\n")[0].splitlines()
     folders = [line.split(" in ")[1] for line in (first, second)]
     assert folders[0] != folders[1]
-    name, checkout, commit, ratio, *_ = [cell.strip() for cell in row.strip("| ").split("|")]
+    name, checkout, commit, ratio, _, peaks, _ = [cell.strip() for cell in row.split("|")[1:-1]]
     assert name == "leader-1"
     assert checkout.endswith(" ms")
     assert commit.endswith(" ms")
     middle, _, low, _, high = ratio.replace("(", "( ").replace(")", " )").split()[:5]
     assert float(low) <= float(middle) <= float(high)
+    assert all(50 < float(peak) < 5000 for peak in peaks.split(" / "))
     listed = subprocess.run(
         ["git", "-C", str(ROOT), "worktree", "list"], capture_output=True, text=True, check=True
     )
