@@ -160,9 +160,11 @@ class FormationTask:
         """The states as kernels take them."""
         from .formation_state_kernels import States  # Numba takes a second to import
 
-        step, goals = self.step, np.broadcast_to(self.step.goal[:, 0], (len(self.leaders), 2))
-        arrays = (step.positions, step.previous_velocities, goals)
-        positions, velocities, goals = (np.asarray(array, float) for array in arrays)
+        step, goals = self.step, np.empty((len(self.leaders), 2))
+        goals[:] = step.goal[:, 0]
+        positions, velocities = (
+            np.asarray(array, float) for array in (step.positions, step.previous_velocities)
+        )
         leaders = np.asarray(self.leaders, np.int64)
         return States(*map(contiguous, (positions, velocities, step.alive, goals, leaders)))
 

@@ -23,6 +23,10 @@ class _Callback(CFunc):
 
     type: Any = None
 
+    def __wrapper_address__(self) -> int | None:
+        """Where Numba calls it, without comparing signatures first."""
+        return self.address
+
 
 typeof_impl.register(_Callback, lambda function, _: function.type)
 

@@ -77,7 +77,7 @@ class FormationPolicy(Policy):
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> Step:
         horizon = max(1, min(self.horizon, self.guide.arrival - step))
-        goals = np.stack([self.guide.reference(step + s) for s in range(1, horizon + 1)])
+        goals = np.array([self.guide.reference(step + s) for s in range(1, horizon + 1)])
         return Step(self.hazard, self.motion, positions, previous_velocities, alive, goals)
 
     @abstractmethod
@@ -166,8 +166,8 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
     arguments = *problems, method, limits, results
     execute(decide_states, batch, arguments, _PER_THREAD // nlp.n_starts)
     failures, fallbacks = np.zeros((2, batch), np.int64)
-    left = np.flatnonzero(~results.accepted)
-    if left.size:
+    if not results.accepted.all():
+        left = np.flatnonzero(~results.accepted)
         rest = task[left]
         decision = applied_decision(rest.step, rest.formation(), solver)
         results.velocities[left] = decision.velocities

@@ -24,11 +24,11 @@ def nearest(step: Step, reference: FloatArray) -> NDArray[np.intp]:
     """The living member nearest to the guide's present point `reference` (2,), ties by index."""
     from .leader_selection_kernels import nearest_living  # Numba takes a second to import
 
-    batch = len(step.alive)
-    points = np.broadcast_to(reference.reshape(-1, 2), (batch, 2))
-    leaders, tie = np.empty(batch, np.intp), _TIE * step.motion.v_max * step.motion.dt
+    batch, tie = len(step.alive), _TIE * step.motion.v_max * step.motion.dt
+    points, leaders = np.empty((batch, 2)), np.empty(batch, np.intp)
+    points[:] = reference
     positions, alive = contiguous(step.positions), contiguous(step.alive)
-    nearest_living(positions, alive, contiguous(points), tie, leaders)
+    nearest_living(positions, alive, points, tie, leaders)
     return leaders
 
 
