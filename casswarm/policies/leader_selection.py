@@ -21,12 +21,15 @@ _TIE = 1e-6  # of rates, and of distances in v_max dt: a tie, in which the lower
 
 
 def nearest(step: Step, reference: FloatArray) -> NDArray[np.intp]:
-    """The living member nearest to the guide's present point `reference` (2,), ties by index."""
+    """The living member nearest to the guide's present point, ties by index.
+
+    `reference` has one point, (2,), or one for every state, (B, 2) or (B, 1, 2).
+    """
     from .leader_selection_kernels import nearest_living  # Numba takes a second to import
 
     batch, tie = len(step.alive), _TIE * step.motion.v_max * step.motion.dt
     points, leaders = np.empty((batch, 2)), np.empty(batch, np.intp)
-    points[:] = reference
+    points[:] = reference.reshape(-1, 2)
     positions, alive = contiguous(step.positions), contiguous(step.alive)
     nearest_living(positions, alive, points, tie, leaders)
     return leaders
