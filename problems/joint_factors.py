@@ -51,4 +51,4 @@ class StageFactors:
 
     def _per_thread(self, sets: int) -> int:
         """Matrices that are worth a thread, where so many sets of all steps are."""
-        return max(1, sets // math.prod(self._stages.by_set.shape[1:3]))
+        return sets // math.prod(self._stages.by_set.shape[1:3])

@@ -92,8 +92,8 @@ def recursion(
     """
     batch, steps, sets, _ = lost.shape
     value, masses, after = last_cost.copy(), np.zeros(costs.shape), np.empty(costs.shape)
-    per_thread = max(1, _PER_THREAD // (steps * sets))
-    execute(sweep, batch, (lost, continues, costs, value, masses, after), per_thread)
+    arguments = lost, continues, costs, value, masses, after
+    execute(sweep, batch, arguments, _PER_THREAD // (steps * sets))
     return value, masses, after
 
 

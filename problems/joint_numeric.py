@@ -147,7 +147,7 @@ class JointPoints:
         arrays = lost, *of_sets, self._blocks, local.radars, local.pairs, local.rates
         in_steps = Steps._make([self._clock, *arrays])
         arguments = in_steps, self.hazard.collides, flat
-        execute(differentiate, len(lost), arguments, max(1, _PER_THREAD // sets))
+        execute(differentiate, len(lost), arguments, _PER_THREAD // sets)
         out = Derivatives(*(part.reshape(batch, steps, *part.shape[1:]) for part in flat))
         unit = self.p["length"]
         out.gradient[:] *= unit

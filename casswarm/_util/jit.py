@@ -82,11 +82,6 @@ class Kernel:
         return bool(self.entry.overloads)
 
     @property
-    def signatures(self) -> list[Any]:
-        """Types of arguments that it is compiled for, for calls from Python."""
-        return list(self.entry.signatures)
-
-    @property
     def stats(self) -> Any:
         """Folder of its compiled code, and how often that was used, for calls from Python."""
         return self.entry.stats
@@ -140,7 +135,8 @@ def _stamp() -> bytes:
     problems = find_spec(f"{_PACKAGE.name}.problems")  # in a checkout beside the package
     folders = [_PACKAGE, *map(Path, problems.submodule_search_locations or () if problems else ())]
     files = sorted({path for folder in folders for path in folder.rglob("*_kernels.py")})
-    files += [Path(__file__), Path(__file__).with_name("kernel_compiler.py")]
+    compilers = ("jit.py", "kernel_compiler.py", "kernel_callbacks.py")
+    files += [Path(__file__).with_name(name) for name in compilers]
     return hashlib.sha256(b"".join(path.read_bytes() for path in files)).digest()
 
 

@@ -19,9 +19,9 @@ _PARTS = 4  # of the rows of a thread, since some take longer than others
 def execute(
     kernel: Callable[..., None], rows: int, arguments: tuple[Any, ...], per_thread: int
 ) -> float:
-    """Call ``kernel((first, end), *arguments)`` for parts of all rows, on threads; in seconds.
+    """Call ``kernel((first, end), *arguments)`` for all rows, on threads; return the seconds.
 
-    A thread gets at least `per_thread` rows, since handing them over takes time.
+    A thread gets at least `per_thread` rows, since handing them over takes time; 0 counts as 1.
     """
     announce(kernel)
     started = time.perf_counter()
@@ -29,7 +29,7 @@ def execute(
     def work(first: int, end: int) -> None:
         kernel((first, end), *arguments)
 
-    threads = min(_cores(), rows // per_thread)
+    threads = min(_cores(), rows // max(1, per_thread))
     if threads < 2:
         work(0, rows)
     else:

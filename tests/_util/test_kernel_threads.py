@@ -21,7 +21,7 @@ def add_row(rows, refused, counts):
 """)
 
 
-@given(rows=st.integers(0, 60), cores=st.integers(1, 5), per_thread=st.integers(1, 20))
+@given(rows=st.integers(0, 60), cores=st.integers(1, 5), per_thread=st.integers(0, 20))
 def test_every_row_is_worked_on_once(rows: int, cores: int, per_thread: int) -> None:
     counts = np.zeros(rows)
     with pytest.MonkeyPatch.context() as patch:

@@ -98,7 +98,7 @@ def test_second_kind_of_hazard_does_not_compile_the_solver_again():
     for hazard in HAZARDS:
         formation = leader(hazard, states=2)
         SpectralProjectedGradient().solve_batch(formation.nlp, formation.instances)
-    assert len(minimise_batch.signatures) == 1
+    assert len(minimise_batch.entry.signatures) == 1
 
 
 def test_compiled_objective_pickles():
@@ -107,7 +107,7 @@ def test_compiled_objective_pickles():
     solver = SpectralProjectedGradient()
     expected = solver.solve_batch(formation.nlp, formation.instances)
     np.testing.assert_array_equal(solver.solve_batch(nlp, instances).x, expected.x)
-    assert len(minimise_batch.signatures) == 1
+    assert len(minimise_batch.entry.signatures) == 1
 
 
 @pytest.mark.parametrize("problem", [leader, corridor])

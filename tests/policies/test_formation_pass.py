@@ -167,4 +167,4 @@ def test_pass_is_compiled_once() -> None:
         for kind in KINDS:
             for n in (1, 3):
                 formation_decision(task(kind, hazard, 2, n, seed=8), Auto())
-    assert len(decide_states.signatures) == 1  # type: ignore[attr-defined]
+    assert len(decide_states.entry.signatures) == 1  # type: ignore[attr-defined]
