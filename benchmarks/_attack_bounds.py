@@ -12,7 +12,7 @@ from _attack_records import Check, Skip
 from _attack_scenarios import POLICIES, Rng, draw
 
 import casswarm as csw
-from casswarm.planning.joint import PlanDistribution, PlanTree
+from casswarm.joint import PlanDistribution, PlanTree
 from casswarm.policies.planned_paths import JointPolicy, ReplanningPolicy
 
 _EPS = 2.0**-52

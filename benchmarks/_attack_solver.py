@@ -12,9 +12,9 @@ from _attack_scenarios import Rng, draw
 from scipy.optimize import nnls
 
 import casswarm as csw
-from casswarm.optimization.solvers import make_solver
-from casswarm.problems.formation import Formation, corridor_formation, leader_formation
-from casswarm.problems.step import Motion, Step
+from casswarm.formation.task import Formation, corridor_formation, leader_formation
+from casswarm.motion.step import Motion, Step
+from casswarm.solvers import make_solver
 
 _STATES = 6
 _STATIONARITY = 1e-6  # `auto` accepts answers up to here

@@ -104,7 +104,7 @@ def batch_solved(size: int) -> Work:
     import casadi as ca
 
     import casswarm as csw
-    from casswarm.optimization.solvers import make_solver
+    from casswarm.solvers import make_solver
 
     x = ca.SX.sym("x", 4)
     posed = csw.Problem.from_casadi(

@@ -57,8 +57,8 @@ def growth_chart(table: pd.DataFrame, path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    from casswarm._util.figure_style import MEMBERS, despine
     from casswarm.figures import save
-    from casswarm.figures.style import MEMBERS, despine
 
     fig = Figure(figsize=(8.4, 3.6), layout="constrained")
     FigureCanvasAgg(fig)

@@ -6,10 +6,10 @@ import numpy as np
 
 import casswarm as csw
 from casswarm import Scenario, SwarmOutcome
-from casswarm.planning.joint import InitialGuess, JointProblem
-from casswarm.planning.joint.screening import track
-from casswarm.planning.joint.solve import stage_solver
-from casswarm.planning.kinematics import remaining_distance
+from casswarm.joint import InitialGuess, JointProblem
+from casswarm.joint.screening import track
+from casswarm.joint.solve import stage_solver
+from casswarm.motion.kinematics import remaining_distance
 from casswarm.problems.joint import JointForm
 from casswarm.problems.joint_instances import JointTask
 from casswarm.typing import FloatArray, IntArray

@@ -22,13 +22,14 @@ import numpy as np
 from _timing import arguments, in_turn, print_table, timed
 
 import casswarm as csw
-from casswarm.optimization.problem import Instances, Nlp
-from casswarm.optimization.solvers import SOLVERS, Auto, Ipopt, make_solver
+from casswarm.formation import Auto
+from casswarm.formation.leader_selection import LEADER_SELECTION
+from casswarm.formation.task import FormationTask, or_none
+from casswarm.motion.step import Motion, Step
+from casswarm.nlp.program import Instances, Nlp
 from casswarm.policies import Decision, Policy
-from casswarm.policies.leader_selection import LEADER_SELECTION
-from casswarm.problems.formation import FormationTask, or_none
-from casswarm.problems.step import Motion, Step
 from casswarm.scenario.variations import with_parameters
+from casswarm.solvers import SOLVERS, Ipopt, make_solver
 
 PROBLEMS = {
     "leader": ("paper-1", "leader", 1000),
@@ -155,8 +156,8 @@ def jax(task: FormationTask, n_starts: int) -> Callable[[], np.ndarray]:
     """All states at once by the same algorithm in JAX, from the first of the same starts."""
     from jax_program import batch_program
 
-    from casswarm.optimization.solvers.batch.multistart_kernels import Starts
-    from casswarm.optimization.solvers.batch.spg_batch_kernels import SPREAD
+    from casswarm.formation.search_kernels import START_SPREAD
+    from casswarm.formation.spectral_kernels import Starts
 
     hazard, instances = task.step.hazard, task.formation().instances
     batch, n = task.step.alive.shape
@@ -185,7 +186,7 @@ def jax(task: FormationTask, n_starts: int) -> Callable[[], np.ndarray]:
     lanes = {key: np.moveaxis(array, 0, -1).copy() for key, array in data.items()}
     sets, guesses = instances.feasible_set, instances.x0.reshape(batch, n, 2)
     radii = sets.radii.min(axis=-1)
-    spread = SPREAD * np.where(np.isfinite(radii), radii, 0.0)
+    spread = START_SPREAD * np.where(np.isfinite(radii), radii, 0.0)
     starts = Starts.around(n_starts, spread, guesses, sets.centers.sum(axis=-2))
     moves = starts.directions[:n_starts].reshape(-1, 1, n, 2) * starts.spread[..., None]
     starts = instances.x0.reshape(batch, n, 2) + moves

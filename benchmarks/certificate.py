@@ -26,7 +26,8 @@ from _timing import Timed, arguments, print_table, timed
 
 import casswarm as csw
 from casswarm import Guide, Scenario
-from casswarm.planning.bounds import Certificate, certify_guide
+from casswarm.bounds import Certificate
+from casswarm.guide import certify_guide
 
 SEEDS = 24
 

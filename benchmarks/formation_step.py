@@ -25,11 +25,12 @@ from _timing import arguments, in_turn, print_table, timed
 from batch import jax, recorded
 
 import casswarm as csw
-from casswarm._util import kernel_threads
-from casswarm.optimization.solvers import Auto, Ipopt
-from casswarm.policies.formation import formation_decision
-from casswarm.policies.leader_selection import LEADER_SELECTION
-from casswarm.problems.formation import FormationTask
+from casswarm.compiled import parallel as kernel_threads
+from casswarm.formation import Auto
+from casswarm.formation.leader_selection import LEADER_SELECTION
+from casswarm.formation.task import FormationTask
+from casswarm.policies.formation_policies import formation_decision
+from casswarm.solvers import Ipopt
 
 PROBLEMS = {
     "leader": ("paper-1", "leader", None),

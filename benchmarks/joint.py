@@ -24,13 +24,13 @@ from _timing import arguments, print_table, timed
 
 import casswarm as csw
 from casswarm import Scenario, SwarmPlan
-from casswarm.optimization.problem import Nlp
-from casswarm.optimization.solvers import Ipopt
-from casswarm.planning.joint import InitialGuess, JointProblem, PlanDistribution, PlanTree
-from casswarm.planning.joint.likely_sets import likely_sets
+from casswarm.joint import InitialGuess, JointProblem, PlanDistribution, PlanTree
+from casswarm.joint.likely_sets import likely_sets
+from casswarm.nlp.program import Nlp
 from casswarm.policies import JointPolicy, ReplanningPolicy
 from casswarm.problems.joint import JointForm, joint_nlp
 from casswarm.problems.joint_instances import JointTask, joint_instances
+from casswarm.solvers import Ipopt
 
 SCENARIOS = ("paper-1", "paper-2", "ring", "wall", "crossfire", "gauntlet", "single-agent")
 MEMBERS = range(2, 9)

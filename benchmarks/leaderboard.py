@@ -22,7 +22,7 @@ from train_policy import trained
 
 import casswarm as csw
 from casswarm import Guide, Scenario
-from casswarm.planning.guide import rounded_up
+from casswarm._util.numbers import rounded_up
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = ROOT / "results" / "leaderboard" / "leaderboard.csv"

@@ -19,13 +19,13 @@ import numpy as np
 from _timing import arguments, print_table, timed
 
 import casswarm as csw
-from casswarm.optimization.problem import Instances, Nlp
-from casswarm.optimization.solution import BatchSolution
-from casswarm.optimization.solvers import Auto
-from casswarm.optimization.solvers.batch.interior_point import InteriorPoint
-from casswarm.optimization.solvers.batch.spg import SpectralProjectedGradient
-from casswarm.problems.formation import corridor_formation, leader_formation
-from casswarm.problems.step import Motion, Step
+from casswarm.formation import Auto
+from casswarm.formation.horizon_method import InteriorPoint
+from casswarm.formation.spectral import SpectralProjectedGradient
+from casswarm.formation.task import corridor_formation, leader_formation
+from casswarm.motion.step import Motion, Step
+from casswarm.nlp.program import Instances, Nlp
+from casswarm.nlp.solution import BatchSolution
 
 Batches = list[tuple[Nlp, Instances]]
 

@@ -29,9 +29,10 @@ from _timing import arguments, in_turn, timed
 import casswarm as csw
 from casswarm import make_policy
 from casswarm.figures import mpc_chart, save
-from casswarm.optimization.problem import Instances, Nlp
-from casswarm.optimization.solution import BatchSolution
-from casswarm.optimization.solvers import Auto, Ipopt
+from casswarm.formation import Auto
+from casswarm.nlp.program import Instances, Nlp
+from casswarm.nlp.solution import BatchSolution
+from casswarm.solvers import Ipopt
 
 STEPS = (1, 2, 3, 5, 8)
 SCENARIOS = ("paper-1", "paper-2", "wall", "ring", "crossfire", "gauntlet")

@@ -58,7 +58,7 @@ def formation() -> list[Row]:
     import numpy as np
 
     import casswarm as csw
-    from casswarm.planning.plan import initial_velocities
+    from casswarm.guide.plan import initial_velocities
     from casswarm.problems.formation import formation_nlp
 
     rows = []

@@ -28,8 +28,8 @@ import pandas as pd
 import casswarm as csw
 import casswarm.policies
 from casswarm import Guide, Scenario
+from casswarm._util.numbers import rounded_up
 from casswarm.figures import success_chart
-from casswarm.planning.guide import rounded_up
 from casswarm.results.drawing import FigureFormat
 from casswarm.results.folder import ResultsFolder
 

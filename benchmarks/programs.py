@@ -29,8 +29,8 @@ from backend_cases import guide
 from hock_schittkowski import STATEMENTS, published
 from window_cases import both, window
 
-from casswarm.optimization.problem import Instances, Nlp
-from casswarm.optimization.solvers import FilterInteriorPoint, Ipopt
+from casswarm.nlp.program import Instances, Nlp
+from casswarm.solvers import FilterInteriorPoint, Ipopt
 
 COLUMNS = (
     "program",

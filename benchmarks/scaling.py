@@ -26,10 +26,10 @@ import numpy as np
 from _timing import arguments, print_table, timed
 
 import casswarm as csw
-from casswarm.optimization.solvers import Auto
-from casswarm.policies.leader_selection import LEADER_SELECTION
-from casswarm.problems.formation import Formation, corridor_formation, leader_formation
-from casswarm.problems.step import Motion, Step
+from casswarm.formation import Auto
+from casswarm.formation.leader_selection import LEADER_SELECTION
+from casswarm.formation.task import Formation, corridor_formation, leader_formation
+from casswarm.motion.step import Motion, Step
 
 SIZES = (5, 20, 50, 200, 1000)
 STEPS, SPACING = 10, 0.5

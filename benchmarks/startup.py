@@ -65,7 +65,7 @@ def interior_point() -> Call:
     import casadi as ca
 
     import casswarm as csw
-    from casswarm.optimization.solvers import FilterInteriorPoint
+    from casswarm.solvers import FilterInteriorPoint
 
     x = ca.SX.sym("x", 2)
     program = {"x": x, "f": (1 - x[0]) ** 2 + ca.exp(x[1]), "g": x[0] * x[1]}

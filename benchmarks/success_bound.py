@@ -15,7 +15,7 @@ from _timing import print_table
 from policies import cases
 
 import casswarm as csw
-from casswarm.planning.guide import rounded_up
+from casswarm._util.numbers import rounded_up
 from casswarm.scenario.variations import with_parameters
 
 WORKS = (0.0, 6e7, 1.5e8)

@@ -26,7 +26,7 @@ from scipy.optimize import minimize
 
 import casswarm as csw
 from casswarm import Guide, ParametricPolicy, Scenario
-from casswarm.planning.guide import rounded_up
+from casswarm._util.numbers import rounded_up
 from casswarm.typing import FloatArray
 
 CLOSING_STEPS = 3.0

@@ -19,7 +19,7 @@ from _timing import print_table
 from policies import cases
 
 import casswarm as csw
-from casswarm.planning.guide import rounded_up
+from casswarm._util.numbers import rounded_up
 from casswarm.scenario.variations import with_parameters
 
 TIME_LIMIT = 60.0  # for both upper ends

@@ -10,7 +10,8 @@ from pathlib import Path
 import lazy_loader
 
 from ._util import display as _display
-from ._util import user_folders as _user_folders
+from ._util import user_code as _user_code
+from .solvers.registry import register_solver as _register_solver
 
 __version__ = version("casswarm")
 
@@ -21,5 +22,12 @@ if not (_FOLDER / "problems").exists() and (_FOLDER.parent / "problems").exists(
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-_user_folders.install()  # first of all, since what is unpickled may refer to them
+_user_code.install()  # first of all, since what is unpickled may refer to them
 _display.RENDERER = f"{__name__}.results.display"
+
+for _name, _target, _before in (
+    ("auto", "auto:Auto", "interior-point"),
+    ("spectral", "spectral:SpectralProjectedGradient", "interior-point"),
+    ("projected-gradient", "projected_gradient:ProjectedGradient", None),
+):
+    _register_solver(_name, f"{__name__}.formation.{_target}", before=_before)

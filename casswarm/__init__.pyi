@@ -1,4 +1,6 @@
-from . import figures
+from . import figures, solvers
+from .bounds.risk_bound import Certificate
+from .bounds.success_bound import SuccessBound, success_bound
 from .chain.distribution import OutcomeDistribution
 from .chain.stratified import Estimate
 from .comparison import (
@@ -28,20 +30,16 @@ from .errors import (
 )
 from .exploration.widget import explore
 from .figures.animation import animate
+from .grid.value_function import ValueFunction
+from .guide.guide import Candidate, Guide
+from .guide.plan import plan
 from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
-from .optimization import solvers
-from .optimization.solution import Residuals, Solution, Status
-from .optimization.solvers import Solver, make_solver
-from .planning.bounds.risk_bound import Certificate
-from .planning.bounds.success_bound import SuccessBound, success_bound
-from .planning.bounds.value_function import ValueFunction
-from .planning.guide import Candidate, Guide
-from .planning.joint import SwarmOutcome, SwarmPlan, plan_swarm
-from .planning.plan import plan
+from .joint import SwarmOutcome, SwarmPlan, plan_swarm
+from .nlp.solution import Residuals, Solution, Status
 from .policies import Decision, ParametricPolicy, Policy, as_policy, make_policy
 from .scenario import Scenario, builtin_scenarios, load_scenario, save_scenario
-from .studies.evaluation import estimate, evaluate
-from .studies.optimal_value import OptimalValue, optimal_value
+from .solvers import Solver, make_solver
+from .studies.evaluation import OptimalValue, estimate, evaluate, optimal_value
 from .studies.policy_gradient import SuccessGradient, success_gradient
 from .studies.simulation import Study, runs_needed, simulate
 from .studies.sweep import Sweep, sweep

@@ -9,10 +9,8 @@ import click
 
 from .._util.text import counted
 from .common import WrongInput, reported_errors
-from .number import Number
-from .options import SavedRunOptions, option, options, quiet_option
-from .output import say
-from .progress import progress_report
+from .options import Number, SavedRunOptions, option, options, quiet_option
+from .output import progress_report, say
 
 
 @dataclass(frozen=True)

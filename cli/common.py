@@ -15,9 +15,8 @@ import click
 import casswarm as csw
 
 from .._util.text import printable
-from .._util.user_code import USER_ERRORS, failure_text
-from .._util.user_folders import module_file
-from .._util.user_modules import load as load_code
+from .._util.user_code import USER_ERRORS, failure_text, module_file
+from .._util.user_code import load as load_code
 from ..errors import (
     CasswarmError,
     FolderError,
@@ -27,9 +26,8 @@ from ..errors import (
     SolverError,
     WorkerError,
 )
-from .options import PolicyOptions, ScenarioInput
+from .options import PolicyOptions, ScenarioInput, StudyOptions
 from .output import say
-from .study_options import StudyOptions
 
 
 class Failure(click.ClickException):
@@ -69,7 +67,7 @@ class SavedWork:
         """End of a message: that work is saved, and how to continue; empty if none is."""
         if self.folder is None:
             return ""
-        from ..studies.checkpoint import has_records
+        from .._util.checkpoint import has_records
 
         if not has_records(self.folder, self.since):
             return ""
@@ -134,7 +132,7 @@ def named_policies(options: PolicyOptions) -> list[Any]:
 
     The module of ``module:function`` lies in the current folder, or is installed.
     """
-    from ..studies.policy_list import policy_list
+    from ..studies.inputs import policy_list
     from ..studies.simulation import PAPER_POLICIES
 
     csw.make_solver(options.solver)

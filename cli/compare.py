@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 import casswarm as csw
 
+from .._util.text import counted
 from . import completion
 from .common import Failure, named_solver, reported_errors
-from .comparison_text import comparison_text
 from .ending import Ending
-from .number import Number
 from .options import (
     DrawingOptions,
+    Number,
     OutputOptions,
     allow_code_option,
     argument,
@@ -27,13 +28,52 @@ from .options import (
     refuse,
     seed_option,
 )
-from .output import open_folder, say
-from .progress import progress_report
+from .output import aligned_table, open_folder, progress_report, say
 
 if TYPE_CHECKING:
     from ..comparison.agreement import Agreement
     from ..comparison.report import Report
     from ..results.folder import ResultsFolder
+
+
+def _percent(value: float) -> str:
+    return "" if isnan(value) else f"{100 * value:.0f} %"
+
+
+def comparison_text(comparison: csw.Comparison) -> str:
+    """A table for every family and start."""
+    from ..comparison.report import milliseconds
+
+    def interval(row: dict[Any, Any]) -> str:
+        ends = row["mean_ms_low"], row["mean_ms_high"]
+        return "" if isnan(ends[0]) else " to ".join(map(milliseconds, ends))
+
+    texts = []
+    summary = comparison.ranking.merge(comparison.summary.drop(columns="mean_ms"))
+    for (family, start), part in summary.groupby(["family", "start"], sort=False):
+        rows = [
+            {
+                "solver": str(row["solver"]),
+                "solved": _percent(row["solved"]),
+                "best known": _percent(row["best_known"]),
+                "mean ms": milliseconds(row["mean_ms"]),
+                "95 %": interval(row),
+                "rank": f"{row['rank']:g}",
+                "probability": _percent(row["probability"]),
+            }
+            for row in part.to_dict("records")
+        ]
+        notes = [
+            f"{row['solver']}: {counted(row['false_positives'], 'false positive')} (reported as "
+            "solved, but not verified)"
+            for row in part.to_dict("records")
+            if row["false_positives"]
+        ]
+        problems = counted(int(part["problems"].iloc[0]), "problem")
+        title = f"{family}, {start} start, {problems}"
+        texts.append("\n".join([title, aligned_table(rows), *notes]))
+    return "\n\n".join(texts)
+
 
 _CONTINUE = "repeat the same command to continue"
 

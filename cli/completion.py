@@ -20,7 +20,7 @@ def scenarios(_: Context, __: Parameter, incomplete: str) -> list[CompletionItem
 
 def policies(_: Context, __: Parameter, incomplete: str) -> list[CompletionItem]:
     """Policies by name."""
-    from ..policies.registry import POLICIES
+    from ..policies.named import POLICIES
 
     return _matching(POLICIES, incomplete)
 

@@ -12,7 +12,7 @@ from .output import print_result
 if TYPE_CHECKING:
     from ..results.catalogue import FigureCatalogue
     from ..results.folder import ResultsFolder
-    from .progress import ProgressReport
+    from .output import ProgressReport
 
 T = TypeVar("T")
 

@@ -12,10 +12,16 @@ import casswarm as csw
 
 from .common import load, named_policies, reported_errors
 from .ending import Ending
-from .options import CommonOptions, PolicyOptions, option, options, refuse, seed_option
-from .output import aligned_table, open_folder, say
-from .progress import progress_report
-from .study_options import ExactOptions
+from .options import (
+    CommonOptions,
+    ExactOptions,
+    PolicyOptions,
+    option,
+    options,
+    refuse,
+    seed_option,
+)
+from .output import aligned_table, open_folder, progress_report, say
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
@@ -61,7 +67,7 @@ def evaluate(
         refuse("nothing is sampled without --runs", "seed")
     with reported_errors(), progress_report(common.quiet) as progress:
         chosen = load(common)
-        from ..planning.plan import guide_solver
+        from ..guide.plan import guide_solver
 
         chosen_policies = named_policies(policies)
         folder = open_folder("evaluate", chosen, common.out, common)

@@ -1,4 +1,6 @@
-"""Options that several commands share: records of fields, each declared once.
+"""Options of the commands that evaluate policies: accuracy, workers, checkpoints.
+
+Options that several commands share: records of fields, each declared once.
 
 A command gets its arguments and options as records instead of as twenty parameters::
 
@@ -9,6 +11,8 @@ A command gets its arguments and options as records instead of as twenty paramet
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import partial, wraps
@@ -18,9 +22,28 @@ from typing import Any, Literal, get_type_hints
 import click
 from click.core import ParameterSource
 
-from .._util.seeds import MAX_SEED
+from .._util.numbers import MAX_SEED
 from . import completion
-from .number import Number
+
+
+class Number(click.FloatRange):
+    """A number of a range, neither NaN nor infinite; `infinite` allows it to be infinite."""
+
+    def __init__(
+        self, low: float, high: float | None = None, *, infinite: bool = False, **settings: Any
+    ) -> None:
+        super().__init__(low, high, **settings)
+        self.infinite = infinite
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Number that a text means."""
+        number = float(super().convert(value, param, ctx))
+        if math.isnan(number) or (math.isinf(number) and not self.infinite):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return number
+
 
 Command = Callable[..., Any]
 
@@ -256,3 +279,70 @@ class GuideOptions:
     def values(self) -> dict[str, Any]:
         """Values of the scenario that the options replace."""
         return {f"guide.{item.name}": getattr(self, item.name) for item in fields(self)}
+
+
+@dataclass(frozen=True)
+class ExactOptions:
+    """How far outcome distributions are enumerated."""
+
+    tolerance: float = option(
+        "--tolerance",
+        type=Number(0, 1, max_open=True),
+        default=1e-3,
+        help="Width of the probability bounds.",
+    )
+    max_states: int | None = option(
+        "--max-states",
+        type=click.IntRange(1),
+        help="Maximum number of states to enumerate; bounds may be wider than the tolerance. "
+        "[default: 1000000, or 10000 with more than 12 members]",
+    )
+    aggregation_tol: float | None = option(
+        "--aggregation-tol",
+        type=Number(0),
+        help="Round the members' motion to a lattice of at most this spacing, so that nearly equal "
+        "states coincide; 0 rounds nothing. The bounds are those of the policy with rounded "
+        "commands. [default: 1.2e-7 v_max dt, the accuracy of solvers]",
+    )
+
+
+@dataclass(frozen=True)
+class StudyOptions:
+    """Workers and checkpoints of a study."""
+
+    workers: int = option(
+        "--workers",
+        type=click.IntRange(1),
+        default=1,
+        help="Number of worker processes (does not affect results).",
+    )
+    dask: str | None = option(
+        "--dask",
+        metavar="ADDRESS",
+        help="Run on the Dask cluster at this address, such as tcp://127.0.0.1:8786. "
+        "Needs the extra: pip install 'casswarm[dask]'.",
+    )
+    resume: bool = option(
+        "--resume",
+        is_flag=True,
+        help="Resume an interrupted study with the same inputs from its folder.",
+    )
+    overwrite: bool = option(
+        "--overwrite", is_flag=True, help="Discard an unfinished study and start over."
+    )
+
+    def __post_init__(self) -> None:
+        if self.resume and self.overwrite:
+            raise click.UsageError("--resume and --overwrite: give one of them")
+        if self.dask is not None:
+            refuse("the workers are those of the cluster, --dask", "workers")
+
+    @property
+    def saved_since(self) -> float:
+        """Time from which saved work is of this study: always if it is resumed, else now."""
+        return 0.0 if self.resume else time.time()
+
+    @property
+    def if_exists(self) -> Literal["error", "resume", "overwrite"]:
+        """What happens to an unfinished study in the folder."""
+        return "resume" if self.resume else "overwrite" if self.overwrite else "error"

@@ -14,10 +14,8 @@ from .._util.text import counted
 from . import completion
 from .common import load, reported_errors
 from .ending import Ending
-from .number import Number
-from .options import CommonOptions, option, options, seed_option
-from .output import aligned_table, open_folder, say
-from .progress import progress_report
+from .options import CommonOptions, Number, option, options, seed_option
+from .output import aligned_table, open_folder, progress_report, say
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
@@ -89,7 +87,7 @@ def plan_swarm(common: CommonOptions, planning: SwarmPlanOptions) -> None:
 
 
 def _write_tables(folder: ResultsFolder, plan: csw.SwarmPlan) -> None:
-    from ..planning.tables import joint_table, outcome_table
+    from ..studies.tables import joint_table, outcome_table
 
     folder.write_table("joint", joint_table(plan))
     folder.write_table("outcomes", outcome_table(plan))

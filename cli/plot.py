@@ -11,8 +11,7 @@ from .._util.text import counted, did_you_mean
 from ..errors import CheckpointError
 from .common import reported_errors
 from .options import FigureOptions, SavedRunOptions, option, options, out_option, quiet_option
-from .output import open_folder, say
-from .progress import progress_report
+from .output import open_folder, progress_report, say
 
 
 @dataclass(frozen=True)

@@ -95,7 +95,7 @@ def reproduce(
 
 
 def _text(reproduction: Reproduction) -> str:
-    from ..reproduction.report import table_for_people
+    from ..reproduction.paper_report import table_for_people
     from ..reproduction.reproduce import TABLES
 
     texts = []

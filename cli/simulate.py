@@ -13,19 +13,18 @@ import casswarm as csw
 from .._util.text import counted
 from .common import WrongInput, executor, load, named_policies, reported_errors
 from .ending import Ending
-from .number import Number
 from .options import (
     CommonOptions,
     GuideOptions,
+    Number,
     PolicyOptions,
+    StudyOptions,
     option,
     options,
     refuse,
     seed_option,
 )
-from .output import aligned_table, open_folder, say
-from .progress import progress_report
-from .study_options import StudyOptions
+from .output import aligned_table, open_folder, progress_report, say
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
@@ -93,7 +92,7 @@ def simulate(
         raise WrongInput("--report and --no-figures: give one of them, the report shows figures")
     with reported_errors() as saved, progress_report(common.quiet) as progress:
         chosen = load(common, planning.values)
-        from ..planning.plan import guide_solver
+        from ..guide.plan import guide_solver
 
         chosen_policies = named_policies(policies)
         folder = open_folder("simulate", chosen, common.out, common)
@@ -142,8 +141,7 @@ def simulate(
 
 
 def _write_tables(folder: ResultsFolder, study: csw.Study) -> None:
-    from ..planning.tables import guide_table
-    from ..studies.tables import trajectory_table
+    from ..studies.tables import guide_table, trajectory_table
 
     folder.write_table("summary", study.summary)
     if len(study.paired):
@@ -174,7 +172,7 @@ def _write_record(
 
 
 def _write_report(folder: ResultsFolder) -> None:
-    from ..results.simulation_report import simulation_page
+    from ..results.reports import simulation_page
 
     folder.write_file("report.html", simulation_page(folder))
     folder.extend_record()

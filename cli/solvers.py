@@ -21,7 +21,7 @@ def solvers(as_json: bool) -> None:
     The names are those that --solver accepts. Solvers that this installation lacks and solvers that
     are not supported are listed with the reasons.
     """
-    from ..optimization.solvers import SOLVERS, UNSUPPORTED
+    from ..solvers import SOLVERS, UNSUPPORTED
 
     listed: list[dict[str, Any]] = [
         {

@@ -18,15 +18,15 @@ from .common import Failure, WrongInput, executor, named_policies, reported_erro
 from .ending import Ending
 from .options import (
     CommonOptions,
+    ExactOptions,
     PolicyOptions,
+    StudyOptions,
     option,
     options,
     refuse,
     seed_option,
 )
-from .output import aligned, open_folder
-from .progress import progress_report
-from .study_options import ExactOptions, StudyOptions
+from .output import aligned, open_folder, progress_report
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
@@ -216,7 +216,7 @@ def _write(folder: ResultsFolder, result: csw.Sweep, inputs: dict[str, Any]) -> 
 
 
 def _write_report(folder: ResultsFolder) -> None:
-    from ..results.sweep_report import sweep_page
+    from ..results.reports import sweep_page
 
     folder.write_file("report.html", sweep_page(folder))
     folder.extend_record()

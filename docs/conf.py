@@ -20,7 +20,7 @@ sys.path.insert(0, str(HERE / "_ext"))
 
 project = "casswarm"
 author = "The casswarm developers"
-copyright = author  # noqa: A001  # Sphinx wants this name
+copyright = author  # noqa: A001  Sphinx wants this name
 version = release = __version__
 
 extensions = [

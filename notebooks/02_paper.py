@@ -23,8 +23,12 @@
 import casswarm as csw
 from casswarm.figures import convergence_chart, table_2_chart
 from casswarm.reproduction import interpretations, reproduce
-from casswarm.reproduction.convergence import condensed, formation_convergence, guide_convergence
-from casswarm.reproduction.report import table_2_text
+from casswarm.reproduction.gradient_convergence import (
+    condensed,
+    formation_convergence,
+    guide_convergence,
+)
+from casswarm.reproduction.paper_report import table_2_text
 
 first, second = csw.load_scenario("paper-1"), csw.load_scenario("paper-2")
 paper = reproduce(only=["table-1", "geometry", "table-2", "infeasible", "figures"])

@@ -118,8 +118,8 @@ swarm_map(scenario, study.trajectories["leader"][0], guide)
 # along the guide together; the other sends half of the swarm along the best path on the other side.
 
 # %%
-from casswarm.planning.kinematics import integrate
-from casswarm.problems.step import Motion
+from casswarm.motion.kinematics import integrate
+from casswarm.motion.step import Motion
 
 motion = Motion.from_scenario(scenario)
 paths = [

@@ -22,15 +22,12 @@
 # %%
 # %matplotlib inline
 import casswarm as csw
-from casswarm.comparison.profiles import (
-    fraction_at,
-    pairwise_profiles,
-    performance_profile,
-)
+from casswarm.comparison.profiles import fraction_at, pairwise_profiles, performance_profile
 from casswarm.comparison.report import make_report
 from casswarm.comparison.verification import by_problem, costs, failures
 from casswarm.figures import pair_chart
-from casswarm.optimization.solvers import Ipopt, ProjectedGradient
+from casswarm.formation import ProjectedGradient
+from casswarm.solvers import Ipopt
 
 # %% [markdown]
 # ## Set-up

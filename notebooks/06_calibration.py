@@ -33,9 +33,12 @@ import pandas as pd
 
 import casswarm as csw
 from casswarm.reproduction import PAPER_SUCCESS
-from casswarm.reproduction.paper import paper_interval
-from casswarm.reproduction.readings import table_2_of_reading
-from casswarm.reproduction.sensitivity import geometry_changes, table_2_with_ipopt
+from casswarm.reproduction.paper_tables import paper_interval
+from casswarm.reproduction.success_tables import (
+    geometry_changes,
+    table_2_of_reading,
+    table_2_with_ipopt,
+)
 
 N_CANDIDATES = int(os.environ.get("CASSWARM_CALIBRATION", "0"))
 if __name__ == "__main__" and sys.argv[1:] and sys.argv[1].isdigit():

@@ -25,10 +25,10 @@ import numpy as np
 import pandas as pd
 
 import casswarm as csw
+from casswarm.bounds.level_game import LevelGame
+from casswarm.bounds.potential import PotentialFamily
 from casswarm.figures import cost_to_go_map
-from casswarm.planning.bounds import Relaxation
-from casswarm.planning.bounds.level_game import LevelGame
-from casswarm.planning.bounds.potential import PotentialFamily
+from casswarm.grid import Relaxation
 from casswarm.scenario.variations import with_parameters
 
 alley = csw.load_scenario("alley")

@@ -43,10 +43,10 @@ import numpy as np
 
 from .._util.threads import locked_cache
 from ..hazard import Hazard, KernelHazard
-from ..optimization.problem import Nlp
+from ..joint.numeric import CERTAIN, TINY, JointNumeric
+from ..nlp.program import Nlp
 from ..typing import Expr
 from .joint_hessian import MAX_MEMBERS, lagrangian_hessian
-from .joint_numeric import CERTAIN, TINY, JointNumeric
 from .subsets import subsets
 
 OBJECTIVES = ("success", "arrivals", "survivors")

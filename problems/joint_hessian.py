@@ -20,7 +20,7 @@ from collections.abc import Callable
 
 import casadi as ca
 
-from ..optimization.problem import Nlp
+from ..nlp.program import Nlp
 from ..typing import Expr
 
 MAX_MEMBERS = 6

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..optimization.problem import Instances, Nlp
+from ..motion.step import Motion
+from ..nlp.program import Instances, Nlp
 from ..typing import BoolArray, FloatArray, IntArray
 from .guide import tightened
 from .joint import JointForm
-from .step import Motion
 from .subsets import subsets
 
 if TYPE_CHECKING:

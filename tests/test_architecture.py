@@ -26,7 +26,7 @@ HEAVY = {
     "PIL",
     "gymnasium",
 }
-MAX_LINES = 300
+MAX_LINES = 600
 
 
 def test_imports_between_rooms_keep_the_contracts(tmp_path: Path) -> None:

@@ -1,17 +1,99 @@
-"""Files that are written completely or not at all, and files that are safe to read."""
+"""Tables in CSV files.
+
+Temporary files and folders, which are removed even if their process is killed.
+
+Their names state the computer and the process, so that the next process sees what is abandoned.
+"""
 
 from __future__ import annotations
 
+import atexit
 import errno
 import hashlib
 import os
+import platform
+import re
+import shutil
 import stat
+import tempfile
 from collections.abc import Callable
 from contextlib import suppress
+from functools import lru_cache
 from itertools import count
 from pathlib import Path
+from typing import Any
 
-from .temporary import is_alive
+import pandas as pd
+
+_HOST = re.sub(r"[^A-Za-z0-9]+", "", platform.node())[:32]
+_NAME = re.compile(rf"casswarm-{_HOST}-(\d+)-.*")
+
+
+def temporary_folder() -> Path:
+    """New folder that only this user can open; removed when this process ends."""
+    remove_abandoned()
+    folder = Path(tempfile.mkdtemp(prefix=_prefix()))
+    atexit.register(_remove, folder)
+    return folder
+
+
+def temporary_file(suffix: str) -> Path:
+    """New empty file that only this user can open; removed when this process ends."""
+    remove_abandoned()
+    handle, name = tempfile.mkstemp(prefix=_prefix(), suffix=suffix)
+    os.close(handle)
+    atexit.register(_remove, Path(name))
+    return Path(name)
+
+
+@lru_cache(maxsize=1)
+def remove_abandoned() -> None:
+    """Remove temporary files and folders of this user's dead processes; once per process.
+
+    Links are neither followed nor removed. Does nothing on Windows, where a process cannot be asked
+    for without the risk of ending it.
+    """
+    if os.name != "posix":
+        return
+    with suppress(OSError), os.scandir(tempfile.gettempdir()) as entries:
+        for entry in entries:
+            match = _NAME.fullmatch(entry.name)
+            if match and not is_alive(int(match[1])) and _is_own(entry):
+                _remove(Path(entry.path))
+
+
+def _prefix() -> str:
+    return f"casswarm-{_HOST}-{os.getpid()}-"
+
+
+def is_alive(process: int) -> bool:
+    """Whether a process of this computer runs; True where that cannot be asked without risk."""
+    if os.name != "posix":
+        return True
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        pass
+    return True
+
+
+def _is_own(entry: os.DirEntry[str]) -> bool:
+    try:
+        return not entry.is_symlink() and entry.stat(follow_symlinks=False).st_uid == os.geteuid()
+    except OSError:
+        return False
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or a folder, as far as possible."""
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+
 
 _PREFIX = ".part-"
 
@@ -111,3 +193,17 @@ def remove_partial(path: Path) -> None:
 def is_partial(path: Path) -> bool:
     """Whether a file is the temporary file of an `atomic_write` that was killed."""
     return path.name.startswith(_PREFIX)
+
+
+def read_table(path: Path) -> pd.DataFrame:
+    """Table of a CSV file, its numbers equal to the last bit; only empty cells are missing."""
+    table: pd.DataFrame = pd.read_csv(
+        path, keep_default_na=False, na_values=[""], **_exact_numbers()
+    )
+    return table
+
+
+def _exact_numbers() -> dict[str, Any]:
+    """Option for pandas to read numbers to the last bit; from 3.1 on it always does."""
+    release = tuple(map(int, pd.__version__.split(".")[:2]))
+    return {} if release >= (3, 1) else {"float_precision": "round_trip"}

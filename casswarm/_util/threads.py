@@ -1,4 +1,6 @@
-"""What threads do one at a time: building CasADi's expressions, and solving.
+"""One thread of BLAS for small matrices: several wait for each other on a busy machine.
+
+What threads do one at a time: building CasADi's expressions, and solving.
 
 CasADi's Python interface releases the interpreter's lock in every call, so several threads are in
 its compiled code at once. Its functions may be evaluated so, since each call has memory of its own.
@@ -17,7 +19,9 @@ from __future__ import annotations
 
 import functools
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
 from typing import Any, ParamSpec, TypeVar, cast
 
 _Parameters = ParamSpec("_Parameters")
@@ -68,3 +72,35 @@ class locked_property(functools.cached_property[_Value]):  # noqa: N801  (used l
         """The value, computed at the first access."""
         with _LOCK:
             return super().__get__(instance, owner)
+
+
+_lock = threading.Lock()
+_users = 0
+_limit: Any = None
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Let BLAS use one thread, until the last of the blocks that overlap in time has ended.
+
+    The number of threads is one of the process: the first block saves it, the last restores it.
+    """
+    global _users, _limit  # noqa: PLW0603
+    with _lock:
+        if not _users:
+            _limit = _controller().limit(limits=1, user_api="blas")
+        _users += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _users -= 1
+            if not _users:
+                _limit.restore_original_limits()
+
+
+@cache
+def _controller() -> Any:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()

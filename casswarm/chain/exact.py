@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._util.jit import contiguous
+from ..compiled.kernels import contiguous
 from ..policies.base import Policy
 from ..typing import BoolArray, FloatArray, Progress
 from .distribution import OutcomeDistribution
-from .lattice import Lattice
 from .states import Frontier, States
-from .transition import Transition, transition
+from .transition import Lattice, Transition, transition
 
 if TYPE_CHECKING:
     from ..scenario import Scenario

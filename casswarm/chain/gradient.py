@@ -15,16 +15,15 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
-from .._util.jit import contiguous
 from .._util.threads import locked_cache
+from ..compiled.kernels import contiguous
 from ..hazard import Hazard
-from ..policies.batch_function import BatchFunction
+from ..policies.functions import BatchFunction
 from ..policies.parametric import ParametricPolicy
 from ..typing import BoolArray, FloatArray, IntArray
 from . import gradient_kernels as kernels
-from .lattice import Lattice
 from .states import States, distinct_states
-from .transition import Transition, transition
+from .transition import Lattice, Transition, transition
 
 if TYPE_CHECKING:
     from ..scenario import Scenario

@@ -10,21 +10,132 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..policies.base import Policy
+from ..policies.base import Policy, policy_call
 from ..typing import BoolArray, FloatArray, IntArray, Progress
-from .lattice import Lattice
-from .random_streams import Purpose, uniforms
 from .states import States, distinct_states, distinct_survivors
-from .trajectories import RunTrajectory, TrajectoryRecorder
-from .transition import COUNTS, Transition, transition
+from .transition import COUNTS, Lattice, Transition, transition
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
+
+
+_WORDS = 4  # numbers a Philox counter yields
+_STEP_BITS = 56  # of the word of the key that holds purpose and step
+
+
+class Purpose(IntEnum):
+    """What random numbers are for: every purpose has streams of its own."""
+
+    RUNS = 0
+    PILOT = 1
+    STRATA = 2
+
+
+def uniforms(
+    seed: int, step: int, first: int, runs: int, members: int, purpose: Purpose = Purpose.RUNS
+) -> FloatArray:
+    """Uniform numbers in [0, 1) of a step, for the runs `first`, ..., `first` + `runs` - 1.
+
+    A counter-based generator (Philox-4x64: Salmon, Moraes, Dror, Shaw, SC11, 2011) whose key is
+    the seed in one word, and the purpose and the step in the other, with a fixed block of counters
+    for every run. Different (seed, purpose, step) are different keys, so no two streams are the
+    same. A number depends only on the seed, the purpose, the step, the run, the member and the
+    number of members: it is the same under every policy (common random numbers), for every
+    horizon, in every batch, on every worker.
+
+    Parameters
+    ----------
+    seed : int
+        From 0 to 2^64 - 1.
+    step : int
+        From 0 to 2^56 - 1.
+    first, runs : int
+    members : int
+    purpose : Purpose
+
+    Returns
+    -------
+    ndarray, shape (runs, members)
+    """
+    blocks = -(-members // _WORDS)
+    key = np.array([seed, purpose << _STEP_BITS | step], np.uint64)
+    generator = np.random.Generator(np.random.Philox(key=key, counter=first * blocks))
+    return generator.random((runs, blocks * _WORDS))[:, :members]
+
+
+@dataclass(frozen=True, eq=False)
+class RunTrajectory:
+    """Trajectory of one run.
+
+    Parameters
+    ----------
+    positions : (T+1, n, 2)
+        Positions X(0..T); the destroyed stay where they were destroyed.
+    alive : (T+1, n) bool
+    leaders : (T,) int
+        Index of the leader from step t to t + 1, -1 where the policy has no leader.
+    """
+
+    positions: FloatArray
+    alive: BoolArray
+    leaders: IntArray
+
+    def last_steps(self) -> IntArray:
+        """Step (n,) at which every member was destroyed, or the last step."""
+        steps = len(self.alive) - 1
+        return np.where(self.alive[-1], steps, np.argmin(self.alive, axis=0))
+
+
+class TrajectoryRecorder:
+    """Snapshots of runs at every step, from their initial states (R)."""
+
+    def __init__(self, states: States) -> None:
+        self.runs = len(states)
+        self.positions, self.alive = [states.positions], [states.alive]
+        self.leaders: list[IntArray] = []
+
+    def record(
+        self,
+        policy: Policy,
+        step: int,
+        rows: IntArray,
+        states: States,
+        following: FloatArray,
+        alive: BoolArray,
+    ) -> None:
+        """Append a step: of the runs `rows`, their states before it, and what follows.
+
+        The destroyed stay where they are, and so do all members of other runs.
+        """
+        positions, survivors = self.positions[-1].copy(), self.alive[-1].copy()
+        leaders = np.full(self.runs, -1)
+        if rows.size:
+            with policy_call(policy.name, step):
+                leaders[rows] = policy.leaders(
+                    step, states.positions, states.previous_velocities, states.alive
+                )
+        living = states.alive[..., None]
+        positions[rows] = np.where(living, following, positions[rows])
+        survivors[rows] = alive
+        self.positions.append(positions)
+        self.alive.append(survivors)
+        self.leaders.append(leaders)
+
+    def trajectories(self, steps: IntArray) -> tuple[RunTrajectory, ...]:
+        """Trajectories up to the steps (R,) at which runs ended."""
+        positions, alive = np.stack(self.positions, axis=1), np.stack(self.alive, axis=1)
+        leaders = np.array(self.leaders, np.int64).reshape(len(self.leaders), self.runs).T
+        return tuple(
+            RunTrajectory(positions[k, : end + 1], alive[k, : end + 1], leaders[k, :end])
+            for k, end in enumerate(steps[: self.runs])
+        )
+
 
 _RUN_ARRAYS = ("arrival", "survivors", "steps")
 _TRAJECTORY_ARRAYS = ("positions", "alive", "leaders")

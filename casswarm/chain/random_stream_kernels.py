@@ -1,4 +1,4 @@
-"""The numbers of `casswarm.chain.random_streams` one run at a time, for runs at different steps.
+"""The numbers of `casswarm.chain.monte_carlo` one run at a time, for runs at different steps.
 
 Philox-4x64-10 as in Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3",
 SC11, 2011, section 3.3, with the counter and the conversion to doubles of NumPy's ``Philox``.
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._util.jit import kernel
+from ..compiled.kernels import kernel
 from ..typing import FloatArray
 
 _MULTIPLIERS = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)

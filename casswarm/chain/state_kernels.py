@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._util.jit import allocating_kernel, kernel
+from ..compiled.kernels import allocating_kernel, kernel
 from ..typing import BoolArray, FloatArray, IntArray
 
 

@@ -17,8 +17,7 @@ from ..typing import Interval
 from .confidence import LEVEL, effective_runs, stratified_interval
 from .distribution import OutcomeDistribution
 from .exact import StateSpaceExpansion
-from .monte_carlo import Chain
-from .random_streams import Purpose, uniforms
+from .monte_carlo import Chain, Purpose, uniforms
 from .states import States
 
 MAX_PRUNED_FRACTION = 1e-5

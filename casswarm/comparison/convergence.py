@@ -13,8 +13,8 @@ import pandas as pd
 from .._util.display import Displayed
 from .._util.text import did_you_mean
 from ..errors import ComparisonError, SolverError
-from ..optimization.problem import Instances, Nlp
-from ..optimization.solvers import Isolated
+from ..nlp.program import Instances, Nlp
+from ..solvers import Isolated
 from ..typing import FloatArray
 from .problem import Problem
 from .verification import gap_unit

@@ -25,8 +25,8 @@ import casadi as ca
 import numpy as np
 
 from .._util.threads import one_at_a_time
-from ..optimization.problem import Instances, Nlp
-from ..optimization.solvers import Answer
+from ..nlp.program import Instances, Nlp
+from ..solvers import Answer
 from ..typing import FloatArray, IntArray
 from .problem import Problem
 

@@ -1,9 +1,9 @@
-"""Problems that solvers are compared on, made from those of other tools and written for them."""
+"""Problems of .nl files, and of folders of them."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,11 +13,11 @@ import numpy as np
 from .._util.files import atomic_write
 from .._util.text import counted
 from ..errors import ComparisonError, ProblemError
-from ..optimization.nl.reader import read_nl
-from ..optimization.nl.writer import nl_text
-from ..optimization.problem import Instances, Nlp
-from . import cutest
-from .conversion import START, from_dictionary, from_stack, require_solvable
+from ..nlp import cutest
+from ..nlp.conversion import START, from_dictionary, from_stack, require_solvable
+from ..nlp.nl_reader import read_nl
+from ..nlp.nl_writer import nl_text
+from ..nlp.program import Instances, Nlp
 
 if TYPE_CHECKING:
     import casadi as ca
@@ -245,3 +245,39 @@ class Problem:
             values = self.nlp.evaluate(instances.x0[0], instances.p[0])
             digest.update(b"".join(np.asarray(value).tobytes() for value in values))
         return digest.hexdigest()[:16]
+
+
+def read_problems(
+    paths: Iterable[str | Path], refused: Callable[[ProblemError], object] | None = None
+) -> list[Problem]:
+    """Problems of .nl files and of all .nl files of folders; their family is the folder's name.
+
+    Parameters
+    ----------
+    paths : iterable of paths
+    refused : callable, optional
+        Called with the error of a file in a folder that cannot be read, which is then left out. By
+        default the error is raised, as it always is for a file that is named itself.
+
+    Raises
+    ------
+    ProblemError
+        A file that cannot be read, or a folder without any that can.
+    """
+    problems: list[Problem] = []
+    for path in map(Path, paths):
+        family = (path if path.is_dir() else path.parent).resolve().name or "nl"
+        if not path.is_dir():
+            problems.append(Problem.from_nl(path, family=family))
+            continue
+        before = len(problems)
+        for file in sorted(path.glob("*.nl")):
+            try:
+                problems.append(Problem.from_nl(file, family=family))
+            except ProblemError as error:
+                if refused is None:
+                    raise
+                refused(error)
+        if len(problems) == before:
+            raise ProblemError(f"{path}: no file NAME.nl in this folder can be read", file=path)
+    return problems

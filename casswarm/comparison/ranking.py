@@ -2,23 +2,55 @@
 
 The score of a solver is its shifted geometric mean solve time, in which failures count as the time
 limit. The problems are resampled, with all copies of a problem together (see
-`casswarm.comparison.bootstrap`), and the probability of a rank is the fraction of resamples in
+`casswarm.comparison.profiles`), and the probability of a rank is the fraction of resamples in
 which the solver has it. It says how sure the order of the solvers is for problems of this kind; it
 knows nothing of other problems, machines or options.
+
+Problems of other families than those of `casswarm.studies.posed_problems` are independent, and all
+of one kind.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
 import pandas as pd
 
 from ..typing import FloatArray
-from .bootstrap import LEVEL, cluster_means, rank_probabilities, ranks, resampled_means
-from .sampling import sampling_units, strata
+from .profiles import LEVEL, cluster_means, rank_probabilities, ranks, resampled_means
 from .verification import SHIFT, costs
+
+_GUIDE = re.compile(r"guide-\d+-(\d+)")
+_STATE = re.compile(r"(.+-\d+-.+)-\d+")
+
+
+def sampling_units(family: str, problems: Iterable[str]) -> list[str]:
+    """What is drawn when a problem is, for each problem: itself, or all guides of its radars.
+
+    Guides are named guide-HORIZON-NUMBER. Those of a number have the same radars at every horizon,
+    so they are not independent.
+    """
+    names = list(problems)
+    if family != "guides":
+        return names
+    return [match[1] if (match := _GUIDE.fullmatch(name)) else name for name in names]
+
+
+def strata(family: str, units: Sequence[str]) -> list[str]:
+    """Kind of each unit, of which there are fixed numbers in a sample.
+
+    Formations are named POLICY-MEMBERS-RATE-NUMBER, with as many numbers of every kind. If there is
+    a single one of some kind, all are taken as of one kind, which overestimates the variance.
+    """
+    kinds = [""] * len(units)
+    if family == "formations":
+        kinds = [match[1] if (match := _STATE.fullmatch(name)) else "" for name in units]
+    return kinds if min(Counter(kinds).values()) > 1 else [""] * len(units)
+
 
 FEWEST = 8
 """Number of independent problems below which there are no error bars.
@@ -74,7 +106,7 @@ def rank_solvers(
     failure : float, optional
         Seconds at which failures count; by default the time limit.
     family : str
-        Of the problems: see `casswarm.comparison.sampling`.
+        Of the problems: see `casswarm.comparison.ranking`.
 
     Returns
     -------

@@ -12,14 +12,14 @@ import pandas as pd
 from markupsafe import Markup
 
 from .._util.documents import data_uri, figure_uri, render
-from ..optimization.solvers import SOLVERS
-from .benchmark import MAX_SOLVES
-from .bootstrap import RESAMPLES
+from ..solvers import SOLVERS
+from ..studies.posed_problems import DESCRIPTIONS
 from .convergence import typical_problem
-from .problems import DESCRIPTIONS
+from .profiles import RESAMPLES
 from .ranking import FEWEST, sensitivity
 from .report_figures import Drawing, figures, groups, tag
 from .result import Comparison
+from .run import MAX_SOLVES
 from .saving import saved_tables
 from .verification import SHIFT, by_problem, failures, not_applicable
 

@@ -24,8 +24,8 @@ from .profiles import (
     performance_profile,
     quality_profile,
 )
+from .ranking import sampling_units
 from .result import Comparison
-from .sampling import sampling_units
 from .verification import by_solver, costs
 
 

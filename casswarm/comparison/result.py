@@ -27,7 +27,7 @@ class Comparison(Displayed):
     Parameters
     ----------
     runs : DataFrame
-        A row per (problem, copy, start, solver): see `casswarm.comparison.benchmark.benchmark` and
+        A row per (problem, copy, start, solver): see `casswarm.comparison.run.benchmark` and
         `casswarm.comparison.verification.verify`.
     problems : DataFrame
         A row per problem: family, problem, its traits and its size.

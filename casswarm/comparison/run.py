@@ -2,32 +2,186 @@
 
 from __future__ import annotations
 
+import math
+import os
+import platform
+import statistics
+import timeit
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, replace
+from importlib.metadata import version
 from itertools import product
 from numbers import Integral
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
+from .._util.checkpoint import Checkpoint, IfExists, file_name
+from .._util.numbers import require_seed
 from .._util.progress import reporter
-from .._util.seeds import require_seed
-from .._util.user_modules import code_hash
-from ..errors import ComparisonError
-from ..optimization.solvers import SOLVERS, Isolated, Solver, make_solver
-from ..studies.checkpoint import Checkpoint, IfExists, file_name
+from .._util.user_code import code_hash
+from ..errors import ComparisonError, SolverError
+from ..formation.task import Formation, corridor_formation
+from ..hazard import Saturation
+from ..motion.step import Motion, Step
+from ..nlp.program import Instances, Nlp
+from ..nlp.residuals import relative_error
+from ..solvers import SOLVERS, Answer, Isolated, Solver, make_solver
+from ..studies.posed_problems import make_problems
 from ..typing import Progress
-from .benchmark import benchmark
-from .convergence import iterate_table
-from .environment import environment
+from .convergence import iterate_columns, iterate_table, longest
 from .perturbation import ProblemCopy, problem_copies
 from .problem import Problem
-from .problems import make_problems
 from .result import Comparison
 from .verification import NOT_APPLICABLE, Tolerances, verify
-from .warm_up import warm_up
+
+_LIBRARIES = ("casswarm", "casadi", "numpy", "scipy", "numba")
+
+
+def environment() -> dict[str, dict[str, str | int | None]]:
+    """The machine, and the versions of the libraries that solve, as plain values."""
+    return {
+        "machine": {
+            "processor": _processor(),
+            "cores": os.cpu_count(),
+            "system": platform.platform(),
+            "python": platform.python_version(),
+        },
+        "versions": {name: version(name) for name in _LIBRARIES},
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, "") or platform.processor() or platform.machine()
+
+
+def warm_up(solver: Isolated) -> None:
+    """Let each process of a solver solve a small formation problem first, untimed, if it can."""
+    formation = _two_members()
+    solver.warm_up(formation.nlp, formation.instances)
+
+
+def _two_members() -> Formation:
+    """Two members in a corridor, which all kinds of solvers take: a product of planar sets."""
+    step = Step(
+        hazard=Saturation(((1.0, 1.0),)),
+        motion=Motion(v_max=1.0, a_max=1.0, dt=1.0),
+        positions=np.array([[[0.0, 0.0], [0.1, 0.0]]]),
+        previous_velocities=np.zeros((1, 2, 2)),
+        alive=np.ones((1, 2), bool),
+        goals=np.array([[0.2, 0.1]]),
+    )
+    return corridor_formation(step, 0.1)
+
+
+MAX_SOLVES = 5
+"""Largest number of solves, whose median is the time."""
+
+EXTRA_SECONDS = 0.3
+"""Time for solves after the first one, if that took at most ten times as long."""
+
+
+def benchmark(
+    copy: ProblemCopy, start: str, label: str, solver: Isolated, record_iterates: bool = False
+) -> dict[str, Any]:
+    """Row of one solver on one copy of a problem from one start, as plain values.
+
+    Answers are mapped back to the original problem, and verified there.
+
+    Columns: family, problem, copy, start, solver; reported_status, and status (reported_status,
+    unless that is a success and the answer is not finite or violates the constraints); message,
+    the solver's own; objective; violation, absolute, and violated_row, its row; stationarity and
+    complementarity, relative to the problem's scale; relative_error, from
+    `casswarm.nlp.residuals.relative_error`; iterations; evaluations; build_seconds;
+    solve_seconds, the median of `solves` solves, and time_ratio, the slowest over the fastest;
+    objective_scale; gradient_seconds, the time of an evaluation of objective and gradient; and
+    iterates, from `casswarm.comparison.convergence.iterate_columns`, empty if they are not to be
+    recorded, for perturbed copies, and where a solve takes long.
+    """
+    problem, posed = copy.problem, copy.starts[start]
+    nlp, instance = problem.nlp, problem.starts[start]
+    length, value = instance.scale[0].tolist()
+    reference = next(iter(problem.starts.values())).x0[0]  # the same for all starts and copies
+    row: dict[str, Any] = {
+        "family": problem.family,
+        "problem": problem.name,
+        "copy": copy.number,
+        "start": start,
+        "solver": label,
+    }
+    try:
+        build, (answer,) = solver.timed_answers(copy.nlp, posed)
+    except SolverError as error:
+        return row | _no_answer(str(error), value)
+    times = _solve_times(solver, copy.nlp, posed, answer)
+    restored = copy.restored(answer)
+    solution = solver.verified(nlp, instance, restored, build)
+    residuals, seconds = solution.residuals, statistics.median(times)
+    recorded = record_iterates and not copy.number and seconds <= longest(solver.time_limit)
+    return row | {
+        "reported_status": str(answer.status),
+        "status": str(solution.status),
+        "message": solution.message,
+        "objective": solution.objective,
+        "violation": residuals.violation,
+        "violated_row": residuals.violated_row,
+        "stationarity": residuals.stationarity * length / value,
+        "complementarity": residuals.complementarity / value,
+        "relative_error": relative_error(
+            nlp, instance, solution.x, restored.multipliers, reference
+        ),
+        "iterations": int(solution.iterations),
+        "evaluations": int(solution.evaluations),
+        "build_seconds": build,
+        "solve_seconds": seconds,
+        "solves": len(times),
+        "time_ratio": max(times) / min(times) if len(times) > 1 and min(times) > 0 else math.nan,
+        "objective_scale": value,
+        "gradient_seconds": _gradient_seconds(nlp, instance),
+        "iterates": iterate_columns(problem, start, solver, seconds) if recorded else {},
+    }
+
+
+def _no_answer(message: str, objective_scale: float) -> dict[str, Any]:
+    """Row of a solver that does not support the problem."""
+    numbers = ("objective", "violation", "stationarity", "complementarity", "relative_error")
+    seconds = ("build_seconds", "solve_seconds", "time_ratio", "gradient_seconds")
+    return {
+        "reported_status": NOT_APPLICABLE,
+        "status": NOT_APPLICABLE,
+        "message": message,
+        **dict.fromkeys((*numbers, *seconds), math.nan),
+        **dict.fromkeys(("iterations", "evaluations", "solves"), 0),
+        "violated_row": "",
+        "objective_scale": objective_scale,
+    }
+
+
+def _solve_times(solver: Isolated, nlp: Nlp, instance: Instances, answer: Answer) -> list[float]:
+    """Seconds of the first solve and, if that was a success and fast, of further ones."""
+    times = [float(answer.seconds)]
+    if not answer.status.success or times[0] > 10 * EXTRA_SECONDS:
+        return times
+    while len(times) < MAX_SOLVES and sum(times[1:]) < EXTRA_SECONDS:
+        _, (repeated,) = solver.timed_answers(nlp, instance)
+        if repeated.status is not answer.status:
+            break
+        times.append(float(repeated.seconds))
+    return times
+
+
+def _gradient_seconds(nlp: Nlp, instance: Instances) -> float:
+    x, p = instance.x0[0], instance.p[0]
+    return statistics.median(timeit.repeat(lambda: nlp.gradient(x, p), number=1, repeat=7))
+
 
 DEFAULT = ("guides", "formations")
 """Families that are compared by default."""
@@ -64,7 +218,7 @@ def compare(
         Names of `casswarm.comparison.FAMILIES`, or problems of your own: see `Problem`,
         `formation_problems`, `guide_problems` and `read_problems`.
     solvers : str, Solver, sequence of these, or mapping of label to these, optional
-        By default all of `casswarm.optimization.solvers.SOLVERS` that can run here. A mapping
+        By default all of `casswarm.solvers.SOLVERS` that can run here. A mapping
         compares the same solver with different options.
     count : int, optional
         Number of problems of every kind in a named family; each has its own default.

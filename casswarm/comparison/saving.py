@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from .._util.documents import json_text
-from .._util.files import atomic_write, require_file
-from .._util.tables import read_table
+from .._util.files import atomic_write, read_table, require_file
 from ..errors import ComparisonError
 from .convergence import COLUMNS
 

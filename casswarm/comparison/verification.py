@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from ..errors import ComparisonError
-from ..optimization.solution import Status
-from ..optimization.solvers.base import VIOLATION
+from ..nlp.solution import Status
+from ..solvers.base import VIOLATION
 from .profiles import shifted_geometric_mean
 
 NOT_APPLICABLE = "not applicable"
@@ -29,7 +29,7 @@ class Tolerances:
     """What counts as solved; all bound residuals that are recomputed from the problem.
 
     Answers are tested in two ways: by absolute residuals, which decide whether a problem is solved,
-    and by `casswarm.optimization.kkt.relative_error`, which does not depend on units, at two
+    and by `casswarm.nlp.residuals.relative_error`, which does not depend on units, at two
     tolerances. 1e-4 is enough for most uses. 1e-7 is what Newton-like methods reach with default
     options: they stop at 1e-8 in units of their own, so that less would test their options.
 
@@ -68,7 +68,7 @@ def verify(runs: pd.DataFrame, tolerances: Tolerances) -> pd.DataFrame:
     Parameters
     ----------
     runs : DataFrame
-        A row per (problem, copy, start, solver): see `casswarm.comparison.benchmark.benchmark`.
+        A row per (problem, copy, start, solver): see `casswarm.comparison.run.benchmark`.
     tolerances : Tolerances
 
     Returns

@@ -1,5 +1,4 @@
+from .environments import SwarmEnv, SwarmVectorEnv
 from .parallel_env import SwarmParallelEnv
-from .swarm_env import SwarmEnv
-from .vector_env import SwarmVectorEnv
 
 __all__ = ["SwarmEnv", "SwarmParallelEnv", "SwarmVectorEnv"]

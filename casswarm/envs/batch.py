@@ -1,29 +1,78 @@
-"""Swarms of a scenario that advance together, each in a run of its own."""
+"""Swarms of a scenario that advance together, each in a run of its own.
+
+Potential-based shaping of rewards by the certified risk to go.
+
+With w_t(x) the lower bound of the risk to go of a single agent (`casswarm.bounds`), the
+potential of a state is the probability that one of the living would arrive if each were alone and
+met that risk:
+
+    Phi(t, X, alive) = 1 - prod over living i of (1 - exp(-w_t(X_i))),    0 where the run has ended.
+
+A step's reward becomes r + gamma Phi' - Phi. The sum of the discounted additions over a run is
+-Phi(initial state), whatever the actions are, so that no optimal policy changes: Ng, Harada and
+Russell, "Policy invariance under reward transformations: theory and application to reward shaping",
+ICML 1999, theorem 1.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._util.constants import SPEED_TOL
-from .._util.jit import contiguous
-from .._util.seeds import require_seed
+from .._util.numbers import SPEED_TOL, require_seed
+from ..bounds import PotentialFamily
 from ..chain.transition import SATURATION_TOL
+from ..compiled.kernels import contiguous
 from ..errors import EnvError
+from ..grid import Relaxation
+from ..guide.guide import Guide
+from ..guide.plan import initial_velocities, plan
 from ..hazard.compiled_rates import compiled_rates
-from ..planning.guide import Guide
-from ..planning.plan import initial_velocities, plan
+from ..motion.step import Motion
 from ..policies.observation import Observation
-from ..problems.step import Motion
 from ..scenario import Scenario, load_scenario
 from ..typing import BoolArray, FloatArray
 from . import step_kernels
-from .shaping import risk_table
+from .step_kernels import RiskTable
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+
+MAX_NODES = 250_000
+"""Largest number of nodes of the table over all steps: 2 MB, which caches hold."""
+
+
+@lru_cache(maxsize=16)
+def risk_table(scenario: Scenario) -> RiskTable:
+    """Table of the risk to go of a scenario.
+
+    Raises
+    ------
+    EnvError
+        The hazard provides no bounds of its rates.
+    """
+    task = Relaxation.from_scenario(scenario)
+    if not task.bounded:
+        raise EnvError(
+            f"shaping needs a hazard with lower bounds of its rates, which "
+            f"{type(scenario.hazard).__name__} does not provide; Saturation and "
+            "SaturationCollision do: use shaping=False"
+        )
+    potential = PotentialFamily(task, scenario.positions, MAX_NODES).potential()
+    east, north = np.asarray(task.start) + potential.spacing * np.array(potential.low)
+    return RiskTable(
+        values=np.stack(potential.values),
+        east=float(east),
+        north=float(north),
+        spacing=float(potential.spacing),
+        slack=float(potential.slack),
+    )
 
 
 @dataclass(frozen=True)
@@ -39,7 +88,7 @@ class Options:
     dtype : str
         Of observations: float32 or float64.
     shaping : bool
-        Whether rewards are shaped, see `casswarm.envs.shaping`.
+        Whether rewards are shaped, see `casswarm.envs.batch`.
     discount : float
         gamma of the shaping; that of the learner, above 0 and at most 1.
     """
@@ -173,7 +222,7 @@ class SwarmBatch:
 
     def _write_potentials(self) -> None:
         if self._table is not None:
-            from .shaping_kernels import write_potentials
+            from .step_kernels import write_potentials
 
             swarms = self.swarms
             state = swarms.steps, swarms.positions, swarms.alive, self.ends.ended

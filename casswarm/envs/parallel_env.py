@@ -11,11 +11,16 @@ from numpy.typing import NDArray
 
 from .._util.extras import require_extra
 from ..errors import EnvError
-from ..planning.guide import Guide
+from ..guide.guide import Guide
 from ..scenario import Scenario
-from .rendering import RENDER_FPS, RENDER_MODES
-from .spaces import action_space, member_space, observation_space
-from .vector_env import SwarmVectorEnv
+from .environments import (
+    RENDER_FPS,
+    RENDER_MODES,
+    SwarmVectorEnv,
+    action_space,
+    member_space,
+    observation_space,
+)
 
 require_extra("rl", "pettingzoo")
 

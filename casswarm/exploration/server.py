@@ -7,17 +7,34 @@ import secrets
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from http import HTTPStatus
+from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from ..errors import ExtraError
 from .session import Session
-from .static_files import PAGE, static_text
 from .view import View
 
 if TYPE_CHECKING:
     from websockets.http11 import Request, Response
     from websockets.sync.server import ServerConnection
+
+
+_SCRIPT = ("elements.js", "messages.js", "map.js", "controls.js", "results.js", "view.js")
+"""Parts of ``explore.js``, a single module, because a widget cannot import another one."""
+
+PAGE = ("page.html", "page.js", "page.css", "explore.js", "explore.css")
+"""What the local page consists of."""
+
+
+@cache
+def static_text(name: str) -> str:
+    """Text of a file of ``static/``, or of ``explore.js``, which consists of several."""
+    folder = files(__package__).joinpath("static")
+    parts = _SCRIPT if name == "explore.js" else (name,)
+    return "\n".join(folder.joinpath(part).read_text(encoding="utf-8") for part in parts)
+
 
 HOST = "127.0.0.1"
 

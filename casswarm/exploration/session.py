@@ -3,21 +3,89 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from pickle import PicklingError
 from threading import Condition
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import CasswarmError, PlanningError
-from ..planning.guide import Guide
-from ..policies.registry import require_policy_name
+from ..guide.guide import Guide
+from ..policies.named import require_policy_name
 from ..scenario import Scenario
-from ..scenario.io import require_scenario, save_scenario
+from ..scenario.files import require_scenario, save_scenario
 from ..scenario.variations import with_parameters
 from ..studies.simulation import Study
 from .answers import Answer, Question
-from .history import History, Moment
 from .worker import Worker
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A state of the history.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    policy : str
+    gesture : object
+        Changes of one gesture, such as a drag, are one state; None is a gesture of its own.
+    """
+
+    scenario: Scenario
+    policy: str
+    gesture: object = None
+
+
+class History:
+    """States in their order, and the present one among them."""
+
+    def __init__(self, first: Moment) -> None:
+        self._moments, self._index = [first], 0
+
+    @property
+    def first(self) -> Moment:
+        """The first state."""
+        return self._moments[0]
+
+    @property
+    def present(self) -> Moment:
+        """The present state."""
+        return self._moments[self._index]
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is an earlier state."""
+        return self._index > 0
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether a state was undone."""
+        return self._index + 1 < len(self._moments)
+
+    def append(self, moment: Moment) -> bool:
+        """Make another state the present and last one; return whether it differs.
+
+        It replaces the present one if both are of the same gesture.
+        """
+        present = self.present
+        if (moment.scenario, moment.policy) == (present.scenario, present.policy):
+            return False
+        same = moment.gesture is not None and moment.gesture == present.gesture
+        self._moments[self._index + (not same) :] = [moment]
+        self._index = len(self._moments) - 1
+        return True
+
+    def shift(self, steps: int) -> bool:
+        """Go to a later state, or with a negative number to an earlier one, if there is one."""
+        index = self._index + steps
+        exists = 0 <= index < len(self._moments)
+        self._index = index if exists else self._index
+        return exists
+
 
 POINTS = {
     "member": "swarm.positions",

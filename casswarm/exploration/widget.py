@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import ExtraError
-from ..planning.guide import Guide
+from ..guide.guide import Guide
 from ..studies.simulation import Study
+from .server import static_text
 from .session import Session
-from .static_files import static_text
 from .view import View
 
 if TYPE_CHECKING:

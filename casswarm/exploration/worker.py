@@ -9,9 +9,9 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from threading import Condition, RLock, Thread, Timer
 
+from .._util.child import packed
 from .._util.interrupts import begin_child, blocked
-from .._util.parallel import packed
-from ..planning.guide import Guide
+from ..guide.guide import Guide
 from .answers import Answer, Inquiry, Question, Superseded
 
 GRACE = 2.0

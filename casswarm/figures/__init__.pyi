@@ -1,15 +1,27 @@
 from .animation import animate, player, save_gif
-from .convergence import gap_chart
-from .distributions import arrival_chart, population_chart, survival_chart
 from .formations import formation_chart
 from .maps import comparison_map, cost_to_go_map, guide_map, joint_map, swarm_map
 from .output import save
 from .paper import convergence_chart, infeasible_chart, sensitivity_chart, table_2_chart
-from .performance_profiles import band_chart, pair_chart, profile_chart, win_chart
-from .rankings import ranking_chart
+from .solver_charts import (
+    band_chart,
+    gap_chart,
+    pair_chart,
+    profile_chart,
+    ranking_chart,
+    win_chart,
+)
 from .style import THEMES, theme
-from .success import difference_chart, success_chart
-from .sweeps import mpc_chart, sweep_heat_map, sweep_lines
+from .success import (
+    arrival_chart,
+    difference_chart,
+    mpc_chart,
+    population_chart,
+    success_chart,
+    survival_chart,
+    sweep_heat_map,
+    sweep_lines,
+)
 
 __all__ = [
     "THEMES",

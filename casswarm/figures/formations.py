@@ -5,15 +5,227 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
+from matplotlib.ticker import FixedLocator
+from matplotlib.transforms import ScaledTranslation
 
-from ..chain.trajectories import RunTrajectory
-from ..planning.guide import Guide
+from .._util.figure_style import (
+    BLUE,
+    GREY,
+    MEMBERS,
+    VERMILION,
+    add_title,
+    current_theme,
+    marker,
+    panels,
+    scaled,
+    themed,
+)
+from ..chain.monte_carlo import RunTrajectory
+from ..guide.guide import Guide
+from ..hazard import Hazard
 from ..scenario import Scenario
-from ..typing import BoolArray
-from .closeups import Closeup, formation_centers, window
-from .style import BLUE, GREY, add_title, current_theme, marker, panels, scaled, themed
+from ..typing import BoolArray, FloatArray, IntArray
+from .base_map import GREYS, add_label, draw_field, pixels, set_extent
+
+_PIXELS = 80
+_MAX = 1.5  # relative rate up to which the boundary of dangerous regions is interpolated
+_NEAR = 0.2  # of a window's half width: members this close share a label
+COLLISION = "#E8A987"  # where members endanger each other
+RELATIVE_RATES = GREYS.with_extremes(over=COLLISION)
+"""Colours of hazard rates relative to an isolated agent: the better the protection, the lighter."""
+
+
+def additional_agent_rates(
+    hazard: Hazard, points: FloatArray, positions: FloatArray, alive: BoolArray
+) -> FloatArray:
+    """Hazard rates (...) of an agent added at points (..., 2) to a swarm at positions (n, 2)."""
+    flat = points.reshape(-1, 2)
+    others = np.broadcast_to(positions[alive], (len(flat), int(alive.sum()), 2))
+    states = np.concatenate([flat[:, None], others], axis=1)
+    return np.asarray(hazard.rates(states)[:, 0].reshape(points.shape[:-1]))
+
+
+def relative_rates(
+    hazard: Hazard, points: FloatArray, positions: FloatArray, alive: BoolArray
+) -> FloatArray:
+    """Hazard rates (...) of an additional agent, relative to those of an isolated one."""
+    isolated = hazard.single_agent_rates(points)
+    rates = additional_agent_rates(hazard, points, positions, alive)
+    return np.divide(rates, isolated, out=np.ones_like(isolated), where=isolated > 0)
+
+
+class Closeup:
+    """Axes, 2 `half` wide and high, that show the formation of a run at any step.
+
+    Parameters
+    ----------
+    axes : Axes
+    scenario : Scenario
+    trajectory : RunTrajectory
+    centers : (T+1, 2)
+        Centre of the window at every step.
+    half : float
+    marked : bool
+        Whether to mark the centre.
+    corridors : bool
+        Whether to draw the corridor around the centre.
+    per_step : int
+        Number of steps of `trajectory` for which a loss is shown.
+    """
+
+    def __init__(
+        self,
+        axes: Axes,
+        scenario: Scenario,
+        trajectory: RunTrajectory,
+        centers: FloatArray,
+        half: float,
+        *,
+        marked: bool = False,
+        corridors: bool = False,
+        per_step: int = 1,
+    ) -> None:
+        self.axes, self.hazard, self.trajectory = axes, scenario.hazard, trajectory
+        self.centers, self.half, self.per_step = centers, half, per_step
+        self.few = trajectory.alive.shape[1] <= len(MEMBERS)
+        corner = np.full(2, half)
+        set_extent(axes, -corner, corner)
+        tick = float(f"{0.7 * half:.1g}")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(FixedLocator([-tick, 0, tick]))
+        self.nodes = pixels(-corner, corner, _PIXELS)
+        # at 1 there is no protection; above, members endanger each other
+        unit, norm = np.ones((_PIXELS, _PIXELS)), Normalize(0.0, 1.0)
+        self.image = draw_field(axes, unit, norm, RELATIVE_RATES)
+        if marked:
+            axes.plot(0, 0, marker="+", color=BLUE, markersize=scaled(9), zorder=3)
+        if corridors:
+            radius = float(np.sqrt(scenario.formation.rho))
+            axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor=BLUE, zorder=3))
+        self.artists: list[Artist] = []
+
+    def show(self, step: int) -> None:
+        """Replace what is shown by another step."""
+        for artist in self.artists:
+            artist.remove()
+        self.artists = []
+        alive, positions = self.trajectory.alive[step], self.trajectory.positions[step]
+        center = self.centers[step]
+        rates = relative_rates(self.hazard, self.nodes + center, positions, alive)
+        self.image.set_data(np.minimum(rates, _MAX))  # rates of collisions are unbounded
+        lost = self.trajectory.alive[max(0, step - self.per_step)] & ~alive
+        offsets = positions - center
+        self._draw_alive(offsets, alive, leader_at(self.trajectory, step))
+        self._draw_lost(offsets, alive, lost)
+        if self.few:
+            self._label(offsets, alive, lost)
+            self._label(offsets, lost, alive, crosses=True)
+
+    def _draw_alive(self, offsets: FloatArray, alive: BoolArray, leader: int) -> None:
+        for member in np.flatnonzero(alive):
+            leads = member == leader
+            color = MEMBERS[member] if self.few else VERMILION if leads else BLUE
+            if leads:
+                style = marker("*", 12, color, edge_width=0.8)
+            else:
+                style = marker("o", 6.5 if self.few else 3.5, color, "white", 0.5)
+            self.artists += self.axes.plot(*offsets[member], zorder=6 if leads else 5, **style)
+
+    def _draw_lost(self, offsets: FloatArray, alive: BoolArray, lost: BoolArray) -> None:
+        """Draw crosses, shifted where they would cover members that are alive."""
+        style = marker("X", 7, edge_width=0.9)
+        for member in np.flatnonzero(lost):
+            covers = self._near(offsets, offsets[member], np.flatnonzero(alive)).size
+            shift = -scaled(7) / 72 if covers else 0.0
+            translation = ScaledTranslation(shift, shift, self.axes.figure.dpi_scale_trans)
+            place = self.axes.transData + translation
+            self.artists += self.axes.plot(*offsets[member], transform=place, zorder=7, **style)
+
+    def _label(
+        self, offsets: FloatArray, members: BoolArray, others: BoolArray, crosses: bool = False
+    ) -> None:
+        """Number members, once for all that are close, where no other label can be."""
+        unlabelled = np.flatnonzero(members & (np.abs(offsets).max(axis=1) < self.half))
+        while unlabelled.size:
+            near = self._near(offsets, offsets[unlabelled[0]], unlabelled)
+            unlabelled = np.setdiff1d(unlabelled, near)
+            point = offsets[near].mean(axis=0)
+            beside = self._near(offsets, point, np.flatnonzero(others)).size
+            x, y = point / self.half
+            if crosses:  # below on the left, unless that is outside the window
+                right, above = x < -0.6, y < -0.6
+            elif beside:  # above on the right
+                right, above = x < 0.6, y < 0.6
+            else:  # away from the centre
+                right, above = not (x > 0.4 or -0.6 < x < -0.05), not (y > 0.6 or -0.6 < y < -0.05)
+            gap = 13.0 if crosses and beside else 6.0
+            self.artists.append(
+                add_label(
+                    self.axes,
+                    _ranges(near),
+                    point,
+                    (gap if right else -gap, gap - 1 if above else 1 - gap),
+                    outlined=True,
+                    ha="left" if right else "right",
+                    va="bottom" if above else "top",
+                    zorder=8,
+                )
+            )
+
+    def _near(self, offsets: FloatArray, point: FloatArray, members: IntArray) -> IntArray:
+        """Those of `members` that are close to a point."""
+        distances = np.hypot(*(offsets[members] - point).T)
+        return np.asarray(members[distances < _NEAR * self.half])
+
+
+def _ranges(numbers: IntArray) -> str:
+    """Text of ascending numbers, consecutive ones as a range: 1, 3–5."""
+    runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+    return ", ".join(f"{run[0]}–{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
+
+
+def formation_centers(trajectory: RunTrajectory, guide: Guide | None) -> FloatArray:
+    """Centres (T+1, 2) of the formation: the guide's points, or the means of its members."""
+    if guide is not None:
+        return np.stack([guide.reference(step) for step in range(len(trajectory.alive))])
+    centers = []
+    for step, alive in enumerate(trajectory.alive):
+        shown = alive if alive.any() else trajectory.alive[max(0, step - 1)]
+        centers.append(trajectory.positions[step][shown].mean(axis=0))
+    return np.stack(centers)
+
+
+def follows_guide(trajectory: RunTrajectory, guide: Guide, rho: float) -> bool:
+    """Whether at most steps a member is within twice the square root of `rho` of the guide."""
+    distances = [
+        np.hypot(*(trajectory.positions[step][alive] - guide.reference(step)).T).min()
+        for step, alive in enumerate(trajectory.alive)
+        if alive.any()
+    ]
+    return bool(np.median(distances) <= 2 * np.sqrt(rho))
+
+
+def leader_at(trajectory: RunTrajectory, step: int) -> int:
+    """Leader at a step, or -1; at the last step the previous leader if it is alive."""
+    if not len(trajectory.leaders):
+        return -1
+    leader = int(trajectory.leaders[min(step, len(trajectory.leaders) - 1)])
+    return leader if leader >= 0 and trajectory.alive[step, leader] else -1
+
+
+def window(trajectory: RunTrajectory, centers: FloatArray) -> float:
+    """Half the width of a window around the formation that nearly always holds all members."""
+    distances = [
+        np.abs(trajectory.positions[step][alive] - centers[step])
+        for step, alive in enumerate(trajectory.alive)
+    ]
+    return 1.25 * max(0.05, float(np.quantile(np.concatenate(distances).max(axis=1), 0.98)))
 
 
 @themed

@@ -10,9 +10,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from .map_labels import add_label
-from .policy_styles import policy_styles
-from .style import (
+from .._util.figure_style import (
     GREY,
     GRID,
     INK,
@@ -26,6 +24,8 @@ from .style import (
     themed,
     wrap,
 )
+from .base_map import add_label
+from .success import policy_styles
 
 _HOLLOW = "s^"  # markers of few runs, whose values have two digits
 _DASHES = ("-", "--", "-.", ":")

@@ -2,7 +2,7 @@
 
 from .base import Hazard
 from .custom import CustomHazard
-from .kernels import KernelHazard, regular
+from .kernel_hazard import KernelHazard, regular
 from .saturation import Saturation, SaturationCollision
 
 __all__ = [

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import HazardError
 from ..typing import BoolArray, Expr, FloatArray
-from .lower_bounds import LeastRate
-from .pair_bounds import PairBounds
+from .rate_bounds import LeastRate, PairBounds
 
 
 class Hazard(ABC):
@@ -138,7 +137,7 @@ class Hazard(ABC):
     def single_agent_lower_bound(self, lower: FloatArray, upper: FloatArray) -> FloatArray | None:  # noqa: ARG002
         """Lower bounds of `single_agent_rates` over boxes, None if none are known.
 
-        Guides are certified for hazards that provide them: see `casswarm.planning.bounds`.
+        Guides are certified for hazards that provide them: see `casswarm.bounds`.
 
         Parameters
         ----------
@@ -155,7 +154,7 @@ class Hazard(ABC):
         """Lower bound of a member's rate in a swarm of n, given its single-agent rate; or None.
 
         Success is certified for hazards that provide it and `single_agent_rates_below`: see
-        `casswarm.planning.bounds.success_bound`.
+        `casswarm.bounds.success_bound`.
         """
         return None
 
@@ -193,7 +192,7 @@ class Hazard(ABC):
         """Lower bounds of the rates of two members, as values at nodes; None if none are known.
 
         The optimal value of two members is certified for hazards that provide them: see
-        `casswarm.planning.bounds.PairValueFunction`.
+        `casswarm.bounds.PairValueFunction`.
 
         Parameters
         ----------

@@ -13,8 +13,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from .._util.instructions import instructions, operation_name
 from ..errors import HazardError
+from ..nlp.operations import instructions, operation_name
 from ..typing import Expr, FloatArray
 
 _OPERATIONS = {

@@ -1,7 +1,7 @@
 """Rates of all members of a state as a compiled function, for hazards that are made of kernels.
 
-The sums of `casswarm.hazard.kernels`, in which every pair of members is evaluated once. The results
-differ from those of `Hazard.rates` by rounding only. Several states are evaluated together.
+The sums of `casswarm.hazard.kernel_hazard`, in which every pair of members is evaluated once. The
+results differ from those of `Hazard.rates` by rounding only. Several states are evaluated together.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._util.jit import generated_module
+from ..compiled.kernels import generated_module
 from ..errors import HazardError
 from ..typing import BoolArray, FloatArray
 from .base import Hazard
-from .kernels import KernelHazard, differentiated_kernels
+from .kernel_hazard import KernelHazard, differentiated_kernels
 
 _RATES = """
 @kernel

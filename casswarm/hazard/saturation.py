@@ -8,15 +8,16 @@ import casadi as ca
 
 from .._util.threads import locked_cache
 from ..typing import Expr, FloatArray
-from .kernels import KernelHazard, lowered_kernels, regular, require_finite
-from .lower_bounds import (
+from .kernel_hazard import KernelHazard, lowered_kernels, regular, require_finite
+from .rate_bounds import (
     LeastRate,
     LeastRateLines,
+    PairBounds,
     inverse_squares_below,
     least_inverse_squares,
+    pair_bounds,
     saturation_least_rates,
 )
-from .pair_bounds import PairBounds, pair_bounds
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ class Saturation(KernelHazard):
     def single_agent_rates_below(
         self, east: FloatArray, north: FloatArray, spacing: float
     ) -> FloatArray | None:
-        """Rates minus the error of interpolation, see `casswarm.hazard.lower_bounds`."""
+        """Rates minus the error of interpolation, see `casswarm.hazard.rate_bounds`."""
         if not self._is_papers:
             return super().single_agent_rates_below(east, north, spacing)
         below = inverse_squares_below(

@@ -1,17 +1,17 @@
-from .base import Policy
-from .decision import Decision
-from .feedback import ConstrainedFeedbackPolicy, LeaderFeedbackPolicy
-from .formation import ConstrainedPolicy, LeaderPolicy
-from .leader_selection import LEADER_SELECTION
+from .base import Decision, Policy
+from .formation_policies import (
+    ConstrainedFeedbackPolicy,
+    ConstrainedPolicy,
+    LeaderFeedbackPolicy,
+    LeaderPolicy,
+)
+from .named import POLICIES, make_policy, member_guides
 from .observation import Observation
-from .optimal import OptimalPolicy
 from .parametric import ParametricPolicy
-from .planned_paths import JointPolicy, NaivePolicy, ReplanningPolicy
-from .registry import POLICIES, make_policy, member_guides
+from .planned_paths import JointPolicy, NaivePolicy, OptimalPolicy, ReplanningPolicy
 from .user import UserPolicy, as_policy
 
 __all__ = [
-    "LEADER_SELECTION",
     "POLICIES",
     "ConstrainedFeedbackPolicy",
     "ConstrainedPolicy",

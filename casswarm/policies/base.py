@@ -2,14 +2,175 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..typing import BoolArray, FloatArray
-from .decision import Decision, checked_decision, checked_state, policy_call
+from .._util.user_code import USER_ERRORS, failure_text
+from ..errors import CasswarmError, PolicyCallError, PolicyError
+from ..typing import BoolArray, FloatArray, IntArray, States
+
+SOLVER_TOL = 2.0**-23
+"""Accuracy of velocities that solve formation problems, in units of v_max: about 1e-7, to which the
+default solver solves them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """Velocities of a policy in a batch of B states.
+
+    Parameters
+    ----------
+    velocities : (B, n, 2)
+        V(t); those of the destroyed are ignored.
+    infeasible : (B,) int
+        Number of members whose soft constraint (the leader's position, the corridor) could not be
+        met.
+    failures : (B,) int
+        1 where the solver failed and its result was replaced or repaired, else 0.
+    fallbacks : (B,) int
+        1 where a first solution was not good enough and Ipopt was called, else 0.
+    """
+
+    velocities: FloatArray
+    infeasible: IntArray
+    failures: IntArray
+    fallbacks: IntArray
+
+    @classmethod
+    def plain(cls, velocities: FloatArray) -> Decision:
+        """A decision with nothing to report."""
+        zeros = np.zeros(len(velocities), np.int64)
+        return cls(velocities, zeros, zeros, zeros)
+
+
+@contextmanager
+def policy_call(name: str, step: int) -> Iterator[None]:
+    """Raise a PolicyCallError for what a user's policy raises, with its name, step and line."""
+    try:
+        yield
+    except CasswarmError:
+        raise
+    except USER_ERRORS as error:
+        raise PolicyCallError(
+            f"policy {name!r} failed at step {step}: {failure_text(error)}", policy=name, step=step
+        ) from error
+
+
+def checked_state(
+    name: str, step: int, positions: ArrayLike, velocities: ArrayLike, alive: ArrayLike
+) -> States:
+    """Positions and velocities (B, n, 2) and the living (B, n) of one state or a batch of states.
+
+    Raises
+    ------
+    PolicyError
+        Shapes that do not fit, or numbers of the living that are not finite.
+    """
+    x, v, living = np.asarray(positions, float), np.asarray(velocities, float), np.asarray(alive)
+    shapes = [x.shape, v.shape, living.shape]
+    if x.ndim not in (2, 3) or shapes != [x.shape, x.shape, x.shape[:-1]] or x.shape[-1] != 2:
+        raise PolicyError(
+            f"positions, previous_velocities and alive have shapes {shapes}; expected "
+            "(n, 2), (n, 2), (n,), or (B, n, 2), (B, n, 2), (B, n)",
+            policy=name,
+            step=step,
+            shapes=shapes,
+        )
+    if x.ndim == 2:
+        x, v, living = x[None], v[None], living[None]
+    living = living.astype(bool, copy=False)
+    with np.errstate(all="ignore"):
+        total = x.sum() + v.sum()
+    if not math.isfinite(total):  # of destroyed members, it may be
+        x, v = (np.where(living[..., None], array, 0.0) for array in (x, v))
+        if not (np.isfinite(x).all() and np.isfinite(v).all()):
+            raise PolicyError(
+                f"positions or previous velocities of living members are not finite at step {step}",
+                policy=name,
+                step=step,
+            )
+    return x, v, living
+
+
+def checked_decision(name: str, step: int, decision: Any, alive: BoolArray) -> Decision:
+    """The decision that the policy `name` returned on states of living members (B, n).
+
+    Raises
+    ------
+    PolicyCallError
+        It is no `Decision`, or its velocities or counts are not those of all states.
+    """
+    if not isinstance(decision, Decision):
+        raise PolicyCallError(
+            f"policy {name!r} returned {_described(decision)} at step {step}; decide_batch must "
+            "return a Decision, such as Decision.plain(velocities)",
+            policy=name,
+            step=step,
+        )
+    checked_velocities(name, step, decision.velocities, alive)
+    for kind in ("infeasible", "failures", "fallbacks"):
+        shape = np.shape(getattr(decision, kind))
+        if shape != alive.shape[:1]:
+            raise PolicyCallError(
+                f"policy {name!r} returned {kind} of shape {shape} at step {step}; expected "
+                f"({len(alive)},): a count for every state",
+                policy=name,
+                step=step,
+            )
+    return decision
+
+
+def checked_velocities(name: str, step: int, velocities: Any, alive: BoolArray) -> FloatArray:
+    """Copy of the velocities (B, n, 2) that the policy `name` returned, zero for the destroyed.
+
+    Raises
+    ------
+    PolicyCallError
+        Velocities that are not numbers, of the wrong shape, or not finite for a living member.
+    """
+    try:
+        checked = np.asarray(velocities, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise PolicyCallError(
+            f"policy {name!r} returned {_described(velocities)} at step {step}; expected an array "
+            "of velocities (states, members, 2)",
+            policy=name,
+            step=step,
+        ) from error
+    expected = (*alive.shape, 2)
+    if checked.shape != expected:
+        raise PolicyCallError(
+            f"policy {name!r} returned velocities of shape {checked.shape} at step {step}; "
+            f"expected {expected}: (states, members, 2)",
+            policy=name,
+            step=step,
+            shape=checked.shape,
+            expected=expected,
+        )
+    checked = np.where(alive[..., None], checked, 0.0)
+    if not np.isfinite(checked).all():
+        state, member = (int(index) for index in np.argwhere(~np.isfinite(checked))[0][:2])
+        raise PolicyCallError(
+            f"policy {name!r} returned the velocity {checked[state, member]} for member {member} "
+            f"at step {step}; velocities must be finite",
+            policy=name,
+            step=step,
+            state=state,
+            member=member,
+            velocity=checked[state, member],
+        )
+    return checked
+
+
+def _described(value: object) -> str:
+    return "None" if value is None else f"an object of type {type(value).__name__}"
 
 
 class Policy(ABC):

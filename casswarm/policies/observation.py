@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._util.jit import contiguous
+from ..compiled.kernels import contiguous
 from ..errors import PolicyError
 from ..typing import BoolArray, FloatArray, IntArray
 
@@ -129,7 +129,10 @@ class Observation:
             X(t) and V(t-1).
         alive : (B, n) bool
         """
-        from .observation_kernels import Frame, write_observations  # Numba takes a second to import
+        from .observation_kernels import (
+            Frame,  # Numba takes a second to import
+            write_observations,
+        )
 
         observations = np.empty((*alive.shape, self.size), self.dtype)
         each = np.full(len(alive), steps) if np.ndim(steps) == 0 else np.asarray(steps)

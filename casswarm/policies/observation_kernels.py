@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._util.jit import kernel
+from ..compiled.kernels import kernel
 from ..typing import BoolArray, FloatArray, IntArray
 
 _ZERO, _ONE = np.uint64(0), np.uint64(1)

@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike
 
 from .._util.text import counted
 from ..errors import PolicyCallError, PolicyError
-from ..problems.step import Motion
+from ..motion.step import Motion
 from ..typing import BoolArray, FloatArray, States
-from .base import Policy
-from .decision import Decision, checked_velocities
-from .state_function import ByIdentity, StateFunction, state_function
+from .base import Decision, Policy, checked_velocities
+from .functions import ByIdentity, StateFunction, state_function
 
 if TYPE_CHECKING:
     from ..scenario import Scenario

@@ -1,7 +1,7 @@
 """Reproduction of the paper: its tables and figures, and results beyond them."""
 
-from .paper import PAPER_RUNS, PAPER_SUCCESS, interpretations, table_1
-from .report import page
+from .paper_report import page
+from .paper_tables import PAPER_RUNS, PAPER_SUCCESS, interpretations, table_1
 from .reproduce import FIGURES, TABLES, Reproduction, reproduce
 
 __all__ = [

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from .._util.seeds import require_seed
-from ..chain.trajectories import RunTrajectory
+from .._util.numbers import require_seed
+from ..chain.monte_carlo import RunTrajectory
 from ..figures import (
     comparison_map,
     convergence_chart,
@@ -21,18 +21,25 @@ from ..figures import (
     swarm_map,
     table_2_chart,
 )
-from ..planning.guide import Guide
-from ..planning.plan import plan
+from ..guide.guide import Guide
+from ..guide.plan import plan
 from ..policies import member_guides
 from ..results.catalogue import FigureCatalogue
 from ..scenario import Scenario, load_scenario
 from ..studies.simulation import simulate
-from .convergence import condensed, formation_convergence, guide_convergence
-from .infeasibility import infeasibility_cost, infeasible_steps
-from .paper import PAPER_SUCCESS, geometry, interpretations, paper_interval, table_1
-from .readings import readings
-from .sensitivity import sensitivity
-from .success import METHOD, Report, beyond, table_2, variants
+from .gradient_convergence import condensed, formation_convergence, guide_convergence
+from .paper_tables import PAPER_SUCCESS, geometry, interpretations, paper_interval, table_1
+from .success_tables import (
+    METHOD,
+    Report,
+    beyond,
+    infeasibility_cost,
+    infeasible_steps,
+    readings,
+    sensitivity,
+    table_2,
+    variants,
+)
 
 RUNS = 2000
 """Runs that sample what the exact distributions of Table II leave open."""

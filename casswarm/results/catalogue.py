@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 
 from .. import figures
 from ..chain.distribution import OutcomeDistribution
-from ..chain.trajectories import RunTrajectory
-from ..figures.closeups import follows_guide
-from ..planning.bounds import CostToGoMap
-from ..planning.guide import Candidate, Guide
+from ..chain.monte_carlo import RunTrajectory
+from ..figures.formations import follows_guide
+from ..grid import CostToGoMap
+from ..guide.guide import Candidate, Guide
 from ..scenario import Scenario
 from ..typing import FloatArray
 

@@ -12,6 +12,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from .._util.documents import figure_uri, html_table
+from .._util.figure_style import add_legend, single_panel, themed
+from .._util.numbers import rounded_up
 from .._util.text import counted
 from ..chain.distribution import OutcomeDistribution
 from ..comparison import Comparison
@@ -26,9 +28,8 @@ from ..figures import (
     theme,
 )
 from ..figures.base_map import add_start, base_map
-from ..figures.style import add_legend, single_panel, themed
-from ..planning.guide import Guide, rounded_up
-from ..planning.joint import SwarmPlan
+from ..guide.guide import Guide
+from ..joint import SwarmPlan
 from ..scenario import Scenario
 from ..studies.simulation import Study
 from ..studies.sweep import Sweep

@@ -14,8 +14,8 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import TYPE_CHECKING, NamedTuple
 
+from .._util.child import packed
 from .._util.interrupts import begin_child, blocked
-from .._util.parallel import packed
 from .._util.user_code import USER_ERRORS
 from ..typing import Progress, ThemeName
 

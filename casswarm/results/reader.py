@@ -14,12 +14,11 @@ from zipfile import BadZipFile, ZipFile
 import numpy as np
 import pandas as pd
 
-from .._util.files import require_file
-from .._util.tables import read_table
+from .._util.files import read_table, require_file
 from .._util.text import did_you_mean
-from ..chain.trajectories import RunTrajectory
+from ..chain.monte_carlo import RunTrajectory
 from ..errors import CasswarmError, CheckpointError
-from ..planning.guide import Guide
+from ..guide.guide import Guide
 from .record import RECORD, read_record, recorded_files
 from .serialization import unpack
 

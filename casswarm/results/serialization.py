@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from ..bounds import AccelerationBound, Certificate, Level, SuccessBound
 from ..chain.distribution import OutcomeDistribution
-from ..chain.trajectories import RunTrajectory
-from ..optimization.solution import Residuals, Solution, Status
-from ..planning.bounds import AccelerationBound, Certificate, CostToGoMap, Level, SuccessBound
-from ..planning.guide import Candidate, Guide
+from ..chain.monte_carlo import RunTrajectory
+from ..grid import CostToGoMap
+from ..guide.guide import Candidate, Guide
+from ..nlp.solution import Residuals, Solution, Status
 
 _TYPES: dict[str, type[Any]] = {
     kind.__name__: kind

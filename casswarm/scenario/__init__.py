@@ -1,9 +1,8 @@
 """Scenarios: the swarm, its target and its hazards, and the files that describe them."""
 
-from .hazard_section import HazardTable
-from .io import builtin_scenarios, load_scenario, save_scenario
+from .files import builtin_scenarios, load_scenario, save_scenario
 from .model import Scenario
-from .sections import FormationOptions, GuideOptions, Swarm, Target, Time
+from .sections import FormationOptions, GuideOptions, HazardTable, Swarm, Target, Time
 
 __all__ = [
     "FormationOptions",

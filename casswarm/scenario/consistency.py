@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .._util.constants import CORE_FRACTION
+from .._util.numbers import CORE_FRACTION
 from .._util.text import counted
 from .._util.user_code import USER_ERRORS
-from .hazard_section import HazardTable
-from .sections import GuideOptions, Swarm, Target, Time
+from .sections import GuideOptions, HazardTable, Swarm, Target, Time
 from .validation import as_text
 
 if TYPE_CHECKING:
@@ -167,7 +166,7 @@ def _custom_hazard_problems(
 
 def _consent(kind: str, folder: Path | None) -> str:
     """What is asked of the user before code that a file names is imported."""
-    from ..hazard.user import missing, origin
+    from ..hazard.custom import missing, origin
 
     code = f"the module {kind.partition(':')[0]!r}" if folder is None else origin(kind, folder)
     if code is None:

@@ -16,8 +16,16 @@ from .._util.display import Displayed
 from .._util.text import counted
 from ..typing import FloatArray
 from . import consistency
-from .hazard_section import HazardTable
-from .sections import Changes, FormationOptions, GuideOptions, Swarm, Table, Target, Time
+from .sections import (
+    Changes,
+    FormationOptions,
+    GuideOptions,
+    HazardTable,
+    Swarm,
+    Table,
+    Target,
+    Time,
+)
 from .toml import annotated, toml_text
 from .validation import (
     Name,

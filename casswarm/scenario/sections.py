@@ -1,17 +1,30 @@
-"""Tables of a scenario file: every key with its unit and its limits."""
+"""The hazard table of a scenario: built-in kinds of rates, and functions of the user."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypedDict
+import re
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    ValidationError,
+    WithJsonSchema,
+    model_validator,
+)
 
+from .._util.text import counted, suggestion
 from ..errors import ScenarioError
 from .validation import (
+    LARGEST,
     Allowed,
     Boolean,
     Count,
@@ -19,10 +32,19 @@ from .validation import (
     Number,
     Point,
     Positive,
+    Problem,
+    allowed,
+    as_text,
+    fields,
+    invalid,
     problems_of,
     scenario_error,
     to_plain,
 )
+
+if TYPE_CHECKING:
+    from ..hazard import Hazard
+
 
 _STEP_TOLERANCE = 2.0**-50  # relative: t_f = 1.0 holds ten steps of dt = 0.1 despite rounding
 _TIE_TOLERANCE = 1e-9  # relative: members equally far from the centroid up to rounding
@@ -197,3 +219,257 @@ class Changes(TypedDict, total=False):
     hazard: Mapping[str, object]
     guide: Mapping[str, object]
     formation: Mapping[str, object]
+
+
+ALPHAS = ("alpha_1", "alpha_2", "alpha_3")
+BETAS = ("beta_1", "beta_2")
+CONSTANTS = {"saturation": ALPHAS, "saturation+collision": ALPHAS + BETAS}
+"""Constants that each built-in kind needs."""
+
+KINDS = "'saturation', 'saturation+collision', or 'module:function'"
+PARAMETERS = "a table of numbers, texts, true or false, or lists of these"
+
+_NAME = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
+_RESERVED = ("positions", "alive", "radars")  # arguments that every custom hazard gets
+
+
+class FunctionName(str):
+    """Name ``module:function`` of a function that a caller passed: its code is trusted."""
+
+    __slots__ = ()
+
+
+def importable_name(function: Callable[..., Any]) -> str:
+    """Name ``module:function`` under which `function` can be imported again.
+
+    Raises
+    ------
+    ScenarioError
+        It cannot, with the reason.
+    """
+    module, name = getattr(function, "__module__", None), getattr(function, "__qualname__", None)
+    if not isinstance(module, str) or not isinstance(name, str):
+        raise ScenarioError(f"{as_text(function)} has no name")
+    if module == "__main__":
+        raise ScenarioError(f"'{name}' is defined in a script or notebook, not in a module")
+    if not _NAME.fullmatch(f"{module}:{name}"):
+        raise ScenarioError(f"'{name}' is defined inside a function, or is a lambda")
+    try:
+        imported = resolve_name(f"{module}:{name}")
+    except (ImportError, AttributeError) as error:
+        raise ScenarioError(f"'{module}:{name}' cannot be imported: {error}") from error
+    if imported is not function:
+        raise ScenarioError(f"'{module}:{name}' is not this function")
+    return f"{module}:{name}"
+
+
+def _checked_kind(value: object) -> str | Callable[..., Any]:
+    """Kind as a name, or as the function itself if it cannot be imported by a name."""
+    if isinstance(value, str):
+        if value in CONSTANTS or _NAME.fullmatch(value):
+            return value
+        hint = suggestion(value, CONSTANTS)
+        message = f"hazard.kind is {as_text(value)}; it must be {KINDS}{hint}"
+        raise invalid([Problem(message, "hazard.kind", value, KINDS)])
+    if callable(value):
+        try:
+            return FunctionName(importable_name(value))  # equal, then, to the name in a file
+        except ScenarioError:
+            return value
+    raise ValueError
+
+
+def _checked_parameters(value: object) -> dict[str, Any]:
+    """Keyword arguments of a custom hazard, with lists as tuples."""
+    if not isinstance(value, Mapping):
+        raise ValueError
+    names = [f"hazard.parameters.{key}" for key in value if key in _RESERVED]
+    problems = [Problem(f"{name} is reserved; choose another name", name) for name in names]
+    problems += [
+        Problem(
+            f"hazard.parameters.{key} is {as_text(item)}; hazard.parameters must be {PARAMETERS}",
+            f"hazard.parameters.{key}",
+            item,
+            PARAMETERS,
+        )
+        for key, item in value.items()
+        if not (isinstance(key, str) and _is_parameter(item))
+    ]
+    if problems:
+        raise invalid(problems)
+    return {key: _frozen(item) for key, item in value.items()}
+
+
+def _is_parameter(value: object) -> bool:
+    if isinstance(value, list | tuple):
+        return all(_is_parameter(item) for item in value)
+    if isinstance(value, int | float):
+        return abs(value) < math.inf and (isinstance(value, float) or abs(value) < 2**63)
+    return isinstance(value, str)
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(_frozen(item) for item in value) if isinstance(value, list | tuple) else value
+
+
+class HazardTable(Table):
+    """Destruction rates of members: their kind, radars and constants."""
+
+    kind: Annotated[
+        str | Callable[..., Any],
+        PlainValidator(_checked_kind),
+        WithJsonSchema({"type": "string"}),
+        Allowed(KINDS),
+    ] = Field(
+        description="'saturation' (Scenario I of the paper), 'saturation+collision' (Scenario II), "
+        "or 'module:function', your own function (or class derived from Hazard) in a module beside "
+        "the scenario file, which is run only with --allow-code or allow_code=True."
+    )
+    radars: Annotated[
+        tuple[Point, ...], Allowed("a list of [x, y] pairs of numbers, one for each radar")
+    ] = Field(
+        (),
+        examples=[[[3.0, 4.0]]],
+        description="Positions [x, y] of the k radars, in units of length.",
+    )
+    strengths: (
+        Annotated[
+            tuple[Positive, ...],
+            Allowed(f"a list of numbers above 0 (at most {LARGEST:g}), one for each radar"),
+        ]
+        | None
+    ) = Field(
+        None,
+        examples=[[1.0, 2.0]],
+        description="Factors of the radars' rates, one for each radar; all 1 by default.",
+    )
+    core_radius: Positive | None = Field(
+        None,
+        examples=[0.01],
+        description="Distance to a radar, and between members that collide, below which the rates "
+        "are continued smoothly to finite values, in units of length; target.radius / 50 by "
+        "default.",
+    )
+    alpha_1: Positive | None = Field(
+        None,
+        examples=[4.0],
+        description="Rate of a radar at distance 1, in squared length per time.",
+    )
+    alpha_2: NotNegative | None = Field(
+        None,
+        examples=[3.0],
+        description="Strength of the mutual protection of near members; 0 is none.",
+    )
+    alpha_3: Positive | None = Field(
+        None,
+        examples=[4.0],
+        description="Range of the mutual protection: half the effect at distance "
+        "1 / sqrt(alpha_3). In units of 1 / length^2.",
+    )
+    beta_1: Positive | None = Field(
+        None,
+        examples=[0.1],
+        description="Distance of two members at which they collide at rate 1, in units of length; "
+        "'saturation+collision' only.",
+    )
+    beta_2: Positive | None = Field(
+        None,
+        examples=[4.0],
+        description="Exponent of the collision rate (beta_1 / distance)^beta_2; "
+        "'saturation+collision' only.",
+    )
+    parameters: Annotated[
+        Mapping[str, Any],
+        PlainValidator(_checked_parameters),
+        WithJsonSchema({"type": "object"}),
+        Allowed(PARAMETERS),
+    ] = Field(
+        default_factory=dict,
+        examples=[{"strength": 0.8}],
+        description="Keyword arguments of a 'module:function'; lists arrive there as tuples.",
+    )
+
+    def __hash__(self) -> int:
+        """Hash of all but the parameters, which are a mapping."""
+        return hash(
+            tuple(getattr(self, key) for key in type(self).model_fields if key != "parameters")
+        )
+
+    @property
+    def is_custom(self) -> bool:
+        """Whether the rates are a function of the user."""
+        return not isinstance(self.kind, str) or self.kind not in CONSTANTS
+
+    @property
+    def is_named_by_file(self) -> bool:
+        """Whether the rates are a function that a file names, not one that a caller passed."""
+        named = isinstance(self.kind, str) and not isinstance(self.kind, FunctionName)
+        return named and self.is_custom
+
+    def build(self, core_radius: float, folder: Path | None = None) -> Hazard:
+        """Hazard that the table describes.
+
+        Parameters
+        ----------
+        core_radius : float
+            Of the built-in kinds.
+        folder : Path, optional
+            Folder of the scenario file, in which the module of a ``module:function`` lies.
+
+        Raises
+        ------
+        HazardError
+            The function cannot be imported, or fails.
+        """
+        # imported here, since importing CasADi is slow and listing scenarios needs no hazards
+        from ..hazard import Saturation, SaturationCollision
+        from ..hazard.custom import user_hazard
+
+        if not isinstance(self.kind, str) or self.is_custom:
+            beside = None if isinstance(self.kind, FunctionName) else folder
+            return user_hazard(self.kind, beside, self.radars, dict(self.parameters))
+        constants = {key: getattr(self, key) for key in CONSTANTS[self.kind]}
+        constants["core_radius"] = core_radius
+        hazard = SaturationCollision if self.kind == "saturation+collision" else Saturation
+        return hazard(radars=self.radars, strengths=self.strengths, **constants)
+
+    @model_validator(mode="after")
+    def _fits_its_kind(self) -> HazardTable:
+        if messages := list(self._misplaced_keys() if self.is_custom else self._kernel_problems()):
+            raise invalid([Problem(message, message.split()[0]) for message in messages])
+        return self
+
+    def _misplaced_keys(self) -> Iterator[str]:
+        for key in ("strengths", "core_radius", *ALPHAS, *BETAS):
+            if getattr(self, key) is not None:
+                yield (
+                    f"hazard.{key} is not a key of a 'module:function' kind; write it as "
+                    f"hazard.parameters.{key} if your function takes it, else remove it"
+                )
+
+    def _kernel_problems(self) -> Iterator[str]:
+        kind, k = str(self.kind), len(self.radars)
+        for key in CONSTANTS[kind]:
+            if getattr(self, key) is None:
+                needed = allowed(fields(type(self))[key])
+                yield f"hazard.{key} is missing; kind '{kind}' needs it: {needed}"
+        for key in BETAS:
+            if key not in CONSTANTS[kind] and getattr(self, key) is not None:
+                yield (
+                    f"hazard.{key} is not a key of kind '{kind}'; remove it, "
+                    "or choose kind 'saturation+collision'"
+                )
+        if self.parameters:
+            yield (
+                f"hazard.parameters is not a key of kind '{kind}'; "
+                "remove it, or give the name of your function as the kind"
+            )
+        if not k:
+            yield (
+                f"hazard.radars is missing or empty; kind '{kind}' needs [x, y] pairs, at least one"
+            )
+        elif self.strengths is not None and len(self.strengths) != k:
+            yield (
+                f"hazard.strengths has {counted(len(self.strengths), 'number')} for "
+                f"{counted(k, 'radar')}; give one for each radar, or omit it"
+            )

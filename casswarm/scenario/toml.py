@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from ..errors import ScenarioError
-from .hazard_section import importable_name
+from .sections import importable_name
 from .validation import fields, subtable
 
 # tomli_w escapes line breaks in texts, so that a bracket before a line break opens an array

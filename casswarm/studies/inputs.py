@@ -3,18 +3,75 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from .._util.user_modules import code_hash
+from .._util.user_code import code_hash
+from ..errors import PolicyError
+from ..guide.guide import Guide
 from ..hazard import CustomHazard
+from ..policies import as_policy, make_policy
 from ..policies.base import Policy
+from ..policies.named import require_policy_name
 from ..policies.user import UserPolicy
-from .policy_list import policy_name
+from ..solvers import Solver
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
+
+
+def resolve_policy(
+    policy: Any,
+    scenario: Scenario,
+    guide: Guide,
+    solver: str | Solver,
+    solver_options: Mapping[str, Any] | None = None,
+) -> Policy:
+    """Policy of a name, or of a function or object by `as_policy`."""
+    if isinstance(policy, str):
+        return make_policy(policy, scenario, guide, solver, solver_options=solver_options)
+    return as_policy(policy)
+
+
+def policy_list(policies: Any) -> list[Any]:
+    """Names and `Policy` objects of a list of policies; a single policy is a list of one.
+
+    Raises
+    ------
+    PolicyError
+        An empty list, something that is not a policy, an unknown name, or several policies of the
+        same name.
+    """
+    single = isinstance(policies, str) or hasattr(policies, "velocities")
+    listed = [policies] if single or not isinstance(policies, Iterable) else list(policies)
+    listed = [policy if isinstance(policy, str) else as_policy(policy) for policy in listed]
+    names = list(map(policy_name, listed))
+    for name in names:
+        if not name.isprintable() or set(name) & set("/\\$") or not name.strip():
+            raise PolicyError(
+                f"policy name {name!r}: figures and files need printable characters, without "
+                "slashes and '$'; as_policy(function, name=...) names a function",
+                policy=name,
+            )
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise PolicyError(
+            f"policies need different names; repeated: {', '.join(repeated)}; "
+            "as_policy(function, name=...) names a function",
+            policy=repeated[0],
+        )
+    if not names:
+        raise PolicyError("no policy given")
+    for policy in listed:
+        if isinstance(policy, str):
+            require_policy_name(policy)
+    return listed
+
+
+def policy_name(policy: str | Policy) -> str:
+    """Name of a policy of a `policy_list`."""
+    return policy if isinstance(policy, str) else policy.name
 
 
 def study_inputs(

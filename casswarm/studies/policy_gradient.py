@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike
 
 from ..chain.exact import MAX_MEMBERS
 from ..chain.gradient import FollowedTree, FollowingOptions
-from ..chain.lattice import Lattice
+from ..chain.transition import Lattice
 from ..errors import PolicyError
-from ..planning.guide import Guide
-from ..planning.plan import initial_velocities, plan
+from ..guide.guide import Guide
+from ..guide.plan import initial_velocities, plan
 from ..policies.parametric import ParametricPolicy
-from ..scenario.io import require_scenario
+from ..scenario.files import require_scenario
 from ..typing import FloatArray, Interval
 
 if TYPE_CHECKING:

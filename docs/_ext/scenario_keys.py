@@ -17,7 +17,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from casswarm.scenario import Scenario, builtin_scenarios, load_scenario
-from casswarm.scenario.hazard_section import CONSTANTS
+from casswarm.scenario.sections import CONSTANTS
 from casswarm.scenario.validation import allowed, fields, subtable
 
 HEAD = ("Key", "Allowed", "Default", "Meaning")

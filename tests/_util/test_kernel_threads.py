@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from casswarm._util import kernel_threads
-from casswarm._util.jit import generated_module
-from casswarm._util.kernel_threads import execute
+from casswarm.compiled import parallel as kernel_threads
+from casswarm.compiled.kernels import generated_module
+from casswarm.compiled.parallel import execute
 
 MODULE = generated_module("""
 @kernel

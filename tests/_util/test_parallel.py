@@ -20,7 +20,7 @@ from slow_policy import fatal_once, toward
 from sweep_cases import GRID, SMALL
 
 import casswarm as csw
-from casswarm._util.parallel import done_jobs
+from casswarm._util.child import done_jobs
 from casswarm.errors import WorkerError
 
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from casswarm._util import temporary
+from casswarm._util import files as temporary
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="does nothing on Windows")
 
 MAKE = """
 import os, signal, sys
-from casswarm._util.temporary import temporary_file, temporary_folder
+from casswarm._util.files import temporary_file, temporary_folder
 (temporary_folder() / "file").write_text("content")
 temporary_file(".log")
 print(*sorted(os.listdir(sys.argv[1])), flush=True)
@@ -71,7 +71,9 @@ def test_files_of_other_user_are_kept(tmp_path: Path) -> None:
 def test_compiled_code_of_killed_process_is_removed_where_code_is_generated(tmp_path: Path) -> None:
     abandoned = tmp_path / f"casswarm-{temporary._HOST}-{dead_process()}-x"
     abandoned.mkdir()
-    code = "from casswarm._util.jit import generated_module\ngenerated_module('number = 3')\n"
+    code = (
+        "from casswarm.compiled.kernels import generated_module\ngenerated_module('number = 3')\n"
+    )
     environment = {"TMPDIR": str(tmp_path), "CASSWARM_CACHE": str(tmp_path / "cache")}
     subprocess.run([sys.executable, "-c", code], env=os.environ | environment, check=True)
     assert not abandoned.exists()

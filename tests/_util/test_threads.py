@@ -15,7 +15,7 @@ import pytest
 from sweep_cases import SMALL
 
 import casswarm as csw
-from casswarm._util.parallel import done_jobs
+from casswarm._util.child import done_jobs
 from casswarm._util.threads import locked_cache, locked_property, one_at_a_time
 
 EIGHT_THREADS = Path(__file__).parents[1] / "helpers" / "eight_threads.py"

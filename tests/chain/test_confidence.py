@@ -12,13 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, binomtest
 
-from casswarm.chain.confidence import (
-    Paired,
-    clopper_pearson,
-    effective_runs,
-    required_runs,
-    wilson,
-)
+from casswarm.chain.confidence import Paired, clopper_pearson, effective_runs, required_runs, wilson
 from casswarm.chain.stratified import Estimate
 
 

@@ -12,13 +12,13 @@ from scipy.stats import binomtest
 from small_scenarios import Array, small, three_members
 
 import casswarm as csw
-from casswarm.chain.lattice import Lattice
 from casswarm.chain.monte_carlo import Chain
+from casswarm.chain.transition import Lattice
 from casswarm.errors import PolicyError
-from casswarm.planning.plan import initial_velocities
+from casswarm.guide.plan import initial_velocities
+from casswarm.motion.step import Motion
 from casswarm.policies import Policy
-from casswarm.policies.decision import SOLVER_TOL
-from casswarm.problems.step import Motion
+from casswarm.policies.base import SOLVER_TOL
 
 RADARS = [(1.0, 0.4)]
 MOTION = Motion(2.0, 0.5, 0.33)

@@ -13,10 +13,10 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 import casswarm as csw
+from casswarm._util.figure_style import MEMBERS
 from casswarm.figures import player, save_gif
-from casswarm.figures.closeups import additional_agent_rates
-from casswarm.figures.run_figure import RunFigure
-from casswarm.figures.style import MEMBERS
+from casswarm.figures.animation import RunFigure
+from casswarm.figures.formations import additional_agent_rates
 from casswarm.results.folder import ResultsFolder
 
 STEPS = 4

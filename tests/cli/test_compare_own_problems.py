@@ -9,7 +9,7 @@ import casswarm as csw
 
 MODULE = """
 from dataclasses import dataclass
-from casswarm.optimization.solvers import Ipopt
+from casswarm.solvers import Ipopt
 
 @dataclass(frozen=True)
 class Mine(Ipopt):

@@ -9,7 +9,7 @@ import pytest
 from commands import PNG, casswarm
 
 from casswarm import load_scenario
-from casswarm.cli.plan_text import _limits
+from casswarm.cli.plan import _limits
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,8 @@ import pytest
 from commands import casswarm
 
 import casswarm as csw
-from casswarm.cli import progress as module
-from casswarm.cli.progress import progress_report
+from casswarm.cli import output as module
+from casswarm.cli.output import progress_report
 
 
 class Terminal(io.StringIO):

@@ -7,9 +7,9 @@ import time
 import numpy as np
 import pytest
 
+from casswarm._util.checkpoint import Checkpoint
 from casswarm.cli.common import Failure, reported_errors
 from casswarm.errors import FolderError
-from casswarm.studies.checkpoint import Checkpoint
 
 
 def message(folder, error, since=0.0):

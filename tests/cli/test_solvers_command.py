@@ -13,7 +13,8 @@ from click.testing import CliRunner, Result
 from casswarm.cli import main
 from casswarm.comparison.run import _solvers, _unavailable
 from casswarm.errors import SolverError
-from casswarm.optimization.solvers import SOLVERS, UNSUPPORTED, casadi_nlpsol, make_solver
+from casswarm.solvers import SOLVERS, UNSUPPORTED, make_solver
+from casswarm.solvers import casadi_plugins as casadi_nlpsol
 
 
 def listed(*options: str) -> Result:

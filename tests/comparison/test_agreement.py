@@ -13,8 +13,8 @@ import pytest
 
 import casswarm as csw
 from casswarm.comparison import Comparison
-from casswarm.comparison.environment import environment
 from casswarm.comparison.report import make_report
+from casswarm.comparison.run import environment
 from casswarm.comparison.verification import Tolerances, verify
 
 PROBLEMS = [f"p{number}" for number in range(8)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, norm
 
-from casswarm.comparison.bootstrap import (
+from casswarm.comparison.profiles import (
     cluster_means,
     fraction_band,
     rank_probabilities,

@@ -22,7 +22,8 @@ from casswarm.comparison.verification import (
     verify,
 )
 from casswarm.errors import ComparisonError, SolverError
-from casswarm.optimization.solvers import Ipopt, ProjectedGradient
+from casswarm.formation import ProjectedGradient
+from casswarm.solvers import Ipopt
 
 # --- problems
 

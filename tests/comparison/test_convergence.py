@@ -11,8 +11,8 @@ from scipy.optimize import minimize
 
 import casswarm as csw
 from casswarm.comparison.convergence import NOT_REPORTED
-from casswarm.optimization.solvers import Solver
-from casswarm.optimization.solvers.iterates import IterateLog, Iterates
+from casswarm.solvers import Solver
+from casswarm.solvers.base import IterateLog, Iterates
 
 X = ca.SX.sym("x", 2)
 BOWL = csw.Problem.from_casadi({"x": X, "f": ca.sumsqr(X)}, "bowl", x0=[4, 2])

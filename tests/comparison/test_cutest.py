@@ -15,8 +15,8 @@ from cutest_fakes import BIG, HS71, PYCUTEST, CUTEstProblem, Unconstrained
 from known_problems import hs_71
 
 import casswarm as csw
-from casswarm._util.parallel import packed
-from casswarm.optimization.solvers import SOLVERS, make_solver
+from casswarm._util.child import packed
+from casswarm.solvers import SOLVERS, make_solver
 
 KINDS: dict[str, Callable[[], csw.Problem]] = {
     "pycutest": lambda: csw.Problem.from_pycutest(CUTEstProblem()),

@@ -11,7 +11,7 @@ import pytest
 from more_hock_schittkowski import ALL, MORE, dictionary, stack
 
 import casswarm as csw
-from casswarm.optimization.solvers import Ipopt
+from casswarm.solvers import Ipopt
 
 X = ca.SX.sym("x", 2)
 NLP = {"x": X, "f": ca.sumsqr(X), "g": X[0] + X[1]}

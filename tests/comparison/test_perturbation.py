@@ -13,10 +13,10 @@ from known_problems import KNOWN, nearest_in_box, planar
 
 from casswarm.comparison import Problem
 from casswarm.comparison.perturbation import ProblemCopy, Reformulation, problem_copies
-from casswarm.optimization.kkt import kkt_residuals
-from casswarm.optimization.problem import Instances
-from casswarm.optimization.solution import Status
-from casswarm.optimization.solvers import Answer, Ipopt
+from casswarm.nlp.program import Instances
+from casswarm.nlp.residuals import kkt_residuals
+from casswarm.nlp.solution import Status
+from casswarm.solvers import Answer, Ipopt
 
 CASES = [make() for make in KNOWN]
 

@@ -14,8 +14,7 @@ from casswarm.comparison.profiles import (
     performance_profile,
     quality_profile,
 )
-from casswarm.comparison.ranking import rank_solvers, ranking, sensitivity
-from casswarm.comparison.sampling import sampling_units, strata
+from casswarm.comparison.ranking import rank_solvers, ranking, sampling_units, sensitivity, strata
 from casswarm.comparison.verification import Tolerances, by_solver, costs, summary, verify
 
 INF = np.inf

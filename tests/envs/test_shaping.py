@@ -13,9 +13,9 @@ from small_scenarios import patrolled, three_members
 
 import casswarm as csw
 from casswarm.envs import SwarmVectorEnv
-from casswarm.envs.shaping import risk_table
-from casswarm.envs.shaping_kernels import risk_to_go, write_potentials
-from casswarm.planning.bounds import ValueFunction
+from casswarm.envs.batch import risk_table
+from casswarm.envs.step_kernels import risk_to_go, write_potentials
+from casswarm.grid import ValueFunction
 
 SMALL = three_members(swarm__velocity=[1.0, 0.2])
 

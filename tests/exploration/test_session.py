@@ -7,8 +7,7 @@ from small_scenarios import three_members
 
 import casswarm as csw
 from casswarm.exploration import session as session_module
-from casswarm.exploration.answers import Answer
-from casswarm.exploration.hazard_map import HazardMap
+from casswarm.exploration.answers import Answer, HazardMap
 from casswarm.exploration.session import Session
 from casswarm.exploration.view import View
 

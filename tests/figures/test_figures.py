@@ -24,7 +24,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.text import Text
 from PIL import Image
 
-from casswarm.chain.trajectories import RunTrajectory
+from casswarm.chain.monte_carlo import RunTrajectory
 from casswarm.figures import (
     THEMES,
     arrival_chart,
@@ -46,8 +46,8 @@ from casswarm.figures import (
     sweep_lines,
     theme,
 )
-from casswarm.figures.policy_styles import POLICIES, policy_styles
-from casswarm.planning.bounds import CostToGoMap
+from casswarm.figures.success import POLICIES, policy_styles
+from casswarm.grid import CostToGoMap
 
 PROFILE = pd.DataFrame({"fast": [0.5, 1.0], "slow": [0.0, 0.5]}, index=[1.0, 4.0])
 RANKING = pd.DataFrame(

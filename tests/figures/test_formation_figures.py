@@ -8,15 +8,15 @@ from figure_cases import GUIDE, RUN, SCENARIO, trajectory
 from matplotlib.axes import Axes
 
 from casswarm import Hazard
-from casswarm.chain.trajectories import RunTrajectory
+from casswarm.chain.monte_carlo import RunTrajectory
 from casswarm.figures import formation_chart
-from casswarm.figures.closeups import (
+from casswarm.figures.formations import (
     additional_agent_rates,
     follows_guide,
     leader_at,
     relative_rates,
+    representative_steps,
 )
-from casswarm.figures.formations import representative_steps
 
 
 def markers(axes: Axes, marker: str) -> list[tuple[float, float]]:

@@ -12,13 +12,13 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import PathPatch
 from matplotlib.quiver import Quiver
 
-from casswarm.chain.trajectories import RunTrajectory
+from casswarm._util.figure_style import MEMBERS
+from casswarm.chain.monte_carlo import RunTrajectory
 from casswarm.figures import cost_to_go_map, formation_chart, joint_map, swarm_map, theme
-from casswarm.figures.map_labels import LabelPlaces
-from casswarm.figures.paths import free_place, joining_window, side_shifts
-from casswarm.figures.run_figure import between
-from casswarm.figures.style import MEMBERS
-from casswarm.planning.bounds import CostToGoMap
+from casswarm.figures.animation import between
+from casswarm.figures.base_map import LabelPlaces
+from casswarm.figures.maps import free_place, joining_window, side_shifts
+from casswarm.grid import CostToGoMap
 
 CORNERS = np.array([[0.0, 0.0], [10.0, 6.0]])
 

@@ -22,7 +22,7 @@ from casswarm.figures import (
     table_2_chart,
     theme,
 )
-from casswarm.figures.policy_styles import POLICIES
+from casswarm.figures.success import POLICIES
 
 TABLE_2 = pd.DataFrame(
     {

@@ -162,7 +162,7 @@ def _add(path: Path, rng: Random) -> None:
 
 def forge_record(path: Path, rng: Random) -> None:
     """Change the arrays of a record, and give them their valid hash."""
-    from casswarm.studies.checkpoint import _digest
+    from casswarm._util.checkpoint import _digest
 
     content = path.read_bytes()
     arrays = mutated_arrays(content[HEADER + 32 :], rng)

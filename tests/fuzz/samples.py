@@ -82,7 +82,7 @@ def make_results(folder: Path, command: str) -> int:
 
 def make_study(folder: Path, command: str) -> int:
     """Write an unfinished study, and the tables that it has to end with."""
-    from casswarm.studies import batches
+    from casswarm.studies import simulation as batches
 
     batches.BATCH = 5  # for several records; changes no result
     target = folder / "studies" / command

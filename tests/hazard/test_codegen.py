@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from casswarm._util.instructions import operation_name
 from casswarm.errors import HazardError
 from casswarm.hazard import codegen
 from casswarm.hazard.codegen import lower, lower_source
+from casswarm.nlp.operations import operation_name
 
 # what leads to each operation, and the inputs that it is defined for
 UNARY: dict[int, tuple[Callable[[Any], Any], tuple[float, float]]] = {

@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-import casswarm.hazard.user
+import casswarm.hazard.custom
 from casswarm.errors import HazardError
 from casswarm.hazard import CustomHazard, Hazard
-from casswarm.hazard.user import origin, user_hazard
+from casswarm.hazard.custom import origin, user_hazard
 
 UNIT = "def rate(positions, alive):\n    return {} * alive\n"
 
@@ -167,9 +167,9 @@ def test_entry_point_of_installed_package_is_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     name = f"{__name__}:rate_by_name"
-    offered = EntryPoint("height", name, casswarm.hazard.user.ENTRY_POINTS)
+    offered = EntryPoint("height", name, casswarm.hazard.custom.ENTRY_POINTS)
     monkeypatch.setattr(
-        casswarm.hazard.user, "entry_points", lambda group: [offered] if group else []
+        casswarm.hazard.custom, "entry_points", lambda group: [offered] if group else []
     )
     assert user_hazard(name, tmp_path, (), {}) == CustomHazard(rate_by_name)
     assert "entry point 'height'" in str(origin(name, tmp_path))

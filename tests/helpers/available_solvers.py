@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from casswarm.optimization.solvers import SOLVERS
+from casswarm.solvers import SOLVERS
 
 
 def each(names: Iterable[str]) -> list[Any]:

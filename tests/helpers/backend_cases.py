@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 
 from casswarm import Scenario, load_scenario
-from casswarm.optimization.problem import Instances, Nlp
-from casswarm.planning.kinematics import resample
-from casswarm.problems.formation import Formation, corridor_formation, leader_formation
+from casswarm.formation.task import Formation, corridor_formation, leader_formation
+from casswarm.motion.kinematics import resample
+from casswarm.motion.step import Motion, Step
+from casswarm.nlp.program import Instances, Nlp
 from casswarm.problems.guide import GuideTask, guide_instance, guide_nlp
-from casswarm.problems.step import Motion, Step
 
 Case = tuple[Nlp, Instances]
 COLLISIONS = {"hazard.kind": "saturation+collision", "hazard.beta_1": 0.2, "hazard.beta_2": 6.0}

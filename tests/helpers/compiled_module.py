@@ -20,7 +20,7 @@ def run_compiled(cache, **environment):
     """Call a kernel in a process of its own: hits of its cache and of its argument's, stderr."""
     code = (
         "import numpy as np\n"
-        "from casswarm._util.jit import announce, generated_module\n"
+        "from casswarm.compiled.kernels import announce, generated_module\n"
         f"module = generated_module({TEXT!r})\n"
         "announce(module.call)\n"
         "assert module.call(module.square, np.array([2.0])) == 4.0\n"

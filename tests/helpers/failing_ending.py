@@ -3,9 +3,9 @@
 import importlib
 
 PLACES = {
-    "bound": ("casswarm.planning.bounds.success_bound", "_bound"),
+    "bound": ("casswarm.bounds.success_bound", "_bound"),
     "figures": ("casswarm.figures.output", "file_content"),
-    "map": ("casswarm.planning.bounds.value_function", "costs_to_go"),
+    "map": ("casswarm.grid.value_function", "costs_to_go"),
 }
 ERRORS = {
     "memory": MemoryError("no room"),

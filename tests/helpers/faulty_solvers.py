@@ -11,10 +11,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from casswarm.optimization.feasible_sets.planar import PlanarSets
-from casswarm.optimization.problem import Instances, Nlp
-from casswarm.optimization.solution import Status
-from casswarm.optimization.solvers import Answer, Ipopt, Solver
+from casswarm.motion.planar import PlanarSets
+from casswarm.nlp.program import Instances, Nlp
+from casswarm.nlp.solution import Status
+from casswarm.solvers import Answer, Ipopt, Solver
 
 FAULTS = (
     "nan",

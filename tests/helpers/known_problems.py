@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from casswarm.optimization.feasible_sets.planar import PlanarSets
-from casswarm.optimization.problem import Instances, Nlp
+from casswarm.motion.planar import PlanarSets
+from casswarm.nlp.program import Instances, Nlp
 
 Array = NDArray[np.float64]
 INF = math.inf

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from casswarm.optimization.feasible_sets.planar import PlanarSets
+from casswarm.motion.planar import PlanarSets
 
 Array = NDArray[np.float64]
 INF = np.inf

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from casswarm import Saturation, SaturationCollision
-from casswarm.policies.mpc_instances import corridor_mpc_formation, leader_mpc_formation
-from casswarm.problems.formation import Formation
-from casswarm.problems.step import Motion, Step
+from casswarm.formation.horizon import corridor_mpc_formation, leader_mpc_formation
+from casswarm.formation.task import Formation
+from casswarm.motion.step import Motion, Step
 
 RADARS = ((3.0, 2.0), (1.0, 3.0))
 HAZARD, COLLIDING = Saturation(RADARS), SaturationCollision(RADARS)

@@ -10,11 +10,13 @@ import pytest
 
 import casswarm as csw
 from casswarm.errors import SolverError
+from casswarm.formation import Auto, SpectralProjectedGradient
+from casswarm.formation.search_kernels import minimise_batch
+from casswarm.formation.task import corridor_formation, leader_formation
 from casswarm.hazard import KernelHazard, regular
-from casswarm.optimization.solvers import Auto, Ipopt, SpectralProjectedGradient
-from casswarm.optimization.solvers.batch.spg_batch_kernels import minimise_batch
-from casswarm.problems.formation import corridor_formation, formation_nlp, leader_formation
-from casswarm.problems.step import Motion, Step
+from casswarm.motion.step import Motion, Step
+from casswarm.problems.formation import formation_nlp
+from casswarm.solvers import Ipopt
 
 MOTION = Motion(v_max=2.0, a_max=0.5, dt=0.33)
 RADARS = ((4.4, 4.6), (4.5, 3.0))

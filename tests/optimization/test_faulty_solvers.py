@@ -18,10 +18,10 @@ from small_scenarios import small
 import casswarm as csw
 from casswarm.comparison import Problem
 from casswarm.errors import CheckpointError, SolverError
-from casswarm.optimization.solution import Status
-from casswarm.optimization.solvers import Ipopt, Isolated
-from casswarm.policies import formation
+from casswarm.nlp.solution import Status
+from casswarm.policies import formation_policies as formation
 from casswarm.problems.formation import formation_nlp
+from casswarm.solvers import Ipopt, Isolated
 
 PAPER = csw.load_scenario("paper-1")
 DEADLY = ("hang", "exit", "abort", "kill")
@@ -153,7 +153,7 @@ def test_instances_pickle_read_only():
 
 def test_isolated_in_script_without_main_guard_raises(tmp_path):
     (tmp_path / "study.py").write_text(
-        "from casswarm.optimization.solvers import Ipopt, Isolated\nIsolated(Ipopt()).start()\n"
+        "from casswarm.solvers import Ipopt, Isolated\nIsolated(Ipopt()).start()\n"
     )
     done = subprocess.run(
         [sys.executable, "study.py"], cwd=tmp_path, capture_output=True, text=True, check=False

@@ -12,16 +12,13 @@ from hock_schittkowski import STATEMENTS, published
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from casswarm.optimization.problem import Instances, Nlp
-from casswarm.optimization.solution import Status
-from casswarm.optimization.solvers import FilterInteriorPoint, Ipopt
-from casswarm.optimization.solvers.interior_point.compiled_problems import (
-    numeric_problems,
-    program_tapes,
-)
-from casswarm.optimization.solvers.interior_point.engine import minimise
-from casswarm.optimization.solvers.interior_point.iterates import Options
-from casswarm.optimization.solvers.interior_point.problems import CasadiProblems, RowProblems
+from casswarm.nlp.program import Instances, Nlp
+from casswarm.nlp.solution import Status
+from casswarm.solvers import FilterInteriorPoint, Ipopt
+from casswarm.solvers.interior_point.compiled_derivatives import numeric_problems, program_tapes
+from casswarm.solvers.interior_point.derivatives import CasadiProblems, RowProblems
+from casswarm.solvers.interior_point.engine import minimise
+from casswarm.solvers.interior_point.iterates import Options
 
 SOLVER = FilterInteriorPoint()
 BOUNDS = "p", "lbx", "ubx", "lbg", "ubg"

@@ -15,11 +15,11 @@ from backend_cases import FORMATIONS, Case, formation, guide
 from hock_schittkowski import NUMBERS, published
 from known_problems import KNOWN, planar
 
-from casswarm.optimization.feasible_sets.planar import PlanarSets
-from casswarm.optimization.problem import Instances
-from casswarm.optimization.solution import Solution, Status
-from casswarm.optimization.solvers import SOLVERS, make_solver
-from casswarm.optimization.solvers.casadi_nlpsol import NO_STATUS, _compiled
+from casswarm.motion.planar import PlanarSets
+from casswarm.nlp.program import Instances
+from casswarm.nlp.solution import Solution, Status
+from casswarm.solvers import SOLVERS, make_solver
+from casswarm.solvers.casadi_plugins import NO_STATUS, _compiled
 
 GENERAL = [name for name, kind in SOLVERS.items() if kind.capabilities.problems == "any"]
 general = pytest.mark.parametrize("solver", each(GENERAL))

@@ -12,12 +12,12 @@ from small_scenarios import Array, rate_by_hand
 from window_cases import COLLIDING, DT, HAZARD, RADARS, both, leaders_of, window
 
 from casswarm import make_solver
-from casswarm.optimization.kkt import kkt_residuals
-from casswarm.optimization.solvers.batch.interior_point import InteriorPoint
-from casswarm.optimization.solvers.batch.nearest_trajectories import nearest_trajectories
-from casswarm.policies.formation import applied_decision
-from casswarm.policies.mpc_instances import leader_mpc_formation, path_limits
-from casswarm.problems.step import Motion, Step
+from casswarm.formation.horizon import leader_mpc_formation, path_limits
+from casswarm.formation.horizon_method import InteriorPoint
+from casswarm.formation.nearest_trajectories import nearest_trajectories
+from casswarm.motion.step import Motion, Step
+from casswarm.nlp.residuals import kkt_residuals
+from casswarm.policies.formation_policies import applied_decision
 
 # --- the program
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info
 
-from casswarm._util.blas_threads import one_blas_thread
-from casswarm.optimization.problem import Instances, Nlp
-from casswarm.optimization.solvers import FilterInteriorPoint
+from casswarm._util.threads import one_blas_thread
+from casswarm.nlp.program import Instances, Nlp
+from casswarm.solvers import FilterInteriorPoint
 
 SOLVER = FilterInteriorPoint()
 WIDTHS = [1e-6, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13, 1e-14, 2.3e-16]

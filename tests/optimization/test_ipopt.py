@@ -22,9 +22,10 @@ from known_problems import (
     nearest_in_box,
 )
 
-from casswarm.optimization.problem import Nlp
-from casswarm.optimization.solution import Solution, Status
-from casswarm.optimization.solvers import Ipopt, casadi_nlpsol
+from casswarm.nlp.program import Nlp
+from casswarm.nlp.solution import Solution, Status
+from casswarm.solvers import Ipopt
+from casswarm.solvers import casadi_plugins as casadi_nlpsol
 
 each = pytest.mark.parametrize("problem", KNOWN, ids=lambda problem: problem.__name__)
 

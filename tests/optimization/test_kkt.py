@@ -22,10 +22,10 @@ from known_problems import (
     planar,
 )
 
-from casswarm.optimization.kkt import ACTIVE, kkt_residuals
-from casswarm.optimization.problem import Instances, Nlp
-from casswarm.optimization.solution import Residuals
-from casswarm.optimization.solvers import Ipopt
+from casswarm.nlp.program import Instances, Nlp
+from casswarm.nlp.residuals import ACTIVE, kkt_residuals
+from casswarm.nlp.solution import Residuals
+from casswarm.solvers import Ipopt
 
 each = pytest.mark.parametrize("problem", KNOWN, ids=lambda problem: problem.__name__)
 
@@ -105,7 +105,7 @@ def test_sparse_estimate_equals_dense_one(
 ) -> None:
     case = problem()
     dense = judged(case)
-    monkeypatch.setattr("casswarm.optimization.kkt._MAX_DENSE", 0)
+    monkeypatch.setattr("casswarm.nlp.residuals._MAX_DENSE", 0)
     sparse = judged(case)
     assert sparse.stationarity == pytest.approx(dense.stationarity, abs=1e-6)
 

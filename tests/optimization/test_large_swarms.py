@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import casswarm as csw
-from casswarm.optimization.solvers import Auto, Ipopt, SpectralProjectedGradient
-from casswarm.optimization.solvers.batch.preconditioner_kernels import invert_blocks, precondition
-from casswarm.problems.formation import corridor_formation
-from casswarm.problems.step import Motion, Step
+from casswarm.formation import Auto, SpectralProjectedGradient
+from casswarm.formation.spectral_kernels import invert_blocks, precondition
+from casswarm.formation.task import corridor_formation
+from casswarm.motion.step import Motion, Step
+from casswarm.solvers import Ipopt
 
 MOTION = Motion(v_max=2.0, a_max=0.5, dt=0.33)
 HAZARD = csw.Saturation(((4.4, 4.6), (4.5, 3.0)), alpha_1=4.0, alpha_2=3.0, alpha_3=4.0)

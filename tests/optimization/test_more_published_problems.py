@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from more_hock_schittkowski import MORE, published_more
 
-from casswarm.optimization.problem import Instances
-from casswarm.optimization.solvers import FilterInteriorPoint, Ipopt
+from casswarm.nlp.program import Instances
+from casswarm.solvers import FilterInteriorPoint, Ipopt
 
 HIGH_ORDER = {46: 1e-5, 49: 1e-5}
 """Distance of objectives where the minimum is flat to the fourth order or more."""

@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from casswarm.errors import ProblemError
-from casswarm.optimization.nl.operators import BINARY, LISTS, TEMPLATES, UNARY
-from casswarm.optimization.nl.reader import read_nl
-from casswarm.optimization.nl.writer import nl_text
-from casswarm.optimization.problem import Instances, Nlp
+from casswarm.nlp.nl_operators import BINARY, LISTS, TEMPLATES, UNARY
+from casswarm.nlp.nl_reader import read_nl
+from casswarm.nlp.nl_writer import nl_text
+from casswarm.nlp.program import Instances, Nlp
 
 HEADER = (
     "g3 1 1 0\t# problem small",

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from planar_cases import INF, Array, random_cases, scale
 
-from casswarm.optimization.feasible_sets import planar_kernels
-from casswarm.optimization.feasible_sets.planar import PlanarSets
-from casswarm.optimization.feasible_sets.planar_kernels import ROUNDING
+from casswarm.motion import planar_kernels
+from casswarm.motion.planar import PlanarSets
+from casswarm.motion.planar_kernels import ROUNDING
 
 
 def nested_search(sets: PlanarSets, points: Array) -> tuple[Array, Array, Array]:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from planar_cases import INF, PLANE, Array, random_cases, scale, single
 
-from casswarm.optimization.feasible_sets.planar import PlanarSets
-from casswarm.optimization.feasible_sets.planar_kernels import ROUNDING
+from casswarm.motion.planar import PlanarSets
+from casswarm.motion.planar_kernels import ROUNDING
 
 
 @pytest.fixture(scope="module")

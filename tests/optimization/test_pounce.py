@@ -15,9 +15,10 @@ import pytest
 from known_problems import hs_35, hs_71
 
 from casswarm.errors import SolverError
-from casswarm.optimization.problem import Instances, Nlp
-from casswarm.optimization.solution import Status
-from casswarm.optimization.solvers import Pounce, make_solver, pounce
+from casswarm.nlp.program import Instances, Nlp
+from casswarm.nlp.solution import Status
+from casswarm.solvers import Pounce, make_solver
+from casswarm.solvers import external as pounce
 
 STATUSES = {
     "Solve_Succeeded": Status.SOLVED,

@@ -12,8 +12,8 @@ import pytest
 
 from casswarm.errors import SolverError
 from casswarm.hazard import Saturation, SaturationCollision
-from casswarm.optimization.feasible_sets.planar import PlanarSets
-from casswarm.optimization.problem import Instances, Nlp
+from casswarm.motion.planar import PlanarSets
+from casswarm.nlp.program import Instances, Nlp
 from casswarm.problems.formation import formation_nlp
 
 RADARS = ((4.4, 4.6), (4.5, 3.0))

@@ -12,9 +12,10 @@ from formation_cases import formations
 from known_problems import hs_35, nearest_in_box, planar
 
 from casswarm.errors import SolverError
-from casswarm.optimization.problem import Nlp
-from casswarm.optimization.solution import Status
-from casswarm.optimization.solvers import Ipopt, ProjectedGradient
+from casswarm.formation import ProjectedGradient
+from casswarm.nlp.program import Nlp
+from casswarm.nlp.solution import Status
+from casswarm.solvers import Ipopt
 
 FAR = np.full((1, 2), 50.0)
 
@@ -137,7 +138,7 @@ def test_projected_gradient_instances_are_independent(
     nlp, instances = nearest_in_box(np.random.default_rng(3).uniform(-2, 2, (9, 2)))
     solver = ProjectedGradient()
     alone = [solver.solve(nlp, instances[i : i + 1])[0] for i in range(9)]
-    monkeypatch.setattr("casswarm.optimization.solvers.projected_gradient._CHUNK", chunk)
+    monkeypatch.setattr("casswarm.formation.projected_gradient._CHUNK", chunk)
     for one, other in zip(alone, solver.solve(nlp, instances), strict=True):
         np.testing.assert_array_equal(one.x, other.x)
         assert (one.iterations, one.status) == (other.iterations, other.status)

@@ -19,10 +19,10 @@ from backend_cases import Case, formation, guide
 from known_problems import active_box
 
 from casswarm.errors import SolverError
-from casswarm.optimization.problem import Instances, Nlp
-from casswarm.optimization.solution import Residuals, Status
-from casswarm.optimization.solvers import SOLVERS, Answer, Solver, make_solver
-from casswarm.optimization.solvers.base import failed
+from casswarm.nlp.program import Instances, Nlp
+from casswarm.nlp.solution import Residuals, Status
+from casswarm.solvers import SOLVERS, Answer, Solver, make_solver
+from casswarm.solvers.base import failed
 
 NAMES = list(SOLVERS)
 GENERAL = [name for name in NAMES if SOLVERS[name].capabilities.problems == "any"]
@@ -123,7 +123,7 @@ import os, signal, sys, threading, time
 sys.path.insert(0, {tests!r})
 from available_solvers import each
 from backend_cases import guide
-from casswarm.optimization.solvers import make_solver
+from casswarm.solvers import make_solver
 
 for name in {names!r}:
     solver, case = make_solver(name), guide(10.0)

@@ -13,17 +13,11 @@ import pytest
 from known_problems import active_box, hs_35, nearest_in_box
 
 from casswarm.errors import SolverError
-from casswarm.optimization.problem import Instances, Nlp
-from casswarm.optimization.solution import Residuals, Solution, Status
-from casswarm.optimization.solvers import (
-    SOLVERS,
-    Answer,
-    Ipopt,
-    ProjectedGradient,
-    Solver,
-    make_solver,
-)
-from casswarm.optimization.solvers.base import VIOLATION
+from casswarm.formation import ProjectedGradient
+from casswarm.nlp.program import Instances, Nlp
+from casswarm.nlp.solution import Residuals, Solution, Status
+from casswarm.solvers import SOLVERS, Answer, Ipopt, Solver, make_solver
+from casswarm.solvers.base import VIOLATION
 
 NAMES = ", ".join(SOLVERS)
 

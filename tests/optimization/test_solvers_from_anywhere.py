@@ -13,8 +13,8 @@ from known_problems import hs_1, hs_35, hs_71
 from scipy.optimize import OptimizeResult, minimize
 
 from casswarm.errors import SolverError
-from casswarm.optimization.solution import Status
-from casswarm.optimization.solvers import Ipopt, Minimize, NlpSol
+from casswarm.nlp.solution import Status
+from casswarm.solvers import Ipopt, Minimize, NlpSol
 from casswarm.typing import FloatArray
 
 SOLVERS = {

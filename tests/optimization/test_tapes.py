@@ -12,12 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from casswarm.optimization.solvers.interior_point.elimination import eliminate
-from casswarm.optimization.solvers.interior_point.sparse_factors import (
-    SparseFactors,
-    SparseSystem,
-)
-from casswarm.optimization.solvers.interior_point.tape import Tape, scalar
+from casswarm.solvers.interior_point.factors import SparseFactors, SparseSystem, eliminate
+from casswarm.solvers.interior_point.tape import Tape, scalar
 
 UNARY: dict[str, Callable[[Any], Any]] = {
     "neg": lambda a: -a, "inv": lambda a: 1 / a, "sq": lambda a: a**2, "twice": lambda a: 2 * a,

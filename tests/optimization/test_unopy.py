@@ -12,9 +12,10 @@ from hock_schittkowski import published
 from known_problems import hs_35, hs_71
 
 from casswarm.errors import SolverError
-from casswarm.optimization.problem import Instances, Nlp
-from casswarm.optimization.solution import Status
-from casswarm.optimization.solvers import Unopy, make_solver, unopy
+from casswarm.nlp.program import Instances, Nlp
+from casswarm.nlp.solution import Status
+from casswarm.solvers import Unopy, make_solver
+from casswarm.solvers import external as unopy
 
 needs_package = pytest.mark.skipif(bool(Unopy.unavailable()), reason=Unopy.unavailable())
 

@@ -11,7 +11,8 @@ from known_problems import active_box
 
 import casswarm as csw
 from casswarm.comparison import Problem
-from casswarm.optimization.solvers import Isolated, worker
+from casswarm.solvers import Isolated
+from casswarm.solvers import isolated_worker as worker
 
 
 def _problems(*names: str) -> list[Problem]:

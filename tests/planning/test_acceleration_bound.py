@@ -16,23 +16,18 @@ from scipy.ndimage import minimum_filter
 from small_scenarios import TWO, Array, Point, patrolled, small
 
 from casswarm import Guide, Scenario, load_scenario, plan
-from casswarm.planning.bounds import (
-    AccelerationBound,
-    Relaxation,
-    acceleration_limits,
-    bound_with_acceleration,
-)
-from casswarm.planning.bounds.acceleration_bound import _Search
-from casswarm.planning.bounds.acceleration_dual import DualFunction
-from casswarm.planning.bounds.acceleration_kernels import (
+from casswarm.bounds import AccelerationBound, acceleration_limits, bound_with_acceleration
+from casswarm.bounds.acceleration_bound import _Search
+from casswarm.bounds.acceleration_dual import DualFunction
+from casswarm.bounds.acceleration_kernels import (
     best_path,
     least_step,
     tilted_costs_to_come,
     tilted_costs_to_go,
 )
-from casswarm.planning.bounds.acceleration_limits import AccelerationLimits
-from casswarm.planning.bounds.acceleration_region import Region
-from casswarm.planning.bounds.grid import Block
+from casswarm.bounds.acceleration_limits import AccelerationLimits, Region
+from casswarm.grid import Relaxation
+from casswarm.grid.nodes import Block
 
 
 def agent(target: Point, radars: list[Point], steps: int, **values: object) -> Scenario:

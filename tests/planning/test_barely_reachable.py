@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from casswarm import Scenario, plan
-from casswarm.planning.solves import solve_by
+from casswarm.guide.multistart import solve_by
 
 # the straight line reaches this target with a millionth of its length to spare
 SCENARIO = {
@@ -69,7 +69,7 @@ def test_ipopt_is_not_believed_that_feasible_guess_is_infeasible(turn, monkeypat
         statuses.append(str(solver.solve(nlp, instance)[0].status))
         return solve_by(deadline, solver, nlp, instance)
 
-    monkeypatch.setattr("casswarm.planning.multistart.solve_by", recorded)
+    monkeypatch.setattr("casswarm.guide.multistart.solve_by", recorded)
     guide = plan(turned(TURNS[turn]), certify=False)
     assert statuses == ["infeasible"]
     assert guide.solution.status.success

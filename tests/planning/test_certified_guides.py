@@ -20,8 +20,8 @@ from small_scenarios import (
 )
 
 from casswarm import HazardError, Saturation, ScenarioError, load_scenario, plan
-from casswarm.planning.bounds import certify_guide
-from casswarm.planning.frame import SYMMETRIES
+from casswarm.guide import certify_guide
+from casswarm.guide.frame import SYMMETRIES
 from casswarm.typing import FloatArray
 
 

@@ -12,21 +12,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_scenarios import Array, single_agent_rate_by_hand
 
-from casswarm import (
-    Candidate,
-    Guide,
-    Residuals,
-    Saturation,
-    Solution,
-    Status,
-    load_scenario,
-    plan,
+from casswarm import Candidate, Guide, Residuals, Saturation, Solution, Status, load_scenario, plan
+from casswarm.guide.homotopy import homotopy_signature
+from casswarm.motion.kinematics import integrate
+from casswarm.nlp.program import Instances, Nlp
+from casswarm.problems.guide import (
+    GuideTask,
+    guide_instance,
+    guide_nlp,
+    penalised_guide_instance,
+    penalised_guide_nlp,
 )
-from casswarm.optimization.problem import Instances, Nlp
-from casswarm.planning.homotopy import homotopy_signature
-from casswarm.planning.kinematics import integrate
-from casswarm.problems.guide import GuideTask, guide_instance, guide_nlp
-from casswarm.problems.guide_penalty import penalised_guide_instance, penalised_guide_nlp
 
 RADARS = ((1.5, 0.8), (3.0, -1.0))
 HAZARD = Saturation(RADARS)

@@ -7,8 +7,8 @@ import pytest
 from small_scenarios import small
 
 import casswarm as csw
-from casswarm.planning.joint.coarse import coarse_task, coarsened, distinct, refined
-from casswarm.planning.joint.plan import SwarmOutcome
+from casswarm.joint.search import coarse_task, coarsened, distinct, refined
+from casswarm.joint.swarm_plan import SwarmOutcome
 from casswarm.problems.joint_instances import JointTask
 
 

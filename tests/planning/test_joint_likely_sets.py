@@ -10,8 +10,8 @@ from small_scenarios import small
 
 import casswarm as csw
 from casswarm import Scenario, plan_swarm
-from casswarm.planning.joint import PlanDistribution
-from casswarm.planning.joint.likely_sets import likely_sets
+from casswarm.joint import PlanDistribution
+from casswarm.joint.likely_sets import likely_sets
 
 RADARS = [(1.0, 0.9), (2.2, -0.8)]
 STEPS = 6

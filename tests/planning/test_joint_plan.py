@@ -24,8 +24,8 @@ from casswarm import (
     simulate,
 )
 from casswarm.errors import PolicyError
-from casswarm.planning.joint import PlanDistribution
-from casswarm.planning.plan import initial_velocities
+from casswarm.guide.plan import initial_velocities
+from casswarm.joint import PlanDistribution
 from casswarm.policies import JointPolicy
 from casswarm.problems.joint import JointForm, joint_nlp
 from casswarm.problems.joint_instances import JointTask, joint_instances

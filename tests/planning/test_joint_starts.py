@@ -9,10 +9,10 @@ import pytest
 from small_scenarios import small
 
 from casswarm import Scenario, plan_swarm
-from casswarm.planning.joint import InitialGuess, PlanDistribution
-from casswarm.planning.joint.changes import changes
-from casswarm.planning.joint.distribution import prescribed_costs
-from casswarm.planning.joint.screening import Family, screened, tracked_positions
+from casswarm.joint import InitialGuess, PlanDistribution
+from casswarm.joint.distribution import prescribed_costs
+from casswarm.joint.initial_guesses import changes
+from casswarm.joint.screening import Family, screened, tracked_positions
 from casswarm.problems.joint_instances import JointTask
 
 RADARS = [(1.0, 0.9), (2.2, -0.8)]

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from small_scenarios import Array, image, small
 
 from casswarm import Scenario, SwarmPlan, plan_swarm
-from casswarm.planning.frame import SYMMETRIES, Frame
-from casswarm.planning.homotopy import homotopy_signature
-from casswarm.planning.joint.initial_guesses import Guesses
-from casswarm.planning.joint.screening import InitialGuess
+from casswarm.guide.frame import SYMMETRIES, Frame
+from casswarm.guide.homotopy import homotopy_signature
+from casswarm.joint.initial_guesses import Guesses
+from casswarm.joint.screening import InitialGuess
 from casswarm.problems.joint_instances import JointTask
 
 RADARS = [(1.0, 0.9), (2.2, -0.8)]

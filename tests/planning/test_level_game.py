@@ -11,13 +11,12 @@ from small_scenarios import DT, V_MAX, Array, small
 from test_success_bound import adversary, some_scenario
 
 from casswarm import Saturation, SaturationCollision, Scenario, load_scenario, success_bound
-from casswarm.hazard.lower_bounds import LeastRate
-from casswarm.planning.bounds import Relaxation
-from casswarm.planning.bounds.game_bound import Effort, _product, game_bound
-from casswarm.planning.bounds.level_game import LevelGame
-from casswarm.planning.bounds.level_game_kernels import fill_levels
-from casswarm.planning.bounds.potential import Potential, PotentialFamily
-from casswarm.planning.joint import PlanDistribution
+from casswarm.bounds.level_game import Effort, LevelGame, _product, game_bound
+from casswarm.bounds.level_game_kernels import fill_levels
+from casswarm.bounds.potential import Potential, PotentialFamily
+from casswarm.grid import Relaxation
+from casswarm.hazard.rate_bounds import LeastRate
+from casswarm.joint import PlanDistribution
 
 ALLEY = load_scenario("alley")
 

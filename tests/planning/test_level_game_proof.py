@@ -12,7 +12,7 @@ import pytest
 from small_scenarios import Array
 
 from casswarm import Saturation, SaturationCollision
-from casswarm.planning.bounds.level_game import LevelGame
+from casswarm.bounds.level_game import LevelGame
 
 
 @dataclass

@@ -14,15 +14,15 @@ from small_scenarios import DT, V_MAX, patrolled, small
 from test_success_bound import adversary, some_scenario
 
 from casswarm import Saturation, SaturationCollision, load_scenario, success_bound
+from casswarm.bounds import PairValueFunction, pair_bound
+from casswarm.bounds.pair_bound import first_program
+from casswarm.bounds.pair_kernels import MemberNodes, step_back
+from casswarm.bounds.pair_nodes import Rectangle, pair_lattice
+from casswarm.bounds.pair_program import PairProgram
+from casswarm.bounds.pair_tube import PairBlock, box_maximum, viable_boxes
 from casswarm.errors import PlanningError
-from casswarm.planning.bounds import PairValueFunction, pair_bound
-from casswarm.planning.bounds.grid import Relaxation
-from casswarm.planning.bounds.pair_bound import first_program
-from casswarm.planning.bounds.pair_kernels import MemberNodes, step_back
-from casswarm.planning.bounds.pair_nodes import Rectangle, pair_lattice
-from casswarm.planning.bounds.pair_program import PairProgram
-from casswarm.planning.bounds.pair_tube import PairBlock, box_maximum, viable_boxes
-from casswarm.planning.joint import PlanDistribution
+from casswarm.grid.nodes import Relaxation
+from casswarm.joint import PlanDistribution
 
 RADARS = [(1.3, 0.7), (2.1, -0.9)]
 COLLISIONS = {

@@ -3,8 +3,8 @@
 import numpy as np
 from small_scenarios import DT, V_MAX, small
 
-from casswarm.planning.bounds import PairValueFunction, pair_bound
-from casswarm.planning.joint import PlanDistribution
+from casswarm.bounds import PairValueFunction, pair_bound
+from casswarm.joint import PlanDistribution
 
 SCENARIO = small([(0.0, 0.0), (0.2, 0.3)], (2.0, 0.4), [(1.3, 0.7), (2.1, -0.9)], 5)
 

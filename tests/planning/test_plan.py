@@ -13,9 +13,9 @@ from backend_cases import GATE
 from small_scenarios import DT, V_MAX, grid_bounds, patrolled, single_agent_rate_by_hand, small
 
 from casswarm import Guide, PlanningError, Scenario, SolverError, Status, load_scenario, plan
-from casswarm.optimization.problem import Instances, Nlp
-from casswarm.optimization.solvers import Answer, Ipopt, Solver
-from casswarm.planning.plan import plan_from
+from casswarm.guide.plan import plan_from
+from casswarm.nlp.program import Instances, Nlp
+from casswarm.solvers import Answer, Ipopt, Solver
 
 MEMBER = [(0.0, 0.0)]
 

@@ -9,7 +9,7 @@ import pytest
 from commands import casswarm
 
 from casswarm import PlanningError, ValueFunction, load_scenario, plan
-from casswarm.planning.multistart import Multistart
+from casswarm.guide.multistart import Multistart
 
 SCENARIO = load_scenario("paper-1").with_values({"guide.arrival": "any"})
 
@@ -39,7 +39,7 @@ def test_guide_without_time_limit_has_no_note() -> None:
 
 def test_proof_takes_what_is_left_of_the_time(monkeypatch) -> None:
     given, started = [], time.monotonic()
-    monkeypatch.setattr("casswarm.planning.plan.certify_guide", lambda *a: given.append(a[-1]))
+    monkeypatch.setattr("casswarm.guide.plan.certify_guide", lambda *a: given.append(a[-1]))
     plan(SCENARIO, time_limit=500.0)
     plan(SCENARIO)
     assert started + 500.0 <= given[0] <= time.monotonic() + 500.0

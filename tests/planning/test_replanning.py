@@ -10,9 +10,9 @@ from small_scenarios import small
 
 from casswarm import Scenario, SwarmPlan, evaluate, make_policy, plan, plan_swarm, simulate
 from casswarm.errors import PolicyError
-from casswarm.optimization.solvers import Ipopt
-from casswarm.planning.joint import PlanTree
+from casswarm.joint import PlanTree
 from casswarm.policies import JointPolicy, ReplanningPolicy
+from casswarm.solvers import Ipopt
 
 RADARS = [(1.0, 0.9), (2.2, -0.8)]
 

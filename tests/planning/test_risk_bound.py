@@ -19,15 +19,16 @@ from small_scenarios import (
 )
 
 from casswarm import Saturation, Scenario, plan
-from casswarm.planning.bounds import Relaxation, certify
-from casswarm.planning.bounds.dynamic_programming import (
+from casswarm.bounds import certify
+from casswarm.grid import Relaxation
+from casswarm.grid.dynamic_programming import (
     StageCosts,
     box_minimum,
     costs_to_come,
     costs_to_go,
     least_cost,
 )
-from casswarm.planning.bounds.grid import Grid, node_count
+from casswarm.grid.nodes import Grid, node_count
 
 
 def geometry(seed: int) -> Scenario:

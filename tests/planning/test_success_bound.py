@@ -31,9 +31,10 @@ from casswarm import (
     plan_swarm,
     success_bound,
 )
-from casswarm.hazard.lower_bounds import LeastRate
-from casswarm.planning.bounds import Relaxation, certify
-from casswarm.planning.joint import PlanDistribution
+from casswarm.bounds import certify
+from casswarm.grid import Relaxation
+from casswarm.hazard.rate_bounds import LeastRate
+from casswarm.joint import PlanDistribution
 from casswarm.policies import JointPolicy
 
 FACTOR = (1 + ALPHA[1]) / (1 + 3 * ALPHA[1])  # least relative rate among three

@@ -11,12 +11,7 @@ from small_scenarios import (
     small,
 )
 
-from casswarm import (
-    evaluate,
-    load_scenario,
-    plan,
-    success_bound,
-)
+from casswarm import evaluate, load_scenario, plan, success_bound
 
 FACTOR = (1 + ALPHA[1]) / (1 + 3 * ALPHA[1])  # least relative rate among three
 

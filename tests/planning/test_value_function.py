@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from small_scenarios import DT, V_MAX, patrolled, small
 
 from casswarm import PlanningError, Scenario, load_scenario, plan
-from casswarm.planning.bounds import ValueFunction
-from casswarm.planning.bounds.dynamic_programming import StageCosts, box_minimum, rounding
-from casswarm.planning.plan import plan_from
+from casswarm.grid import ValueFunction
+from casswarm.grid.dynamic_programming import StageCosts, box_minimum, rounding
+from casswarm.guide.plan import plan_from
 
 SCENARIO = small(
     [(0.0, 0.0)], (5.0, 3.0), [(2.0, 2.0), (3.5, 0.5)], 14, guide__acceleration_limited=False

@@ -8,15 +8,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from casswarm import Guide, Policy, Scenario, evaluate, load_scenario, make_policy, plan
-from casswarm.optimization.solvers import Auto, SpectralProjectedGradient
-from casswarm.optimization.solvers.batch.interior_point import InteriorPoint
-from casswarm.problems.formation import (
-    FOLLOWER_WEIGHT,
-    Formation,
-    corridor_formation,
-    leader_formation,
-)
-from casswarm.problems.step import Motion, Step
+from casswarm.formation import Auto, SpectralProjectedGradient
+from casswarm.formation.horizon_method import InteriorPoint
+from casswarm.formation.task import FOLLOWER_WEIGHT, Formation, corridor_formation, leader_formation
+from casswarm.motion.step import Motion, Step
 
 
 @cache

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from small_scenarios import DT, Array, single_agent_rate_by_hand, small
 
 from casswarm import Scenario, evaluate, make_policy, plan, simulate
-from casswarm.optimization.feasible_sets.planar import PlanarSets
-from casswarm.planning.bounds import ValueFunction
-from casswarm.planning.plan import plan_from
-from casswarm.policies.feedback import FeedbackPolicy
+from casswarm.grid import ValueFunction
+from casswarm.guide.plan import plan_from
+from casswarm.motion.planar import PlanarSets
+from casswarm.policies.formation_policies import FeedbackPolicy
 
 RADARS = [(2.0, 1.2), (3.0, -1.0)]
 POSITIONS = [(0.0, 0.0), (0.8, -0.9), (-0.7, 0.7), (-0.6, -0.8)]  # apart: off any one guide

@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import casswarm as csw
+from casswarm.formation import Auto, SpectralProjectedGradient
+from casswarm.formation.state_kernels import decide_states
+from casswarm.formation.task import FormationTask, or_none
 from casswarm.hazard import Hazard
-from casswarm.optimization.feasible_sets.planar import PlanarSets
-from casswarm.optimization.solvers import Auto, SpectralProjectedGradient
+from casswarm.motion.planar import PlanarSets
+from casswarm.motion.step import Motion, Step
 from casswarm.policies import Decision
-from casswarm.policies.formation import applied_decision, formation_decision
-from casswarm.policies.formation_step_kernels import decide_states
-from casswarm.problems.formation import FormationTask, or_none
-from casswarm.problems.step import Motion, Step
+from casswarm.policies.formation_policies import applied_decision, formation_decision
 
 RADARS = ((4.4, 4.6), (4.5, 3.0))
 HAZARDS = {

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 from small_scenarios import DT, Array
 
-from casswarm import (
-    Saturation,
-)
-from casswarm.policies import LEADER_SELECTION
-from casswarm.problems.step import Motion, Step
+from casswarm import Saturation
+from casswarm.formation import LEADER_SELECTION
+from casswarm.motion.step import Motion, Step
 
 HAZARD = Saturation(((2.0, 2.0),))
 

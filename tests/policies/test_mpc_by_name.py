@@ -17,10 +17,10 @@ import casswarm as csw
 from casswarm import make_solver
 from casswarm.errors import PolicyError, SolverError
 from casswarm.figures import mpc_chart
-from casswarm.optimization.solvers.batch.interior_point import InteriorPoint
+from casswarm.formation.horizon_method import InteriorPoint
+from casswarm.formation.task import corridor_formation
+from casswarm.motion.step import Step
 from casswarm.policies import LeaderPolicy, make_policy
-from casswarm.problems.formation import corridor_formation
-from casswarm.problems.step import Step
 
 # --- custom rates, solvers, pickling, names
 

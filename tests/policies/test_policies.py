@@ -23,10 +23,10 @@ from casswarm import (
     plan,
     simulate,
 )
-from casswarm.optimization.problem import Instances, Nlp
-from casswarm.optimization.solvers import Answer, Ipopt, Solver
-from casswarm.planning.plan import initial_velocities
+from casswarm.guide.plan import initial_velocities
+from casswarm.nlp.program import Instances, Nlp
 from casswarm.policies import POLICIES, member_guides
+from casswarm.solvers import Answer, Ipopt, Solver
 
 Flags = NDArray[np.bool_]
 POSITIONS = [(0.0, 0.0), (0.4, -0.3), (-0.3, 0.35), (0.1, 0.6)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import casswarm as csw
-from casswarm.optimization.objective_kernels import LARGE_SWARM
+from casswarm.formation.spectral_kernels import LARGE_SWARM
 from casswarm.problems.formation import formation_nlp
 
 RADARS = ((4.4, 4.6), (4.5, 3.0))

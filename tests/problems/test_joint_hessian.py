@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import casswarm as csw
+from casswarm.motion.step import Motion
 from casswarm.problems.joint import JointForm, joint_nlp
 from casswarm.problems.joint_instances import JointTask, joint_instances
-from casswarm.problems.step import Motion
 
 SETTINGS = {
     "swarm.positions": [[0.0, 0.0], [0.5, 0.0], [0.0, 0.4]],

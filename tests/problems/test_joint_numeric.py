@@ -8,12 +8,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import casswarm as csw
-from casswarm._util import kernel_threads
-from casswarm.optimization.problem import Instances, Nlp
-from casswarm.optimization.solvers.interior_point.factors import shifts_to_try
-from casswarm.optimization.solvers.interior_point.problems import CasadiProblems
+from casswarm.compiled import parallel as kernel_threads
+from casswarm.nlp.program import Instances, Nlp
 from casswarm.problems.joint import JointForm, joint_nlp
 from casswarm.problems.joint_instances import JointTask, joint_instances
+from casswarm.solvers.interior_point.derivatives import CasadiProblems
+from casswarm.solvers.interior_point.factors import shifts_to_try
 
 STEPS = 5
 NEAR_RADARS = np.array([6.0, 2.5])

@@ -4,8 +4,14 @@ import pytest
 from reproduced import checked_in
 
 import casswarm as csw
-from casswarm.reproduction.readings import READINGS, Reading, readings
-from casswarm.reproduction.sensitivity import geometry_changes, guide_changes, sensitivity
+from casswarm.reproduction.success_tables import (
+    READINGS,
+    Reading,
+    geometry_changes,
+    guide_changes,
+    readings,
+    sensitivity,
+)
 from casswarm.studies.simulation import PAPER_POLICIES
 
 FIRST = csw.load_scenario("paper-1")

@@ -17,8 +17,8 @@ from casswarm.figures import (
     success_chart,
     table_2_chart,
 )
-from casswarm.optimization.problem import Instances
-from casswarm.optimization.solvers import ProjectedGradient
+from casswarm.formation import ProjectedGradient
+from casswarm.nlp.program import Instances
 from casswarm.policies import member_guides
 from casswarm.reproduction import (
     FIGURES,
@@ -28,17 +28,22 @@ from casswarm.reproduction import (
     reproduce,
     table_1,
 )
-from casswarm.reproduction.convergence import (
+from casswarm.reproduction.gradient_convergence import (
     condensed,
     formation_convergence,
     guide_convergence,
     iterates,
     whole_swarm,
 )
-from casswarm.reproduction.infeasibility import POLICIES, infeasible_steps
-from casswarm.reproduction.paper import geometry
+from casswarm.reproduction.paper_tables import geometry
 from casswarm.reproduction.reproduce import representative_run
-from casswarm.reproduction.success import beyond, table_2, variants
+from casswarm.reproduction.success_tables import (
+    POLICIES,
+    beyond,
+    infeasible_steps,
+    table_2,
+    variants,
+)
 
 FIRST, SECOND = csw.load_scenario("paper-1"), csw.load_scenario("paper-2")
 

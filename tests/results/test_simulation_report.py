@@ -14,7 +14,7 @@ from commands import casswarm
 
 from casswarm import CheckpointError, load_scenario
 from casswarm.results.folder import ResultsFolder
-from casswarm.results.simulation_report import simulation_page
+from casswarm.results.reports import simulation_page
 from casswarm.studies.tables import paired_texts, summary_texts
 
 SETTING = "formation.rho=0.04"

@@ -9,11 +9,7 @@ import pytest
 from builtin_names import BUILTIN
 from scenario_messages import message
 
-from casswarm.scenario import (
-    Scenario,
-    load_scenario,
-    save_scenario,
-)
+from casswarm.scenario import Scenario, load_scenario, save_scenario
 from casswarm.scenario.validation import fields, subtable
 
 

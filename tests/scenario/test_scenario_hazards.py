@@ -15,11 +15,7 @@ import pytest
 from scenario_messages import message
 
 from casswarm.hazard import CustomHazard, KernelHazard
-from casswarm.scenario import (
-    Scenario,
-    load_scenario,
-    save_scenario,
-)
+from casswarm.scenario import Scenario, load_scenario, save_scenario
 
 
 def constant_rate(positions: Any, alive: Any, rate: float = 0.1) -> Any:  # noqa: ARG001

@@ -11,11 +11,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from casswarm.scenario import (
-    Scenario,
-    load_scenario,
-    save_scenario,
-)
+from casswarm.scenario import Scenario, load_scenario, save_scenario
 
 
 def floats(low: float, high: float) -> st.SearchStrategy[float]:

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from casswarm._util.checkpoint import Checkpoint, IfExists, file_name
 from casswarm.errors import CheckpointError
-from casswarm.studies.checkpoint import Checkpoint, IfExists, file_name
 
 INPUTS = {"scenario": {"name": "a", "rho": 0.05}, "runs": 10}
 CELL = {"x": np.array([0.1, -0.0, np.nan]), "name": np.array("µ")}
@@ -85,7 +85,7 @@ def test_checkpoint_of_which_nothing_was_saved_is_started_again(
 
 HOLD = """
 import sys, time
-from casswarm.studies.checkpoint import Checkpoint
+from casswarm._util.checkpoint import Checkpoint
 with Checkpoint(sys.argv[1], {}, if_exists="overwrite"):
     print("held", flush=True)
     time.sleep(60)

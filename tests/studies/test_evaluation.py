@@ -13,8 +13,8 @@ from casswarm.chain.exact import ExpansionOptions, StateSpaceExpansion
 from casswarm.chain.monte_carlo import Chain
 from casswarm.chain.stratified import sample_residual
 from casswarm.errors import PolicyError
+from casswarm.motion.step import Motion
 from casswarm.policies import as_policy
-from casswarm.problems.step import Motion
 from casswarm.studies.evaluation import evaluate
 
 PAPER = csw.load_scenario("paper-1")

@@ -9,7 +9,7 @@ import pytest
 from small_scenarios import small
 
 from casswarm import Scenario, load_scenario, save_scenario, simulate, sweep
-from casswarm._util.user_modules import load
+from casswarm._util.user_code import load
 from casswarm.errors import CheckpointError
 
 POLICY = "def stay(step, positions, previous_velocities, alive):\n    return {} * positions\n"

@@ -12,12 +12,13 @@ import pytest
 
 import casswarm as csw
 from casswarm.errors import PlanningError, PolicyError, SolverError
+from casswarm.formation import Auto, SpectralProjectedGradient
+from casswarm.formation.search_kernels import CONVERGED
+from casswarm.guide.plan import plan_from
 from casswarm.hazard import KernelHazard
-from casswarm.optimization.solution import Status
-from casswarm.optimization.solvers import Answer, Auto, Solver, SpectralProjectedGradient
-from casswarm.optimization.solvers.batch.spg_kernels import CONVERGED
-from casswarm.planning.plan import plan_from
+from casswarm.nlp.solution import Status
 from casswarm.problems.formation import formation_nlp
+from casswarm.solvers import Answer, Solver
 
 PAPER = csw.load_scenario("paper-1")
 ROOT = Path(__file__).resolve().parents[2]

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from small_scenarios import DT, Array, three_members
 
-import casswarm.studies.batches
+import casswarm.studies.simulation
 from casswarm import Guide, PolicyError, Scenario, Study, plan, simulate
 from casswarm.chain.confidence import wilson
 from casswarm.studies.tables import summarise
@@ -98,7 +98,7 @@ def test_simulate_tables_are_independent_of_batch_size(
 ) -> None:
     runs = 20 if batch == 1 else 300
     expected = study(runs=runs)
-    monkeypatch.setattr(casswarm.studies.batches, "BATCH", batch)
+    monkeypatch.setattr(casswarm.studies.simulation, "BATCH", batch)
     assert_same_tables(study(runs=runs), expected)
 
 

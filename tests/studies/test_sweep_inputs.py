@@ -11,12 +11,12 @@ import pandas as pd
 import pytest
 
 import casswarm as csw
+from casswarm._util.checkpoint import Checkpoint
 from casswarm.chain.exact import _next_threshold
 from casswarm.cli.common import WrongInput
 from casswarm.cli.sweep import _values
 from casswarm.errors import CheckpointError, PolicyError
 from casswarm.scenario.variations import whole_numbers, with_parameters
-from casswarm.studies.checkpoint import Checkpoint
 
 SMALL = csw.load_scenario("paper-1").with_values(
     {

@@ -1,0 +1,21 @@
+from .acceleration_bound import bound_with_acceleration
+from .acceleration_limits import AccelerationBound, acceleration_limits
+from .pair_bound import PairBound, PairValueFunction, pair_bound, require_pair
+from .potential import PotentialFamily
+from .risk_bound import Certificate, Level, certify
+from .success_bound import SuccessBound
+
+__all__ = [
+    "AccelerationBound",
+    "Certificate",
+    "Level",
+    "PairBound",
+    "PairValueFunction",
+    "PotentialFamily",
+    "SuccessBound",
+    "acceleration_limits",
+    "bound_with_acceleration",
+    "certify",
+    "pair_bound",
+    "require_pair",
+]

@@ -1,0 +1,373 @@
+"""Bounds from level games: which potential and which grid of levels, for any number of members.
+
+Every choice here gives a valid bound; it is guided by the value of the game in which all members
+always have the same level and drop as far as they can, which is nearly optimal.
+
+The level game: an upper bound on the success of every policy from the members' levels.
+
+A member's level is the value of a potential at its position, a lower bound on the single-agent risk
+that is left to it. In the game the members' levels are all that counts: whoever wants to lower its
+own by delta is exposed to a single-agent risk of at least delta, with less protection from members
+whose levels stay behind, because they are far away. The value of the game bounds the success of
+every policy; the proof, with that of the interpolation, is in ``docs/success-bound.md``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import repeat
+from typing import NamedTuple
+
+import numpy as np
+
+from ..grid.nodes import UNIT, Relaxation
+from ..hazard import Hazard
+from ..typing import FloatArray, IntArray
+from .level_game_kernels import Buffers, Moves, best_moves, fill_levels, make_decreasing
+from .potential import Potential, PotentialFamily
+
+_UNITS = 16
+"""Units of density of a neighbour."""
+
+
+@dataclass(frozen=True, eq=False)
+class LevelGame:
+    """The level game of a potential whose levels fall by at most `potential.largest` in a step.
+
+    Parameters
+    ----------
+    potential : Potential
+        With a finite slope and largest drop.
+    cells : int
+        Number of levels of the grid by which a level can fall in a step.
+    players : tuple of int
+        Members whose success counts, which can all reach the target; the others protect them at no
+        distance all the time.
+    """
+
+    potential: Potential
+    cells: int
+    players: tuple[int, ...]
+
+    @property
+    def hazard(self) -> Hazard:
+        """Whose rates count."""
+        return self.potential.task.hazard
+
+    @cached_property
+    def starts(self) -> FloatArray:
+        """Levels of the players at step 0."""
+        return self.potential.start_levels[list(self.players)]
+
+    @property
+    def members(self) -> int:
+        """Number of players."""
+        return len(self.players)
+
+    @cached_property
+    def spacing(self) -> float:
+        """g, the distance of neighbouring levels; a drop is at most `cells` of them."""
+        potential = self.potential
+        return (potential.largest + potential.slack) * (1 + 1e-9) / self.cells
+
+    @cached_property
+    def size(self) -> int:
+        """M, the number of levels; higher ones count as the last."""
+        return max(2, math.ceil(float(self.starts.max()) / self.spacing) + 1)
+
+    @property
+    def work(self) -> float:
+        """Number of values that are looked up, about."""
+        return look_ups(self.members, self.size, self.cells)
+
+    def value(self) -> float:
+        """Upper bound on the success probability of every policy."""
+        if self.members == 0:
+            return 0.0
+        if (self.starts <= 0).any():
+            return 1.0
+        if self._least_slopes[-1] <= 0:  # drops may cost nothing
+            return 1.0
+        steps = self.potential.task.steps
+        highest = max(1.0, float(self.node_values[-1].max()))
+        rounding = 256 * UNIT * self.members * self.cells * (steps + 1) * highest
+        return min(1.0, self.at(self.starts) + rounding)
+
+    @cached_property
+    def node_values(self) -> list[FloatArray]:
+        """G_k (C(M + k - 1, k),) for k = 0, ..., n alive, by the rank of the set of levels."""
+        values, rows = [np.zeros(1)], [np.zeros((1, 0), np.int64)]
+        for alive in range(1, self.members + 1):
+            count = math.comb(self.size + alive - 1, alive)
+            rows.append(np.zeros((count, alive), np.int64))
+            fill_levels(rows[-1])
+            arrived = max(1.0, float(values[-1].max()))
+            known = [values[0], *map(_with_arrived, values[1:], rows[1:], repeat(arrived))]
+            tables = np.concatenate([*known, _with_arrived(np.zeros(count), rows[-1], arrived)])
+            offsets = np.cumsum([0, *map(len, known)])
+            moves, buffers = self._moves(alive), self._buffers(alive)
+            for corrected in (False, True):
+                best_moves(rows[-1], moves, self._binomials, offsets, corrected, buffers, tables)
+            values.append(tables[offsets[-1] :])
+            if alive < self.members:  # which are interpolated otherwise: see `_least_slopes`
+                make_decreasing(rows[-1], self._binomials, values[-1])
+        return values
+
+    @cached_property
+    def _binomials(self) -> np.ndarray:
+        n = self.members
+        return np.array(
+            [[math.comb(i, j) for j in range(n + 2)] for i in range(self.size + n + 1)], np.int64
+        )
+
+    @staticmethod
+    def _buffers(alive: int) -> Buffers:
+        drops, after, fallen, ranks = (
+            np.zeros(count, np.int64) for count in (alive, alive, alive, 1 << alive)
+        )
+        least, most, margin, probability = (np.zeros(alive) for _ in range(4))
+        values, low, high = (np.zeros(1 << alive) for _ in range(3))
+        by_member = drops, after, fallen, probability, least, most, margin
+        return Buffers(*by_member, ranks, values, low, high)
+
+    @cached_property
+    def _least_slopes(self) -> FloatArray:
+        """For 1, ..., n alive, the least ratio of risk and drop; not increasing."""
+        slopes = [float(np.diff(self._risks(k), axis=1).min()) for k in range(1, self.members + 1)]
+        return np.asarray(np.minimum.accumulate(slopes) / self.spacing * (1 - 1e-9))
+
+    def _risks(self, alive: int) -> FloatArray:
+        """Least risk (S, D + 1) of a member by the density of its neighbours and its drop."""
+        dt, total = self.potential.task.dt, alive + len(self.potential.starts) - self.members
+        densities: FloatArray = total - alive + np.arange(_UNITS * (alive - 1) + 1) / _UNITS
+        rates = np.arange(self.cells + 1, dtype=float) * (self.spacing / dt)
+        least = self.hazard.least_rates(total, densities, rates)
+        assert least is not None
+        least[:, 0] = 0.0
+        return dt * least
+
+    def _moves(self, alive: int) -> Moves:
+        risks = self._risks(alive)
+        rises = np.diff(risks, axis=1)
+        slope = self._least_slopes[alive - 1] * self.spacing
+        steepness = np.zeros_like(risks)
+        steepness[:, 1:] = rises / slope * -math.expm1(-slope)
+        surplus = np.exp(rises.max(axis=1))
+        behind = np.arange(self.size + 2, dtype=float) * self.spacing
+        squared = self.potential.least_squared_distance(behind)
+        density = np.where(squared > 0, self.hazard.density_bound(squared), 1.0)
+        density = _UNITS * np.minimum(density, 1.0)
+        return Moves(np.exp(-risks), steepness, surplus, math.exp(slope), density)
+
+    def at(self, levels: FloatArray) -> float:
+        """V, without rounding errors: the value with living members at `levels` (k,).
+
+        It is interpolated in exp(-slope level), and may be larger than 1 where it is coarse.
+        """
+        alive = len(levels)
+        nodes = np.minimum(levels / self.spacing, self.size - 1)
+        cells = np.minimum(np.floor(nodes).astype(int), self.size - 2)
+        slope = self._least_slopes[alive - 1] * self.spacing if alive else 0.0
+        upper = np.expm1(-slope * (nodes - cells)) / math.expm1(-slope) if alive else nodes
+        total = 0.0
+        for corner in itertools.product((0, 1), repeat=alive):
+            weight = float(np.prod(np.where(corner, upper, 1 - upper)))
+            corners = np.sort(cells + np.array(corner, int))
+            rank = sum(math.comb(int(level) + i, i + 1) for i, level in enumerate(corners))
+            total += weight * float(self.node_values[alive][rank])
+        return total
+
+
+def _with_arrived(values: FloatArray, rows: IntArray, arrived: float) -> FloatArray:
+    """Values of sets of levels `rows`, `arrived` for those with a member at level 0."""
+    return np.where(rows[:, 0] == 0, arrived, values)
+
+
+def look_ups(members: int, size: int, cells: int) -> float:
+    """Number of values that `LevelGame.value` looks up for states of all members, about.
+
+    A move of two to five members takes about as long as 45 look-ups.
+    """
+    of_move = max(45.0, 0.4 * 2.0**members * (1 + members / 2))
+    return math.comb(size + members - 1, members) * (cells + 1.0) ** members * of_move
+
+
+_GROUP = 6  # members of a game
+_COARSE_NODES = 1_000_000  # of the potentials that are compared
+_LARGEST = np.geomspace(0.06, 0.5, 18)  # drops that are compared, relative to the mean level
+_SLOPES = (2.0, 4.0, 8.0, 16.0)  # relative to the mean slope between the members and the target
+_LOST_LEVEL = 0.01  # relative loss of level for a small slope
+_CELLS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64)
+_STAGE = 30.0  # ratio of work of one stage and the one before
+_FIRST_WORK = 1e6
+
+
+class GameBound(NamedTuple):
+    """A bound on the success probability of every policy.
+
+    Parameters
+    ----------
+    value : float
+    limited : bool
+        Whether the time limit made it weaker.
+    """
+
+    value: float
+    limited: bool
+
+
+class Choice(NamedTuple):
+    """Largest drop of a potential and the number of levels in it."""
+
+    largest: float
+    cells: int
+
+
+class Effort(NamedTuple):
+    """How much to compute; see `success_bound`.
+
+    Parameters
+    ----------
+    max_nodes : int
+        Maximum number of nodes of a potential, over all steps.
+    max_work : float
+        Largest number of values that a game looks up, about; finite.
+    accuracy : float
+        Refine until the bound on the probability of failure rises by less, relatively.
+    deadline : float
+        Time of `time.monotonic`; no game is begun that is expected to end later.
+    """
+
+    max_nodes: int
+    max_work: float
+    accuracy: float
+    deadline: float
+
+
+def game_bound(
+    task: Relaxation, starts: FloatArray, multiplier: float, effort: Effort
+) -> GameBound:
+    """The least bound of level games of increasing work; 1 if even the smallest needs too much.
+
+    Parameters
+    ----------
+    task : Relaxation
+    starts : (n, 2)
+        Initial positions.
+    multiplier : float
+        Of arrival, as of `StageCosts`.
+    effort : Effort
+    """
+    nearly = replace(task, radius=task.radius * (1 + 1e-9))
+    reachable = nearly.reachable(starts, task.steps)
+    fine = PotentialFamily(task, starts, effort.max_nodes, multiplier)
+    if not reachable.any() or fine.size > effort.max_nodes:
+        return GameBound(1.0, limited=False)
+    coarse = PotentialFamily(task, starts, min(_COARSE_NODES, effort.max_nodes), multiplier)
+    groups = _groups(np.flatnonzero(reachable))
+    slope = _slope(coarse, reachable)
+    levels = _start_levels(coarse, slope, reachable)
+    best, used, seconds = 1.0, 0.0, 0.0
+    for work in _stages(effort.max_work):
+        choice = _choose(task, len(starts), len(groups[0]), levels, work)
+        if choice is None:
+            continue
+        begun = time.monotonic()
+        if begun + (seconds * work / used if used else 0.0) > effort.deadline:
+            return GameBound(best, limited=True)
+        value = _product(fine.potential(slope, choice.largest), groups, choice.cells)
+        seconds, used = time.monotonic() - begun, work
+        improved, best = best - value, min(best, value)
+        if value < 1.0 and improved < effort.accuracy * (1.0 - value):
+            break
+    return GameBound(best, limited=False)
+
+
+def _stages(max_work: float) -> Iterator[float]:
+    work = _FIRST_WORK
+    while work < max_work:
+        yield work
+        work *= _STAGE
+    yield max_work
+
+
+def _groups(members: np.ndarray) -> list[np.ndarray]:
+    """Members in as few groups as possible, of equal size but for one."""
+    return [group for group in np.array_split(members, -(-len(members) // _GROUP)) if len(group)]
+
+
+def _product(potential: Potential, groups: list[np.ndarray], cells: int) -> float:
+    """1 - product of the probabilities that no member of a group arrives, each with all others."""
+    failure = 1.0
+    for group in groups:
+        failure *= 1.0 - LevelGame(potential, cells, tuple(group.tolist())).value()
+    return 1.0 - failure * (1 - 1e-12)
+
+
+def _slope(family: PotentialFamily, reachable: np.ndarray) -> float:
+    """A small slope with nearly the levels of a large one."""
+    task, starts = family.task, family.starts[reachable]
+    distance = float(np.hypot(*(starts - task.center).T).mean())
+    level = float(np.mean(family.potential().start_levels[reachable]))
+    mean = max(level, 1e-3) / max(distance, task.radius)
+    for factor in _SLOPES:
+        limited = family.potential(factor * mean).start_levels[reachable]
+        if limited.mean() >= (1 - _LOST_LEVEL) * level:
+            break
+    return factor * mean
+
+
+def _start_levels(
+    family: PotentialFamily, slope: float, reachable: np.ndarray
+) -> list[tuple[float, FloatArray]]:
+    """Largest drops that may be chosen, and the levels at the start with each."""
+    level = float(np.mean(family.potential(slope).start_levels[reachable]))
+    drops = [float(drop) for drop in max(level, 1e-3) * _LARGEST]
+    return [(drop, family.potential(slope, drop).start_levels[reachable]) for drop in drops]
+
+
+def _choose(
+    task: Relaxation,
+    members: int,
+    players: int,
+    levels: list[tuple[float, FloatArray]],
+    work: float,
+) -> Choice | None:
+    """The largest drop and grid of levels that promise the least bound; None if there is none."""
+    choices: list[tuple[float, Choice]] = []
+    for largest, starts in levels:
+        for cells in _CELLS:
+            size = max(2, math.ceil(float(starts.max()) / largest * cells) + 1)
+            if look_ups(players, size, cells) <= work:
+                effective = largest * (1 + 1.2 / cells**2)  # interpolation acts like larger drops
+                value = _together(task, members, float(starts.mean()), effective)
+                choices.append((value, Choice(largest, cells)))
+    return min(choices)[1] if choices else None
+
+
+def _together(task: Relaxation, members: int, level: float, largest: float) -> float:
+    """Success of members that always have the same level and drop by `largest` in every step."""
+    steps = math.floor(level / largest)
+    rest = max(level - steps * largest, 0.0)
+    value = np.append(0.0, np.ones(members))
+    for drop, repeated in ((largest, steps), (rest, 1)):
+        transition = np.zeros((members + 1, members + 1))
+        transition[0, 0] = 1.0
+        for alive in range(1, members + 1):
+            least = task.hazard.least_rates(
+                alive, np.array([alive - 1.0]), np.array([drop / task.dt])
+            )
+            assert least is not None
+            survival = math.exp(-task.dt * float(least[0, 0]))
+            for left in range(alive + 1):
+                lost = alive - left
+                weight = math.comb(alive, left) * survival**left * (1.0 - survival) ** lost
+                transition[alive, left] = weight
+        for _ in range(repeated):
+            value = transition @ value
+    return float(value[-1])

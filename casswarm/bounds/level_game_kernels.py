@@ -1,0 +1,324 @@
+"""Compiled loops of the level game: sets of levels, and the best joint move from each of them.
+
+A set of k levels, each from 0 to M - 1, is a sorted row; its rank is its position among all of them
+in colexicographic order: lower levels have lower ranks.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compiled.kernels import kernel
+from ..typing import FloatArray, IntArray
+
+
+@kernel
+def limit_slope(values: FloatArray, straight: float, diagonal: float) -> None:
+    """Lower node values (n, m) until neighbours differ by at most `straight` or `diagonal`.
+
+    The result is the largest such function below the values. Two sweeps suffice but for rounding;
+    they are repeated until nothing changes.
+    """
+    rows, columns = values.shape
+    changed = True
+    while changed:
+        changed = False
+        for sweep in range(2):
+            step = 1 - 2 * sweep
+            for row in range(rows):
+                i = row if sweep == 0 else rows - 1 - row
+                for column in range(columns):
+                    j = column if sweep == 0 else columns - 1 - column
+                    best = values[i, j]
+                    if 0 <= j - step < columns:
+                        best = min(best, values[i, j - step] + straight)
+                    if 0 <= i - step < rows:
+                        best = min(best, values[i - step, j] + straight)
+                        if j > 0:
+                            best = min(best, values[i - step, j - 1] + diagonal)
+                        if j + 1 < columns:
+                            best = min(best, values[i - step, j + 1] + diagonal)
+                    if best < values[i, j]:
+                        values[i, j] = best
+                        changed = True
+
+
+class Moves(NamedTuple):
+    """What a step costs with k members alive before it.
+
+    The density of the neighbours is in units of which S - 1 are all k - 1 of them at no distance.
+
+    Parameters
+    ----------
+    survival : (S, D + 1)
+        Probability of surviving a drop of d levels, by density.
+    steepness : (S, D + 1)
+        gamma_d (1 - r), a factor of the correction for interpolation.
+    surplus : (S,)
+        Largest ratio of the probabilities of survival at neighbouring drops.
+    growth : float
+        1 / r, the ratio of neighbouring levels' values beyond which the correction is needed.
+    density : (M + 2,)
+        Density that a neighbour adds at most, by the number of levels that it is behind.
+    """
+
+    survival: FloatArray
+    steepness: FloatArray
+    surplus: FloatArray
+    growth: float
+    density: FloatArray
+
+
+class Buffers(NamedTuple):
+    """Working memory of `best_moves`: a joint move, by member, and its outcomes.
+
+    Parameters
+    ----------
+    drops : (k,)
+        In the order of the levels before.
+    after, fallen : (k,)
+        Levels after the move, sorted, and drops in that order, as all that follows.
+    alive, least, most, margin : (k,)
+        Probability of survival, bounds on its weight within the cells of the grid, and the factor
+        of the correction.
+    ranks : (2^k,)
+        Of the set of every bit set of survivors, within all sets of at most k levels.
+    values : (2^k,)
+        Values of these sets.
+    low, high : (2^k,)
+        Bounds on their probabilities.
+    """
+
+    drops: IntArray
+    after: IntArray
+    fallen: IntArray
+    alive: FloatArray
+    least: FloatArray
+    most: FloatArray
+    margin: FloatArray
+    ranks: IntArray
+    values: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+
+@kernel
+def fill_levels(levels: IntArray) -> None:
+    """Write all sorted rows (count, k) by rank; the rank of 0, ..., 0 is 0."""
+    count, k = levels.shape
+    for rank in range(1, count):
+        first = 0
+        while first + 1 < k and levels[rank - 1, first] == levels[rank - 1, first + 1]:
+            first += 1
+        for i in range(first, k):
+            levels[rank, i] = levels[rank - 1, i]
+        levels[rank, first] += 1
+
+
+@kernel
+def best_moves(
+    levels: IntArray,
+    moves: Moves,
+    binomials: IntArray,
+    offsets: IntArray,
+    corrected: bool,
+    buffers: Buffers,
+    tables: FloatArray,
+) -> None:
+    """Values of all sets of k levels, from those of lower levels and of fewer members.
+
+    Parameters
+    ----------
+    levels : (count, k)
+    moves : Moves
+    binomials : (., k + 2)
+    offsets : (k + 1,)
+        Where the values of sets of 0, ..., k levels begin in `tables`.
+    corrected : bool
+        Whether to add the corrections for interpolation; `tables` then hold the values without.
+    buffers : Buffers
+    tables : (.,)
+        Values of the sets of k levels are written, but for those with a member at level 0.
+    """
+    count, k = levels.shape
+    deepest = moves.survival.shape[1] - 1
+    drops = buffers.drops
+    for rank in range(count):
+        if levels[rank, 0] == 0:
+            continue
+        best = float(tables[offsets[k] + rank])
+        for i in range(k):  # more members are never worse
+            best = max(best, _without(levels[rank], i, binomials, offsets, tables))
+        drops[:] = 0
+        while _next_drops(drops, levels[rank], deepest):
+            best = max(
+                best, _expected(levels[rank], moves, binomials, offsets, corrected, buffers, tables)
+            )
+        tables[offsets[k] + rank] = best
+
+
+@kernel
+def _next_drops(drops: IntArray, row: IntArray, deepest: int) -> bool:
+    """The next joint move; of members at one level a later one does not drop by more."""
+    i = 0
+    while i < drops.shape[0]:
+        limit = min(deepest, row[i])
+        if drops[i] < limit:
+            drops[i] += 1
+            for j in range(i - 1, -1, -1):
+                drops[j] = drops[j + 1] if row[j] == row[j + 1] else 0
+            return True
+        i += 1
+    return False
+
+
+@kernel
+def _without(
+    row: IntArray, left_out: int, binomials: IntArray, offsets: IntArray, tables: FloatArray
+) -> float:
+    """Value of a set without one of its levels."""
+    rank, place = 0, 0
+    for i in range(row.shape[0]):
+        if i != left_out:
+            rank += binomials[row[i] + place, place + 1]
+            place += 1
+    return float(tables[offsets[place] + rank])
+
+
+@kernel
+def _expected(
+    row: IntArray,
+    moves: Moves,
+    binomials: IntArray,
+    offsets: IntArray,
+    corrected: bool,
+    buffers: Buffers,
+    tables: FloatArray,
+) -> float:
+    """Expected value after a joint move, with corrections."""
+    k, ranks, values, weights = row.shape[0], buffers.ranks, buffers.values, buffers.low
+    _prepare(row, moves, buffers)
+    ranks[0], weights[0] = 0, 1.0
+    for i in range(k):  # sets whose last member is i
+        for chosen in range(1 << i):
+            place = _ones(chosen)
+            ranks[chosen | 1 << i] = ranks[chosen] + binomials[buffers.after[i] + place, place + 1]
+            weights[chosen | 1 << i] = weights[chosen] * buffers.alive[i]
+            weights[chosen] *= 1.0 - buffers.alive[i]
+    total = 0.0
+    for chosen in range(1 << k):
+        values[chosen] = tables[offsets[_ones(chosen)] + ranks[chosen]]
+        total += weights[chosen] * values[chosen]
+    if corrected:
+        after, fallen, correction = buffers.after, buffers.fallen, 0.0
+        for i in range(k):
+            if i == 0 or after[i] != after[i - 1] or fallen[i] != fallen[i - 1]:
+                correction = 0.0  # else the same again
+                if fallen[i] > 0:
+                    correction = _correction(i, moves.growth, binomials, offsets, buffers, tables)
+            total += correction
+    return total
+
+
+@kernel
+def _correction(
+    i: int,
+    growth: float,
+    binomials: IntArray,
+    offsets: IntArray,
+    buffers: Buffers,
+    tables: FloatArray,
+) -> float:
+    """Correction for the interpolation in the level of a member that drops."""
+    after, values = buffers.after, buffers.values
+    k = after.shape[0]
+    last = i  # of the members at this level: sets in which it is one higher are sorted
+    while last + 1 < k and after[last + 1] == after[i]:
+        last += 1
+    _weigh_others(i, buffers)
+    level, total = after[i], 0.0
+    for others in range(1 << k):
+        if others >> i & 1:
+            continue
+        raised = others | 1 << last  # the same levels as with i, whose place is the last one's
+        if others >> last & 1:
+            raised |= 1 << i
+        place = _ones(raised & ((1 << last) - 1))
+        rank = buffers.ranks[raised] - binomials[level + place, place + 1]
+        rank += binomials[level + 1 + place, place + 1]
+        higher = tables[offsets[_ones(raised)] + rank] - values[others]
+        excess = values[others | 1 << i] - values[others] - growth * max(higher, 0.0)
+        total += excess * (buffers.high[others] if excess > 0.0 else buffers.low[others])
+    return float(buffers.margin[i]) * max(total, 0.0)
+
+
+@kernel
+def _weigh_others(i: int, buffers: Buffers) -> None:
+    """Bounds on the probability of every set of survivors among the members other than i."""
+    low, high, least, most = buffers.low, buffers.high, buffers.least, buffers.most
+    low[0], high[0] = 1.0, 1.0
+    for j in range(least.shape[0]):
+        for chosen in range(1 << j):
+            more = chosen | 1 << j
+            if j == i:
+                low[more], high[more] = 0.0, 0.0
+            else:
+                low[more], high[more] = low[chosen] * least[j], high[chosen] * most[j]
+                low[chosen] *= 1.0 - most[j]
+                high[chosen] *= 1.0 - least[j]
+
+
+@kernel
+def _ones(bits: int) -> int:
+    """Number of ones."""
+    count = 0
+    while bits:
+        bits &= bits - 1
+        count += 1
+    return count
+
+
+@kernel
+def _prepare(row: IntArray, moves: Moves, buffers: Buffers) -> None:
+    """Sorted levels after a joint move, and each member's probabilities."""
+    k, after, fallen = row.shape[0], buffers.after, buffers.fallen
+    largest = moves.survival.shape[0] - 1
+    for i in range(k):
+        level, j = row[i] - buffers.drops[i], i
+        while j > 0 and after[j - 1] > level:
+            after[j], fallen[j] = after[j - 1], fallen[j - 1]
+            j -= 1
+        after[j], fallen[j] = level, buffers.drops[i]
+    for i in range(k):
+        high, low = 0.0, 0.0
+        for j in range(k):
+            if j != i:
+                behind = max(after[j] - after[i], 0)
+                high += moves.density[max(behind - 2, 0)]
+                low += moves.density[behind]
+        many, few = min(int(np.ceil(high)), largest), int(low)
+        alive, surplus = moves.survival[many, fallen[i]], moves.surplus[few]
+        buffers.alive[i] = alive
+        buffers.least[i] = moves.survival[few, fallen[i]] / surplus
+        buffers.most[i] = min(alive * surplus, 1.0)
+        buffers.margin[i] = 0.0
+        if fallen[i] > 0:
+            before = moves.survival[many, fallen[i] - 1]
+            buffers.margin[i] = before * moves.steepness[few, fallen[i]]
+            if fallen[i] == 1 and after[i] == 0:  # a true drop within the lowest cell
+                buffers.least[i] = min(buffers.least[i], 1.0 - moves.steepness[few, 1])
+
+
+@kernel
+def make_decreasing(levels: IntArray, binomials: IntArray, values: FloatArray) -> None:
+    """Raise values (count,) of sets (count, k) until none increases when a level rises."""
+    count, k = levels.shape
+    top = levels[count - 1, 0]
+    for rank in range(count - 1, -1, -1):
+        for i in range(k):
+            level = levels[rank, i]
+            if level < top and (i + 1 == k or levels[rank, i + 1] > level):
+                raised = rank + binomials[level + 1 + i, i + 1] - binomials[level + i, i + 1]
+                values[rank] = max(values[rank], values[raised])

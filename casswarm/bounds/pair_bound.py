@@ -1,0 +1,317 @@
+"""The value function of two members: approximate success probabilities of every joint state."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import PlanningError
+from ..grid.nodes import Relaxation
+from ..scenario.files import require_scenario
+from ..typing import FloatArray
+from .pair_nodes import best_multiplier
+from .pair_program import Arrays, PairProgram
+from .pair_tube import PairBlock, Tube, gathered
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+
+MAX_NODES = 100_000_000
+"""Default maximum number of joint nodes of a grid, over all steps: 8 bytes each."""
+
+TOLERANCE = 1e-3
+TIME_LIMIT = 60.0
+
+_FIRST_NODES = 5_000_000
+_REACHES = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 28, 32, 40, 48, 56, 64)
+_SLOWER = 2.5  # a larger grid, back and forth, than a forward recursion, per node
+_FEW_NODES = 2_000_000  # of a grid on which multipliers of arrival are compared
+_FACTORS = (0.3, 2.0)
+_PROTECTION = 0.5  # by a member at the margin beyond reach of the target, relative
+
+
+@dataclass(frozen=True)
+class PairLevel:
+    """One grid: nodes per step of a coordinate, joint nodes, bound, and seconds so far."""
+
+    reach: int
+    nodes: int
+    bound: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class PairBound:
+    """A proven upper bound of the success probability of every policy of two members.
+
+    Parameters
+    ----------
+    value : float
+        No policy exceeds it, with or without limits of acceleration.
+    known : float
+        The success probability that was given: policies that do not exceed it were not considered.
+    reason : str
+        Why the refinement ended.
+    levels : tuple of PairLevel
+    """
+
+    value: float
+    known: float
+    reason: str
+    levels: tuple[PairLevel, ...] = field(default=(), repr=False)
+
+    @property
+    def gap(self) -> float:
+        """value - known."""
+        return self.value - self.known
+
+
+def pair_bound(
+    scenario: Scenario,
+    known: float = 0.0,
+    *,
+    initial_velocities: FloatArray | None = None,
+    tolerance: float = TOLERANCE,
+    max_nodes: int = MAX_NODES,
+    time_limit: float = TIME_LIMIT,
+) -> PairBound:
+    """Proven upper bound of the optimal success probability of two members.
+
+    It is optimal among all policies: with feedback, memory and randomisation. Limits of
+    acceleration are not taken into account.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Of two members.
+    known : float
+        Success probability of a policy. The better it is, the fewer states must be considered.
+        Acceleration need not be limited.
+    tolerance : float
+        Difference of the bound and `known` at which to stop.
+    max_nodes : int
+        Maximum number of joint nodes of a grid; they take 8 bytes each, and half as much again for
+        the largest steps.
+    time_limit : float
+        Seconds.
+
+    Returns
+    -------
+    PairBound
+        Its value is at least `known`.
+
+    Raises
+    ------
+    PlanningError
+        The scenario has another number of members, a hazard without bounds, or more steps than
+        the coarsest grid of `max_nodes` nodes can hold.
+    """
+    require_scenario("pair_bound", scenario)
+    started = time.monotonic()
+    deadline = started + time_limit
+    program: PairProgram | None = first_program(scenario, max_nodes, initial_velocities)
+    levels: list[PairLevel] = []
+    value, reason = 1.0, ""
+    while program is not None:
+        try:
+            program, bound, kept = _best_multiplier(program, deadline)
+            value = max(known, min(value, bound))
+            nodes = program.tube.nodes(program.spacing)
+            levels.append(PairLevel(program.reach, nodes, value, time.monotonic() - started))
+            if value - known <= tolerance:
+                reason = f"the difference of {tolerance:g} is reached"
+                break
+            begun = time.monotonic()
+            tube = program.forward(kept, known, deadline)
+        except TimeoutError:
+            reason = f"the time limit of {time_limit:g} s is reached"
+            break
+        del kept
+        if not len(tube.boxes[1]) and not tube.leaving[0].any():
+            value, reason = known, "no other policy exceeds the known one"
+            break
+        now = time.monotonic()
+        affordable = nodes * (deadline - now) / max(_SLOWER * (now - begun), 0.05)
+        program = _finer(program, tube, min(max_nodes, max(affordable, _FEW_NODES)))
+        reason = f"the next grid has more than {max_nodes:,} nodes, or would exceed the time limit"
+    return PairBound(value, known, reason, tuple(levels))
+
+
+def _best_multiplier(
+    program: PairProgram, deadline: float
+) -> tuple[PairProgram, float, list[Arrays]]:
+    """The program, its bound and its values, with the best multiplier of pairs on small grids."""
+    best = program, *program.backward(deadline)
+    if program.multipliers is None or program.tube.nodes(program.spacing) > _FEW_NODES:
+        return best
+    single, pair = program.multipliers
+    for factor in _FACTORS:
+        other = replace(best[0], multipliers=(single, pair * factor))
+        found = other, *other.backward(deadline)
+        if found[1] < best[1]:
+            return found
+    return best
+
+
+def first_program(
+    scenario: Scenario,
+    max_nodes: int,
+    initial_velocities: FloatArray | None = None,
+    certified: bool = True,
+) -> PairProgram:
+    """The dynamic program on the finest full grid of at most 5 million nodes, or the coarsest."""
+    require_pair(scenario)
+    starts = np.asarray(scenario.positions, float)
+    task = Relaxation.from_scenario(scenario, starts[0])
+    velocities, change = np.zeros((2, 2)), math.inf
+    if initial_velocities is not None:
+        velocities, change = initial_velocities, math.sqrt(scenario.swarm.a_max)
+    margins = [_margin(task, reach) for reach in _REACHES[:4]]
+    candidates = []
+    for reach, margin in zip(_REACHES, margins, strict=False):
+        near = gathered(task, starts, margin, max(margins))
+        nearer = Relaxation.from_scenario(scenario, near[0])
+        tube = Tube.full(nearer, near, margin, velocities, change)
+        if certified and (near != starts).any():
+            tube = tube.departed()
+        candidates.append(PairProgram(nearer, near, tube, reach, margin, None))
+    sizes = [program.size for program in candidates]
+    if sizes[0] > max_nodes:
+        raise PlanningError(
+            f"the value of two members needs {sizes[0]:,} nodes, more than max_nodes = "
+            f"{max_nodes:,}; a larger time.dt or a smaller t_f makes it smaller",
+            nodes=sizes[0],
+        )
+    fitting = [k for k, size in enumerate(sizes) if size <= min(_FIRST_NODES, max_nodes)]
+    program = candidates[max(fitting, default=0)]
+    multipliers = (best_multiplier(program.task),) * 2 if certified else None
+    return replace(program, multipliers=multipliers)
+
+
+def require_pair(scenario: Scenario) -> None:
+    """Raise PlanningError unless a scenario has two members and rates with bounds for pairs."""
+    if scenario.n != 2:
+        raise PlanningError(
+            f"the optimal value is computed for two members; {scenario.name!r} has {scenario.n}",
+            members=scenario.n,
+        )
+    hazard = scenario.hazard
+    if hazard.pair_bounds((1, 1), 1.0) is None:
+        raise PlanningError(
+            f"{type(hazard).__name__} does not provide `pair_bounds`, bounds of the rates of two "
+            "members; Saturation and SaturationCollision do"
+        )
+
+
+def _margin(task: Relaxation, reach: int) -> float:
+    """Distance beyond reach of the target, in whole nodes, where a member hardly protects."""
+    spacing = task.step / reach
+    bounds = task.hazard.pair_bounds((2 * reach + 1, 1), spacing)
+    assert bounds is not None
+    protection = 1.0 - bounds.share[2 * reach :, 0]
+    weak = protection <= _PROTECTION * protection[0]
+    return spacing * (max(1, int(weak.argmax())) if weak.any() else 2 * reach)
+
+
+def _finer(program: PairProgram, tube: Tube, max_nodes: float) -> PairProgram | None:
+    """The program on a tube with the finest grid, at most twice as fine, that is affordable."""
+    step = program.task.step
+    for reach in reversed(_REACHES):
+        if program.reach < reach <= 2 * program.reach and tube.nodes(step / reach) <= max_nodes:
+            finer = replace(program, tube=tube, reach=reach)
+            if finer.size <= max_nodes:
+                return finer
+    return None
+
+
+_MAX_NODES = 5_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class PairValueFunction:
+    """Largest success probability of two members along the nodes of a grid, without a_max.
+
+    The values are those of a policy on the nodes, up to interpolation of a survivor's. They are not
+    bounds; `casswarm.bounds.pair_bound` proves one.
+
+    Parameters
+    ----------
+    origin : (2,)
+        Position of node (0, 0).
+    shifts : (2, 2)
+        By which positions are beyond those on the grid; 0 unless a member can never arrive.
+    spacing : float
+    step : float
+        Largest change of a coordinate in a time step.
+    blocks : tuple of PairBlock
+        Nodes of both members, for steps 1 to N.
+    values : tuple of ndarray
+        Success probability at the nodes, before losses of that step are drawn.
+    """
+
+    origin: FloatArray
+    shifts: FloatArray
+    spacing: float
+    step: float
+    blocks: tuple[PairBlock, ...] = field(repr=False)
+    values: tuple[FloatArray, ...] = field(repr=False)
+
+    @classmethod
+    def from_scenario(cls, scenario: Scenario, max_nodes: int = _MAX_NODES) -> PairValueFunction:
+        """Value function of a scenario of two members, on a grid of about `max_nodes` nodes.
+
+        Raises
+        ------
+        PlanningError
+            As `casswarm.bounds.pair_bound`.
+        """
+        require_scenario("PairValueFunction.from_scenario", scenario)
+        program = first_program(scenario, max_nodes, certified=False)
+        _, kept = program.backward()
+        return cls(
+            program.task.start,
+            scenario.positions - program.starts,
+            program.spacing,
+            program.task.step,
+            tuple(blocks[0] for blocks in program.blocks[1:]),
+            tuple(values[0] for values in kept),
+        )
+
+    def after(self, step: int, positions: FloatArray) -> FloatArray:
+        """Interpolated success probability (B,) of being at positions (B, 2, 2) at a step, from 1.
+
+        It includes the losses of that step; 0 outside the grid.
+        """
+        if not 1 <= step <= len(self.values):
+            return np.zeros(len(positions))
+        block, values = self.blocks[step - 1], self.values[step - 1]
+        at = ((positions - self.shifts - self.origin) / self.spacing).reshape(-1, 4) - block.low
+        last = np.array(values.shape) - 1
+        inside = ((at >= 0) & (at <= last)).all(axis=1)
+        cells = np.clip(np.floor(at).astype(int), 0, last - 1)
+        fractions = at - cells
+        total = np.zeros(len(at))
+        for corner in product((0, 1), repeat=4):
+            weights = np.where(corner, fractions, 1 - fractions).prod(axis=1)
+            total += weights * values[tuple((cells + corner).T)]
+        return np.where(inside, total, 0.0)
+
+    def path(self, starts: FloatArray) -> FloatArray:
+        """Positions (N+1, 2, 2) along the best nodes from the starts, while both are alive."""
+        position = (starts - self.shifts - self.origin).ravel() / self.spacing
+        reach = self.step / self.spacing * (1 + 1e-9)
+        path = [position]
+        for block, values in zip(self.blocks, self.values, strict=True):
+            first = np.maximum(np.ceil(position - reach).astype(int) - block.low, 0)
+            last = np.floor(position + reach).astype(int) - block.low
+            window = values[tuple(slice(a, b + 1) for a, b in zip(first, last, strict=True))]
+            best = np.unravel_index(int(window.argmax()), window.shape)
+            position = np.asarray(block.low + first + best, float)
+            path.append(position)
+        return self.origin + self.shifts + self.spacing * np.array(path).reshape(-1, 2, 2)

@@ -1,0 +1,222 @@
+"""Compiled steps of the dynamic program of two members, on nodes (i1, j1, i2, j2).
+
+The formulas and their proof are in ``docs/two-members.md``.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compiled.kernels import kernel
+from ..typing import BoolArray, FloatArray
+
+_ROUNDED_UP = 1 + 2.0**-48  # by more than the rounding of a node's value
+
+
+class MemberNodes(NamedTuple):
+    """Functions on the nodes (n, m) of one member.
+
+    Parameters
+    ----------
+    risk : (n, m)
+        Lower bound, when interpolated, of a single agent's risk of a step that ends there.
+    slopes : (2, n, m)
+        Largest change of `risk` between neighbours along each axis, in the four cells around.
+    spread : (n, m)
+        Largest logarithm of a ratio of values of `risk` in one of these cells.
+    alone : (n, m)
+        Upper bound of the probability that a single agent there arrives.
+    floor : (n, m)
+        Another one, below which values of two living members are not taken.
+    """
+
+    risk: FloatArray
+    slopes: FloatArray
+    spread: FloatArray
+    alone: FloatArray
+    floor: FloatArray
+
+
+class PairNodes(NamedTuple):
+    """Functions on the nodes (n, m) of the difference of both members' positions.
+
+    Parameters
+    ----------
+    share : (n, m)
+        Lower bound, when interpolated, of the factor by which the other member reduces the risk.
+    slopes, spread
+        As of `MemberNodes.risk`.
+    collision : (n, m)
+        Lower bound, when interpolated, of the risk of a collision.
+    collision_low, collision_range : (n, m)
+        Its least value, and the largest difference, in the cells around.
+    """
+
+    share: FloatArray
+    slopes: FloatArray
+    spread: FloatArray
+    collision: FloatArray
+    collision_low: FloatArray
+    collision_range: FloatArray
+
+
+@kernel
+def _member(member: MemberNodes, i: int, j: int, pair: PairNodes, k: int, m: int):  # type: ignore[no-untyped-def]
+    """Survival, an upper bound of the loss, and the risk of a member of a pair at a node."""
+    single = member.risk[i, j] * pair.share[k, m]
+    covariance = 0.25 * (
+        member.slopes[0, i, j] * pair.slopes[0, k, m]
+        + member.slopes[1, i, j] * pair.slopes[1, k, m]
+    )
+    risk = single - covariance + pair.collision[k, m]
+    survival = math.exp(-risk)
+    loss = 1.0 - survival * (1.0 - covariance)
+    spread = member.spread[i, j] + pair.spread[k, m]
+    if pair.collision_range[k, m] > 0.0:
+        least = single * math.exp(-spread) + pair.collision_low[k, m]
+        spread = math.log(math.exp(spread) + pair.collision_range[k, m] / least)
+    gap = 0.125 * spread * spread  # exp(gap) <= 1 + gap + gap^2 up to 1.7
+    return survival, loss * (1.0 + gap + gap * gap if gap < 1.7 else math.exp(gap)), risk
+
+
+@kernel
+def step_back(
+    first: MemberNodes,
+    second: MemberNodes,
+    pair: PairNodes,
+    offset: tuple[int, int],
+    values: FloatArray,
+) -> None:
+    """Replace the values of states of two living members by those before losses are drawn.
+
+    Parameters
+    ----------
+    first, second, pair
+    offset : pair of int
+        Index in `pair` of the difference of the first nodes of `first` and `second`.
+    values : (n1, m1, n2, m2)
+        Upper bounds of the success probability from there on.
+    """
+    n1, m1, n2, m2 = values.shape
+    for i in range(n1):
+        for j in range(m1):
+            one, floor = first.alone[i, j], first.floor[i, j]
+            for k in range(n2):
+                for m in range(m2):
+                    row, column = offset[0] + i - k, offset[1] + j - m
+                    p1, l1, _ = _member(first, i, j, pair, row, column)
+                    p2, l2, _ = _member(second, k, m, pair, row, column)
+                    two = second.alone[k, m]
+                    both = max(values[i, j, k, m], floor, second.floor[k, m])
+                    values[i, j, k, m] = _ROUNDED_UP * (
+                        p1 * p2 * both + p1 * l2 * one + p2 * l1 * two
+                    )
+
+
+@kernel
+def step_forward(
+    first: MemberNodes,
+    second: MemberNodes,
+    pair: PairNodes,
+    offset: tuple[int, int],
+    needed: FloatArray,
+) -> None:
+    """Replace least values that a step must reach by those that states after it must have.
+
+    Parameters
+    ----------
+    first, second, pair, offset
+    needed : (n1, m1, n2, m2)
+        Negative; 0 afterwards where every value suffices.
+    """
+    n1, m1, n2, m2 = needed.shape
+    for i in range(n1):
+        for j in range(m1):
+            one = first.alone[i, j]
+            for k in range(n2):
+                for m in range(m2):
+                    least = -needed[i, j, k, m] / _ROUNDED_UP
+                    if least == 0.0 or least == math.inf:
+                        continue
+                    row, column = offset[0] + i - k, offset[1] + j - m
+                    p1, l1, d1 = _member(first, i, j, pair, row, column)
+                    p2, l2, d2 = _member(second, k, m, pair, row, column)
+                    two = second.alone[k, m]
+                    rest = least - (p1 * l2 * one + p2 * l1 * two) * _ROUNDED_UP
+                    if rest <= 0.0 or least < p1 * one or least < p2 * two:
+                        needed[i, j, k, m] = 0.0
+                    else:
+                        needed[i, j, k, m] = -rest * math.exp(d1 + d2) / _ROUNDED_UP
+
+
+@kernel
+def window_maximum(
+    values: FloatArray, out: FloatArray, first: int, reach: int, scratch: FloatArray
+) -> None:
+    """Largest of ``values[:, p-reach : p+reach+1]`` for p = first, first + 1, ...
+
+    Parameters
+    ----------
+    values, out : (a, n, b), (a, m, b)
+        -infinity is written where no value is within reach.
+    first, reach : int
+    scratch : (2, n, tile)
+        Maxima from the start and to the end of blocks as long as a window.
+    """
+    before, after = scratch[0], scratch[1]
+    outer, n, inner = values.shape
+    tile, length = scratch.shape[2], 2 * reach + 1
+    for a in range(outer):
+        for begin in range(0, inner, tile):
+            width = min(tile, inner - begin)
+            for p in range(n):
+                for b in range(width):
+                    value = values[a, p, begin + b]
+                    before[p, b] = value if p % length == 0 else max(before[p - 1, b], value)
+            for p in range(n - 1, -1, -1):
+                ends = p == n - 1 or p % length == length - 1
+                for b in range(width):
+                    value = values[a, p, begin + b]
+                    after[p, b] = value if ends else max(after[p + 1, b], value)
+            for q in range(out.shape[1]):
+                low, high = max(0, first + q - reach), min(n - 1, first + q + reach)
+                for b in range(width):
+                    if low > high:
+                        out[a, q, begin + b] = -np.inf
+                    elif low // length == high // length:
+                        whole = low % length == 0
+                        out[a, q, begin + b] = before[high, b] if whole else after[low, b]
+                    else:
+                        out[a, q, begin + b] = max(after[low, b], before[high, b])
+
+
+@kernel
+def discard(needed: FloatArray, values: FloatArray) -> None:
+    """Set negative least values to -infinity at the nodes (count,) where they are not reached."""
+    for node in range(len(needed)):
+        if -needed[node] > values[node]:
+            needed[node] = -np.inf
+
+
+@kernel
+def project(
+    needed: FloatArray,
+    ij: BoolArray,
+    ik: BoolArray,
+    im: BoolArray,
+    jk: BoolArray,
+    jm: BoolArray,
+    km: BoolArray,
+) -> None:
+    """Mark the pairs of indices (i, j, k, m) of nodes that are above -infinity."""
+    n1, m1, n2, m2 = needed.shape
+    for i in range(n1):
+        for j in range(m1):
+            for k in range(n2):
+                for m in range(m2):
+                    if needed[i, j, k, m] > -np.inf:
+                        ij[i, j] = ik[i, k] = im[i, m] = True
+                        jk[j, k] = jm[j, m] = km[k, m] = True

@@ -1,0 +1,246 @@
+"""Positions that two members may visit, step by step, as rectangular blocks of the joint grid."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from .._util.numbers import SPEED_TOL
+from ..grid.nodes import Relaxation
+from ..typing import BoolArray, FloatArray, IntArray
+from .pair_nodes import Rectangle
+
+_TILE = 64  # columns at once in a running maximum
+_SPLIT = 0.75  # a block is split if both parts have at most this fraction of its nodes
+_MIN_NODES = 20_000  # of a block that is split
+_PAIRS = tuple(combinations(range(4), 2))
+
+
+class PairBlock(NamedTuple):
+    """Nodes of two members: every node of the first with every node of the second."""
+
+    first: Rectangle
+    second: Rectangle
+
+    @classmethod
+    def of_box(cls, box: FloatArray, spacing: float) -> PairBlock:
+        """Nodes of the cells that meet the box (2, 4) of lower and upper coordinates."""
+        low = np.floor(box[0] / spacing).astype(int)
+        high = np.maximum(np.ceil(box[1] / spacing).astype(int), low + 1)
+        (a, b, c, d), (e, f, g, h) = low.tolist(), high.tolist()
+        return cls(Rectangle((a, b), (e, f)), Rectangle((c, d), (g, h)))
+
+    @property
+    def low(self) -> IntArray:
+        """First node along the four axes."""
+        return np.array([*self.first.low, *self.second.low])
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """Number of nodes along the four axes."""
+        return *self.first.shape, *self.second.shape
+
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        return math.prod(self.shape)
+
+    def apart(self, other: PairBlock, reach: int) -> bool:
+        """Whether no node of the other block is within reach of one of this."""
+        ends = self.low + self.shape, other.low + other.shape
+        return bool(((self.low - reach >= ends[1]) | (other.low - reach >= ends[0])).any())
+
+
+@dataclass(frozen=True, eq=False)
+class Tube:
+    """Positions of both members, relative to the first one's start, that are worth a visit.
+
+    Parameters
+    ----------
+    boxes : tuple of (b, 2, 4)
+        For steps 0 to N, the lower and upper coordinates of boxes.
+    retreat : (N+1, 2, 2)
+        Corners of the rectangle that a member must not leave; beyond it, it is out of reach of the
+        target by more than a margin.
+    leaving : (N, 2) bool
+        Whether member i may leave it between steps t and t + 1.
+    """
+
+    boxes: tuple[FloatArray, ...]
+    retreat: FloatArray
+    leaving: BoolArray
+
+    @classmethod
+    def full(
+        cls,
+        task: Relaxation,
+        starts: FloatArray,
+        margin: float,
+        velocities: FloatArray,
+        change: float,
+    ) -> Tube:
+        """All positions within reach of the starts, and almost within reach of the target.
+
+        The members have initial `velocities` (2, 2), and change them by at most `change` in a step.
+        """
+        steps = np.arange(task.steps + 1)[:, None]
+        slack = task.radius + (task.steps - steps) * task.step + margin
+        center = task.center - task.start
+        retreat = np.stack([center - slack, center + slack], axis=1)
+        origin = (starts - task.start).ravel()
+        back, out = (origin + np.cumsum(m, axis=0) for m in _moves(task, velocities, change))
+        low = np.maximum(back, np.tile(retreat[:, 0], 2))
+        high = np.minimum(out, np.tile(retreat[:, 1], 2))
+        low[0] = high[0] = origin  # even beyond the rectangle, which such a member then leaves
+        boxes = tuple(np.stack([low, high], axis=1)[:, None])
+        return cls(boxes, retreat, np.ones((task.steps, 2), bool))
+
+    def departed(self) -> Tube:
+        """No positions but the starts: members leave the rectangle in the first step."""
+        empty = np.zeros((0, 2, 4))
+        return replace(self, boxes=(self.boxes[0], *(empty for _ in self.boxes[1:])))
+
+    def blocks(self, spacing: float) -> list[list[PairBlock]]:
+        """Nodes of the boxes, for every step."""
+        return [[PairBlock.of_box(box, spacing) for box in boxes] for boxes in self.boxes]
+
+    def nodes(self, spacing: float) -> int:
+        """Number of nodes of all blocks."""
+        return sum(block.size for blocks in self.blocks(spacing) for block in blocks)
+
+
+def gathered(
+    task: Relaxation, starts: FloatArray, margin: float, largest_margin: float
+) -> FloatArray:
+    """Starts (2, 2), of which those beyond the rectangle of step 0 are moved to its edge.
+
+    They are beyond that of the largest margin, and moved to that of `margin`. Such a member never
+    arrives and never protects one that does from less than either away. At the edge it can leave in
+    the first step, so the value there is at least that without it. It is moved as near to the other
+    one as possible, which keeps the grid small.
+    """
+    slack = task.radius + task.steps * task.step
+    offsets = starts - task.center
+    limit = (slack + largest_margin) * (1 + 1e-9)
+    outside = np.abs(offsets) > limit
+    gone = np.asarray(outside.any(axis=1))[:, None]
+    moved = np.where(gone, 0.0, offsets)
+    for member in np.flatnonzero(gone):
+        axis = int(outside[member].argmax())
+        moved[member] = moved[1 - member]
+        moved[member, axis] = math.copysign(slack + margin, offsets[member, axis])
+    return np.where(gone, task.center + moved, starts)
+
+
+def _moves(
+    task: Relaxation, velocities: FloatArray, change: float
+) -> tuple[FloatArray, FloatArray]:
+    """Least and largest change (N+1, 4) of every coordinate in every step, from 0 before step 1."""
+    change = min(change * (1 + SPEED_TOL) + SPEED_TOL * task.speed, 4 * task.speed)
+    possible = change * np.arange(task.steps + 1)[:, None]
+    slack = task.step - task.speed * task.dt  # rounding
+    low, high = (task.dt * (velocities.ravel() + sign * possible) for sign in (-1, 1))
+    low, high = np.maximum(low - slack, -task.step), np.minimum(high + slack, task.step)
+    low[0] = high[0] = 0.0
+    return low, high
+
+
+def box_maximum(values: FloatArray, at: PairBlock, to: PairBlock, reach: int) -> FloatArray:
+    """Largest value within reach along all four axes, at the nodes of another block."""
+    from .pair_kernels import window_maximum
+
+    firsts = to.low - at.low
+    for axis in (3, 2, 1, 0):
+        shape = list(values.shape)
+        outer, inner = math.prod(shape[:axis]), math.prod(shape[axis + 1 :])
+        source = values.reshape(outer, shape[axis], inner)
+        scratch = np.empty((2, shape[axis], _TILE))
+        shape[axis] = to.shape[axis]
+        values = np.empty(shape)
+        target = values.reshape(outer, shape[axis], inner)
+        if inner == 1:  # many rows at once instead
+            source, target = source.T, target.T
+        window_maximum(source, target, int(firsts[axis]), reach, scratch)
+    return values
+
+
+def largest_within_reach(
+    sources: list[FloatArray], blocks: list[PairBlock], to: PairBlock, reach: int
+) -> FloatArray:
+    """Largest value within reach of any block's nodes; -infinity where there is none."""
+    best: FloatArray | None = None
+    for values, block in zip(sources, blocks, strict=True):
+        if not block.apart(to, reach):
+            found = box_maximum(values, block, to, reach)
+            best = found if best is None else np.maximum(best, found, out=best)
+    return np.full(to.shape, -np.inf) if best is None else best
+
+
+def viable_boxes(needed: FloatArray, block: PairBlock, spacing: float) -> Iterator[FloatArray]:
+    """Boxes (2, 4) of all cells around the nodes of a block that are not -infinity."""
+    for low, high in _split(needed, np.zeros(4, int)):
+        yield np.asarray(spacing * (np.stack([low - 1, high + 1]) + block.low), float)
+
+
+def _split(needed: FloatArray, origin: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
+    """First and last nodes of parts of an array that hold all values above -infinity."""
+    from .pair_kernels import project
+
+    shadows = [np.zeros((needed.shape[a], needed.shape[b]), bool) for a, b in _PAIRS]
+    project(needed, *shadows)
+    shadow = dict(zip(_PAIRS, shadows, strict=True))
+    shadow |= {(b, a): values.T for (a, b), values in shadow.items()}
+    ends = [_ends(np.asarray(shadow[axis, (axis + 1) % 4].any(axis=1))) for axis in range(4)]
+    if ends[0] is None:
+        return
+    low, high = np.array(ends).T
+    size = math.prod((high - low + 3).tolist())
+    cut = _best_cut(shadow, low, high) if size > _MIN_NODES else None
+    if cut is None or cut[0] > _SPLIT * size:
+        yield origin + low, origin + high
+        return
+    _, axis, at = cut
+    for part in (slice(low[axis], at), slice(at, high[axis] + 1)):
+        slices = [slice(a, b + 1) for a, b in zip(low, high, strict=True)]
+        slices[axis] = part
+        yield from _split(needed[tuple(slices)], origin + [s.start for s in slices])
+
+
+def _best_cut(
+    shadow: dict[tuple[int, int], BoolArray], low: IntArray, high: IntArray
+) -> tuple[float, int, int] | None:
+    """Nodes of two parts, axis and first node of the second part, of the best cut."""
+    best: tuple[float, int, int] | None = None
+    for axis in range(4):
+        cuts = np.arange(low[axis] + 1, high[axis] + 1)
+        if not cuts.size:
+            continue
+        sizes = cuts - low[axis] + 2.0, high[axis] - cuts + 3.0
+        for other in range(4):
+            if other != axis:
+                rows = shadow[axis, other]
+                ahead = np.logical_or.accumulate(rows, axis=0)[cuts - 1]
+                behind = np.logical_or.accumulate(rows[::-1], axis=0)[::-1][cuts]
+                for part, found in zip(sizes, (ahead, behind), strict=True):
+                    np.multiply(part, _extents(found) + 2, out=part)
+        total = sizes[0] + sizes[1]
+        at = int(total.argmin())
+        if best is None or total[at] < best[0]:
+            best = float(total[at]), axis, int(cuts[at])
+    return best
+
+
+def _extents(found: BoolArray) -> IntArray:
+    """Number of nodes from the first to the last found one in every row."""
+    first, last = found.argmax(axis=1), found.shape[1] - 1 - found[:, ::-1].argmax(axis=1)
+    return np.where(found.any(axis=1), last - first + 1, 0)
+
+
+def _ends(found: BoolArray) -> tuple[int, int] | None:
+    indices = np.flatnonzero(found)
+    return (int(indices[0]), int(indices[-1])) if indices.size else None

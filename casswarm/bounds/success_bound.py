@@ -1,0 +1,257 @@
+"""A proven upper bound on the success probability of every policy, feedback included.
+
+The least of two bounds:
+
+- *independent clocks*: with r_i a lower bound on the risk that member i has accumulated when it
+  arrives, whichever members protect it, P(success) <= 1 - prod_i (1 - exp(-r_i)): the proof is in
+  ``docs/joint.md``. r_i is the least integral of phi(b) along any path from the member's initial
+  position within the speed limit, with phi from `Hazard.least_rate` and b the single-agent rate.
+- *level game*: `casswarm.bounds.level_game`, which accounts for the protection that the
+  lost no longer give; the proof is in ``docs/success-bound.md``.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+from decimal import ROUND_FLOOR, Context
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .._util.numbers import rounded_up
+from ..grid.dynamic_programming import (
+    StageCosts,
+    costs_to_go,
+    least_cost,
+    minimum_within_reach,
+    rounding,
+    trace,
+)
+from ..grid.nodes import Block, Grid, Relaxation, bilinear, node_count
+from ..scenario.files import require_scenario
+from ..typing import FloatArray
+from .level_game import Effort, game_bound
+from .risk_bound import arrival_multiplier
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+MAX_NODES = 1_000_000
+"""Default maximum number of nodes of the grid, over all steps."""
+
+_MULTIPLIER_NODES = 50_000
+"""Nodes of the grid on which the multiplier of arrival is estimated."""
+
+MAX_WORK = 6e7
+"""Default amount of work of a level game: about a second; 1.5e8 is worth while for
+five members."""
+
+ACCURACY = 0.01
+"""Default relative improvement of the bound on failure below which it is not refined."""
+
+CLOCKS, GAME = "independent clocks", "level game"
+"""Methods."""
+
+_GAME_NODES = 4  # of potentials, for a node of the grid of risks
+
+_ROUND_DOWN = 1 - 1e-12  # by more than the rounding of exponentials and products
+
+
+@dataclass(frozen=True)
+class SuccessBound:
+    """Upper bound on the success probability of every policy, whatever it observes.
+
+    Parameters
+    ----------
+    failure : float
+        Proven lower bound on the probability that no member arrives.
+    risks : (n,)
+        Proven lower bounds r_i on each member's accumulated risk at its arrival; infinite for a
+        member that cannot arrive by t_f, 0 if nothing is proven.
+    reason : str
+        Why nothing is proven; empty for a certified bound.
+    method : str
+        Which bound it is: "independent clocks" or "level game".
+    seconds : float
+        Time that it took.
+    limited : bool
+        Whether the time limit ended its refinement: on a faster machine it might be lower.
+    """
+
+    failure: float
+    risks: tuple[float, ...]
+    reason: str = ""
+    method: str = CLOCKS
+    seconds: float = 0.0
+    limited: bool = False
+
+    @property
+    def certified(self) -> bool:
+        """Whether a bound is proven."""
+        return not self.reason
+
+    @property
+    def value(self) -> float:
+        """The bound on the success probability; 1 if nothing is proven."""
+        return min(1.0, math.nextafter(1.0 - self.failure, 2.0))
+
+    def __float__(self) -> float:
+        return self.value
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain values, for a record."""
+        return {
+            "bound": self.value,
+            "failure": self.failure,
+            "risks": list(self.risks),
+            "certified": self.certified,
+            "reason": self.reason,
+            "method": self.method,
+            "seconds": self.seconds,
+            "limited": self.limited,
+        }
+
+    def __str__(self) -> str:
+        if not self.certified:
+            return f"success is not certified: {self.reason}"
+        if self.failure < 1e-9:
+            below = Context(prec=2, rounding=ROUND_FLOOR).create_decimal_from_float(self.failure)
+            return f"no policy can exceed 1 - {float(below):.1e} ({self.method})"
+        digits = max(4, 1 - math.floor(math.log10(self.failure)))
+        value = f"{rounded_up(self.value, digits):.{digits}f}"
+        return f"no policy can exceed {value} ({self.method})"
+
+
+def success_bound(
+    scenario: Scenario,
+    max_nodes: int = MAX_NODES,
+    *,
+    max_work: float = MAX_WORK,
+    accuracy: float = ACCURACY,
+    time_limit: float = math.inf,
+) -> SuccessBound:
+    """Proven upper bound on the probability that some member arrives alive, for every policy.
+
+    The bound covers feedback, randomised and history-dependent policies, with any acceleration. It
+    depends on the speed of the machine only if a time limit ends its refinement.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    max_nodes : int
+        Of a grid, which takes at most 400 bytes of memory a node: 400 MB by default, wherever the
+        members are. More nodes sharpen the members' risks, whose error falls as 1 / nodes if the
+        grid can sample every time step.
+    max_work : float
+        Largest number of values that a level game looks up, about: 1e8 take a few seconds. More
+        work usually, not always, gives a lower bound. Finite; 0 for the bound of independent clocks
+        alone, which takes some hundredths of a second.
+    accuracy : float
+        The level game is refined until this raises the lower bound on the probability of failure by
+        less than this fraction of it.
+    time_limit : float
+        Seconds after which no further game is begun.
+
+    Returns
+    -------
+    SuccessBound
+        1, with a reason, if the hazard does not provide the least rate of a member among others;
+        the paper's two hazards do.
+
+    Raises
+    ------
+    ValueError
+        Fewer than a thousand nodes, an infinite work, or a negative work, accuracy or time.
+    """
+    require_scenario("success_bound", scenario)
+    if max_nodes < 1000:
+        raise ValueError(f"max_nodes = {max_nodes!r}; allowed: whole numbers from 1000")
+    limits = {"max_work": max_work, "accuracy": accuracy, "time_limit": time_limit}
+    for name, limit in limits.items():
+        if not limit >= 0:
+            raise ValueError(f"{name} = {limit!r}; allowed: numbers from 0")
+    if max_work == math.inf:
+        raise ValueError("max_work = inf; allowed: finite numbers from 0, for example 1e9")
+    compute = _bound if time_limit == math.inf else _bound.__wrapped__  # which may be limited
+    return compute(scenario, max_nodes, max_work, accuracy, time_limit)
+
+
+@lru_cache(maxsize=64)
+def _bound(
+    scenario: Scenario, max_nodes: int, max_work: float, accuracy: float, time_limit: float
+) -> SuccessBound:
+    started = time.monotonic()
+    task = Relaxation.from_scenario(scenario)
+    among = replace(task, least=task.hazard.least_rate(scenario.n))
+    if among.least is None or not task.bounded:
+        reason = (
+            f"{type(task.hazard).__name__} does not provide the least rate of a member among "
+            f"{scenario.n}; Saturation and SaturationCollision do"
+        )
+        return SuccessBound(0.0, (0.0,) * scenario.n, reason)
+    risks = lowest_risks(among, scenario.positions, max_nodes)
+    failure = _ROUND_DOWN * float(np.prod(-np.expm1(-risks)))
+    method, limited = CLOCKS, False
+    if scenario.n > 1 and max_work > 0:
+        effort = Effort(_GAME_NODES * max_nodes, max_work, accuracy, started + time_limit)
+        game = game_bound(task, scenario.positions, _multiplier(task), effort)
+        limited = game.limited
+        if 1.0 - game.value > failure:
+            failure, method = math.nextafter(1.0 - game.value, 0.0), GAME
+    seconds = time.monotonic() - started
+    return SuccessBound(failure, tuple(risks.tolist()), "", method, seconds, limited)
+
+
+def lowest_risks(task: Relaxation, starts: FloatArray, max_nodes: int) -> FloatArray:
+    """Lower bounds (n,) on the risk of every path from each of `starts` (n, 2) to the target.
+
+    Infinite if no path arrives in time. One grid serves all starts, unless they are so far apart
+    that it would have too many nodes; then each has its own. A path that is randomly
+    rounded to the grid begins at a corner of its start's cell, so the costs to go of the corners
+    are interpolated.
+    """
+    reachable = replace(task, radius=task.radius * (1 + 1e-9)).reachable(starts, task.steps)
+    risks = np.full(len(starts), np.inf)
+    near = np.flatnonzero(reachable)
+    for group in [near] if _share_grid(task, starts[near], max_nodes) else near[:, None]:
+        if group.size:
+            risks[group] = _lowest_risks(task, starts[group], max_nodes)
+    return risks
+
+
+def _share_grid(task: Relaxation, starts: FloatArray, max_nodes: int) -> bool:
+    """Whether the coarsest grid of all starts has at most `max_nodes` nodes, as that of one has."""
+    coarsest = 1 << (task.steps - 1).bit_length()
+    return len(starts) < 2 or node_count(task, coarsest, 1, starts) <= max_nodes
+
+
+def _lowest_risks(task: Relaxation, starts: FloatArray, max_nodes: int) -> FloatArray:
+    """The same for starts from which the target can be reached."""
+    grid = Grid.finest(task, max_nodes, starts)
+    stage_costs = StageCosts(grid, multiplier=_multiplier(task))
+    to_go = costs_to_go(stage_costs)
+    nodes = (starts - task.start) / grid.spacing
+    cells = np.floor(nodes).astype(int)
+    low = cells.min(axis=0)
+    block = Block.full(low, cells.max(axis=0) + 1)
+    initial = minimum_within_reach(to_go[0], grid.blocks[0], block, grid.reach)
+    if grid.stride > 1:  # paths that arrive before their first sample
+        initial = np.minimum(initial, stage_costs.terminal(block))
+    risks = bilinear(initial, cells - low, nodes - cells)
+    largest = float(initial[np.isfinite(initial)].max(initial=0.0))
+    slack = rounding(stage_costs, largest, interpolated=True)
+    return np.maximum(0.0, np.minimum(risks, 1e300) - slack)
+
+
+def _multiplier(task: Relaxation) -> float:
+    """Multiplier of arrival, from the best path on a small grid; any value is valid."""
+    grid = Grid.finest(task, _MULTIPLIER_NODES)
+    stage_costs = StageCosts(grid, certified=False, inside=True)
+    to_go = costs_to_go(stage_costs)
+    if grid.stride > 1 or not np.isfinite(least_cost(stage_costs, to_go)):
+        return 0.0
+    path = task.start + grid.spacing * np.array(trace(stage_costs, to_go), float)
+    return arrival_multiplier(task, path)

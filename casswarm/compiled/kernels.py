@@ -1,0 +1,190 @@
+"""Numba: the decorators of compiled functions, and generated modules of them.
+
+Compiled code is kept beside the file of a function, or in the user's cache folder where that cannot
+be used: see `casswarm.compiled.cache`. A generated module must therefore be a file that
+stays: it is written to the user's cache folder under the hash of its text.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import sys
+from collections.abc import Callable
+from functools import cached_property, lru_cache, update_wrapper
+from importlib.util import find_spec
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._util.files import atomic_write, remove_abandoned, temporary_folder
+from .._util.threads import locked_cache
+from .cache import cache_folder, private_folder
+
+LOG = logging.getLogger(__name__)
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+_Array = TypeVar("_Array", bound=NDArray[Any])
+_PACKAGE = Path(__file__).parent.parent
+
+_OPTIONS: dict[str, Any] = {"error_model": "numpy"}
+_UNCOUNTED: dict[str, Any] = {"_nrt": False}  # as Numba itself compiles its functions of strings
+_REORDERED: dict[str, Any] = {"fastmath": {"reassoc"}}
+_OBJECTIVE = "float64(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])"
+_HEADER = """\
+# compiled code of this module is kept in files with checksums
+import math
+
+import numpy as np
+from math import inf, nan
+
+from casswarm.compiled.kernels import kernel, objective, vectorized_objective
+
+
+"""
+
+
+class Kernel:
+    """A function that is compiled when it is first called, from Python or from another kernel.
+
+    Numba is imported then, too. For calls from Python there is machine code with a wrapper; what
+    other kernels call is linked into them (see `casswarm.compiled.linking`).
+    """
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        update_wrapper(self, function)
+        self.py_func, self._options = function, _OPTIONS | options
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the machine code, which is compiled first where there is none."""
+        return self.entry(*arguments)
+
+    @cached_property
+    def entry(self) -> Any:
+        """Numba's dispatcher for calls from Python."""
+        from .linking import entry_dispatcher
+
+        return entry_dispatcher(self.py_func, self._options, _stamp())
+
+    @cached_property
+    def linked(self) -> Any:
+        """Numba's dispatcher for calls from kernels."""
+        from .linking import linked_dispatcher
+
+        return linked_dispatcher(self.py_func, self._options, _stamp())
+
+    @property
+    def is_loaded(self) -> bool:
+        """Whether there is machine code in this process, for calls from Python."""
+        return bool(self.entry.overloads)
+
+    @property
+    def stats(self) -> Any:
+        """Folder of its compiled code, and how often that was used, for calls from Python."""
+        return self.entry.stats
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What Numba's type inference takes a kernel for."""
+        return self.linked._numba_type_
+
+
+def kernel(function: _Function) -> _Function:
+    """Compile a function when it is first called; the result is kept on disk.
+
+    A kernel may make views of arrays, but neither allocate nor return them: Numba does without
+    reference counts then, which halves the time of small problems.
+    """
+    return cast("_Function", Kernel(function, _UNCOUNTED))
+
+
+def allocating_kernel(function: _Function) -> _Function:
+    """Compile a function like `kernel`, which may also allocate and return arrays."""
+    return cast("_Function", Kernel(function, {}))
+
+
+def objective(function: _Function) -> _Function:
+    """Compile ``f(x, p, constants, gradient, scratch)`` to a value that kernels take as argument.
+
+    The arguments are contiguous vectors. All objectives have one type, so that a solver is compiled
+    once for all of them.
+    """
+    return _objective(function, _UNCOUNTED)
+
+
+def vectorized_objective(function: _Function) -> _Function:
+    """Compile like `objective`, with sums in any order, so that loops that sum are vectorised."""
+    return _objective(function, _UNCOUNTED | _REORDERED)
+
+
+def _objective(function: _Function, options: dict[str, Any]) -> _Function:
+    from numba.core.sigutils import normalize_signature
+
+    from .callbacks import callback
+
+    signature = normalize_signature(_OBJECTIVE)
+    return cast("_Function", callback(function, signature, _OPTIONS | options, _stamp()))
+
+
+@lru_cache(maxsize=1)
+def _stamp() -> bytes:
+    """Hash of all kernels and of how they are compiled: a change compiles all of them again."""
+    problems = find_spec(f"{_PACKAGE.name}.problems")  # in a checkout beside the package
+    folders = [_PACKAGE, *map(Path, problems.submodule_search_locations or () if problems else ())]
+    files = sorted({path for folder in folders for path in folder.rglob("*_kernels.py")})
+    compilers = ("kernels.py", "linking.py", "callbacks.py")
+    files += [Path(__file__).with_name(name) for name in compilers]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).digest()
+
+
+def contiguous(array: _Array) -> _Array:
+    """The array as kernels take it: contiguous and writable, so that one type is compiled."""
+    if array.flags.c_contiguous and array.flags.writeable:  # a tenth of the time of the following
+        return array
+    return cast("_Array", np.require(array, None, ("C", "W")))
+
+
+def announce(compiled: Any) -> None:
+    """Log a warning if a kernel is going to be compiled, which takes seconds."""
+    if compiled.is_loaded:
+        return
+    folder, name = compiled.stats.cache_path, compiled.__module__.rpartition(".")[2]
+    if folder is None:  # there is another warning
+        return
+    if not any(Path(folder).glob(f"{name}.{compiled.__name__}-*.nbi")):
+        LOG.warning("compiling once, for some seconds; the result is kept in %s", folder)
+
+
+@locked_cache(maxsize=64)
+def generated_module(source: str) -> ModuleType:
+    """Module of a Python text that uses `math`, `np` and the decorators of this module."""
+    text = _HEADER + source
+    name = f"casswarm_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
+    path = _file(name, text)
+    module = ModuleType(name)
+    module.__file__ = str(path)
+    sys.modules[name] = module  # where Numba looks for what it loads from disk
+    exec(compile(text, path, "exec"), vars(module))  # not imported: a .pyc may be damaged
+    return module
+
+
+def _file(name: str, text: str) -> Path:
+    """Write the text to the cache folder, or to a temporary one where that is impossible."""
+    remove_abandoned()
+    try:
+        path = private_folder(cache_folder()) / f"{name}.py"
+        if not path.exists() or path.read_bytes() != text.encode():
+            atomic_write(path, text)
+    except OSError as error:
+        LOG.warning("%s: compiled code is for this process only", error)
+        path = _process_folder() / f"{name}.py"
+        atomic_write(path, text)
+    return path
+
+
+@locked_cache(maxsize=1)
+def _process_folder() -> Path:
+    return temporary_folder()

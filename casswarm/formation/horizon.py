@@ -1,0 +1,208 @@
+"""Instances of formation problems over several steps: soft constraints first, then the program.
+
+See `casswarm.problems.formation` for the program, and ``docs/mpc.md``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..hazard import KernelHazard
+from ..motion.planar import PlanarSets
+from ..motion.step import Step
+from ..nlp.program import Instances
+from ..problems.formation import formation_nlp
+from ..typing import BoolArray, FloatArray
+from .nearest_trajectories import nearest_trajectories
+from .task import Formation, formation_scale, leader_weights
+from .trajectory import Limits, TrajectorySets, distances, fraction_within
+
+MARGIN = 1e-4
+"""Decrease of the corridor's radius from each step of the horizon to the next, relative to it."""
+
+
+class _Plan(NamedTuple):
+    """What the soft constraints determine; paths are displacements in units of dt.
+
+    Parameters
+    ----------
+    constrained : (B, n) bool
+        Members with a soft constraint.
+    weights : (B, n)
+        Weights of the members' rates in the objective.
+    free : (B, n) bool
+        Members whose paths are optimised.
+    interior : (B, n, H, 2)
+        Paths strictly within the limits; prescribed for members that are not free.
+    guess : (B, n, H, 2)
+        Initial guesses.
+    radii : (B, n, H)
+        Radii of the corridor; infinite where there is none.
+    first_radii : (B, n)
+        Radii to which the first step is projected.
+    radius : float
+        Distance from the goal that the soft constraint allows; 0 for a position.
+    failed : (B,) bool
+        Whether a least-squares problem was not solved.
+    """
+
+    constrained: BoolArray
+    weights: FloatArray
+    free: BoolArray
+    interior: FloatArray
+    guess: FloatArray
+    radii: FloatArray
+    first_radii: FloatArray
+    radius: float
+    failed: BoolArray
+
+
+def leader_mpc_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
+    """Leader protection over H steps; `leaders` (B,) are the indices of living members."""
+    limits, dt, previous = path_limits(step), step.motion.dt, step.previous_velocities
+    batch, n = step.alive.shape
+    rows = np.arange(batch)
+    leads = (np.arange(n) == leaders[:, None]) & step.alive
+    path, failed = nearest_trajectories(
+        limits, previous[rows, leaders], path_targets(step)[rows, leaders], np.zeros(step.horizon)
+    )
+    interior = limits.slowing(previous, step.horizon)
+    interior[rows, leaders] = path
+    positions = step.positions[rows, leaders][:, None] + dt * path
+    to_leader = (positions[:, None] - step.positions[:, :, None]) / dt
+    free = step.alive & ~leads
+    guess = interior.copy()
+    guess[free] = limits.greedy(previous[free], to_leader[free])
+    if isinstance(step.hazard, KernelHazard) and step.hazard.gathers:
+        # members that can stay with the leader over the whole horizon are solved in closed form
+        joined = free & (distances(guess, to_leader) <= 1e-12 * limits.speed).all(axis=-1)
+        interior[joined], free = guess[joined], free & ~joined
+    radii = np.full((batch, n, step.horizon), np.inf)
+    weights = leader_weights(step, leads)
+    plan = _Plan(leads, weights, free, interior, guess, radii, radii[..., 0], 0.0, failed)
+    return _formation(step, plan)
+
+
+def corridor_mpc_formation(step: Step, rho: float) -> Formation:
+    """Constrained trajectory over H steps; `rho` bounds the squared distance to the goals."""
+    limits, previous = path_limits(step), step.previous_velocities
+    radius = np.sqrt(rho) / step.motion.dt
+    margin, living, targets = MARGIN * radius, step.alive, path_targets(step)
+    narrow = np.maximum(0.0, radius - margin * np.arange(1, step.horizon + 1))
+    slowing = limits.slowing(previous, step.horizon)
+    nearest, failed = slowing.copy(), np.zeros_like(living)
+    nearest[living], failed[living] = nearest_trajectories(
+        limits, previous[living], targets[living], narrow
+    )
+    excess = np.maximum(0.0, distances(nearest, targets) - narrow)
+    radii = np.where(living[..., None], narrow + margin + excess, np.inf)
+    fraction = fraction_within(nearest, slowing, targets, radii)[..., None, None]
+    interior = nearest + fraction * (slowing - nearest)
+    # for the applied step, exactly the paper's corridor where it can be met
+    first_radii = np.where(excess[..., 0] > margin, radii[..., 0], radius)
+    first_radii = np.where(living, first_radii, np.inf)
+    failures = np.asarray(failed.any(axis=1))
+    weights = living.astype(float)
+    soft_radius = float(np.sqrt(rho))
+    return _formation(
+        step,
+        _Plan(
+            living, weights, living, interior, nearest, radii, first_radii, soft_radius, failures
+        ),
+    )
+
+
+def path_limits(step: Step) -> Limits:
+    """Limits of every member's path."""
+    return Limits(step.motion.v_max, float(np.sqrt(step.motion.a_max)))
+
+
+def path_targets(step: Step) -> FloatArray:
+    """The goals (H, 2) as displacements of every member, (B, n, H, 2)."""
+    return np.asarray((step.goals - step.positions[:, :, None]) / step.motion.dt)
+
+
+def _first_sets(step: Step, plan: _Plan) -> PlanarSets:
+    """Sets of the applied velocities; a point for members that are not free, 0 for the dead."""
+    hard = step.motion.sets(step.previous_velocities)
+    fixed = np.where(step.alive[..., None], hard.project(plan.interior[:, :, 0]), 0)
+    free = plan.free[..., None]
+    to_goal = (step.goal - step.positions) / step.motion.dt
+    acceleration = np.broadcast_to(hard.radii[..., 0], plan.first_radii.shape)
+    return PlanarSets(
+        np.where(free, hard.lower, fixed),
+        np.where(free, hard.upper, fixed),
+        np.stack([step.previous_velocities, to_goal], axis=-2),
+        np.where(free, np.stack([acceleration, plan.first_radii], -1), np.inf),
+    )
+
+
+def _formation(step: Step, plan: _Plan) -> Formation:
+    """Batch of problems; paths of the destroyed are 0."""
+    batch, n = step.alive.shape
+    horizon, motion, free = step.horizon, step.motion, plan.free
+    corridor = plan.radius > 0.0
+    nlp = formation_nlp(step.hazard, n, corridor, horizon)
+    living = step.alive[..., None, None]
+    interior, guess = (
+        np.ascontiguousarray(np.where(living, path, 0.0).transpose(0, 2, 1, 3))
+        for path in (plan.interior, plan.guess)
+    )
+    bound = np.full((batch, horizon, n, 2), np.inf)
+    bound[:, 0] = motion.v_max
+    fixed = ~free[:, None, :, None]
+    parameters: dict[str, FloatArray] = {
+        "positions": step.positions,
+        "previous_velocities": step.previous_velocities,
+        "alive": step.alive[..., None].astype(float),
+        "weights": plan.weights[..., None],
+        "goal": step.goals[None, :1],
+        "dt": np.array([[motion.dt]]),
+        "v_max": np.array([[motion.v_max]]),
+    }
+    change = motion.a_max / motion.v_max**2
+    blocks: dict[str, FloatArray] = {"acceleration": np.full((batch, horizon, n, 1), change)}
+    if horizon > 1:
+        parameters["later"] = step.goals[None, 1:]
+        blocks["speed"] = np.ones((batch, horizon - 1, n, 2))
+    if corridor:
+        blocks["corridor"] = (plan.radii.transpose(0, 2, 1)[..., None] / motion.v_max) ** 2
+    upper = {
+        name: np.where(fixed, np.inf, block).reshape(batch, -1, block.shape[-1])
+        for name, block in blocks.items()
+    }
+    lower = {
+        name: -block if name == "speed" else np.full_like(block, -np.inf)
+        for name, block in upper.items()
+    }
+    instances = Instances(
+        x0=guess.reshape(batch, -1),
+        p=nlp.pack_parameters(**parameters),
+        lbx=np.where(fixed, interior, -bound).reshape(batch, -1),
+        ubx=np.where(fixed, interior, bound).reshape(batch, -1),
+        lbg=nlp.pack_constraints(**lower),
+        ubg=nlp.pack_constraints(**upper),
+        scale=formation_scale(step, plan.weights),
+        feasible_set=TrajectorySets(
+            step.previous_velocities,
+            np.where(np.isfinite(plan.radii)[..., None], path_targets(step), 0.0),
+            plan.radii,
+            free,
+            interior,
+            path_limits(step),
+        ),
+    )
+    return Formation(
+        nlp,
+        instances,
+        free,
+        sets=_first_sets(step, plan),
+        fallback=interior[:, 0],
+        infeasible=np.zeros_like(step.alive),
+        tracked=plan.constrained,
+        radius=plan.radius,
+        failures=plan.failed.astype(np.int64),
+    )

@@ -1,0 +1,227 @@
+"""The paper's projected gradient method, with a constant step and exact projections."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from .._util.threads import locked_cache
+from ..compiled.parallel import execute
+from ..errors import SolverError
+from ..motion.planar import PlanarSets
+from ..nlp.program import Instances, Nlp
+from ..nlp.solution import BatchSolution, Status
+from ..solvers.base import (
+    Answer,
+    Capabilities,
+    IterateLog,
+    Iterates,
+    NonNegative,
+    NonNegativeInt,
+    PositiveFinite,
+    Solver,
+)
+from ..typing import BoolArray, FloatArray
+from .spectral import BatchRun, Results, SpectralProjectedGradient, batch_data
+from .spectral_kernels import CONVERGED
+
+_CHUNK = 256  # instances evaluated at once
+_PER_THREAD = 4  # instances that are worth a thread, where compiled
+
+
+@dataclass(frozen=True)
+class ProjectedGradient(Solver):
+    """x <- P(x - step grad f(x)), the paper's algorithm of sections III and IV.
+
+    Bertsekas, Tsitsiklis, Parallel and Distributed Computation, section 3.3.2. For problems whose
+    constraints are a box, or a product of boxes and discs in the plane (`Instances.feasible_set`).
+    Batched, and compiled where the objective is (`Nlp.compiled`); each instance stops on its own.
+
+    Parameters
+    ----------
+    step : float
+        The paper's learning rate.
+    x_scale : float
+        Unit of x: steps are taken in x / x_scale, as in `scipy.optimize.least_squares`, so a
+        component of x moves by step x_scale^2 times its derivative. With 1 / dt, velocities become
+        displacements, the variable of the paper's X(t+1) = X(t) + V(t): plans and policies pass
+        this value when the solver is given by name. 1 steps in velocities, dt^2 as far.
+    max_iter : int
+        The paper's number of iterations. Reaching it is no success of an optimiser, but the normal
+        end of this method: policies apply the iterate, and count as failed only what is not finite
+        or not feasible.
+    tolerance : float
+        An instance has converged when no component of x / x_scale moves by more than `tolerance`
+        times the step in one iteration.
+    keep : {"last", "best"}
+        Which iterate is the answer: the last, or the one with the smallest objective (with a
+        constant step the iterates may circle around a kink).
+    start : {"x0", "zero"}
+        Initial guess: that of the instance, or the projection of zero, as in the paper for the
+        formation.
+    """
+
+    step: PositiveFinite = 0.05
+    x_scale: PositiveFinite = 1.0
+    max_iter: NonNegativeInt = 2000
+    tolerance: NonNegative = 1e-6
+    keep: Literal["last", "best"] = "last"
+    start: Literal["x0", "zero"] = "x0"
+
+    name: ClassVar[str] = "projected-gradient"
+    summary: ClassVar[str] = "the paper's constant-step method; boxes and discs only"
+    capabilities: ClassVar[Capabilities] = Capabilities(
+        "product sets", batch=True, fixed_iterations=True
+    )
+
+    def prepare(self, nlp: Nlp) -> None:
+        """See `Solver.prepare`."""
+        _ = nlp.gradient if nlp.compiled is None else nlp.compiled.evaluate
+
+    def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
+        """See `Solver.solve_batch`."""
+        if not self._is_compiled(nlp, instances):
+            return super().solve_batch(nlp, instances)
+        run = self._run_compiled(nlp, instances)
+        return run.solution(run.results.outcome == CONVERGED)
+
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        """See `Solver.run`."""
+        if self._is_compiled(nlp, instances):
+            return self._run_compiled(nlp, instances).answers()
+        _require_product(nlp, instances)
+        answers: list[Answer] = []
+        for start in range(0, len(instances), _CHUNK):
+            answers += self._run_chunk(nlp, instances[slice(start, start + _CHUNK)])
+        return answers
+
+    def iterates(self, nlp: Nlp, instance: Instances) -> Iterates | None:
+        """See `Solver.iterates`; they are computed by the loop that is not compiled."""
+        _require_product(nlp, instance)
+        log = IterateLog()
+        self._run_chunk(nlp, instance, log)
+        return log.iterates(instance.x0[0, :0])
+
+    def _is_compiled(self, nlp: Nlp, instances: Instances) -> bool:
+        return self.keep == "last" and SpectralProjectedGradient.can_take(nlp, instances)
+
+    def _initial(self, instances: Instances) -> FloatArray:
+        return np.zeros_like(instances.x0) if self.start == "zero" else instances.x0
+
+    def _run_compiled(self, nlp: Nlp, instances: Instances) -> BatchRun:
+        from .projected_gradient_kernels import descend_batch  # Numba is slow to import
+
+        data = batch_data(nlp, instances, self._initial(instances))
+        step, tolerance = self.step * self.x_scale**2, self.tolerance / self.x_scale
+        assert nlp.compiled is not None
+        results = Results.empty(instances.x0.shape)
+        arguments = nlp.compiled.evaluate, data, step, tolerance, self.max_iter, results
+        seconds = execute(descend_batch, len(results.x), arguments, _PER_THREAD)
+        return BatchRun(results, seconds)
+
+    def _run_chunk(
+        self,
+        nlp: Nlp,
+        instances: Instances,
+        callback: Callable[[FloatArray], object] = lambda _: None,
+    ) -> list[Answer]:
+        started = time.perf_counter()
+        x = _project(instances, self._initial(instances))
+        step_size = self.step * self.x_scale**2
+        least_change = self.tolerance * self.step * self.x_scale
+        answer, smallest = x.copy(), np.full(len(x), np.inf)
+        iterations = np.full(len(x), self.max_iter)
+        converged = np.zeros(len(x), bool)
+        active, remaining = np.arange(len(x)), instances
+        gradients = _Gradients(nlp, instances.p)
+        callback(x)
+        for iteration in range(self.max_iter):
+            objective, gradient = gradients(x[active])
+            if self.keep == "best":
+                better = objective < smallest[active]
+                smallest[active[better]] = objective[better]
+                answer[active[better]] = x[active[better]]
+            step = x[active] - step_size * gradient
+            finite: BoolArray = np.asarray(np.isfinite(step).all(axis=1))
+            projected = _project(remaining, np.where(finite[:, None], step, x[active]))
+            change = np.abs(projected - x[active]).max(axis=1, initial=0.0)
+            x[active] = np.where(finite[:, None], projected, np.nan)
+            callback(x)
+            done: BoolArray = np.asarray(~finite | (change <= least_change))
+            if done.any():
+                iterations[active[done]] = iteration + 1
+                converged[active[done]] = finite[done]
+                active = active[~done]
+                if not active.size:
+                    break
+                remaining = instances[active]
+                gradients = _Gradients(nlp, remaining.p)
+        diverged: BoolArray = np.asarray(~np.isfinite(x).all(axis=1))
+        if self.keep == "last":
+            answer = x
+        seconds = (time.perf_counter() - started) / max(1, len(x))
+        return [
+            Answer(
+                answer[i],
+                *_outcome(diverged[i], converged[i]),
+                int(iterations[i]),
+                int(iterations[i]),
+                seconds,
+            )
+            for i in range(len(x))
+        ]
+
+
+def _require_product(nlp: Nlp, instances: Instances) -> None:
+    if nlp.constraints and not isinstance(instances.feasible_set, PlanarSets):
+        raise SolverError(
+            f"projected-gradient cannot solve {nlp.name}: its constraints "
+            f"({', '.join(nlp.constraints)}) are not a product of boxes and discs"
+        )
+
+
+def _outcome(diverged: np.bool_, converged: np.bool_) -> tuple[Status, str]:
+    if diverged:
+        return Status.FAILED, "gradient not finite"
+    if converged:
+        return Status.SOLVED, "step below tolerance"
+    return Status.ITERATION_LIMIT, "iterations exhausted"
+
+
+def _project(instances: Instances, x: FloatArray) -> FloatArray:
+    sets = instances.feasible_set
+    if not isinstance(sets, PlanarSets):
+        return np.clip(x, instances.lbx, instances.ubx)
+    return sets.project(x.reshape(*sets.shape, 2)).reshape(x.shape)
+
+
+class _Gradients:
+    """Objectives (B,) and gradients (B, nx) of B instances, evaluated without copies by CasADi."""
+
+    def __init__(self, nlp: Nlp, parameters: FloatArray) -> None:
+        self.count = len(parameters)
+        size = 1 << max(0, self.count - 1).bit_length()  # so that few sizes are built
+        self.x, self.gradient = np.zeros((size, nlp.sizes[0])), np.empty((size, nlp.sizes[0]))
+        self.p: FloatArray = np.resize(parameters, (size, nlp.sizes[1]))
+        self.objective = np.empty(size)
+        buffer, self.evaluate = _mapped(nlp, size).buffer()
+        for index, array in enumerate((self.x, self.p)):
+            buffer.set_arg(index, memoryview(array))  # type: ignore[arg-type]
+        for index, array in enumerate((self.objective, self.gradient)):
+            buffer.set_res(index, memoryview(array))  # type: ignore[arg-type]
+        self.buffer = buffer
+
+    def __call__(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Values at x (B, nx), not finite where they do not exist; overwritten by the next call."""
+        self.x[: self.count] = x
+        self.evaluate()
+        return self.objective[: self.count], self.gradient[: self.count]
+
+
+@locked_cache(maxsize=64)
+def _mapped(nlp: Nlp, size: int) -> Any:
+    return nlp.gradient.map(size)

@@ -1,0 +1,361 @@
+"""A step of the formation policies in one pass: state in, verified velocities out.
+
+For every state: its problem and scale, the solution by the spectral projected gradient, and the
+verification. What `casswarm.policies.formation_policies` otherwise does in arrays, for any solver.
+
+The formation problems of one step, one state at a time: parameters, sets, initial guesses.
+
+`casswarm.problems.formation` states the problems. These kernels write what distinguishes one state
+from another, both for its records (`Formation`) and for policies that solve in the same pass.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..compiled.kernels import allocating_kernel, kernel
+from ..motion.planar_kernels import approach, fix, nearest_to_anchor, projected
+from ..motion.step_kernels import motion_set
+from ..typing import BoolArray, FloatArray, IntArray
+from .face_kernels import Problem, copy
+from .search_kernels import Method, scratch_for, solve
+
+
+@kernel
+def separation(positions: FloatArray, row: int, i: int, points: FloatArray) -> float:
+    """Distance of a member to its state's point."""
+    east, north = positions[row, i, 0] - points[row, 0], positions[row, i, 1] - points[row, 1]
+    return math.sqrt(east * east + north * north)
+
+
+@kernel
+def nearest_living(
+    positions: FloatArray, alive: BoolArray, points: FloatArray, tie: float, members: IntArray
+) -> None:
+    """Write the first living member that is nearest to the points (B, 2), up to `tie`; 0 if none.
+
+    A distance that is not finite counts as infinite.
+    """
+    for row in range(positions.shape[0]):
+        least = math.inf
+        members[row] = 0
+        for i in range(positions.shape[1]):
+            distance = separation(positions, row, i, points)
+            if alive[row, i] and distance < least:
+                least = distance
+        for i in range(positions.shape[1] - 1, -1, -1):
+            distance = separation(positions, row, i, points)
+            if alive[row, i] and distance <= least + tie:
+                members[row] = i
+
+
+class States(NamedTuple):
+    """B states before a step.
+
+    Parameters
+    ----------
+    positions, previous_velocities : (B, n, 2)
+    alive : (B, n) bool
+    goals : (B, 2)
+        X*(t+1).
+    leaders : (B,) int
+        Members that move to the goal; -1 for none.
+    """
+
+    positions: FloatArray
+    previous_velocities: FloatArray
+    alive: BoolArray
+    goals: FloatArray
+    leaders: IntArray
+
+
+class Terms(NamedTuple):
+    """What the formation problems of a batch have in common.
+
+    Parameters
+    ----------
+    dt, v_max : float
+    change : float
+        Bound on |V(t) - V(t-1)|.
+    at_goal : float
+        Distance from the goal up to which a leader has reached it.
+    corridor : float
+        The corridor's radius in units of velocity; negative for leader protection.
+    gathers : bool
+        Whether members that protect a leader begin as close to it as they can come, which
+        minimises its rate.
+    follower_weight : float
+        Weight of their rates.
+    """
+
+    dt: float
+    v_max: float
+    change: float
+    at_goal: float
+    corridor: float
+    gathers: bool
+    follower_weight: float
+
+
+class StateProblem(NamedTuple):
+    """The problem of a state; of B states, with a leading axis.
+
+    Parameters
+    ----------
+    p : (6n + 4,)
+        Parameters in the order of `formation_nlp`.
+    guess : (2n,)
+        Feasible initial guess.
+    sets : (n, 10)
+        See ``planar_kernels``; a point for members that are not free, 0 for the destroyed.
+    free, infeasible : (n,) bool
+        As of `Formation`.
+    """
+
+    p: FloatArray
+    guess: FloatArray
+    sets: FloatArray
+    free: BoolArray
+    infeasible: BoolArray
+
+
+@kernel
+def state_problem(states: States, row: int, terms: Terms, out: StateProblem) -> bool:
+    """Write the problem of a state.
+
+    Returns False, and writes no problem, if a number is not finite or a member's limits of motion
+    allow no velocity: the previous one is too far from v_max.
+    """
+    finite = write_parameters(states, row, terms, out.p)
+    if not finite:
+        return False
+    if terms.corridor < 0.0:
+        return leader_problem(states, row, terms, out)
+    return corridor_problem(states, row, terms, out)
+
+
+@kernel
+def write_parameters(states: States, row: int, terms: Terms, p: FloatArray) -> bool:
+    """Write all parameters but the weights, which are 0; return whether they are finite."""
+    n = states.alive.shape[1]
+    total = 0.0
+    for i in range(n):
+        for c in range(2):
+            p[2 * i + c] = states.positions[row, i, c]
+            p[2 * (n + i) + c] = states.previous_velocities[row, i, c]
+            total += 0.0 * p[2 * i + c] + 0.0 * p[2 * (n + i) + c]
+        p[4 * n + i], p[5 * n + i] = states.alive[row, i], 0.0
+    p[6 * n], p[6 * n + 1] = states.goals[row, 0], states.goals[row, 1]
+    p[6 * n + 2], p[6 * n + 3] = terms.dt, terms.v_max
+    finite: bool = total + 0.0 * p[6 * n] + 0.0 * p[6 * n + 1] == 0.0
+    return finite
+
+
+@kernel
+def write_fixed(i: int, out: StateProblem) -> None:
+    """Let a member whose set is a point not be free."""
+    out.free[i] = False
+    out.guess[2 * i], out.guess[2 * i + 1] = out.sets[i, 0], out.sets[i, 1]
+
+
+@kernel
+def write_destroyed(i: int, out: StateProblem) -> None:
+    """Let a destroyed member not move."""
+    for c in range(4, 10):
+        out.sets[i, c] = 0.0
+    fix(0.0, 0.0, out.sets, i)
+    write_fixed(i, out)
+    out.infeasible[i] = False
+
+
+@kernel
+def write_free(i: int, vx: float, vy: float, out: StateProblem) -> bool:
+    """Let a member be free, its guess as close to (vx, vy) as allowed; False without any."""
+    out.free[i], out.infeasible[i] = True, False
+    out.guess[2 * i], out.guess[2 * i + 1], exists = projected(vx, vy, out.sets, i)
+    return exists
+
+
+@kernel
+def leader_problem(states: States, row: int, terms: Terms, out: StateProblem) -> bool:
+    """Leader protection, problem (6): the leader's velocity is fixed."""
+    n, lead, dt, sets, p = states.alive.shape[1], states.leaders[row], terms.dt, out.sets, out.p
+    solvable, next_x, next_y = True, 0.0, 0.0
+    if states.alive[row, lead]:
+        x, y, goal_x, goal_y = p[2 * lead], p[2 * lead + 1], p[6 * n], p[6 * n + 1]
+        motion_set(p[2 * (n + lead)], p[2 * (n + lead) + 1], terms.v_max, terms.change, sets, lead)
+        vx, vy, solvable = projected((goal_x - x) / dt, (goal_y - y) / dt, sets, lead)
+        next_x, next_y = x + dt * vx, y + dt * vy
+        fix(vx, vy, sets, lead)
+        write_fixed(lead, out)
+        out.infeasible[lead] = math.hypot(next_x - goal_x, next_y - goal_y) > terms.at_goal
+        p[5 * n + lead] = 1.0
+    for i in range(n):
+        if not states.alive[row, i]:
+            write_destroyed(i, out)
+        elif i != lead:
+            vx, vy = p[2 * (n + i)], p[2 * (n + i) + 1]
+            motion_set(vx, vy, terms.v_max, terms.change, sets, i)
+            if terms.gathers:  # the closer the better, for every member independently
+                vx, vy = (next_x - p[2 * i]) / dt, (next_y - p[2 * i + 1]) / dt
+            solvable = write_free(i, vx, vy, out) and solvable
+            p[5 * n + i] = terms.follower_weight
+    return solvable
+
+
+@kernel
+def corridor_problem(states: States, row: int, terms: Terms, out: StateProblem) -> bool:
+    """Constrained trajectory, problem (7); a leader moves to the goal itself."""
+    n, lead, dt, sets, p = states.alive.shape[1], states.leaders[row], terms.dt, out.sets, out.p
+    solvable = True
+    for i in range(n):
+        if not states.alive[row, i]:
+            write_destroyed(i, out)
+            continue
+        vx, vy = p[2 * (n + i)], p[2 * (n + i) + 1]
+        motion_set(vx, vy, terms.v_max, terms.change, sets, i)
+        sets[i, 7], sets[i, 8] = (p[6 * n] - p[2 * i]) / dt, (p[6 * n + 1] - p[2 * i + 1]) / dt
+        sets[i, 9] = terms.corridor
+        p[5 * n + i] = 1.0
+        infeasible = not nearest_to_anchor(sets, i)[2]
+        if infeasible or i == lead:
+            solvable = approach(sets, i) and solvable
+            write_fixed(i, out)
+        else:
+            solvable = write_free(i, vx, vy, out) and solvable
+        out.infeasible[i] = infeasible
+    return solvable
+
+
+@kernel
+def isolated_rate(
+    evaluate: Any,
+    p: FloatArray,
+    alive: BoolArray,
+    constants: FloatArray,
+    vectors: FloatArray,
+    scratch: FloatArray,
+) -> float:
+    """Weighted sum of the members' rates if each were alone, at the present positions.
+
+    It is the objective for velocities of 0 with nobody alive, and so without pairs of members; then
+    p has `alive` (n,) again. `vectors` (2, 2n) and `scratch` are overwritten.
+    """
+    n = alive.size
+    for i in range(n):
+        vectors[0, 2 * i], vectors[0, 2 * i + 1], p[4 * n + i] = 0.0, 0.0, 0.0
+    rate: float = evaluate(vectors[0], p, constants, vectors[1], scratch)
+    for i in range(n):
+        p[4 * n + i] = alive[i]
+    return rate
+
+
+@allocating_kernel
+def isolated_rates(
+    evaluate: Any, p: FloatArray, alive: BoolArray, constants: FloatArray, rates: FloatArray
+) -> None:
+    """Write `isolated_rate` (B,) of all states."""
+    n = alive.shape[1]
+    vectors, scratch = np.empty((2, 2 * n)), np.empty(n * (n + 8))
+    for row in range(rates.size):
+        rates[row] = isolated_rate(evaluate, p[row], alive[row], constants, vectors, scratch)
+
+
+@kernel
+def write_problems(
+    states: States, terms: Terms, problems: StateProblem, solvable: BoolArray
+) -> None:
+    """Write the problems of B states, and which of them could be written."""
+    for row in range(solvable.size):
+        out = StateProblem(
+            problems.p[row],
+            problems.guess[row],
+            problems.sets[row],
+            problems.free[row],
+            problems.infeasible[row],
+        )
+        solvable[row] = state_problem(states, row, terms, out)
+
+
+class Limits(NamedTuple):
+    """Residuals up to which an answer is accepted."""
+
+    violation: float
+    stationarity: float
+
+
+class StepResults(NamedTuple):
+    """What is written for B states.
+
+    Parameters
+    ----------
+    velocities : (B, n, 2)
+    verified : (B, 3)
+        Objective, violation and stationarity, as of the batch solver's `Results`.
+    infeasible : (B,) int
+        Members that cannot meet their soft constraint.
+    accepted : (B,) bool
+        Whether the residuals are within their limits. Where not, nothing else counts.
+    """
+
+    velocities: FloatArray
+    verified: FloatArray
+    infeasible: IntArray
+    accepted: BoolArray
+
+
+@kernel
+def write_velocities(x: FloatArray, sets: FloatArray, velocities: FloatArray) -> bool:
+    """Write the nearest velocities in the sets, where hard constraints hold; False without any."""
+    complete = True
+    for i in range(sets.shape[0]):
+        velocities[i, 0], velocities[i, 1], exists = projected(x[2 * i], x[2 * i + 1], sets, i)
+        complete = complete and exists
+    return complete
+
+
+@allocating_kernel
+def decide_states(
+    rows: tuple[int, int],
+    evaluate: Any,
+    constants: FloatArray,
+    states: States,
+    terms: Terms,
+    method: Method,
+    limits: Limits,
+    results: StepResults,
+) -> None:
+    """Decide in the states ``rows[0]`` to ``rows[1] - 1``."""
+    n = states.alive.shape[1]
+    scratch, counts = scratch_for(n, method), np.zeros(2, np.int64)
+    own = StateProblem(
+        np.empty(6 * n + 4),
+        np.empty(2 * n),
+        np.empty((n, 10)),
+        np.empty(n, np.bool_),
+        np.empty(n, np.bool_),
+    )
+    scale, vectors, numbers = np.empty(2), np.empty((2, 2 * n)), np.empty(n * (n + 8))
+    problem = Problem(evaluate, own.p, constants, own.sets, scale, numbers)
+    for row in range(rows[0], rows[1]):
+        verified = results.verified[row]
+        results.accepted[row] = False
+        if not state_problem(states, row, terms, own):
+            continue
+        rate = isolated_rate(evaluate, own.p, states.alive[row], constants, vectors, numbers)
+        if not 0.0 <= rate < math.inf:
+            continue
+        scale[0], scale[1] = terms.v_max, rate if rate > 0.0 else 1.0
+        infeasible = 0
+        for i in range(n):
+            infeasible += own.infeasible[i]
+        copy(own.guess, scratch.best)
+        solve(own.guess, problem, method, scratch, verified, counts)
+        results.infeasible[row] = infeasible
+        if verified[1] <= limits.violation and verified[2] <= limits.stationarity:
+            results.accepted[row] = write_velocities(
+                scratch.best, own.sets, results.velocities[row]
+            )

@@ -1,0 +1,226 @@
+"""The formation problems of one step as arrays: what a batch of states asks of a solver.
+
+The program is that of `casswarm.problems.formation`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..compiled.kernels import contiguous
+from ..hazard import Hazard, KernelHazard
+from ..motion.planar import PlanarSets
+from ..motion.step import Step
+from ..nlp.program import Instances, Nlp
+from ..problems.formation import formation_nlp
+from ..typing import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from ..formation.state_kernels import StateProblem, States, Terms
+
+
+FOLLOWER_WEIGHT = 0.01
+
+
+"""Weight of the other members' rates in leader protection, where members collide.
+
+The leader's rate depends on distances to the leader alone. Without collisions it increases with
+each, and determines the formation. With collisions it is least at some distance, in any direction:
+among the minimisers, the one of least total rate is wanted. This weight selects it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Formation:
+    """A batch of B formation problems, ready to be solved.
+
+    Parameters
+    ----------
+    nlp : Nlp
+    instances : Instances
+        B instances; members whose velocity is prescribed have a box of zero width.
+    free : (B, n) bool
+        Members whose velocity is optimised.
+    sets : PlanarSets, shape (B, n)
+        Sets of the velocities of the first step.
+    fallback : (B, n, 2)
+        Allowed velocities to apply if a solver fails.
+    infeasible : (B, n) bool
+        Members that cannot meet their soft constraint within the hard constraints.
+    tracked : (B, n) bool, optional
+        Members of whom the applied velocity shows whether they meet it.
+    radius : float
+        Distance from the goal within which tracked members meet it.
+    failures : (B,) int, optional
+        1 where building the problem failed and an approximation is used.
+    """
+
+    nlp: Nlp
+    instances: Instances
+    free: BoolArray
+    sets: PlanarSets
+    fallback: FloatArray
+    infeasible: BoolArray
+    tracked: BoolArray | None = None
+    radius: float = 0.0
+    failures: IntArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class FormationTask:
+    """The formation problems of one step in B states: leader protection, or a corridor.
+
+    Parameters
+    ----------
+    step : Step
+        Of a single step, H = 1.
+    leaders : (B,) int
+        Members that move to the goal, living ones; -1 for none, which only a corridor allows.
+    rho : float, optional
+        Bound on the squared distance to the goal, with a corridor.
+    """
+
+    step: Step
+    leaders: IntArray
+    rho: float | None = None
+
+    @property
+    def nlp(self) -> Nlp:
+        """The program of all states."""
+        return formation_nlp(self.step.hazard, self.step.alive.shape[1], self.rho is not None)
+
+    @property
+    def states(self) -> States:
+        """The states as kernels take them."""
+        from ..formation.state_kernels import States  # Numba takes a second to import
+
+        step, goals = self.step, np.empty((len(self.leaders), 2))
+        goals[:] = step.goal[:, 0]
+        positions, velocities = (
+            np.asarray(array, float) for array in (step.positions, step.previous_velocities)
+        )
+        leaders = np.asarray(self.leaders, np.int64)
+        return States(*map(contiguous, (positions, velocities, step.alive, goals, leaders)))
+
+    @property
+    def terms(self) -> Terms:
+        """What the problems have in common."""
+        from ..formation.state_kernels import Terms  # Numba takes a second to import
+
+        motion, hazard = self.step.motion, self.step.hazard
+        return Terms(
+            dt=float(motion.dt),
+            v_max=float(motion.v_max),
+            change=motion.max_change,
+            at_goal=motion.position_tol,
+            corridor=-1.0 if self.rho is None else math.sqrt(self.rho) / motion.dt,
+            gathers=_gathers(hazard),
+            follower_weight=_follower_weight(hazard),
+        )
+
+    def __getitem__(self, rows: IntArray) -> FormationTask:
+        return FormationTask(self.step[rows], self.leaders[rows], self.rho)
+
+    def formation(self) -> Formation:
+        """The problems as arrays, for any solver.
+
+        Raises
+        ------
+        ValueError
+            A number is not finite, or a member's limits of motion allow no velocity.
+        """
+        from ..formation.state_kernels import StateProblem, write_problems
+
+        batch, n = self.step.alive.shape
+        problems = StateProblem(
+            np.empty((batch, 6 * n + 4)),
+            np.empty((batch, 2 * n)),
+            np.empty((batch, n, 10)),
+            *np.empty((2, batch, n), bool),
+        )
+        solvable = np.empty(batch, bool)
+        write_problems(self.states, self.terms, problems, solvable)
+        if not solvable.all():
+            raise ValueError(
+                f"{np.count_nonzero(~solvable)} of {batch} states have no formation problem: "
+                "positions, velocities and goals must be finite, and previous velocities within "
+                "v_max, or so close to it that a_max allows to return"
+            )
+        return _formation(self, problems)
+
+
+def leader_formation(step: Step, leaders: IntArray) -> Formation:
+    """Leader protection, problem (6); `leaders` (B,) are the indices of living members."""
+    return FormationTask(step, leaders).formation()
+
+
+def corridor_formation(step: Step, rho: float, lead_agents: IntArray | None = None) -> Formation:
+    """Constrained trajectory, problem (7); `rho` bounds the squared distance to the goal.
+
+    `lead_agents` (B,), if given, are the indices of members that move to the goal itself.
+    """
+    return FormationTask(step, or_none(lead_agents, len(step.alive)), rho).formation()
+
+
+def or_none(leaders: IntArray | None, batch: int) -> IntArray:
+    """The leaders (B,), or -1 for all states where there are none."""
+    return np.full(batch, -1) if leaders is None else leaders
+
+
+def leader_weights(step: Step, leads: BoolArray) -> FloatArray:
+    """Weights (B, n) of the members' rates in leader protection, for leaders (B, n)."""
+    return np.where(leads, 1.0, _follower_weight(step.hazard)) * step.alive
+
+
+def _gathers(hazard: Hazard) -> bool:
+    return isinstance(hazard, KernelHazard) and hazard.gathers
+
+
+def _follower_weight(hazard: Hazard) -> float:
+    return 0.0 if _gathers(hazard) else FOLLOWER_WEIGHT
+
+
+def _formation(task: FormationTask, problems: StateProblem) -> Formation:
+    """Formation of the problems that kernels wrote."""
+    batch, corridor = len(task.leaders), task.rho is not None
+    sets = PlanarSets.from_packed(problems.sets, 2 if corridor else 1)
+    squared = (sets.radii / task.step.motion.v_max) ** 2  # constraints bound squared distances
+    instances = Instances(
+        x0=problems.guess,
+        p=problems.p,
+        lbx=sets.lower.reshape(batch, -1),
+        ubx=sets.upper.reshape(batch, -1),
+        lbg=np.full((batch, task.nlp.sizes[2]), -np.inf),
+        ubg=np.moveaxis(squared, -1, 1).reshape(batch, -1),  # in the order of `constraints`
+        feasible_set=sets,
+        scale=_step_scale(task, problems.p),
+    )
+    fallback = sets.project(task.step.previous_velocities)
+    return Formation(task.nlp, instances, problems.free, sets, fallback, problems.infeasible)
+
+
+def formation_scale(step: Step, weights: FloatArray) -> FloatArray:
+    """Scales (B, 2): v_max, and the rate of isolated members at the present positions, H steps."""
+    isolated = (weights * step.hazard.single_agent_rates(step.positions)).sum(axis=1)
+    return _scale(step, step.horizon * isolated)
+
+
+def _scale(step: Step, rates: FloatArray) -> FloatArray:
+    return np.stack([np.full(len(rates), step.motion.v_max), np.where(rates > 0, rates, 1.0)], 1)
+
+
+def _step_scale(task: FormationTask, p: FloatArray) -> FloatArray:
+    """`formation_scale` of one step; by the compiled objective if there is one, to the last bit."""
+    (batch, n), compiled = task.step.alive.shape, task.nlp.compiled
+    if compiled is not None:
+        from ..formation.state_kernels import isolated_rates
+
+        rates = np.empty(batch)
+        alive = contiguous(task.step.alive)
+        isolated_rates(compiled.evaluate, p, alive, compiled.constants, rates)
+        if (np.isfinite(rates) & (rates >= 0)).all():
+            return _scale(task.step, rates)
+    return formation_scale(task.step, p[:, 5 * n : 6 * n])  # which names a rate that is no rate

@@ -1,0 +1,300 @@
+"""Grids of the relaxed guide problem: nodes per step, in rectangular blocks of cells."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from .._util.numbers import SPEED_TOL
+from ..hazard import Hazard
+from ..hazard.rate_bounds import LeastRate
+from ..motion.kinematics import remaining_distance
+from ..typing import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+UNIT = 2.0**-53  # unit roundoff of a double
+
+ANYWHERE = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])  # starts: all points of the plane
+
+_MIN_ACTIVE = 0.5  # active fraction of a block's cells below which it is split
+_MIN_CELLS = 256  # blocks of at most so many cells are not split
+_MAX_REACH = 64
+_NO_WEIGHT = 1e-6  # at most so much weight may be due to the rounding of positions
+
+
+@dataclass(frozen=True, eq=False)
+class Relaxation:
+    """A scenario's guide problem with the speed limit, the horizon and the target only.
+
+    Without acceleration limits and arrival margin, with the excess of speed that the chain allows,
+    and with the rest rounded outwards: a lower bound for all guides of the relaxation is one for
+    all guides of the scenario, and for every member of a swarm.
+
+    Parameters
+    ----------
+    hazard : Hazard
+    start, center : (2,)
+    radius : float
+        Of the target zone; a guide arrives at its first step in the zone.
+    step, speed : float
+        s, the largest change of a coordinate in a time step, and a velocity that is never reduced.
+    steps, dt : int, float
+        N, the last time step, and the length of one.
+    least : LeastRate, optional
+        phi of the single-agent rate, the least rate of a member of a swarm, instead of that rate.
+    """
+
+    hazard: Hazard
+    start: FloatArray
+    center: FloatArray
+    radius: float
+    step: float
+    speed: float
+    steps: int
+    dt: float
+    least: LeastRate | None = None
+
+    @classmethod
+    def from_scenario(cls, scenario: Scenario, start: FloatArray | None = None) -> Relaxation:
+        """Relaxation of a scenario's guide problem, from its guide's start or from `start` (2,)."""
+        begin = scenario.guide_start if start is None else np.asarray(start, float)
+        center = np.asarray(scenario.target.center, float)
+        step = scenario.swarm.v_max * scenario.time.dt
+        extent = float(np.abs([begin, center]).max() + scenario.n_steps * step)
+        rounding = 8 * UNIT  # of sums, products and hypot in paths computed in doubles
+        return cls(
+            hazard=scenario.hazard,
+            start=np.array(begin),
+            center=center,
+            radius=scenario.target.radius * (1 + rounding) + rounding * extent,
+            step=step * (1 + SPEED_TOL + rounding) + rounding * extent,
+            speed=scenario.swarm.v_max * (1 + SPEED_TOL - rounding),
+            steps=scenario.n_steps,
+            dt=scenario.time.dt,
+        )
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the hazard provides lower bounds of its rates."""
+        return self.hazard.single_agent_lower_bound(self.start, self.start) is not None
+
+    def reachable(self, positions: FloatArray, steps: int) -> BoolArray:
+        """Whether the target can be reached from positions (..., 2) in `steps` steps."""
+        distance = remaining_distance(positions, self.center, steps * self.step)
+        return np.asarray(distance <= self.radius)
+
+    def rates(self, points: FloatArray) -> FloatArray:
+        """Rates (...) at points (..., 2)."""
+        rates = self.hazard.single_agent_rates(points)
+        return rates if self.least is None else self.least(rates)
+
+    def rates_below(self, east: FloatArray, north: FloatArray, spacing: float) -> FloatArray | None:
+        """Node values as of `Hazard.single_agent_rates_below`, below `rates`.
+
+        phi is concave and nondecreasing, so that I phi(v) <= phi(I v) <= phi(b) for I v <= b, if
+        all v are at least 0; otherwise it is taken of the least rates around each node.
+        """
+        below = self.hazard.single_agent_rates_below(east, north, spacing)
+        if below is None or self.least is None:
+            return below
+        if (below < 0).any():
+            nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)
+            bound = self.hazard.single_agent_lower_bound(nodes - spacing, nodes + spacing)
+            assert bound is not None
+            below = np.maximum(bound, 0.0)
+        return self.least(below)
+
+
+class Block(NamedTuple):
+    """A rectangle of cells, and its nodes.
+
+    Parameters
+    ----------
+    low : pair of int
+        Indices of the first node; node (0, 0) is the start.
+    cells : (n-1, m-1) bool
+        Active cells.
+    """
+
+    low: tuple[int, int]
+    cells: BoolArray
+
+    @classmethod
+    def full(cls, first: IntArray, last: IntArray) -> Block:
+        """All cells between two nodes (2,); nodes on one line have cells on one side of it."""
+        cells = np.ones(tuple(np.maximum(last - first, 1)), bool)
+        return cls((int(first[0]), int(first[1])), cells)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of nodes along each axis."""
+        return self.cells.shape[0] + 1, self.cells.shape[1] + 1
+
+    @property
+    def nodes(self) -> BoolArray:
+        """Mask of the nodes that are corners of active cells."""
+        mask = np.zeros(self.shape, bool)
+        for corner in corners(mask):
+            np.logical_or(corner, self.cells, out=corner)
+        return mask
+
+    @property
+    def high(self) -> tuple[int, int]:
+        """Indices of the last node."""
+        return self.low[0] + self.cells.shape[0], self.low[1] + self.cells.shape[1]
+
+
+def corners(nodes: np.ndarray) -> Iterator[np.ndarray]:
+    """The four corners of every cell, as views (n-1, m-1) of node values (n, m)."""
+    for rows in (slice(None, -1), slice(1, None)):
+        for columns in (slice(None, -1), slice(1, None)):
+            yield nodes[rows, columns]
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Nodes start + h (i, j) for every sample of a path.
+
+    Parameters
+    ----------
+    task : Relaxation
+    stride : int
+        m, time steps from one sample of a path to the next.
+    reach : int
+        k, nodes by which a coordinate changes from one sample to the next: h = m s / k.
+    blocks : tuple of tuple of Block
+        For every sample j = 1 .. ceil(N / m) of a path, the blocks that it may visit.
+    """
+
+    task: Relaxation
+    stride: int
+    reach: int
+    blocks: tuple[tuple[Block, ...], ...] = field(repr=False)
+
+    @classmethod
+    def full(
+        cls, task: Relaxation, stride: int, reach: int, starts: FloatArray | None = None
+    ) -> Grid:
+        """All nodes on paths to the target in time, from `starts` (n, 2) or the task's start."""
+        ranges = zip(*np.array(_ranges(task, stride, reach, starts), int), strict=True)
+        blocks = tuple(
+            (Block.full(first, last),) if (first <= last).all() else () for first, last in ranges
+        )
+        return cls(task, stride, reach, blocks)
+
+    @classmethod
+    def finest(cls, task: Relaxation, max_nodes: int, starts: FloatArray | None = None) -> Grid:
+        """The finest full grid of at most `max_nodes` nodes, with a stride above 1 if necessary."""
+        stride = reach = 1
+        while node_count(task, stride, 1, starts) > max_nodes and stride < task.steps:
+            stride *= 2
+        while reach < _MAX_REACH and node_count(task, stride, 2 * reach, starts) <= max_nodes:
+            reach *= 2
+        return cls.full(task, stride, reach, starts)
+
+    @property
+    def spacing(self) -> float:
+        """h, the side of a cell."""
+        return self.stride * self.task.step / self.reach
+
+    @property
+    def size(self) -> int:
+        """Number of nodes over all samples."""
+        return sum(math.prod(block.shape) for blocks in self.blocks for block in blocks)
+
+    def axes(self, low: tuple[int, int], shape: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
+        """Coordinates of `shape` nodes from the node `low`, along each axis."""
+        east, north = (
+            origin + self.spacing * (first + np.arange(count))
+            for origin, first, count in zip(self.task.start, low, shape, strict=True)
+        )
+        return east, north
+
+    def halved(self, active: tuple[tuple[BoolArray, ...], ...]) -> Grid:
+        """The active cells of every block with half the spacing, and half the stride if above 1."""
+        blocks = tuple(
+            tuple(
+                fine
+                for block, cells in zip(blocks, masks, strict=True)
+                for fine in _split(
+                    (2 * block.low[0], 2 * block.low[1]),
+                    cells.repeat(2, axis=0).repeat(2, axis=1),
+                )
+            )
+            for blocks, masks in zip(self.blocks, active, strict=True)
+        )
+        if self.stride == 1:
+            return replace(self, reach=2 * self.reach, blocks=blocks)
+        stride = self.stride // 2
+        twice = tuple(fine for fine in blocks for _ in (0, 1))
+        return replace(self, stride=stride, blocks=twice[: -(-self.task.steps // stride)])
+
+
+def bilinear(values: FloatArray, cells: IntArray, fractions: FloatArray) -> FloatArray:
+    """Bilinear interpolation (B,) of values (n, m) in cells (B, 2), at fractions (B, 2) of a cell.
+
+    Infinite outside the grid, and where a corner is whose weight is not zero up to rounding.
+    """
+    inside = np.asarray(((cells >= 0) & (cells < np.array(values.shape) - 1)).all(axis=1))
+    if not inside.any():
+        return np.full(len(cells), np.inf)
+    cells = np.where(inside[:, None], cells, 0)
+    interpolated = np.zeros(len(cells))
+    for i, j in itertools.product((0, 1), (0, 1)):
+        weight = np.abs(1 - i - fractions[:, 0]) * np.abs(1 - j - fractions[:, 1])
+        corner = values[cells[:, 0] + i, cells[:, 1] + j]
+        interpolated += weight * np.where((weight > _NO_WEIGHT) | np.isfinite(corner), corner, 0.0)
+    return np.where(inside, interpolated, np.inf)
+
+
+def node_count(task: Relaxation, stride: int, reach: int, starts: FloatArray | None = None) -> int:
+    """Number of nodes of `Grid.full`, without building it."""
+    first, last = _ranges(task, stride, reach, starts)
+    return int(np.maximum(last - first + 1, 0).prod(axis=1).sum())  # of floats: it may be huge
+
+
+def _ranges(
+    task: Relaxation, stride: int, reach: int, starts: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """First and last nodes (N, 2) of every sample, within reach of the starts and the target."""
+    spacing = stride * task.step / reach
+    samples = -(-task.steps // stride)
+    out = reach * np.arange(1, samples + 1)[:, None]
+    back = out[::-1] - reach
+    far = task.radius + (stride - 1) * task.step
+    offsets = ((task.start[None] if starts is None else starts) - task.start) / spacing
+    first = np.maximum(
+        np.floor((task.center - far - task.start) / spacing) - back,
+        np.floor(offsets.min(axis=0)) - out,
+    )
+    last = np.minimum(
+        np.ceil((task.center + far - task.start) / spacing) + back,
+        np.ceil(offsets.max(axis=0)) + out,
+    )
+    return first, last
+
+
+def _split(low: tuple[int, int], cells: BoolArray) -> Iterator[Block]:
+    """Blocks that hold all active cells, and few others."""
+    rows, columns = np.flatnonzero(cells.any(axis=1)), np.flatnonzero(cells.any(axis=0))
+    if not rows.size:
+        return
+    cells = cells[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    low = (low[0] + int(rows[0]), low[1] + int(columns[0]))
+    if cells.size <= _MIN_CELLS or np.count_nonzero(cells) >= _MIN_ACTIVE * cells.size:
+        yield Block(low, cells)
+        return
+    axis = int(cells.shape[1] > cells.shape[0])
+    empty = np.flatnonzero(~cells.any(axis=1 - axis))  # preferably at a gap
+    middle = cells.shape[axis] // 2
+    at = int(empty[np.abs(empty - middle).argmin()]) if empty.size else middle
+    first, second = np.split(cells, [at], axis=axis)
+    yield from _split(low, first)
+    yield from _split((low[0] + at * (1 - axis), low[1] + at * axis), second)

@@ -1,0 +1,17 @@
+from .certificate import certify_guide
+from .guide import Candidate, Guide
+from .homotopy import GridPath, best_homotopy_classes, homotopy_signature
+from .multistart import Multistart
+from .plan import initial_velocities, plan_from
+
+__all__ = [
+    "Candidate",
+    "GridPath",
+    "Guide",
+    "Multistart",
+    "best_homotopy_classes",
+    "certify_guide",
+    "homotopy_signature",
+    "initial_velocities",
+    "plan_from",
+]

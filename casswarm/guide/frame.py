@@ -1,0 +1,212 @@
+"""The frame in which swarms and guides are planned, so that images of a scenario have equal plans.
+
+Limits of speed are squares along the axes. So quarter turns, mirrors and permutations of members
+map scenarios to equivalent ones. Solves are local, proofs stop at a gap, and their results may
+depend on a direction or on an order; every scenario is therefore planned in a frame that its own
+geometry defines, and the plan is mapped back. Both maps only swap and negate coordinates, and are
+exact.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..scenario.sections import CONSTANTS
+from ..typing import FloatArray, IntArray, Progress
+
+if TYPE_CHECKING:
+    from ..joint.swarm_plan import SwarmOutcome
+    from ..problems.guide import GuideTask
+    from ..scenario import Scenario
+    from .guide import Candidate, Guide
+
+_TURN, _MIRROR = np.array([[0.0, -1.0], [1.0, 0.0]]), np.diag([1.0, -1.0])
+
+SYMMETRIES = tuple(
+    np.linalg.matrix_power(_TURN, quarters) @ mirror + 0.0
+    for mirror in (np.eye(2), _MIRROR)
+    for quarters in range(4)
+)
+"""The eight orthogonal matrices (2, 2) that map the axes to each other; the identity first."""
+
+_DIGITS = 9  # of lengths relative to the scenario's, and
+_DIGITS_SPEED = 6  # of speeds relative to v_max, which a solver computes: equal up to rounding
+_SIDES = re.compile(r"\b[LR]+\b")
+_MIRRORED = str.maketrans("LR", "RL")
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Axes and an order of members.
+
+    Parameters
+    ----------
+    matrix : (2, 2)
+        One of `SYMMETRIES`, from the scenario's axes to those of the frame.
+    order : (n,) int
+        Member of the scenario for every member in the frame.
+    """
+
+    matrix: FloatArray
+    order: IntArray
+
+    @classmethod
+    def of_scenario(cls, scenario: Scenario, velocity: FloatArray) -> Frame:
+        """The frame that a scenario and the V(-1) of its members, (2,), define.
+
+        Of the eight, it is the one with the greatest key in lexicographic order. Scenarios with the
+        same key in two frames are equal in them. The rates of users may depend on directions and
+        members; their scenarios keep theirs.
+        """
+        if scenario.hazard_table.kind not in CONSTANTS:
+            return cls(np.eye(2), np.arange(scenario.n))
+        matrix = max(SYMMETRIES, key=lambda each: _key(scenario, velocity, each))
+        offsets = _offsets(scenario, scenario.positions) @ matrix.T
+        reach = np.round(_reach(scenario) / scenario.target.radius, _DIGITS)
+        return cls(matrix, _sorting(np.column_stack([reach, offsets])))
+
+    @classmethod
+    def of_agent(cls, scenario: Scenario, start: FloatArray, velocity: FloatArray) -> Frame:
+        """The same for a single agent at `start` (2,), with the scenario's order of members."""
+        if scenario.hazard_table.kind not in CONSTANTS:
+            return cls(SYMMETRIES[0], np.arange(scenario.n))
+        offset = _offsets(scenario, start)
+
+        def key(matrix: FloatArray) -> list[float]:
+            return [*_key(scenario, velocity, matrix), *(offset @ matrix.T)]
+
+        return cls(max(SYMMETRIES, key=key), np.arange(scenario.n))
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether the frame is the scenario's own."""
+        in_order = bool((np.diff(self.order) > 0).all())
+        return in_order and np.array_equal(self.matrix, SYMMETRIES[0])
+
+    @property
+    def inverse(self) -> Frame:
+        """What maps the frame to the scenario."""
+        return Frame(self.matrix.T, np.argsort(self.order))
+
+    def members_to(self, vectors: FloatArray) -> FloatArray:
+        """Vectors (..., n, 2) of the scenario's members in the frame."""
+        return self.points_to(vectors[..., self.order, :])
+
+    def members_from(self, vectors: FloatArray) -> FloatArray:
+        """Vectors (..., n, 2) of the frame's members in the scenario."""
+        return self.inverse.members_to(vectors)
+
+    def scenario_in(self, scenario: Scenario) -> Scenario:
+        """The scenario in the frame; its radars keep their order."""
+        if self.is_identity:
+            return scenario
+        values: dict[str, object] = {
+            "swarm.positions": self.members_to(scenario.positions),
+            "target.center": self.points_to(scenario.target.center),
+            "hazard.radars": self.points_to(scenario.hazard_table.radars),
+        }
+        if scenario.swarm.velocity != "guide":
+            values["swarm.velocity"] = self.points_to(scenario.swarm.velocity)
+        return scenario.with_values(values)
+
+    def outcome_from(self, outcome: SwarmOutcome) -> SwarmOutcome:
+        """An outcome of the frame, with its solution, in the scenario."""
+        x = outcome.solution.x.reshape(-1, len(self.order), 2)
+        return replace(
+            outcome,
+            start=self.renamed(outcome.start),
+            arrivals=outcome.arrivals[np.argsort(self.order)],
+            velocities=self.members_from(outcome.velocities),
+            solution=replace(outcome.solution, x=self.members_from(x).ravel()),
+        )
+
+    def guide_task_in(self, task: GuideTask) -> GuideTask:
+        """The task of a single agent of the scenario in the frame."""
+        return replace(
+            task,
+            start=self.points_to(task.start),
+            center=self.points_to(task.center),
+            initial_velocity=self.points_to(task.initial_velocity),
+        )
+
+    def guide_to(self, guide: Guide) -> Guide:
+        """Positions and candidates of a guide of the scenario in the frame."""
+        candidates = tuple(map(self.candidate_to, guide.candidates))
+        return replace(guide, positions=self.points_to(guide.positions), candidates=candidates)
+
+    def candidate_to(self, candidate: Candidate) -> Candidate:
+        """A candidate of a guide of the scenario, with its solution, in the frame."""
+        x = self.points_to(candidate.solution.x.reshape(-1, 2)).ravel()
+        return replace(
+            candidate,
+            start=self.renamed(candidate.start),
+            homotopy=self.renamed(candidate.homotopy),
+            velocities=self.points_to(candidate.velocities),
+            solution=replace(candidate.solution, x=x),
+        )
+
+    def renamed(self, text: str) -> str:
+        """A text with homotopy signatures of the scenario, with those of the frame."""
+        if np.linalg.det(self.matrix) > 0:
+            return text
+        return _SIDES.sub(lambda sides: sides.group().translate(_MIRRORED), text)
+
+    def reported(self, progress: Progress | None) -> Progress | None:
+        """What a search in the frame reports to, whose texts have signatures of the scenario."""
+        if progress is None:
+            return None
+        return lambda text, done, total: progress(self.renamed(text), done, total)
+
+    def points_to(self, points: ArrayLike) -> FloatArray:
+        """Points or vectors (..., 2) of the scenario in the frame."""
+        vectors = np.asarray(points, float)
+        if not vectors.size:
+            return vectors
+        axes, signs = np.abs(self.matrix).argmax(axis=1), self.matrix.sum(axis=1)
+        return np.asarray(vectors[..., axes] * signs + 0.0)
+
+
+def _key(scenario: Scenario, velocity: FloatArray, matrix: FloatArray) -> list[float]:
+    """Numbers that tell the images of a scenario apart, whatever the order of members and radars.
+
+    The direction to the target comes first, and V(-1) last: a solver may have computed it.
+    """
+    offsets = _offsets(scenario, scenario.positions) @ matrix.T
+    table = scenario.hazard_table
+    radars = _offsets(scenario, np.array(table.radars, float).reshape(-1, 2)) @ matrix.T
+    weighted = np.column_stack([radars, table.strengths or np.ones(len(radars))])
+    # exact sums do not depend on the order
+    direction = [-round(math.fsum(column) / len(offsets), _DIGITS) for column in offsets.T]
+    parts = [rows[_sorting(rows)].ravel().tolist() for rows in (offsets, weighted)]
+    speeds = np.round(velocity @ matrix.T / scenario.swarm.v_max, _DIGITS_SPEED)
+    return [*direction, *parts[0], *parts[1], *speeds.tolist()]
+
+
+def _offsets(scenario: Scenario, points: FloatArray) -> FloatArray:
+    """Offsets of points (m, 2) from the target's centre, scaled and rounded."""
+    center = np.array(scenario.target.center)
+    length = np.abs(scenario.positions - center).max() + scenario.target.radius
+    return np.asarray(np.round((points - center) / length, _DIGITS))
+
+
+def _reach(scenario: Scenario) -> FloatArray:
+    """Distance (n,) along the axes that each member has to cover to arrive.
+
+    The first of several central members is where the guide starts: it must be able to arrive.
+    """
+    radius = scenario.target.radius
+    offsets = np.sort(np.abs(scenario.positions - np.array(scenario.target.center)), axis=1)
+    difference, total = offsets[:, 1] - offsets[:, 0], offsets.sum(axis=1)
+    corner = 0.5 * (total - np.sqrt(np.maximum(2 * radius**2 - difference**2, 0.0)))
+    return np.where(difference >= radius, offsets[:, 1] - radius, corner)
+
+
+def _sorting(rows: FloatArray) -> IntArray:
+    """Order of rows that depends on their values only."""
+    return np.asarray(np.lexsort(rows.T[::-1]))

@@ -1,0 +1,343 @@
+"""Multistart search for a guide: initial paths, arrival steps, and the outcome of each solve."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..grid.nodes import Relaxation
+from ..motion.kinematics import integrate, remaining_distance, resample
+from ..nlp.program import Instances, Nlp
+from ..nlp.residuals import kkt_residuals
+from ..nlp.solution import Solution, Status
+from ..problems.guide import (
+    GuideTask,
+    guide_instance,
+    guide_nlp,
+    penalised_guide_instance,
+    penalised_guide_nlp,
+)
+from ..solvers import Ipopt, Solver
+from ..solvers.base import VIOLATION
+from ..typing import FloatArray, Progress, Search
+from .guide import Candidate, Guide
+from .homotopy import GridPath, best_homotopy_classes, homotopy_signature
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+
+def solve_by(deadline: float, solver: Solver, nlp: Nlp, instance: Instances) -> Solution:
+    """Solution of a single instance, by a deadline if the solver can limit its time.
+
+    A target that can only just be reached leaves a thin feasible set. Ipopt moves its guess away
+    from bounds, and may then find the problem infeasible although the guess is feasible. It is
+    solved again there from the guess itself, with several settings.
+
+    Parameters
+    ----------
+    deadline : float
+        A time of `time.monotonic`.
+    solver, nlp, instance
+    """
+    solution = _limited(solver, deadline).solve(nlp, instance)[0]
+    careful_solvers = solver.from_feasible_guess()
+    if solution.status is not Status.INFEASIBLE or not careful_solvers:
+        return solution
+    if kkt_residuals(nlp, instance, instance.x0[0]).violation > VIOLATION:
+        return solution
+    for careful in careful_solvers:
+        if time.monotonic() >= deadline:
+            break
+        again = _limited(careful, deadline).solve(nlp, instance)[0]
+        if again.status.success:
+            return again
+    return solution
+
+
+def _limited(solver: Solver, deadline: float) -> Solver:
+    """A solver that ends by the deadline, if it can limit its time.
+
+    Its limit is a power of two, so that few of them are compiled.
+    """
+    left = deadline - time.monotonic()
+    limit: float = getattr(solver, "time_limit", 0.0)
+    if not solver.capabilities.time_limit or limit <= left:
+        return solver
+    power = math.floor(math.log2(max(left, 1e-2)))
+    return replace(solver, time_limit=2.0**power)  # type: ignore[type-var]
+
+
+LOG = logging.getLogger(__name__)
+
+STRAIGHT, GRID_PATH = "straight", "grid path"
+"""Names of starts: along the straight line, and along a grid path where there are no radars."""
+
+COARSE_STEPS = 8
+"""Arrival steps tried first, evenly spaced; the intervals next to the best are then bisected."""
+
+MAX_CLASSES = 4
+"""Homotopy classes, in order of risk, from which a global search starts."""
+
+LONG_HORIZON = 100
+"""Number of steps above which a global search uses fewer starts, because solves take longer."""
+
+LONG_SOLVE = 1000
+"""Number of steps from which every solve is reported; those of general solvers always are."""
+
+REFINE_WITHIN = 1.1
+"""Refine the arrival time of homotopy classes whose risk is within this factor of the best."""
+
+SCALED_RISK = 100.0
+"""Scaled risk of an initial path in another homotopy class than the straight line's: with a smaller
+objective, the barrier of an interior-point method may push the path out of its class."""
+
+NEARLY, ROUNDING = 1e-5, 1e-9
+"""Paths that miss the target by less than `NEARLY` (relative to its radius) are projected to
+`ROUNDING` inside it."""
+
+MAX_NEARBY_CLASSES = 3
+"""Homotopy classes of a neighbour's guide, in order of risk, that a search near it starts from."""
+
+InitialPath = Callable[[int, float], FloatArray]
+"""Velocities (steps, 2) of an initial path, for a number of steps and dt."""
+
+
+def preference(candidate: Candidate) -> tuple[bool, bool, float, str, float]:
+    """Sort key: candidates that arrive come first, then those that are solved, then by risk.
+
+    Of risks that agree in nine digits, as of images in symmetric scenarios, the homotopy decides:
+    otherwise it would be the rounding of the last one.
+    """
+    arrives, risk = bool(np.isfinite(candidate.risk)), candidate.risk
+    solved = candidate.solution.status.success
+    return not arrives, not solved, float(f"{risk:.8e}"), candidate.homotopy, risk
+
+
+@dataclass(frozen=True)
+class Multistart:
+    """Solves of one agent's guide problem, from several starts and for several arrival steps.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    task : GuideTask
+    solver : Solver
+    progress : Progress, optional
+    deadline : float
+        Time of `time.monotonic` after which no solve starts; solvers that can limit their time end
+        by then.
+    """
+
+    scenario: Scenario
+    task: GuideTask
+    solver: Solver
+    progress: Progress | None = None
+    deadline: float = math.inf
+
+    @property
+    def expired(self) -> bool:
+        """Whether the deadline has passed."""
+        return time.monotonic() >= self.deadline
+
+    def candidates(self, search: Search) -> list[Candidate]:
+        """Outcomes of every start of a local or global search."""
+        starts: dict[str, InitialPath] = {STRAIGHT: self._straight}
+        steps = {STRAIGHT: self._coarse_steps()}
+        if search == "global" and not self.expired:
+            is_long = self.scenario.n_steps > LONG_HORIZON
+            relaxation = Relaxation.from_scenario(self.scenario, self.task.start)
+            relaxation = replace(relaxation, radius=self.task.radius)
+            for path in best_homotopy_classes(relaxation, 2 if is_long else MAX_CLASSES):
+                starts[_name(path)] = path.velocities
+                steps[_name(path)] = self._steps_near(path.arrival)
+            steps[STRAIGHT] = self._coarse_steps(1 if is_long else 3)
+        outcomes: dict[str, list[Candidate]] = {}
+        for name, start in starts.items():
+            self._report(name)
+            outcomes[name] = list(self._solve(name, start, steps[name]))
+        if self.scenario.guide.arrival == "any":
+            for name in self._most_promising(outcomes):
+                self._report(name, " (arrival time)")
+                self._refine(name, starts[name], outcomes[name])
+        return [candidate for candidates in outcomes.values() for candidate in candidates]
+
+    def candidates_along(self, path: GridPath, steps: Iterable[int]) -> list[Candidate]:
+        """Outcomes of the start along a grid path, at the feasible ones of the arrival steps."""
+        feasible = sorted(set(self._feasible_steps()).intersection(steps))
+        return list(self._solve(_name(path), path.velocities, feasible))
+
+    def candidates_near(self, guide: Guide) -> list[Candidate]:
+        """Outcomes of starts along another agent's guide and its other homotopy classes."""
+        feasible = self._feasible_steps()
+        outcomes: list[Candidate] = []
+        for neighbour in guide.best_per_homotopy_class()[:MAX_NEARBY_CLASSES]:
+            path = integrate(guide.positions[0], neighbour.velocities, self.task.dt)
+            nearby = {neighbour.arrival + shift for shift in (-1, 0, 1)}
+            steps = sorted(nearby.intersection(feasible)) or feasible[-1:]
+            polyline = np.vstack([self.task.start, path[1:]])
+            outcomes += self._solve(neighbour.start, partial(resample, polyline), steps)
+        return outcomes
+
+    def penalised(self) -> Candidate:
+        """Outcome of the paper's penalised form, from the straight line over all steps."""
+        task = replace(self.task, radius=self.scenario.target.radius)
+        steps = self.scenario.n_steps
+        nlp = penalised_guide_nlp(self.scenario.hazard, steps)
+        line = resample(np.stack([task.start, task.center]), steps, task.dt)
+        instance = penalised_guide_instance(nlp, task, self.scenario.guide.gamma, line)
+        self._report(STRAIGHT)
+        solution = self.solver.solve(nlp, instance)[0]
+        velocities = nlp.variable("velocities", solution.x)
+        return self._candidate(STRAIGHT, steps, velocities, solution)
+
+    def _report(self, name: str, detail: str = "") -> None:
+        if self.progress is not None:
+            self.progress(f"optimizing {_described(name)}{detail}", 0, None)
+
+    def _report_solve(self, name: str, arrival: int, number: str) -> None:
+        """Report a solve that may take more than a second: not one by Ipopt of a usual length."""
+        steps = self.scenario.n_steps
+        if steps >= LONG_SOLVE or self.solver.name != Ipopt.name:
+            detail = f", solve {number} by {self.solver.name}, {arrival} of at most {steps} steps"
+            self._report(name, detail)
+
+    def _solve(self, name: str, start: InitialPath, steps: Sequence[int]) -> Iterator[Candidate]:
+        nlp = guide_nlp(self.scenario.hazard, self.scenario.n_steps)
+        for number, arrival in enumerate(steps, 1):
+            if self.expired:
+                return
+            self._report_solve(name, arrival, f"{number} of {len(steps)}")
+            guess = start(arrival, self.task.dt)
+            scale = 1.0 if name == STRAIGHT else self._scale(guess)
+            instance = guide_instance(nlp, self.task, arrival, guess, scale)
+            solution = solve_by(self.deadline, self.solver, nlp, instance)
+            residuals = replace(
+                solution.residuals,
+                stationarity=solution.residuals.stationarity / scale,
+                complementarity=solution.residuals.complementarity / scale,
+            )
+            solution = replace(solution, objective=solution.objective / scale, residuals=residuals)
+            LOG.debug("%s, %d steps: %s", _described(name), arrival, solution)
+            velocities = self.task.v_max * nlp.variable("velocities", solution.x)[:arrival]
+            yield self._candidate(name, arrival, velocities, solution)
+
+    def _scale(self, velocities: FloatArray) -> float:
+        """Factor by which the risk of an initial path becomes `SCALED_RISK`."""
+        positions = integrate(self.task.start, velocities, self.task.dt)
+        risk = float(self.task.dt * self.scenario.hazard.single_agent_rates(positions[1:]).sum())
+        return SCALED_RISK / risk if 0 < risk < np.inf else 1.0
+
+    def _refine(self, name: str, start: InitialPath, outcomes: list[Candidate]) -> None:
+        """Bisect the intervals of arrival steps next to the best one, and extend `outcomes`.
+
+        For long guides, down to a hundredth of their length.
+        """
+        while outcomes and not self.expired:
+            best = min(outcomes, key=preference).arrival
+            steps = np.array(sorted({candidate.arrival for candidate in outcomes}))
+            at = int(np.searchsorted(steps, best))
+            neighbours = [int(steps[i]) for i in (at - 1, at + 1) if 0 <= i < len(steps)]
+            between = {(step + best) // 2 for step in neighbours if abs(step - best) > best // 100}
+            untried = between - set(steps.tolist())
+            if not untried:  # a neighbour may be one step above: (best + 1 + best) // 2 = best
+                return
+            outcomes += self._solve(name, start, sorted(untried))
+
+    def _most_promising(self, outcomes: dict[str, list[Candidate]]) -> list[str]:
+        """Starts to refine: the best one of each homotopy class, at most two.
+
+        Classes of much higher risk are skipped: another arrival step does not make up for it.
+        """
+        best = {name: min(tried, key=preference) for name, tried in outcomes.items() if tried}
+        chosen: dict[str, str] = {}
+        for name in sorted(best, key=lambda start: preference(best[start])):
+            chosen.setdefault(best[name].homotopy, name)
+        limit = REFINE_WITHIN * min((candidate.risk for candidate in best.values()), default=np.inf)
+        return [name for name in chosen.values() if best[name].risk <= limit][:2] or [STRAIGHT]
+
+    def _candidate(
+        self, name: str, arrival: int, velocities: FloatArray, solution: Solution
+    ) -> Candidate:
+        """The candidate of a solution, with its risk up to the first arrival."""
+        task, hazard = self.task, self.scenario.hazard
+        finite = np.isfinite(velocities).all()
+        velocities = self._repaired(velocities) if finite else np.zeros_like(velocities)
+        positions = integrate(task.start, velocities, task.dt)
+        risk = np.inf
+        inside = self.scenario.target.contains(positions[1:])
+        if inside.any() and solution.residuals.violation <= VIOLATION:
+            first = int(inside.argmax()) + 1
+            velocities, positions = velocities[:first], positions[: first + 1]
+            risk = float(task.dt * hazard.single_agent_rates(positions[1:]).sum())
+        homotopy = homotopy_signature(positions, hazard.radar_positions)
+        return Candidate(name, arrival, homotopy, velocities, risk, solution)
+
+    def _repaired(self, velocities: FloatArray) -> FloatArray:
+        """Velocities clipped to the speed limit, ending in the target if they nearly do.
+
+        The residuals of the dynamics, each within a solver's tolerance, add up over the steps.
+        """
+        task, radius = self.task, self.scenario.target.radius
+        velocities = np.clip(velocities, -task.v_max, task.v_max)
+        offset = integrate(task.start, velocities, task.dt)[-1] - task.center
+        distance = float(np.hypot(*offset))
+        missing = distance - (1 - ROUNDING) * radius
+        if not ROUNDING * radius < missing <= NEARLY * radius:
+            return velocities
+        correction = -missing / distance * offset / task.dt  # summed over the steps
+        slack = task.v_max - velocities * np.sign(correction)
+        # the same change at every step leaves accelerations as they are
+        weights = np.where(np.isinf(task.a_max), slack, 1.0)
+        weights = weights / np.maximum(weights.sum(axis=0), 1e-300)
+        return np.asarray(np.clip(velocities + weights * correction, -task.v_max, task.v_max))
+
+    def _straight(self, steps: int, dt: float) -> FloatArray:
+        """Velocities (steps, 2) straight to the nearest point of the target less its margin."""
+        offset = self.task.start - self.task.center
+        distance = np.hypot(*offset)
+        shrink = min(1.0, self.task.radius / distance) if distance > 0 else 1.0
+        goal = self.task.center + shrink * offset
+        return resample(np.stack([self.task.start, goal]), steps, dt)
+
+    def _coarse_steps(self, count: int = COARSE_STEPS) -> list[int]:
+        """At most `count` arrival steps, evenly spaced from the first feasible one to the last."""
+        feasible = self._feasible_steps()
+        indices = np.linspace(0, len(feasible) - 1, min(count, len(feasible))).round()
+        return [feasible[int(index)] for index in indices]
+
+    def _steps_near(self, arrival: int) -> list[int]:
+        """Arrival steps next to `arrival`, and the last one: limited acceleration takes time."""
+        feasible = self._feasible_steps()
+        nearest = min(feasible, key=lambda step: abs(step - arrival))
+        steps = {nearest, feasible[-1]}
+        if self.scenario.n_steps <= LONG_HORIZON:
+            steps |= {nearest - 1, nearest + 1}
+        return sorted(steps.intersection(feasible))
+
+    def _feasible_steps(self) -> list[int]:
+        """Arrival steps that v_max and the scenario allow; the horizon if there are none."""
+        horizon = self.scenario.n_steps
+        reach = np.arange(1, horizon + 1)[:, None] * self.task.dt * self.task.v_max
+        distance = remaining_distance(self.task.start, self.task.center, reach)
+        feasible = 1 + np.flatnonzero(distance <= self.task.radius)
+        if not feasible.size or self.scenario.guide.arrival == "horizon":
+            return [horizon]
+        return [int(step) for step in feasible]
+
+
+def _described(name: str) -> str:
+    """A start in words, by its name."""
+    others = {STRAIGHT: "straight line", GRID_PATH: GRID_PATH}
+    return others.get(name, f"homotopy class {name}")
+
+
+def _name(path: GridPath) -> str:
+    return path.homotopy or GRID_PATH

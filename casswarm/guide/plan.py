@@ -1,0 +1,244 @@
+"""Guides of a scenario: the best outcome of a multistart search, with a certificate."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._util.progress import reporter
+from .._util.text import counted
+from ..bounds.risk_bound import GAP
+from ..errors import PlanningError, SolverError
+from ..formation import ProjectedGradient
+from ..problems.guide import GuideTask
+from ..scenario.files import require_scenario
+from ..solvers import Solver, make_solver
+from ..typing import FloatArray, Progress, Search
+from .certificate import certify_guide
+from .frame import Frame
+from .guide import Guide
+from .multistart import Multistart, preference
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+
+def plan(
+    scenario: Scenario,
+    solver: str | Solver = "ipopt",
+    *,
+    search: Search | None = None,
+    check: bool = True,
+    certify: bool = True,
+    gap: float = GAP,
+    time_limit: float | None = None,
+    solver_options: Mapping[str, Any] | None = None,
+    progress: Progress | bool | None = None,
+) -> Guide:
+    """Path of least risk of a single agent from the swarm's initial position to the target.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    solver : str or Solver
+        A name of `casswarm.solvers.SOLVERS`, by default ``"ipopt"``;
+        ``"projected-gradient"`` solves the paper's penalised form.
+    search : {"local", "global"}, optional
+        Whether to start from the straight line only, as in the paper, or also from the homotopy
+        classes found by dynamic programming; the scenario's choice by default.
+    check : bool
+        Whether to raise an error if no start reaches the target; otherwise the best failure is
+        returned.
+    certify : bool
+        Whether to prove a lower bound on the risk of any guide: see `Guide.risk_bound` and
+        `casswarm.bounds`. Custom hazards need a ``lower_bound`` for it.
+    gap : float
+        Relative distance of the bound from the best known risk at which the proof may end; above
+        0, below 1.
+    time_limit : float, optional
+        Seconds for planning as a whole. A search that takes longer ends with the best guide so
+        far, not certified, and `Guide.note` says so; the proof takes what is left of the time, and
+        ends with the bound reached by then. Ipopt ends in time, the projected gradient and the
+        building of a problem do not. By default the search takes as long as it needs, and the
+        proof at most 10 seconds.
+    solver_options : mapping, optional
+        Options of the solver, if it is given by name.
+    progress : Progress or bool, optional
+        True for progress bars, or a function: see `Progress`. It is called before every start,
+        before every solve that may take long, and before the proof.
+
+    Returns
+    -------
+    Guide
+        The outcome of least risk among the starts and arrival steps tried (a few spread up to the
+        horizon, then those next to the best); `Guide.candidates` holds all of them. Each is a local
+        minimum of the program in `casswarm.problems.guide`, with its risk up to its first arrival:
+        a path that crosses the target's rim before its planned last step has arrived there.
+
+    Raises
+    ------
+    PlanningError
+        No start reaches the target, or none within the time limit; the message and `outcomes`
+        count the outcomes.
+    SolverError
+        A solver that is unknown, or that cannot take the guide problem.
+    ValueError
+        A gap or time limit out of range.
+
+    Examples
+    --------
+    >>> import casswarm as csw
+    >>> guide = csw.plan(csw.load_scenario("single-agent"))
+    >>> guide.positions.shape, guide.velocities.shape
+    ((31, 2), (30, 2))
+    >>> bool(guide.risk_bound <= guide.risk)
+    True
+    """
+    require_scenario("plan", scenario)
+    if not 0 < gap < 1:
+        raise ValueError(f"gap = {gap!r}; allowed: above 0, below 1 (0.01 is one percent)")
+    if time_limit is not None and not time_limit > 0:
+        raise ValueError(f"time_limit = {time_limit!r}; allowed: seconds above 0")
+    started, progress = time.monotonic(), reporter(progress)
+    velocity = scenario.swarm.velocity
+    guide = plan_from(
+        scenario,
+        scenario.guide_start,
+        solver,
+        search=search,
+        initial_velocity=None if velocity == "guide" else velocity,
+        solver_options=solver_options,
+        time_limit=math.inf if time_limit is None else time_limit,
+        progress=progress,
+    )
+    if check and not guide.arrives:
+        raise _no_arrival(guide)
+    if not (certify and guide.arrives) or guide.note:
+        return guide
+    if progress is not None:
+        progress("proving a lower bound", 0, None)
+    deadline = None if time_limit is None else started + time_limit
+    certificate = certify_guide(scenario, guide, gap, deadline)
+    if certificate is None:
+        return guide
+    return replace(guide, risk_bound=certificate.risk_bound, certificate=certificate)
+
+
+def plan_from(
+    scenario: Scenario,
+    start: ArrayLike,
+    solver: str | Solver = "ipopt",
+    *,
+    search: Search | None = None,
+    initial_velocity: ArrayLike | None = None,
+    near: Guide | None = None,
+    solver_options: Mapping[str, Any] | None = None,
+    time_limit: float = math.inf,
+    progress: Progress | None = None,
+) -> Guide:
+    """Guide of an agent at `start` (2,), neither certified nor required to arrive; see `plan`.
+
+    The members' a_max bounds the change from `initial_velocity` (2,), V(-1), which may be any
+    velocity by default. If `near`, the guide of a nearby agent, is given, the search starts from
+    its best homotopy classes, at their arrival steps and the adjacent ones, in a tenth of the time.
+
+    Raises
+    ------
+    PlanningError
+        The time limit has passed before the first solve.
+    """
+    deadline = time.monotonic() + time_limit
+    task = GuideTask.from_scenario(scenario, start, initial_velocity)
+    backend = _solver(scenario, solver, solver_options)
+    kind = _checked_search(search, scenario, backend)
+    frame = Frame.of_agent(scenario, task.start, task.initial_velocity)
+    multistart = Multistart(
+        frame.scenario_in(scenario),
+        frame.guide_task_in(task),
+        backend,
+        frame.reported(progress),
+        deadline,
+    )
+    if isinstance(backend, ProjectedGradient):
+        candidates = [multistart.penalised()]
+    elif near is not None and near.best_per_homotopy_class():
+        candidates = multistart.candidates_near(frame.guide_to(near))
+    else:
+        candidates = multistart.candidates(kind)
+    if not candidates:
+        raise PlanningError(
+            f"no guide found: the time limit of {time_limit:g} s ended the search before its first "
+            "solve; raise it, or choose a larger time.dt",
+            time_limit=time_limit,
+        )
+    first = candidates.index(min(candidates, key=preference))
+    outcomes = tuple(map(frame.inverse.candidate_to, candidates))
+    guide = Guide.from_candidate(scenario.hazard, task, outcomes[first], outcomes, kind)
+    if not multistart.expired:
+        return guide
+    solves = counted(len(candidates), "solve")
+    note = f"the time limit of {time_limit:g} s ended the search after {solves}"
+    return replace(guide, note=note)
+
+
+def guide_solver(solver: str | Solver) -> str:
+    """Solver of guides beside another solver: the paper's method beside itself, else Ipopt."""
+    name = solver if isinstance(solver, str) else solver.name
+    return name if name == ProjectedGradient.name else "ipopt"
+
+
+def initial_velocities(scenario: Scenario, guide: Guide) -> FloatArray:
+    """V(-1) of every member, (n, 2): the scenario's velocity, or the guide's first velocity."""
+    velocity = scenario.swarm.velocity
+    first = guide.velocities[0] if velocity == "guide" else np.asarray(velocity, float)
+    return np.tile(first, (scenario.n, 1))
+
+
+def _solver(scenario: Scenario, solver: str | Solver, options: Mapping[str, Any] | None) -> Solver:
+    paper: dict[str, Any] = {}
+    if solver == ProjectedGradient.name:
+        guide = scenario.guide
+        paper = {
+            "step": guide.learning_rate,
+            "x_scale": 1.0 / scenario.time.dt,  # steps in displacements
+            "max_iter": guide.iterations,
+            "keep": "best",
+        }
+    return make_solver(solver, **paper | dict(options or {}))
+
+
+def _checked_search(search: Search | None, scenario: Scenario, solver: Solver) -> Search:
+    if search not in ("local", "global", None):
+        raise SolverError(
+            f"search {search!r} is unknown; allowed: 'local', 'global'", search=search
+        )
+    if isinstance(solver, ProjectedGradient):
+        if search == "global":
+            raise SolverError(
+                "projected-gradient starts from the straight line: search is 'local'", search=search
+            )
+        return "local"
+    return search or scenario.guide.search
+
+
+def _no_arrival(guide: Guide) -> PlanningError:
+    outcomes = Counter(str(c.solution.status) for c in guide.candidates)
+    counts = ", ".join(f"{count} {status}" for status, count in outcomes.items())
+    if guide.note:
+        advice = f"{guide.note}: raise it, or choose a larger time.dt"
+    else:
+        advice = (
+            "try a larger a_max or t_f, a smaller guide.margin, or acceleration_limited = false"
+        )
+    return PlanningError(
+        f"no guide found: of {counted(len(guide.candidates), 'solve')} ({counts}) none arrives in "
+        f"the target; {advice}; check=False returns the best failure",
+        outcomes=dict(outcomes),
+    )

@@ -1,0 +1,20 @@
+from .distribution import MAX_EXACT, PlanDistribution
+from .initial_guesses import INITIAL_GUESSES
+from .optimize import alternative_plan, plan_swarm
+from .replan import PlanTree
+from .screening import InitialGuess
+from .solve import JointProblem
+from .swarm_plan import SwarmOutcome, SwarmPlan
+
+__all__ = [
+    "INITIAL_GUESSES",
+    "MAX_EXACT",
+    "InitialGuess",
+    "JointProblem",
+    "PlanDistribution",
+    "PlanTree",
+    "SwarmOutcome",
+    "SwarmPlan",
+    "alternative_plan",
+    "plan_swarm",
+]

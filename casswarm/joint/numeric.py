@@ -1,0 +1,376 @@
+"""Instances of the joint plan as numbers, with derivatives from compiled steps.
+
+The program of `casswarm.problems.joint`, for rates that are made of kernels. In the positions all
+but the recursion is local to a step, and so are limits of acceleration in the velocities; sums over
+later steps lead from one to the other. Second derivatives between steps are not formed: Newton's
+equations are solved step by step (`joint_riccati_kernels`).
+
+Constraints of the joint plan as numbers, with their derivatives, for b instances.
+
+All are squared lengths: of changes of velocity, which join two steps, and of differences of
+positions in one step. `Constraints` has them by block, in the order of the program.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..compiled.parallel import execute
+from ..hazard import KernelHazard
+from ..nlp.program import Nlp
+from ..typing import FloatArray, IntArray
+from .rates import LocalRates, blocked, set_rates, unblocked
+
+if TYPE_CHECKING:
+    from .derivative_kernels import Derivatives
+    from .riccati_kernels import Stages
+
+
+def backward_sums(array: FloatArray, axis: int) -> FloatArray:
+    """Sums over an entry and all later ones of an axis, in place: positions to velocities."""
+    steps = np.moveaxis(array, axis, 0)
+    for t in reversed(range(len(steps) - 1)):
+        steps[t] += steps[t + 1]
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """Differences whose squared lengths are constrained, at a point of each instance.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of acceleration, arrival, outside, separation; the first two at least.
+    changes : (b, T, n, 2)
+        Of velocity, in every step.
+    to_center : (b, T, n, 2)
+        From the target's centre.
+    arrivals : (b, T, n)
+        1 at a member's arrival step, else 0.
+    """
+
+    names: Sequence[str]
+    changes: FloatArray
+    to_center: FloatArray
+    arrivals: FloatArray
+
+    @classmethod
+    def at(
+        cls, names: Sequence[str], velocities: FloatArray, p: Mapping[str, FloatArray]
+    ) -> Constraints:
+        """Constraints at velocities (b, T, n, 2) with parameters (b, ...) by name."""
+        first = p["initial_velocities"].reshape(velocities[:, :1].shape)
+        start = p["start"].reshape(first.shape)
+        changes = np.diff(velocities, axis=1, prepend=first)
+        positions = start + np.cumsum(velocities, axis=1)
+        return cls(names, changes, positions - p["center"][:, None], p["arrivals"])
+
+    @property
+    def values(self) -> FloatArray:
+        """All rows of g."""
+        squares = _dot(self.to_center, self.to_center)
+        apart = self._pairs(self.to_center)
+        return self._joined(_dot(self.changes, self.changes), squares, _dot(apart, apart))
+
+    def times(self, velocities: FloatArray) -> FloatArray:
+        """Change of all rows with a change (b, T, n, 2) of the velocities."""
+        positions = np.cumsum(velocities, axis=1)
+        changes = np.diff(velocities, axis=1, prepend=0.0)
+        return 2.0 * self._joined(
+            _dot(self.changes, changes),
+            _dot(self.to_center, positions),
+            _dot(self._pairs(self.to_center), self._pairs(positions)),
+        )
+
+    def transposed_times(self, rows: FloatArray) -> FloatArray:
+        """Gradients (b, T, n, 2) of the sums of all rows with some weights."""
+        changes, points, pairs = self._split(rows)
+        by_position = points[..., None] * self.to_center
+        by_position += self._incidence.T @ (pairs[..., None] * self._pairs(self.to_center))
+        by_velocity = backward_sums(by_position, 1)
+        by_change = changes[..., None] * self.changes
+        by_velocity += by_change
+        by_velocity[:, :-1] -= by_change[:, 1:]
+        return 2.0 * by_velocity
+
+    def curvature(self, rows: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Second derivatives of the rows' sum, plus weighted squares of first derivatives.
+
+        Blocks (b, T, 2n, 2n) of every step: in the positions, and in the changes of velocity.
+        """
+        b, steps, n, _ = self.changes.shape
+        (changes, points, pairs), squares = self._split(rows), self._split(weights)
+        members = np.arange(n)
+        in_changes = np.zeros((b, steps, n, 2, n, 2))
+        in_changes[:, :, members, :, members] = _block(changes, squares[0], self.changes)
+        in_positions = np.zeros_like(in_changes)
+        in_positions[:, :, members, :, members] = _block(points, squares[1], self.to_center)
+        if pairs.size:
+            blocks = _block(pairs, squares[2], self._pairs(self.to_center))
+            signs = self._incidence
+            in_positions += np.einsum("pi,pj,pbtac->btiajc", signs, signs, blocks)
+        shape = b, steps, 2 * n, 2 * n
+        return in_positions.reshape(shape), in_changes.reshape(shape)
+
+    @property
+    def _incidence(self) -> FloatArray:
+        """Matrix (pairs, n) that takes differences of members' points, if they are constrained."""
+        n = self.changes.shape[2] if "separation" in self.names else 0
+        first, second = np.triu_indices(n, 1)
+        members = np.eye(self.changes.shape[2])
+        return np.asarray(members[first] - members[second])
+
+    def _pairs(self, points: FloatArray) -> FloatArray:
+        """Differences (b, T, pairs, 2) of members' points."""
+        return np.asarray(self._incidence @ points)
+
+    def _joined(self, changes: FloatArray, points: FloatArray, pairs: FloatArray) -> FloatArray:
+        blocks = {
+            "acceleration": changes,
+            "arrival": (self.arrivals * points).sum(axis=1),
+            "outside": points,
+            "separation": pairs,
+        }
+        return np.hstack([blocks[name].reshape(len(points), -1) for name in self.names])
+
+    def _split(self, rows: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Weights of rows by what they multiply: changes, points (b, T, n), pairs (b, T, pairs)."""
+        b, steps, n, _ = self.changes.shape
+        size = steps * n
+        points = self.arrivals * rows[:, None, size : size + n]
+        rest = rows[:, size + n :]
+        if "outside" in self.names:
+            points, rest = points + rest[:, :size].reshape(points.shape), rest[:, size:]
+        return rows[:, :size].reshape(points.shape), points, rest.reshape(b, steps, -1)
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("...a,...a->...", a, b))
+
+
+def _block(rows: FloatArray, weights: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Blocks (k, b, T, 2, 2) of squared lengths of vectors (b, T, k, 2), as in `curvature`."""
+    outer = 4.0 * weights[..., None, None] * vectors[..., :, None] * vectors[..., None, :]
+    return np.asarray((2.0 * rows[..., None, None] * np.eye(2) + outer).transpose(2, 0, 1, 3, 4))
+
+
+_FACTORISED, _SOLVED = 2**12, 2**15  # sets, of all steps, that are worth a thread
+
+
+class StageFactors:
+    """Factors of b matrices in the velocities of all steps, for the interior-point method.
+
+    Parameters
+    ----------
+    stages : Stages
+        With the axis of instances in front of every array; slopes and bends (b,).
+    shifts : (b, m)
+        Shifts of the diagonals to try, in order.
+    """
+
+    def __init__(self, stages: Stages, shifts: FloatArray) -> None:
+        from .riccati_kernels import Factor, factorise
+
+        batch, steps, width = stages.limits.shape
+        size = stages.terminal.shape[1] + 2 * width
+        self._stages = stages
+        self._factors = Factor(
+            np.empty((batch, steps, width, width)), np.empty((batch, steps, width, size))
+        )
+        self.shifts = np.empty(batch)
+        arguments = shifts, stages, self._factors, self.shifts
+        execute(factorise, batch, arguments, self._per_thread(_FACTORISED))
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """See `Factors`."""
+        from .riccati_kernels import solve
+
+        solution = np.array(right.T, order="C").reshape(self._stages.limits.shape)
+        arguments = self._stages, self._factors, solution
+        execute(solve, len(solution), arguments, self._per_thread(_SOLVED))
+        return np.ascontiguousarray(solution.reshape(len(solution), -1).T)
+
+    def _per_thread(self, sets: int) -> int:
+        """Matrices that are worth a thread, where so many sets of all steps are."""
+        return sets // math.prod(self._stages.by_set.shape[1:3])
+
+
+TINY, CERTAIN = 1e-30, 1e-13
+"""Offsets that keep the log-odds finite at a cost of 0 and of 1."""
+
+_PER_THREAD = 2**7  # sets, of blocks of steps, that are worth a thread
+
+
+@dataclass(frozen=True, eq=False)
+class JointNumeric:
+    """B instances of a joint plan: see `NumericProblems`.
+
+    Parameters
+    ----------
+    nlp : Nlp
+    hazard : KernelHazard
+    n : int
+    p : (B, np)
+    """
+
+    nlp: Nlp
+    hazard: KernelHazard
+    n: int
+    p: FloatArray
+
+    def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `NumericProblems`."""
+        points = self._points(rows, x)
+        return log_odds(points.failure), points.constraints.values
+
+    def linearise(self, rows: IntArray, x: FloatArray) -> JointLinearisation:
+        """See `NumericProblems`."""
+        return JointLinearisation(self._points(rows, x))
+
+    def _points(self, rows: IntArray, x: FloatArray) -> JointPoints:
+        p = {name: blocks[rows] for name, blocks in self._parameters.items()}
+        velocities = x.reshape(len(x), -1, self.n, 2)
+        constraints = Constraints.at(tuple(self.nlp.constraints), velocities, p)
+        return JointPoints(self.hazard, constraints, p)
+
+    @cached_property
+    def _parameters(self) -> dict[str, FloatArray]:
+        return self.nlp.parameter_blocks(self.p)
+
+
+def log_odds(failure: FloatArray) -> FloatArray:
+    """The objective of probabilities F."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.log(failure + TINY) - np.log(1.0 - failure + CERTAIN))
+
+
+@dataclass(frozen=True, eq=False)
+class JointPoints:
+    """Points of b instances.
+
+    Parameters
+    ----------
+    hazard : KernelHazard
+    constraints : Constraints
+    p : dict of name to array
+        Parameters of every instance.
+    """
+
+    hazard: KernelHazard
+    constraints: Constraints
+    p: dict[str, FloatArray]
+
+    @property
+    def failure(self) -> FloatArray:
+        """F of every instance, (b,)."""
+        if "_rates" in vars(self):
+            return self._chances[1][:, -1]
+        return self._swept(set_rates(self.hazard, self._blocks))[1][:, -1]
+
+    @cached_property
+    def _blocks(self) -> FloatArray:
+        """X(1..T), the steps of all instances in blocks (k, n, 2, LANES)."""
+        p = {name: self.p[name][:, None] for name in ("origin", "length", "center")}
+        points = p["origin"] + p["length"] * (self.constraints.to_center + p["center"])
+        return blocked(points.reshape(-1, *points.shape[2:]))
+
+    @cached_property
+    def _rates(self) -> LocalRates:
+        return LocalRates.of(self.hazard, self._blocks)
+
+    @cached_property
+    def _chances(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        return self._swept(self._rates.rates[:, :, 0])
+
+    def _swept(self, rates: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Probabilities of losses in blocks, F_0 (b, m), masses and functions (b, T, m)."""
+        from .recursion_kernels import recursion
+
+        lost = -np.expm1(-self._clock[:, None, None] * rates)
+        batch, steps = self.constraints.changes.shape[:2]
+        by_step = unblocked(lost, batch * steps)
+        ends = self.p["continues"], self.p["costs"], self.p["last_cost"][:, 0]
+        return lost, *recursion(by_step.reshape(batch, steps, *by_step.shape[1:]), *ends)
+
+    @property
+    def _clock(self) -> FloatArray:
+        """The time step of all steps in blocks, (k, LANES)."""
+        shape = self.constraints.changes.shape[:2]
+        return self._in_blocks(np.broadcast_to(self.p["clock"][:, :, 0], shape))
+
+    def _in_blocks(self, values: FloatArray) -> FloatArray:
+        """Values (b, T, ...) of all steps in blocks (k, ..., LANES)."""
+        return blocked(values.reshape(-1, *values.shape[2:]))
+
+    def differentiated(self) -> Derivatives:
+        """Derivatives of F in all steps, in lengths of a step at v_max: see `Derivatives`."""
+        from .derivative_kernels import Derivatives, Steps, differentiate
+
+        lost, _, masses, after = self._chances
+        (batch, steps, sets), n = masses.shape, lost.shape[2]
+        width, local = 2 * n, self._rates
+        shapes = (width,), (width, width), (sets, width), (sets, width), (3**n,)
+        flat = Derivatives(*(np.empty((batch * steps, *shape)) for shape in shapes))
+        continues, costs = self.p["continues"].copy(), self.p["costs"].copy()
+        continues[..., 0], costs[..., 0] = 0.0, self.p["last_cost"][..., 0]
+        of_sets = [self._in_blocks(part) for part in (masses, after, continues, costs)]
+        arrays = lost, *of_sets, self._blocks, local.radars, local.pairs, local.rates
+        in_steps = Steps._make([self._clock, *arrays])
+        arguments = in_steps, self.hazard.collides, flat
+        execute(differentiate, len(lost), arguments, _PER_THREAD // sets)
+        out = Derivatives(*(part.reshape(batch, steps, *part.shape[1:]) for part in flat))
+        unit = self.p["length"]
+        out.gradient[:] *= unit
+        out.by_set[:] *= unit[..., None]
+        out.by_outcome[:] *= unit[..., None]
+        out.hessian[:] *= unit[..., None] ** 2
+        return out
+
+
+class JointLinearisation:
+    """Derivatives of b instances at a point each: see `RowLinearisation`."""
+
+    def __init__(self, points: JointPoints) -> None:
+        self._constraints = points.constraints
+        self._steps, self._last_cost = points.differentiated(), points.p["last_cost"][:, 0]
+        failure = points.failure
+        below, above = 1.0 / (failure + TINY), 1.0 / (1.0 - failure + CERTAIN)
+        self._slope, self._bend = below + above, above**2 - below**2  # of the log-odds
+        by_velocity = backward_sums(self._steps.gradient.copy(), 1)
+        self.gradient = self._slope[:, None] * by_velocity.reshape(len(failure), -1)
+
+    def times(self, vectors: FloatArray) -> FloatArray:
+        """See `RowLinearisation`."""
+        return self._constraints.times(vectors.reshape(self._constraints.changes.shape))
+
+    def transposed_times(self, vectors: FloatArray) -> FloatArray:
+        """See `RowLinearisation`."""
+        return self._constraints.transposed_times(vectors).reshape(len(vectors), -1)
+
+    def factors(
+        self,
+        multipliers: FloatArray,
+        weights: FloatArray,
+        shifts: FloatArray,
+        objective: float = 1.0,
+    ) -> StageFactors:
+        """See `RowLinearisation`."""
+        from .riccati_kernels import Stages
+
+        steps, size = self._steps, self.gradient.shape[1]
+        positions, changes = self._constraints.curvature(multipliers, weights[:, size:])
+        slope, terminal = objective * self._slope, self._last_cost.copy()
+        terminal[:, 0] = 1.0
+        positions += slope[:, None, None, None] * steps.hessian
+        limits = np.ascontiguousarray(weights[:, :size]).reshape(steps.gradient.shape)
+        of_law = steps.transitions, steps.by_outcome, steps.by_set
+        of_objective = slope, objective * self._bend
+        stages = Stages(*of_law, positions, changes, limits, terminal, *of_objective)
+        return StageFactors(stages, shifts)

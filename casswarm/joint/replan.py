@@ -1,0 +1,251 @@
+"""Replanning for the survivors: a tree of joint plans that grows as members are lost.
+
+In a situation (P, t, d), exactly the members d are left at step t on the trajectories of a plan P
+for more members. Each that is probable enough is solved once, from the rest of P's trajectories,
+and the new plan for d is adopted if its exact value is higher. ``docs/joint.md`` says why the plan
+cannot become worse, nor depend on the order of runs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from ..errors import PolicyError
+from ..problems.joint import JointForm
+from ..problems.joint_instances import JointTask
+from ..solvers import Solver
+from ..typing import FloatArray
+from .distribution import MAX_EXACT, PlanDistribution
+from .screening import InitialGuess
+from .solve import JointProblem, first_arrivals, stage_solver
+from .swarm_plan import SwarmPlan
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+MIN_PROBABILITY = 1e-3
+"""Default probability of a situation from which it is planned for."""
+
+ITERATIONS = 60
+"""Of a plan for survivors, whose initial guess is good."""
+
+_HORIZONS = 4  # program horizons are multiples of a quarter of the steps: few programs are built
+
+Members: TypeAlias = tuple[int, ...]
+"""Indices of the living members, ascending."""
+
+Path: TypeAlias = tuple[tuple[int, Members], ...]
+"""Steps and survivors of the successive situations that lead to a plan."""
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """A plan of the tree.
+
+    Parameters
+    ----------
+    path : tuple of (step, members)
+        The situations that led here; empty for the root.
+    step : int
+        First step of the plan.
+    members : tuple of int
+        Members of the plan.
+    positions, velocities : (T+1, m, 2), (T, m, 2)
+        Of its members, from `step` on.
+    initial_velocities : (m, 2)
+        Their velocities before `step`.
+    probability : float
+        Probability of the situation that it was made for, by the previous plans' distributions.
+    distribution : PlanDistribution
+    """
+
+    path: Path
+    step: int
+    members: Members
+    positions: FloatArray
+    velocities: FloatArray
+    initial_velocities: FloatArray
+    probability: float
+    distribution: PlanDistribution
+
+    def state(self, step: int, members: Members) -> tuple[FloatArray, FloatArray]:
+        """X(step), V(step-1) of some of its members, (m, 2) each."""
+        rows, at = self._rows(members), step - self.step
+        previous_velocities = self.velocities[at - 1] if at else self.initial_velocities
+        return self.positions[at][rows], previous_velocities[rows]
+
+    def remaining(self, step: int, members: Members) -> FloatArray:
+        """Velocities (T', m, 2) of some of its members from a step on."""
+        return self.velocities[step - self.step :][:, self._rows(members)]
+
+    def entering(self, step: int, members: Members) -> float:
+        """Probability that all its members are alive before a step and exactly these after it."""
+        at = step - self.step - 1
+        if not 0 <= at < len(self.distribution.lost):
+            return 0.0
+        lost = self.distribution.lost[at][-1]
+        survives = np.isin(self.members, members)
+        outcome = np.where(survives, 1 - lost, lost).prod()
+        return float(self.probability * self.distribution.masses[at, -1] * outcome)
+
+    def _rows(self, members: Members) -> list[int]:
+        return [self.members.index(member) for member in members]
+
+
+class PlanTree:
+    """A tree of plans, which is extended as new situations occur.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    plan : SwarmPlan
+        The root, whose objective and minimum distance hold for all plans.
+    solver : Solver, optional
+    min_probability : float
+        Of a situation that is planned for.
+
+    Attributes
+    ----------
+    branches : dict
+        The plan to follow in every situation planned for so far: the previous one if that is at
+        least as good.
+
+    Raises
+    ------
+    PolicyError
+        A swarm too large for an exact distribution, or a probability out of range.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        plan: SwarmPlan,
+        solver: Solver | None = None,
+        min_probability: float = MIN_PROBABILITY,
+    ) -> None:
+        if plan.distribution is None:
+            raise PolicyError(
+                f"replanning needs the plan's exact distribution, which is available for at most "
+                f"{MAX_EXACT} members; this swarm has {plan.n}: use the policy joint",
+                policy="joint-replanning",
+                members=plan.n,
+            )
+        if not 0 <= min_probability <= 1:
+            raise PolicyError(
+                f"min_probability = {min_probability!r}; allowed: from 0 to 1",
+                policy="joint-replanning",
+            )
+        self.scenario, self.objective = scenario, plan.objective
+        self.min_distance = plan.min_distance or 0.0
+        self.solver = solver
+        self.min_probability = min_probability
+        self.branches: dict[Path, Branch] = {}
+        self._failed: set[Path] = set()
+        self._by_position: dict[tuple[int, int, bytes], list[Branch]] = {}
+        members, paths = tuple(range(plan.n)), (plan.positions, plan.velocities)
+        self._add(Branch((), 0, members, *paths, plan.initial_velocities, 1.0, plan.distribution))
+
+    @property
+    def solves(self) -> int:
+        """Number of situations planned for so far."""
+        return len(self.branches)
+
+    @property
+    def failures(self) -> int:
+        """Number of situations whose solve failed."""
+        return len(self._failed)
+
+    def follow(
+        self, step: int, members: Members, positions: FloatArray, previous_velocities: FloatArray
+    ) -> tuple[FloatArray, bool, bool] | None:
+        """Velocities of the living members at a step; None for a state that no plan leads to.
+
+        Parameters
+        ----------
+        step : int
+        members : tuple of int
+            The living.
+        positions, previous_velocities : (m, 2)
+            Their X(step), V(step-1).
+
+        Returns
+        -------
+        velocities : (m, 2)
+        planned, failed : bool
+            Whether a plan was made for this situation, and whether the solve for it failed, so that
+            the survivors continue as before.
+        """
+        branch = self._find(step, members, positions, previous_velocities)
+        if branch is None:
+            return None
+        planned = failed = False
+        fewer = len(members) < len(branch.members)
+        if fewer and branch.entering(step, members) >= self.min_probability:
+            path = (*branch.path, (step, members))
+            if path not in self.branches:
+                self.branches[path] = self._plan(branch, path)
+            branch, planned, failed = self.branches[path], True, path in self._failed
+        velocities = branch.remaining(step, members)
+        first = velocities[0] if len(velocities) else np.zeros((len(members), 2))
+        return first, planned, failed
+
+    def _find(
+        self, step: int, members: Members, positions: FloatArray, previous_velocities: FloatArray
+    ) -> Branch | None:
+        """The plan whose trajectories lead through this state."""
+        state = (positions, previous_velocities)
+        for branch in self._by_position.get((step, members[0], positions[0].tobytes()), []):
+            if set(members) <= set(branch.members) and all(
+                map(np.array_equal, branch.state(step, members), state)
+            ):
+                return branch
+        return None
+
+    def _add(self, branch: Branch) -> None:
+        """Register a plan under its positions, except those where it begins.
+
+        There its members are still on the previous plan. Plans that share positions are ordered by
+        path, whichever was made first.
+        """
+        for at in range(1 if branch.path else 0, len(branch.positions)):
+            for member, position in zip(branch.members, branch.positions[at], strict=True):
+                key = (branch.step + at, member, position.tobytes())
+                branches = self._by_position.setdefault(key, [])
+                branches.append(branch)
+                branches.sort(key=lambda b: b.path)
+
+    def _plan(self, branch: Branch, path: Path) -> Branch:
+        """A plan for the survivors; the rest of the previous one if that is at least as good."""
+        step, members = path[-1]
+        start, initial_velocities = branch.state(step, members)
+        steps = self.scenario.n_steps
+        quarter = -(-steps // _HORIZONS)
+        horizon = min(steps, quarter * -(-(steps - step) // quarter))
+        task = JointTask.from_scenario(self.scenario, initial_velocities, self.min_distance)
+        task = replace(task, start=start, steps=steps - step)
+        form = JointForm(len(members), horizon, True, self.objective, self.min_distance > 0)
+        problem = JointProblem(self.scenario, task, form)
+        remaining = branch.remaining(step, members)
+        arrivals = first_arrivals(self.scenario, problem.positions(remaining))
+        solver = self.solver or stage_solver("auto", self.scenario.hazard, form, ITERATIONS)
+        (outcome,) = problem.solve([InitialGuess("survivors", arrivals, remaining)], solver)
+        if not outcome.solution.status.success:
+            self._failed.add(path)
+        if not outcome.separated or outcome.value <= problem.value(remaining, arrivals):
+            return branch
+        positions = problem.positions(outcome.velocities)
+        replanned = Branch(
+            path,
+            step,
+            members,
+            positions,
+            outcome.velocities,
+            initial_velocities,
+            branch.entering(step, members),
+            PlanDistribution.from_positions(self.scenario, positions),
+        )
+        self._add(replanned)
+        return replanned

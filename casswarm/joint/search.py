@@ -1,0 +1,317 @@
+"""Multistart search for a joint plan: solves from several initial guesses, the best continued."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..motion.kinematics import integrate
+from ..problems.joint import JointForm
+from ..problems.joint_instances import JointTask
+from ..solvers import Solver
+from ..typing import FloatArray, Progress
+from .distribution import MAX_EXACT
+from .initial_guesses import Guesses
+from .screening import InitialGuess, padded
+from .solve import JointProblem, stage_solver
+from .swarm_plan import SwarmOutcome
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+
+COARSEST = 15
+"""Number of steps of the coarsest search."""
+
+MAX_REFINEMENT = 4
+"""Maximum ratio of the numbers of steps of a search and of the coarser one before it."""
+
+SAME = 0.15
+"""Distance, in radii of the target, up to which trajectories count as the same."""
+
+
+def coarsened(scenario: Scenario) -> Scenario | None:
+    """The scenario with fewer steps in the same time of flight; None if it has few.
+
+    The change of velocity per unit of time has the same limit.
+    """
+    steps = max(COARSEST, -(-scenario.n_steps // MAX_REFINEMENT))
+    if scenario.n_steps < 2 * steps:
+        return None
+    ratio = scenario.n_steps / steps
+    dt = scenario.time.dt * ratio
+    values: dict[str, object] = {
+        "time.dt": dt,
+        "time.t_f": dt * (steps + 0.5),
+        "swarm.a_max": scenario.swarm.a_max * ratio**2,
+        "guide.a_max": scenario.guide_a_max * ratio**2,
+    }
+    return scenario.with_values(values)
+
+
+def refined(outcome: SwarmOutcome, task: JointTask, coarse_steps: int) -> InitialGuess:
+    """A guess for a task from an outcome with fewer steps: its velocities, interpolated in time."""
+    ratio = task.steps / coarse_steps
+    arrivals = np.ceil(outcome.arrivals * ratio - 1e-9).astype(int)
+    velocities = np.concatenate([task.initial_velocities[None], outcome.velocities])
+    last = int(arrivals.max()) if arrivals.all() else task.steps
+    times = np.minimum((np.arange(last) + 0.5) / ratio + 0.5, len(velocities) - 1)
+    before = np.minimum(times.astype(int), len(velocities) - 2)
+    share = (times - before)[:, None, None]
+    between = (1.0 - share) * velocities[before] + share * velocities[before + 1]
+    return InitialGuess(outcome.start, arrivals, between)
+
+
+def distinct(
+    task: JointTask, outcomes: Iterable[SwarmOutcome], known: Iterable[SwarmOutcome] = ()
+) -> list[SwarmOutcome]:
+    """The outcomes with trajectories that differ from those before them, and from known ones."""
+    seen = [_whole(task, outcome.velocities) for outcome in known]
+    found = []
+    for outcome in outcomes:
+        path = _whole(task, outcome.velocities)
+        if all(abs(path - other).max() > SAME * task.radius for other in seen):
+            seen.append(path)
+            found.append(outcome)
+    return found
+
+
+def _whole(task: JointTask, velocities: FloatArray) -> FloatArray:
+    """Positions (N+1, n, 2) of members that stop at the end."""
+    return padded(integrate(task.start, velocities, task.motion.dt), task.steps)
+
+
+def coarse_task(task: JointTask, scenario: Scenario) -> JointTask:
+    """The task in a scenario with fewer steps."""
+    coarse = JointTask.from_scenario(scenario, task.initial_velocities, task.min_distance)
+    return replace(coarse, start=task.start)
+
+
+ITERATIONS = 20, 25, 200
+"""Iterations of the first solves, of those that continue the best of them, and of those to the end.
+"""
+
+FIRST_ITERATIONS_MEAN_FIELD = 300
+"""Iterations of the first solves of the mean field, which are cheap."""
+
+MAX_EXACT_FIRST = 8
+"""Maximum number of members of swarms whose first solves maximise the exact probability; those of
+larger ones maximise the mean field's."""
+
+MAX_GUESSES, MAX_GUESSES_LARGE = 9, 6
+"""First solves, of swarms of at most `MAX_EXACT_FIRST` members and of larger ones."""
+
+N_WAVES, N_CHANGED, N_PERTURBED = 24, 8, 6
+"""Number of random guesses, of changes of the best plan, and of random perturbations."""
+
+MAX_WAVES, N_WAVES_LARGE = 6, 8
+"""Number of members above which there are fewer random guesses, and their number then."""
+
+ROUNDS = 2
+"""Rounds of changes and perturbations; each only if the one before found a better plan."""
+
+PROMISING = 0.2
+"""Log-odds by which an unfinished solve may be worse than the best to be continued."""
+
+IMPROVEMENT = 1e-6
+"""Relative decrease of the cost that counts as a better plan: others are rounding."""
+
+MAX_ADVANCED, MAX_CONTINUED, MAX_REFINED = 8, 2, 4
+"""Outcomes that are solved further, and that are continued to the end; only one of those if the
+first solves are of another program; and outcomes with coarse steps that are refined."""
+
+
+class JointSearch:
+    """The solves of one joint plan.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    task : JointTask
+    objective : str
+    solver : str or Solver
+        One of `STAGED`, or the solver of all stages: the first solves, those that continue the best
+        of them, and those to the end.
+    deadline : float
+        Of `time.perf_counter`; no solve starts after it.
+    progress : Progress, optional
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        task: JointTask,
+        objective: str,
+        solver: str | Solver,
+        deadline: float,
+        progress: Progress | None,
+    ) -> None:
+        n, steps, separated = scenario.n, scenario.n_steps, task.min_distance > 0
+        self.problem, self.first_problem = (
+            JointProblem(scenario, task, JointForm(n, steps, n <= limit, objective, separated))
+            for limit in (MAX_EXACT, MAX_EXACT_FIRST)
+        )
+        # whether the first solves are of the problem itself
+        self.same_program = self.problem.form == self.first_problem.form
+        self.solvers = self._stages(solver)
+        self.deadline, self.progress = deadline, progress
+        self.guesses = Guesses(scenario, task, objective)
+        coarse = coarsened(scenario)
+        self.coarse = None
+        if coarse is not None:
+            self.coarse = JointSearch(
+                coarse, coarse_task(task, coarse), objective, solver, deadline, progress
+            )
+        self.outcomes: list[SwarmOutcome] = []
+        self._live: list[SwarmOutcome] = []  # those that no other continues
+
+    def _stages(self, solver: str | Solver) -> list[Solver]:
+        """Solvers of the stages."""
+        if isinstance(solver, Solver):
+            return [solver] * len(ITERATIONS)
+        first = ITERATIONS[0] if self.first_problem.form.exact else FIRST_ITERATIONS_MEAN_FIELD
+        forms = [self.first_problem.form, self.problem.form, self.problem.form]
+        hazard = self.problem.scenario.hazard
+        return [
+            stage_solver(solver, hazard, form, iterations)
+            for form, iterations in zip(forms, (first, *ITERATIONS[1:]), strict=True)
+        ]
+
+    def run(self, kinds: Sequence[str], seed: int) -> SwarmOutcome:
+        """The best outcome of all starts, of which there is at least one."""
+        rng = np.random.default_rng(seed)
+        if self.coarse is None:
+            self._solve(self._first(kinds, rng))
+        else:
+            self.coarse.run(kinds, seed)
+            self._solve(self.coarse.refined(self.problem.task), 1)
+        if self.same_program:
+            self._advance()
+        for outcome in self._promising(MAX_CONTINUED if self.same_program else 1):
+            self._continue(outcome)
+        if "perturbed" in kinds:
+            self._perturb(rng)
+        return self.best
+
+    def _first(self, kinds: Sequence[str], rng: np.random.Generator) -> list[InitialGuess]:
+        """The first guesses."""
+        exact_first = self.problem.form.n <= MAX_EXACT_FIRST
+        guesses = self.guesses.first(kinds, MAX_GUESSES if exact_first else MAX_GUESSES_LARGE)
+        if "waves" in kinds and exact_first:
+            few = self.problem.form.n > MAX_WAVES
+            guesses += self.guesses.waves(N_WAVES_LARGE if few else N_WAVES, rng)
+        return guesses
+
+    def refined(self, task: JointTask) -> list[InitialGuess]:
+        """Guesses for a task with more steps, from the best outcomes."""
+        chosen = self._promising(MAX_REFINED)
+        return [refined(outcome, task, self.problem.task.steps) for outcome in chosen]
+
+    @property
+    def best(self) -> SwarmOutcome:
+        """The best by value among those that keep their distance; ties go to a solved one."""
+        return max(self.outcomes, key=lambda o: (o.separated, o.value, o.solution.status.success))
+
+    def _advance(self) -> None:
+        """Solve the most promising of the first outcomes further."""
+        unfinished = [o for o in self._promising(MAX_ADVANCED) if not o.solution.status.success]
+        if not self._late:
+            self._live = [outcome for outcome in self._live if outcome not in unfinished]
+            self._solve([self.problem.restart(outcome) for outcome in unfinished], 1)
+
+    def _promising(self, count: int) -> list[SwarmOutcome]:
+        """The last outcomes of all starts with the best objectives, and the one of best value.
+
+        An unfinished solve that does not yet reach the target in time has a low value, however
+        good its objective; one that violates its constraints may be too good.
+        """
+        order = sorted(self._live, key=_merit)
+        by_value = max(self._live, key=lambda o: (o.separated, o.value))
+        chosen = distinct(self.problem.task, order)[:count]
+        return chosen if by_value in chosen else [*chosen, by_value]
+
+    @property
+    def _late(self) -> bool:
+        return time.perf_counter() > self.deadline
+
+    def _perturb(self, rng: np.random.Generator) -> None:
+        """Solve from changes and perturbations of the best outcome, while they improve it."""
+        for _ in range(ROUNDS):
+            best, plan = self.best, self.problem.restart(self.best)
+            coarsest = self.coarse is None
+            share = 1 if coarsest else 2  # coarse plans have been changed before
+            guesses = [self.guesses.perturbed(plan, rng) for _ in range(N_PERTURBED // share)]
+            if self.same_program:
+                guesses += self.guesses.changed(plan, N_CHANGED // share, coarsest)
+            self._attempt(guesses)
+            if not self._improves(self.best, best):
+                break
+
+    def _improves(self, outcome: SwarmOutcome, best: SwarmOutcome) -> bool:
+        """Whether an outcome is better by more than rounding."""
+        form = self.problem.form
+        largest = 1.0 if form.objective == "success" else form.n
+        least = IMPROVEMENT * (largest - best.value)
+        return outcome.value > best.value + least or outcome.separated > best.separated
+
+    def _attempt(self, guesses: Sequence[InitialGuess]) -> None:
+        """Solve from guesses, and those further that promise to become the best."""
+        if self._late:
+            return
+        best = self.best
+        outcomes = self._solve(guesses)
+        unfinished = [
+            outcome
+            for outcome in outcomes
+            if outcome.value <= best.value
+            and not outcome.solution.status.success
+            and _merit(outcome) <= best.solution.objective + PROMISING
+        ]
+        if not self._late:
+            unfinished = distinct(self.problem.task, unfinished, [best])
+            outcomes += self._solve([self.problem.restart(outcome) for outcome in unfinished], 1)
+        leading = max(outcomes, key=lambda outcome: outcome.value, default=best)
+        if self._improves(leading, best):
+            self._continue(leading)
+
+    def _solve(self, guesses: Sequence[InitialGuess], stage: int = 0) -> list[SwarmOutcome]:
+        """Solve from guesses, together unless the time is limited; the first at any rate."""
+        problem = self.problem if stage else self.first_problem
+        size = 1 if np.isfinite(self.deadline) else max(1, len(guesses))
+        outcomes: list[SwarmOutcome] = []
+        for first in range(0, len(guesses), size):
+            if first and self._late:
+                break
+            part = guesses[first : first + size]
+            if self.progress is not None:
+                count = f"{len(part)} initial guesses"
+                names = part[0].name if len(part) == 1 else count
+                self.progress(f"optimizing {names}", 0, None)
+            outcomes += problem.solve(part, self.solvers[stage])
+        self.outcomes += outcomes
+        self._live += outcomes
+        return outcomes
+
+    def _continue(self, outcome: SwarmOutcome) -> None:
+        """Solve from an outcome, with the arrival steps that it reaches, until both agree."""
+        same_program = self.same_program
+        for _ in range(3):
+            guess = self.problem.restart(outcome)
+            settled = same_program and np.array_equal(guess.arrivals, outcome.arrivals)
+            if (settled and outcome.solution.status.success) or self._late:
+                return
+            (improved,) = self._solve([guess], 2)
+            if settled and improved.value <= outcome.value:
+                return
+            outcome, same_program = improved, True
+
+
+def _merit(outcome: SwarmOutcome) -> float:
+    """Log-odds of an outcome's cost, with its violation as a penalty; the least is the best."""
+    solution = outcome.solution
+    merit = solution.objective + solution.residuals.violation
+    return merit if np.isfinite(merit) else np.inf

@@ -1,0 +1,149 @@
+"""A time step of the members: the limits of their motion, and the states that it begins from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..compiled.kernels import contiguous
+from ..hazard import Hazard
+from ..typing import BoolArray, FloatArray, IntArray
+from .planar import PlanarSets
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+POSITION_TOL = 1e-6
+"""Distance, in units of v_max dt, up to which a member counts as being at a position."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Limits of a member's motion in a step.
+
+    Parameters
+    ----------
+    v_max : float
+        Bound on each velocity component.
+    a_max : float
+        Bound on ||V(t) - V(t-1)||^2.
+    dt : float
+    """
+
+    v_max: float
+    a_max: float
+    dt: float
+
+    @classmethod
+    def from_scenario(cls, scenario: Scenario) -> Motion:
+        """Limits of the members of a scenario."""
+        return cls(scenario.swarm.v_max, scenario.swarm.a_max, scenario.time.dt)
+
+    def sets(self, previous_velocities: FloatArray) -> PlanarSets:
+        """Sets of velocities (..., 2) allowed after `previous_velocities` (..., 2)."""
+        from .step_kernels import motion_sets  # Numba takes a second to import
+
+        rows = np.empty((*previous_velocities.shape[:-1], 10))
+        flat = contiguous(previous_velocities.reshape(-1, 2).astype(float))
+        motion_sets(flat, self.v_max, self.max_change, rows.reshape(-1, 10))
+        return PlanarSets.from_packed(rows, 1)
+
+    @property
+    def max_change(self) -> float:
+        """Bound on ||V(t) - V(t-1)||."""
+        return math.sqrt(self.a_max)
+
+    @property
+    def position_tol(self) -> float:
+        """Distance up to which a member counts as being at a position."""
+        return POSITION_TOL * self.v_max * self.dt
+
+    def toward(
+        self, positions: FloatArray, previous_velocities: FloatArray, goals: FloatArray
+    ) -> FloatArray:
+        """Velocities (..., 2) that bring positions (..., 2) as close to goals as is allowed.
+
+        Equation (6)'s v_i = X* - X_i where the limits allow it, and its projection elsewhere.
+        """
+        return self.sets(previous_velocities).project((goals - positions) / self.dt)
+
+    def project_adjoint(
+        self,
+        commanded: FloatArray,
+        previous_velocities: FloatArray,
+        projected: FloatArray,
+        seeds: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Products of seeds with the derivatives of a projection; all arrays are (..., 2).
+
+        Parameters
+        ----------
+        commanded, previous_velocities : (..., 2)
+            What was projected, and the velocities before.
+        projected : (..., 2)
+            ``sets(previous_velocities).project(commanded)``.
+        seeds : (..., 2)
+            Derivatives with respect to `projected`.
+
+        Returns
+        -------
+        to_commanded, to_previous : (..., 2)
+            Derivatives with respect to `commanded` and `previous_velocities`.
+        """
+        from .step_kernels import project_adjoint  # Numba takes a second to import
+
+        given = (commanded, previous_velocities, projected, seeds)
+        p, c, q, s = (contiguous(array.reshape(-1, 2)) for array in given)
+        to_commanded, to_previous = np.empty_like(p), np.empty_like(p)
+        project_adjoint(p, c, q, self.v_max, s, to_commanded, to_previous)
+        return to_commanded.reshape(seeds.shape), to_previous.reshape(seeds.shape)
+
+    def misses(
+        self, positions: FloatArray, velocities: FloatArray, goals: FloatArray, radius: float = 0.0
+    ) -> BoolArray:
+        """Whether steps (..., 2) end farther than `radius` from the goals, shape (...)."""
+        offset = positions + self.dt * velocities - goals
+        distance = np.hypot(offset[..., 0], offset[..., 1])
+        return np.asarray(distance > radius + self.position_tol)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """Data of a step t -> t + 1, or of H steps, for a batch of B states.
+
+    Parameters
+    ----------
+    hazard : Hazard
+    motion : Motion
+    positions, previous_velocities : (B, n, 2)
+        X(t) and V(t-1).
+    alive : (B, n) bool
+        Held fixed over the steps.
+    goals : (H, 2) or (H, B, 2)
+        X*(t+1), ..., X*(t+H), for all states or for each.
+    """
+
+    hazard: Hazard
+    motion: Motion
+    positions: FloatArray
+    previous_velocities: FloatArray
+    alive: BoolArray
+    goals: FloatArray
+
+    def __getitem__(self, rows: IntArray) -> Step:
+        goals = self.goals if self.goals.ndim == 2 else self.goals[:, rows]
+        positions, velocities = self.positions[rows], self.previous_velocities[rows]
+        return Step(self.hazard, self.motion, positions, velocities, self.alive[rows], goals)
+
+    @property
+    def horizon(self) -> int:
+        """Number of steps H."""
+        return len(self.goals)
+
+    @property
+    def goal(self) -> FloatArray:
+        """X*(t+1), (1, 1, 2) or (B, 1, 2)."""
+        return np.asarray(self.goals[0].reshape(-1, 1, 2))

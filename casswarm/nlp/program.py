@@ -1,0 +1,295 @@
+"""Parametric nonlinear programs, and batches of their instances."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._util.threads import locked_property, one_at_a_time
+from ..compiled.kernels import generated_module
+from ..errors import SolverError
+from ..formation.trajectory import TrajectorySets
+from ..motion.planar import PlanarSets
+from ..typing import Expr, FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledObjective:
+    """An objective and its gradient as Python source, for solvers with a compiled inner loop.
+
+    Parameters
+    ----------
+    source : str
+        Text of ``evaluate(x, p, constants, gradient, scratch)``, decorated with ``@objective``, and
+        of the ``@kernel`` functions that it calls: it returns f(x; p) and writes the gradient. All
+        problems of a kind have the same source, which is compiled once. From
+        `casswarm.formation.spectral_kernels.LARGE_SWARM` members on (pairs of coordinates of
+        x), it may also write blocks: where `gradient` has 5n entries, the second derivatives (xx,
+        xy, yy) of every member follow, which precondition Newton steps.
+    constants : (s,)
+        Numbers that all instances share, such as the positions of radars.
+    """
+
+    source: str
+    constants: FloatArray
+
+    @property
+    def evaluate(self) -> Any:
+        """The compiled function, to be passed to kernels."""
+        return generated_module(self.source).evaluate
+
+
+@dataclass(frozen=True, eq=False)
+class Nlp:
+    """A parametric nonlinear program in canonical form.
+
+    minimise f(x; p)  subject to  lbx <= x <= ubx,  lbg <= g(x; p) <= ubg
+
+    The bounds belong to `Instances`, so that one program, built and compiled once, serves every
+    state. x, p and g are made of named blocks: MX of shape (r, c), which as arrays are (c, r), so
+    that a block of c points in the plane is an MX (2, c) and an array (c, 2). A program pickles:
+    its expressions are serialised as a CasADi Function.
+
+    Parameters
+    ----------
+    name : str
+        Name in messages and tables.
+    variables, parameters, constraints : mapping of name to MX
+        Blocks of x and p (symbols) and g (expressions), in order.
+    objective : MX, scalar
+    unroll : bool
+        Whether to expand the expressions to scalar operations, which evaluate several times
+        faster; for large expressions that takes too much memory.
+    compiled : CompiledObjective, optional
+        The objective in a form for solvers with compiled inner loops.
+    n_starts : int
+        Number of initial guesses that batch solvers, for which they cost little, try by default:
+        more than one where local minima are common.
+    hessian : casadi.Function, optional
+        (x, p, lam_f, lam_g) to the upper triangle of the Lagrangian's Hessian, if there is a
+        faster method than automatic differentiation.
+    numeric : callable, optional
+        Parameters (B, np) to `casswarm.solvers.interior_point.derivatives.
+        NumericProblems`, if there are faster derivatives than those of CasADi's functions.
+    """
+
+    name: str
+    variables: Mapping[str, Expr]
+    parameters: Mapping[str, Expr]
+    objective: Expr
+    constraints: Mapping[str, Expr]
+    unroll: bool = False
+    compiled: CompiledObjective | None = None
+    n_starts: int = 1
+    hessian: Expr | None = None
+    numeric: Callable[[FloatArray], Any] | None = None
+
+    @classmethod
+    @one_at_a_time
+    def from_expressions(cls, name: str, x: Expr, p: Expr, f: Expr, g: Expr) -> Nlp:
+        """Program of CasADi expressions: columns of symbols x, p, and f, g, all SX or all MX.
+
+        Its blocks are called x, p and g. Expressions of SX are evaluated as scalar operations.
+
+        Raises
+        ------
+        RuntimeError
+            CasADi's: x or p are not symbols, or f or g depend on other symbols.
+        """
+        unroll = isinstance(f, ca.SX) or isinstance(g, ca.SX)
+        function = ca.Function("program", [x, p], [ca.densify(f), ca.densify(ca.vec(g))])
+        variables = ca.MX.sym("x", x.numel())
+        parameters = ca.MX.sym("p", p.numel()) if p.numel() else ca.MX(0, 1)
+        objective, rows = function.call([variables, parameters], not unroll, False)
+        blocks = {"p": parameters} if p.numel() else {}
+        constraints = {"g": rows} if rows.numel() else {}
+        return cls(name, {"x": variables}, blocks, objective, constraints, unroll=unroll)
+
+    @locked_property
+    def x(self) -> Expr:
+        """All variables, a column."""
+        return ca.veccat(*self.variables.values())
+
+    @locked_property
+    def p(self) -> Expr:
+        """All parameters, a column."""
+        return ca.veccat(*self.parameters.values())
+
+    @locked_property
+    def g(self) -> Expr:
+        """All constraints, a column."""
+        return ca.veccat(*self.constraints.values()) if self.constraints else ca.MX(0, 1)
+
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """Numbers of variables, parameters and constraints."""
+        return self.x.shape[0], self.p.shape[0], self.g.shape[0]
+
+    @locked_property
+    def evaluate(self) -> Expr:
+        """CasADi Function (x, p) to (f, g)."""
+        return self._function("evaluate", [self.objective, self.g])
+
+    @locked_property
+    def gradient(self) -> Expr:
+        """CasADi Function (x, p) to (f, gradient of f)."""
+        gradient = ca.densify(ca.gradient(self.objective, self.x))
+        return self._function("gradient", [self.objective, gradient])
+
+    @locked_property
+    def jacobian(self) -> Expr:
+        """CasADi Function (x, p) to the Jacobian of g, sparse."""
+        return self._function("jacobian", [ca.jacobian(self.g, self.x)])
+
+    @one_at_a_time
+    def __reduce__(self) -> tuple[Any, ...]:
+        # symbols do not pickle, but functions of them do; inlining restores the graph
+        function = ca.Function(
+            "blocks",
+            [*self.variables.values(), *self.parameters.values()],
+            [self.objective, *self.constraints.values()],
+        )
+        names = tuple(self.variables), tuple(self.parameters), tuple(self.constraints)
+        hints = self.unroll, self.compiled, self.n_starts, self.hessian, self.numeric
+        return _restore, (self.name, function, names, hints)
+
+    def _function(self, name: str, outputs: list[Expr]) -> Expr:
+        function = ca.Function(name, [self.x, self.p], outputs)
+        return function.expand() if self.unroll else function
+
+    @locked_property
+    def row_names(self) -> tuple[str, ...]:
+        """Name of every row of g, such as ``acceleration[3]``."""
+        return tuple(
+            f"{name}[{row}]"
+            for name, block in self.constraints.items()
+            for row in range(block.numel())
+        )
+
+    def pack_variables(self, **blocks: ArrayLike) -> FloatArray:
+        """Variables of B instances, (B, nx), from arrays (B, c, r) or (c, r) by block."""
+        return _pack(self.variables, blocks)
+
+    def pack_parameters(self, **blocks: ArrayLike) -> FloatArray:
+        """Parameters of B instances, (B, np), from arrays by block."""
+        return _pack(self.parameters, blocks)
+
+    def pack_constraints(self, **blocks: ArrayLike) -> FloatArray:
+        """Bounds on g of B instances, (B, ng), from arrays by block."""
+        return _pack(self.constraints, blocks)
+
+    def parameter_blocks(self, p: FloatArray) -> dict[str, FloatArray]:
+        """Arrays (B, c, r) of all blocks of parameters (B, np)."""
+        sizes = [block.numel() for block in self.parameters.values()]
+        parts = np.split(p, np.cumsum(sizes)[:-1], axis=1)
+        return {
+            name: part.reshape(-1, block.shape[1], block.shape[0])
+            for (name, block), part in zip(self.parameters.items(), parts, strict=True)
+        }
+
+    def variable(self, name: str, x: FloatArray) -> FloatArray:
+        """Block of x with this name: (..., nx) to (..., c, r)."""
+        start = 0
+        for block, symbol in self.variables.items():
+            if block == name:
+                rows, columns = symbol.shape
+                part = x[..., start : start + rows * columns]
+                return part.reshape(*x.shape[:-1], columns, rows)
+            start += symbol.numel()
+        raise KeyError(name)
+
+
+@one_at_a_time
+def _restore(
+    name: str, function: Expr, names: tuple[tuple[str, ...], ...], hints: tuple[Any, ...]
+) -> Nlp:
+    """Restore the program that `Nlp.__reduce__` decomposed."""
+    symbols = function.mx_in()
+    objective, *rows = function.call(symbols, True, False)
+    variables = dict(zip(names[0], symbols, strict=False))
+    parameters = dict(zip(names[1], symbols[len(variables) :], strict=True))
+    return Nlp(
+        name, variables, parameters, objective, dict(zip(names[2], rows, strict=True)), *hints
+    )
+
+
+def _pack(blocks: Mapping[str, Expr], arrays: Mapping[str, ArrayLike]) -> FloatArray:
+    if blocks.keys() != arrays.keys():
+        raise SolverError(f"blocks = {sorted(arrays)}; expected: {sorted(blocks)}")
+    values = {name: np.asarray(array, dtype=float) for name, array in arrays.items()}
+    batch = max((a.shape[0] for a in values.values() if a.ndim == 3), default=1)
+    columns = []
+    for name, symbol in blocks.items():
+        shape = (batch, symbol.shape[1], symbol.shape[0])
+        try:
+            columns.append(np.broadcast_to(values[name], shape).reshape(batch, symbol.numel()))
+        except ValueError:
+            raise SolverError(
+                f"block {name!r} has shape {values[name].shape}; expected {shape}"
+            ) from None
+    return np.concatenate(columns, axis=1) if columns else np.empty((batch, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Instances:
+    """B instances of an `Nlp` in CasADi's notation: initial guesses, parameters and bounds.
+
+    Parameters
+    ----------
+    x0 : (B, nx)
+        Initial guesses; solvers that start from elsewhere by definition say so.
+    p : (B, np)
+        Parameters.
+    lbx, ubx : (B, nx)
+        Bounds on x.
+    lbg, ubg : (B, ng)
+        Bounds on g.
+    feasible_set : PlanarSets of shape (B, nx / 2) or TrajectorySets of B states, optional
+        The set that lbx, ubx, lbg and ubg describe, where it has a structure that special solvers
+        exploit: a product of simple sets in the plane, onto which one can project, or paths within
+        limits of speed and acceleration. With `TrajectorySets`, x are the displacements
+        per step, and the objective is the sum of `Nlp.compiled` over the steps.
+    scale : (B, 2)
+        A typical length of x and a typical value of f: what tolerances are relative to. Ones by
+        default.
+    """
+
+    x0: FloatArray
+    p: FloatArray
+    lbx: FloatArray
+    ubx: FloatArray
+    lbg: FloatArray
+    ubg: FloatArray
+    feasible_set: PlanarSets | TrajectorySets | None = None
+    scale: FloatArray = field(default_factory=lambda: np.ones((1, 2)))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "x0", np.asarray(self.x0, dtype=float))
+        batch = self.x0.shape[0]
+        for name in ("p", "lbx", "ubx", "lbg", "ubg", "scale"):
+            array = np.asarray(getattr(self, name), dtype=float)
+            object.__setattr__(self, name, np.broadcast_to(array, (batch, array.shape[-1])))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # the constructor makes broadcast arrays read-only again
+        return type(self), self._values()
+
+    def __len__(self) -> int:
+        return int(self.x0.shape[0])
+
+    def __getitem__(self, rows: slice | NDArray[Any]) -> Instances:
+        """Subset of the instances, selected by a slice, a mask or indices."""
+        parts: list[Any] = [None if part is None else part[rows] for part in self._values()]
+        return Instances(*parts)
+
+    def _values(self) -> tuple[Any, ...]:
+        return tuple(getattr(self, part.name) for part in fields(self))
+
+    def with_x0(self, x0: FloatArray) -> Instances:
+        """The same instances with other initial guesses."""
+        return replace(self, x0=x0)

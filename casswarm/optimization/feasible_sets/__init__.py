@@ -1,1 +1,0 @@
-"""Feasible sets that projection and interior-point methods work on."""

@@ -1,5 +1,0 @@
-"""Solvers: one file per algorithm, with a common interface."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,1 +1,0 @@
-"""Compiled solvers for batches of small problems, and the kernels that they call."""

@@ -1,0 +1,208 @@
+"""Policies by name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from .._util.text import did_you_mean
+from ..errors import PolicyError
+from ..formation import ProjectedGradient
+from ..formation.leader_selection import LEADER_SELECTION
+from ..grid import ValueFunction
+from ..guide.guide import Guide
+from ..guide.plan import guide_solver, initial_velocities, plan, plan_from
+from ..joint import PlanTree, plan_swarm
+from ..motion.step import Motion
+from ..scenario.files import require_scenario
+from ..solvers import Solver, make_solver
+from ..typing import LeaderSelection
+from .base import Policy
+from .formation_policies import (
+    ConstrainedFeedbackPolicy,
+    ConstrainedPolicy,
+    LeaderFeedbackPolicy,
+    LeaderPolicy,
+)
+from .planned_paths import JointPolicy, NaivePolicy, OptimalPolicy, ReplanningPolicy
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+
+POLICIES = {
+    "naive": "every member follows its own guide and ignores the others",
+    "constrained": "all members stay in a corridor around the guide, with the least total rate",
+    "leader": "one member follows the guide, the others protect it",
+    "constrained-feedback": "constrained, around the best path from where the swarm is",
+    "leader-feedback": "leader, on the best path from where it is",
+    "joint": "the paths of all members, planned at once for the swarm's success",
+    "joint-replanning": "joint, and survivors replan after losses",
+    "optimal": "joint-replanning for two members, from the best path of their dynamic program, too",
+    "constrained-mpc-3": "constrained, with a horizon of 3 steps, or of any other number",
+    "leader-mpc-3": "leader, with a horizon of 3 steps, or of any other number",
+}
+"""Names that `make_policy` takes, each with a description."""
+
+_MPC = re.compile(r"(constrained|leader)-mpc-(\d+)")
+
+
+def make_policy(
+    name: str,
+    scenario: Scenario,
+    guide: Guide | None = None,
+    solver: str | Solver = "auto",
+    *,
+    leader_selection: LeaderSelection = "nearest",
+    horizon: int = 1,
+    solver_options: Mapping[str, Any] | None = None,
+) -> Policy:
+    """Policy of a name.
+
+    Parameters
+    ----------
+    name : str
+        ``"naive"``, ``"constrained"``, ``"leader"``, ``"constrained-feedback"``,
+        ``"leader-feedback"``, ``"joint"``, ``"joint-replanning"``, ``"optimal"``; or
+        ``"constrained"`` and ``"leader"`` with their horizon, such as ``"leader-mpc-3"``.
+    scenario : Scenario
+    guide : Guide, optional
+        Planned from the scenario by default; feedback policies need none.
+    solver : str or Solver
+        Solver of the formation problems: a name of `casswarm.solvers.SOLVERS`, by
+        default ``"auto"``. With ``"projected-gradient"`` a guide that is not given is planned by
+        the paper's method, too; the guides of naive members are by the method of the guide.
+    leader_selection : {"nearest", "first", "safest"}
+        Rule that selects the leader, for ``"leader"``.
+    horizon : int
+        Number of steps over which ``"leader"`` and ``"constrained"`` optimise; with 1 they are the
+        paper's policies.
+    solver_options : mapping, optional
+        Options of a solver given by name.
+
+    Raises
+    ------
+    PolicyError
+        An unknown name or rule of leader selection, an invalid horizon, or a guide of another
+        scenario.
+    PlanningError
+        No guide was found.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import casswarm as csw
+    >>> scenario = csw.load_scenario("paper-1")
+    >>> policy = csw.make_policy("naive", scenario)
+    >>> X = scenario.positions
+    >>> policy.velocities(0, X, np.zeros_like(X), np.ones(5, bool)).shape
+    (5, 2)
+    """
+    require_scenario("make_policy", scenario)
+    kind, horizon = _parsed(name, horizon)
+    _require_known("leader_selection", leader_selection, LEADER_SELECTION)
+    options = _paper_options(scenario, solver) | dict(solver_options or {})
+    backend = make_solver(solver, **options)
+    target, dt = scenario.target.center, scenario.time.dt
+    if guide is not None and (guide.dt != dt or tuple(guide.center) != target):
+        raise PolicyError(
+            f"this guide leads to {tuple(guide.center)} in steps of {guide.dt}, but the scenario "
+            f"{scenario.name!r} has its target at {target} and dt {dt}: plan a guide for this "
+            "scenario",
+            scenario=scenario.name,
+        )
+    motion, rho = Motion.from_scenario(scenario), scenario.formation.rho
+    if kind in ("leader-feedback", "constrained-feedback"):
+        value = ValueFunction.from_scenario(scenario, certified=False)
+        if kind == "leader-feedback":
+            return LeaderFeedbackPolicy(scenario.hazard, motion, value, backend)
+        return ConstrainedFeedbackPolicy(scenario.hazard, motion, value, backend, rho)
+    if kind == "optimal":
+        OptimalPolicy.require_pair(scenario)  # before a guide is planned
+    guide = plan(scenario, guide_solver(solver), certify=False) if guide is None else guide
+    if kind == "optimal":
+        return OptimalPolicy.from_scenario(scenario, guide)
+    if kind == "naive":
+        return NaivePolicy(motion, member_guides(scenario, guide))
+    if kind.startswith("joint"):
+        swarm_plan = plan_swarm(scenario, guide=guide, certify=False)
+        open_loop = JointPolicy.from_plan(swarm_plan)
+        if kind == "joint":
+            return open_loop
+        return ReplanningPolicy(PlanTree(scenario, swarm_plan), open_loop)
+    full_name = kind if horizon == 1 else f"{kind}-mpc-{horizon}"
+    shared = (scenario.hazard, motion, guide, backend, horizon)
+    if kind == "leader":
+        return LeaderPolicy(*shared, leader_selection, full_name)
+    return ConstrainedPolicy(*shared, rho, full_name)
+
+
+def _paper_options(scenario: Scenario, solver: str | Solver) -> dict[str, Any]:
+    """The paper's options of its projected gradient, from the scenario; none for other solvers."""
+    if solver != ProjectedGradient.name:
+        return {}
+    options = scenario.formation
+    return {
+        "step": options.learning_rate,
+        "x_scale": 1.0 / scenario.time.dt,  # steps in displacements
+        "max_iter": options.iterations,
+        "start": "zero",
+    }
+
+
+def _parsed(name: str, horizon: int) -> tuple[str, int]:
+    """A policy's name without its horizon, and the horizon."""
+    if match := _MPC.fullmatch(name):
+        if horizon != 1:
+            raise PolicyError(
+                f"policy {name!r} includes its horizon: omit horizon = {horizon}", policy=name
+            )
+        name, horizon = match[1], int(match[2])
+    _require_known("policy", name, POLICIES)
+    if not isinstance(horizon, int) or horizon < 1:
+        raise PolicyError(
+            f"horizon = {horizon!r}; allowed: whole numbers from 1", policy=name, horizon=horizon
+        )
+    if horizon > 1 and name not in ("leader", "constrained"):
+        raise PolicyError(
+            f"policy {name!r} has no horizon; leader and constrained have one",
+            policy=name,
+            horizon=horizon,
+        )
+    return name, horizon
+
+
+def require_policy_name(name: str) -> None:
+    """Raise PolicyError for a name that `make_policy` does not take."""
+    _parsed(name, 1)
+
+
+def _require_known(kind: str, name: str, known: Mapping[str, object]) -> None:
+    if name not in known:
+        message = f"{kind} {name!r} is unknown{did_you_mean(name, known)}"
+        raise PolicyError(message, **{kind: name})
+
+
+def member_guides(
+    scenario: Scenario, guide: Guide, solver_options: Mapping[str, Any] | None = None
+) -> tuple[Guide, ...]:
+    """Every member's own guide, from its initial position and velocity.
+
+    They are planned with the search of the swarm's guide, by projected gradient if that is its
+    method, else by Ipopt. One that does not arrive is included, see `Guide.arrives`.
+    """
+    near = guide if guide.search == "global" else None
+    guides: dict[tuple[float, ...], Guide] = {}
+    velocities = initial_velocities(scenario, guide)
+    for start, velocity in zip(scenario.positions, velocities, strict=True):
+        if tuple(start) not in guides:
+            guides[tuple(start)] = plan_from(
+                scenario,
+                start,
+                guide_solver(guide.solution.solver),
+                search=guide.search,
+                initial_velocity=velocity,
+                near=near,
+                solver_options=solver_options,
+            )
+    return tuple(guides[tuple(start)] for start in scenario.positions)

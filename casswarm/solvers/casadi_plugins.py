@@ -1,0 +1,582 @@
+"""alpaqa, through CasADi: augmented Lagrangian around a proximal quasi-Newton method."""
+
+from __future__ import annotations
+
+import math
+import time
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, field, replace
+from importlib.metadata import version
+from typing import Any, ClassVar, Literal
+
+import casadi as ca
+import numpy as np
+
+from .._util.interrupts import interruptible
+from .._util.silence import silence
+from .._util.threads import locked_cache, one_at_a_time
+from ..errors import SolverError
+from ..nlp.program import Instances, Nlp
+from ..nlp.solution import Status
+from .base import (
+    Answer,
+    Capabilities,
+    IterateLog,
+    Iterates,
+    NonNegativeInt,
+    Positive,
+    PositiveInt,
+    Solver,
+)
+
+INTERRUPTED = "User_Requested_Stop"
+"""The return_status of CasADi's own loops after Ctrl-C, which alone stops them."""
+
+_WARM_UP_SECONDS = 0.1  # up to which a recorded solve is repeated
+
+NO_STATUS = "ended without a status"
+"""Message of a solve for which the plugin leaves its status empty."""
+
+COMMON: dict[str, Any] = {
+    "print_time": False,
+    "error_on_fail": False,
+    "show_eval_warnings": False,
+    "record_time": True,
+    "calc_lam_p": False,  # unused, and warns when a solve fails
+}
+"""Options of every plugin: no output, and failures as statuses instead of exceptions."""
+
+
+class NlpsolSolver(Solver):
+    """A solver that CasADi calls: a plugin's name, its options, and its statuses.
+
+    Multipliers are CasADi's: positive at an upper bound, like those of `kkt.kkt_residuals`.
+    """
+
+    plugin: ClassVar[str]
+    statuses: ClassVar[Mapping[str, Status]]
+    """Status by return_status, or by CasADi's unified one if the plugin has none."""
+    counts: ClassVar[tuple[str, ...]] = ("nlp_f", "nlp_fg")
+    """Functions whose calls are the evaluations."""
+    uses_hessian: ClassVar[bool] = False
+    """Whether the backend is given `Nlp.hessian`, where there is one."""
+    prints_to_stdout: ClassVar[bool] = False
+    """Whether the backend prints regardless of its options, and must be silenced."""
+    needs_constraint_row: ClassVar[bool] = False
+    """Whether the backend needs a row in g; where there is none, an unbounded one is added."""
+
+    @abstractmethod
+    def plugin_options(self) -> dict[str, Any]:
+        """Options of the plugin in addition to `COMMON`."""
+
+    @classmethod
+    def unavailable(cls) -> str:
+        """Why the plugin cannot run in this installation of CasADi; empty if it can."""
+        return missing_plugin(cls.plugin)
+
+    def status(self, stats: Mapping[str, Any]) -> Status:
+        """Status of a solve by CasADi's statistics."""
+        return self.statuses.get(_message(stats)) or self._limit(stats)
+
+    def prepare(self, nlp: Nlp) -> None:
+        """See `Solver.prepare`."""
+        reason = missing_plugin(self.plugin)
+        if reason:
+            raise SolverError(f"{self.name} cannot run here: {reason}")
+        _compiled(self, nlp)
+
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        """See `Solver.run`."""
+        function = _compiled(self, nlp)
+        return [self._solve(function, instances, i) for i in range(len(instances))]
+
+    def iterates(self, nlp: Nlp, instance: Instances) -> Iterates | None:
+        """See `Solver.iterates`; they are those of CasADi's ``iteration_callback``."""
+        callback = _Callback(nlp.sizes, self.needs_constraint_row)
+        function = _built(self, nlp, {"iteration_callback": callback})
+        answer = self._solve(function, instance, 0)
+        if answer.seconds < _WARM_UP_SECONDS:  # the first call of a function takes longer
+            callback.log = IterateLog()
+            answer = self._solve(function, instance, 0)
+        reports_start = callback.log.count > answer.iterations
+        x0 = instance.x0[0]
+        return callback.log.iterates(x0[:0] if reports_start else x0, instance.scale[0, 0])
+
+    @one_at_a_time
+    def _solve(self, function: Any, instances: Instances, i: int) -> Answer:
+        started = time.perf_counter()
+        rows = instances.lbg.shape[1]
+        free = self.needs_constraint_row and not rows
+        length, value = instances.scale[i]
+        try:
+            with interruptible(), silence() if self.prints_to_stdout else nullcontext():
+                out = function(
+                    x0=instances.x0[i] / length,
+                    p=np.concatenate([instances.p[i], instances.scale[i]]),
+                    lbx=instances.lbx[i] / length,
+                    ubx=instances.ubx[i] / length,
+                    lbg=-np.inf if free else instances.lbg[i],
+                    ubg=np.inf if free else instances.ubg[i],
+                )
+        except RuntimeError as error:  # CasADi's, for example on NaN bounds
+            seconds = time.perf_counter() - started
+            return Answer(instances.x0[i], Status.FAILED, _reason(error), 0, 0, seconds)
+        seconds = time.perf_counter() - started
+        stats = _stats(function)
+        message = _message(stats)
+        if message == INTERRUPTED:
+            raise KeyboardInterrupt
+        return Answer(
+            x=length * np.asarray(out["x"]).ravel(),
+            status=self.status(stats),
+            message=message,
+            iterations=int(stats.get("iter_count", 0)),
+            evaluations=sum(int(stats.get(f"n_call_{name}", 0)) for name in self.counts),
+            seconds=seconds,
+            multipliers=(
+                value / length * np.asarray(out["lam_x"]).ravel(),
+                value * np.asarray(out["lam_g"]).ravel()[:rows],
+            ),
+        )
+
+    def _limit(self, stats: Mapping[str, Any]) -> Status:
+        """The limit that stopped the plugin, where only CasADi's unified status tells of one."""
+        if stats["unified_return_status"] != "SOLVER_RET_LIMITED":
+            return Status.FAILED
+        if "iter_count" in stats:
+            late = stats["iter_count"] < getattr(self, "max_iter", 0)
+        else:
+            late = stats["t_wall_total"] >= getattr(self, "time_limit", math.inf)
+        return Status.TIME_LIMIT if late else Status.ITERATION_LIMIT
+
+
+@locked_cache(maxsize=64)
+def has_plugin(plugin: str) -> bool:
+    """Whether this installation of CasADi can load an nlpsol plugin."""
+    return bool(ca.has_nlpsol(plugin))
+
+
+def missing_plugin(plugin: str) -> str:
+    """Why a plugin cannot run in this installation of CasADi; empty if it can."""
+    if has_plugin(plugin):
+        return ""
+    return f"the nlpsol plugin {plugin!r} is not in this casadi ({version('casadi')})"
+
+
+def _stats(function: Any) -> dict[str, Any]:
+    """Statistics of the last call; CasADi raises where a plugin has left its status empty."""
+    try:
+        return dict(function.stats())
+    except RuntimeError:
+        return dict.fromkeys(("return_status", "unified_return_status"), NO_STATUS)
+
+
+def _message(stats: Mapping[str, Any]) -> str:
+    """The plugin's own status, or CasADi's unified one if it has none."""
+    return str(stats.get("return_status", stats["unified_return_status"]))
+
+
+def _reason(error: RuntimeError) -> str:
+    """The last line of CasADi's error, which says what happened; the others are a traceback."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return lines[-1] if lines else "error without a message"
+
+
+@locked_cache(maxsize=64)
+def _compiled(solver: NlpsolSolver, nlp: Nlp) -> Any:
+    return _built(solver, nlp, {})
+
+
+@one_at_a_time
+def _built(solver: NlpsolSolver, nlp: Nlp, more: Mapping[str, Any]) -> Any:
+    """Solver of the problem in units of `Instances.scale`, which are its last two parameters."""
+    options = {"expand": nlp.unroll, **COMMON, **solver.plugin_options(), **more}
+    x, scale = ca.MX.sym("x", nlp.sizes[0]), ca.MX.sym("scale", 2)
+    p, (length, value) = ca.vertcat(nlp.p, scale), ca.vertsplit(scale)
+    f, g = nlp.evaluate.call([length * x, nlp.p], True, False)
+    exact = getattr(solver, "hessian", "exact") == "exact"
+    if nlp.hessian is not None and solver.uses_hessian and exact:
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.sizes[2])
+        hessian = length**2 * nlp.hessian(length * x, nlp.p, lam_f / value, lam_g)
+        options["hess_lag"] = ca.Function("hess_lag", [x, p, lam_f, lam_g], [hessian])
+    free = solver.needs_constraint_row and not nlp.sizes[2]
+    problem = {"x": x, "p": p, "f": f / value, "g": ca.MX(0) if free else g}
+    try:
+        with silence() if solver.prints_to_stdout else nullcontext():
+            return ca.nlpsol("solver", solver.plugin, problem, options)
+    except RuntimeError as error:
+        raise SolverError(f"{solver.name} cannot solve {nlp.name}: {_reason(error)}") from error
+
+
+class _Callback(ca.Callback):
+    """Records the iterates of a solver that `_built` makes."""
+
+    def __init__(self, sizes: tuple[int, int, int], needs_constraint_row: bool) -> None:
+        super().__init__()
+        variables, parameters, rows = sizes
+        rows = max(rows, int(needs_constraint_row))
+        self.log = IterateLog()
+        shapes = {"f": 1, "x": variables, "lam_x": variables, "g": rows, "lam_g": rows}
+        self._shapes = shapes | {"lam_p": parameters + 2}
+        self.construct("iterates", {})
+
+    def get_n_in(self) -> int:
+        """Number of outputs of a solver."""
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        """A single one: whether to stop."""
+        return 1
+
+    def get_name_in(self, i: int) -> str:
+        """Name of an output of a solver."""
+        return str(ca.nlpsol_out(i))
+
+    def get_name_out(self, i: int) -> str:  # noqa: ARG002
+        """CasADi's own name."""
+        return "ret"
+
+    def get_sparsity_in(self, i: int) -> Any:
+        """Shape of an output of a solver."""
+        return ca.Sparsity.dense(self._shapes[ca.nlpsol_out(i)])
+
+    def eval(self, arguments: Sequence[Any]) -> list[int]:
+        """Record x, and continue."""
+        self.log(arguments[0])
+        return [0]
+
+
+_UNIFIED = {
+    "SOLVER_RET_SUCCESS": Status.SOLVED,
+    "SOLVER_RET_INFEASIBLE": Status.INFEASIBLE,
+    "SOLVER_RET_LIMITED": Status.ITERATION_LIMIT,
+}
+"""Status by CasADi's own word for it, which does not tell the limit that was reached."""
+
+
+@dataclass(frozen=True, eq=False)
+class NlpSol(NlpsolSolver):
+    """A plugin of `casadi.nlpsol` with the options that it takes there.
+
+    For plugins that need a licence or a library of their own, and for those that casswarm has no
+    class for. A success is what CasADi calls one, so that limits that the plugin confuses with
+    successes are counted as such, unless the recomputed residuals contradict.
+
+    Parameters
+    ----------
+    plugin : str
+        Such as madnlp, knitro or snopt.
+    options : mapping
+        The plugin's options, such as ``{"madnlp": {"tol": 1e-8}}``.
+
+    Examples
+    --------
+    >>> import casswarm as csw
+    >>> csw.solvers.NlpSol("sqpmethod", {"qpsol": "qrqp", "max_iter": 50}).name
+    'sqpmethod'
+    """
+
+    plugin: str  # type: ignore[misc]
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    summary: ClassVar[str] = "a plugin of CasADi's nlpsol by name; any problem"
+    capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True)
+    prints_to_stdout: ClassVar[bool] = True  # many do unless told otherwise
+    statuses: ClassVar[dict[str, Status]] = {}
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """The plugin's name."""
+        return self.plugin
+
+    def plugin_options(self) -> dict[str, Any]:
+        """See `NlpsolSolver.plugin_options`."""
+        return dict(self.options)
+
+    def status(self, stats: Mapping[str, Any]) -> Status:
+        """See `NlpsolSolver.status`."""
+        return _UNIFIED.get(str(stats["unified_return_status"]), Status.FAILED)
+
+
+@dataclass(frozen=True)
+class Ipopt(NlpsolSolver):
+    """Ipopt (Waechter, Biegler, Math. Program. 106(1), 2006), with MUMPS.
+
+    Parameters
+    ----------
+    tolerance : float
+        Ipopt's ``tol`` and ``constr_viol_tol``.
+    max_iter : int
+    time_limit : float
+        Wall time of one solve, in seconds.
+    hessian : {"exact", "limited-memory"}
+    memory : int
+        Number of steps in the limited-memory approximation.
+    mu_strategy : {"monotone", "adaptive"}
+    constraint_tolerance : float, optional
+        Ipopt's ``constr_viol_tol``; by default that of ``tol``.
+    bound_push : float, optional
+        Relative distance by which the initial guess is moved away from its bounds: Ipopt's
+        ``bound_push``, ``bound_frac`` and their like for slacks, 0.01 by default.
+    mu_init : float, optional
+        Initial barrier parameter, 0.1 by default: a smaller one stays nearer to a good guess.
+    print_level : int
+        Ipopt's, from 0: how much it prints on standard output; 5 prints a line per iteration.
+    """
+
+    tolerance: Positive = 1e-8
+    max_iter: NonNegativeInt = 500
+    time_limit: Positive = 60.0
+    hessian: Literal["exact", "limited-memory"] = "exact"
+    memory: PositiveInt = 6
+    mu_strategy: Literal["monotone", "adaptive"] = "monotone"
+    constraint_tolerance: Positive | None = None
+    bound_push: Positive | None = None
+    mu_init: Positive | None = None
+    print_level: NonNegativeInt = 0
+
+    name: ClassVar[str] = "ipopt"
+    summary: ClassVar[str] = "interior point, exact derivatives; any problem"
+    capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
+    plugin: ClassVar[str] = "ipopt"
+    uses_hessian: ClassVar[bool] = True
+    statuses: ClassVar[dict[str, Status]] = {
+        "Solve_Succeeded": Status.SOLVED,
+        "Solved_To_Acceptable_Level": Status.ACCEPTABLE,
+        "Infeasible_Problem_Detected": Status.INFEASIBLE,
+        "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
+        "Maximum_CpuTime_Exceeded": Status.TIME_LIMIT,
+        "Maximum_WallTime_Exceeded": Status.TIME_LIMIT,
+        "Diverging_Iterates": Status.DIVERGED,
+    }
+
+    def warm(self) -> Ipopt:
+        """With a small initial barrier parameter, which keeps it near its initial guess."""
+        return self if self.mu_init is not None else replace(self, mu_init=1e-4)
+
+    def from_feasible_guess(self) -> tuple[Ipopt, ...]:
+        """See `Solver.from_feasible_guess`: hardly pushed away from bounds, hardly a barrier.
+
+        Whether Ipopt then finds such a set is chance, but rarely for all of these settings.
+        """
+        return tuple(
+            replace(self, bound_push=push, mu_init=barrier)
+            for push, barrier in ((1e-10, 1e-8), (1e-4, 1e-6), (1e-8, 1e-9))
+        )
+
+    def plugin_options(self) -> dict[str, Any]:
+        """See `NlpsolSolver.plugin_options`."""
+        pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
+        pushed = {} if self.bound_push is None else dict.fromkeys(pushes, self.bound_push)
+        barrier = {} if self.mu_init is None else {"mu_init": self.mu_init}
+        return {
+            "ipopt": {
+                **pushed,
+                **barrier,
+                "tol": self.tolerance,
+                "constr_viol_tol": self.constraint_tolerance or self.tolerance,
+                "max_iter": self.max_iter,
+                "max_wall_time": self.time_limit,
+                "hessian_approximation": self.hessian,
+                "limited_memory_max_history": self.memory,
+                "mu_strategy": self.mu_strategy,
+                "honor_original_bounds": "yes",
+                "print_level": self.print_level,
+                "sb": "yes",
+            }
+        }
+
+
+@dataclass(frozen=True)
+class Sleqp(NlpsolSolver):
+    """SLEQP (after Byrd, Gould, Nocedal, Waltz, Math. Program. 100(1), 2004), damped BFGS.
+
+    The plugin has no option for the tolerance: it is 1e-6, on stationarity relative to
+    multipliers.
+
+    Parameters
+    ----------
+    max_iter : int
+    time_limit : float
+        Wall time of one solve, in seconds.
+    """
+
+    max_iter: PositiveInt = 1000
+    time_limit: Positive = 60.0
+
+    name: ClassVar[str] = "sleqp"
+    summary: ClassVar[str] = "active set by linear programs, then equality QPs; any problem"
+    capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
+    plugin: ClassVar[str] = "sleqp"
+    needs_constraint_row: ClassVar[bool] = True  # or some solves exceed their time limit
+    # the plugin's success is always true, even at a limit
+    statuses: ClassVar[dict[str, Status]] = {
+        "optimal": Status.SOLVED,
+        "infeasible": Status.INFEASIBLE,
+        "unbounded": Status.DIVERGED,
+        "iteration limit": Status.ITERATION_LIMIT,
+        "time limit": Status.TIME_LIMIT,
+    }
+
+    def plugin_options(self) -> dict[str, Any]:
+        """See `NlpsolSolver.plugin_options`."""
+        return {
+            "max_iter": self.max_iter,
+            "max_wall_time": self.time_limit,
+            "print_level": 0,
+        }
+
+
+QP_SOLVERS: dict[str, dict[str, Any]] = {
+    "qpoases": {"printLevel": "none"},
+    "qrqp": {"print_header": False, "print_info": False, "print_iter": False},
+    "daqp": {},
+    "osqp": {"osqp": {"verbose": False, "eps_abs": 1e-10, "eps_rel": 1e-10, "max_iter": 20000}},
+}
+"""CasADi's convex solvers that the method works with, and the options that silence each."""
+
+
+@dataclass(frozen=True)
+class Sqp(NlpsolSolver):
+    """CasADi's ``sqpmethod``: line search on a merit function, elastic where a QP is infeasible.
+
+    BFGS and the exact Hessian solve about as many problems, BFGS in half the time. The exact one is
+    made positive definite by a multiple of the identity, after Gershgorin. CasADi can reflect or
+    clip its eigenvalues too, but does not always find them, and then stops without a status.
+
+    Parameters
+    ----------
+    tolerance : float
+        Of primal and dual infeasibility.
+    max_iter : int
+    hessian : {"limited-memory", "exact"}
+        BFGS, or exact and convexified.
+    qp_solver : {"qpoases", "qrqp", "daqp", "osqp"}
+    """
+
+    tolerance: Positive = 1e-6
+    max_iter: PositiveInt = 500
+    hessian: Literal["exact", "limited-memory"] = "limited-memory"
+    qp_solver: Literal["qpoases", "qrqp", "daqp", "osqp"] = "qpoases"
+
+    name: ClassVar[str] = "sqp"
+    summary: ClassVar[str] = "sequential quadratic programming with active-set QPs; any problem"
+    capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True)
+    plugin: ClassVar[str] = "sqpmethod"
+    prints_to_stdout: ClassVar[bool] = True  # qpOASES prints its licence
+    # a search direction that became too small is no success
+    statuses: ClassVar[dict[str, Status]] = {
+        "Solve_Succeeded": Status.SOLVED,
+        "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
+    }
+
+    def plugin_options(self) -> dict[str, Any]:
+        """See `NlpsolSolver.plugin_options`."""
+        options: dict[str, Any] = {
+            "qpsol": self.qp_solver,
+            "qpsol_options": {"error_on_fail": False, **QP_SOLVERS[self.qp_solver]},
+            "tol_pr": self.tolerance,
+            "tol_du": self.tolerance,
+            "max_iter": self.max_iter,
+            "elastic_mode": True,
+            "max_iter_ls": 8,  # with more, steps that are too short end no cycle
+            "beta": 0.5,
+            "min_step_size": 0.0,  # multipliers may still change where x does not
+            "hessian_approximation": self.hessian,
+            "print_header": False,
+            "print_iteration": False,
+            "print_status": False,
+        }
+        if self.hessian == "exact":
+            options["convexify_strategy"] = "regularize"
+        return options
+
+
+@dataclass(frozen=True)
+class Uno(NlpsolSolver):
+    """Uno (Vanaret, Leyffer, arXiv:2406.13454) as its preset ``filtersqp`` composes it.
+
+    Parameters
+    ----------
+    tolerance : float
+        Uno's ``primal_tolerance`` and ``dual_tolerance``; the latter is scaled by multipliers.
+    max_iter : int
+    time_limit : float
+        CPU time of one solve, in seconds.
+    """
+
+    tolerance: Positive = 1e-7
+    max_iter: PositiveInt = 500
+    time_limit: Positive = 60.0
+
+    name: ClassVar[str] = "uno"
+    summary: ClassVar[str] = "trust-region filter SQP, exact derivatives; any problem"
+    capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
+    plugin: ClassVar[str] = "uno"
+    prints_to_stdout: ClassVar[bool] = True  # warnings on fixed variables and rows without bounds
+    # small steps and Fritz John points are failures; limits share one text with errors
+    statuses: ClassVar[dict[str, Status]] = {
+        "Converged with feasible KKT point": Status.SOLVED,
+        "Converged with infeasible stationary point": Status.INFEASIBLE,
+        "Terminated with unbounded problem": Status.DIVERGED,
+    }
+
+    def plugin_options(self) -> dict[str, Any]:
+        """See `NlpsolSolver.plugin_options`."""
+        return {
+            "uno": {
+                "preset": "filtersqp",
+                "logger": "SILENT",
+                "primal_tolerance": self.tolerance,
+                "dual_tolerance": self.tolerance,
+                "max_iterations": self.max_iter,
+                "time_limit": self.time_limit,
+            }
+        }
+
+
+@dataclass(frozen=True)
+class Alpaqa(NlpsolSolver):
+    """ALM and PANOC with L-BFGS (Pas, Schuurmans, Patrinos, ECC 2022); first derivatives only.
+
+    The plugin does not report its iterations, which are counted as zero; its evaluations are those
+    of the augmented Lagrangian.
+
+    Parameters
+    ----------
+    tolerance : float
+        On stationarity and on the constraints.
+    max_iter : int
+        Updates of the multipliers.
+    max_inner_iter : int
+        PANOC iterations between two updates.
+    time_limit : float
+        Wall time of one solve, in seconds.
+    """
+
+    tolerance: Positive = 1e-8
+    max_iter: PositiveInt = 100
+    max_inner_iter: PositiveInt = 1000
+    time_limit: Positive = 60.0
+
+    name: ClassVar[str] = "alpaqa"
+    summary: ClassVar[str] = "augmented Lagrangian with PANOC, first derivatives; any problem"
+    capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
+    plugin: ClassVar[str] = "alpaqa"
+    counts: ClassVar[tuple[str, ...]] = ("nlp_psi", "nlp_grad_psi")
+    # the plugin sets no return_status
+    statuses: ClassVar[dict[str, Status]] = {"SOLVER_RET_SUCCESS": Status.SOLVED}
+
+    def plugin_options(self) -> dict[str, Any]:
+        """See `NlpsolSolver.plugin_options`."""
+        return {
+            "alpaqa": {
+                "alm.tolerance": self.tolerance,
+                "alm.dual_tolerance": self.tolerance,
+                "alm.max_iter": self.max_iter,
+                "panoc.max_iter": self.max_inner_iter,
+                "alm.max_time": self.time_limit,
+            }
+        }

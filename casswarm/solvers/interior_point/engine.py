@@ -1,0 +1,108 @@
+"""A primal-dual interior-point method with a filter line search, over batches of instances.
+
+Minimise f(x) subject to lbx <= x <= ubx and lbg <= g(x) <= ubg. Every row of g has a slack s, so
+that bounds l <= y <= u are those of y = (x, s), and g(x) - s = 0. For barrier parameters mu that
+decrease to zero, Newton's method solves
+
+    grad f + J' lam - z_l + z_u = 0  (of x),   -lam - z_l + z_u = 0  (of s),   g(x) - s = 0,
+    z_l (y - l) = mu,   z_u (u - y) = mu.
+
+Each instance has a barrier parameter, a step length and a regularisation of its own. Some of a
+batch advance together; those that end make room for others, and no answer depends on the others.
+The method, and constants that are not explained, are those of A. Waechter and
+L. T. Biegler, On the implementation of an interior-point filter line-search algorithm for
+large-scale nonlinear programming, Math. Program. 106(1), 2006, with a restoration phase of its own
+(`restoration`). `scaling` poses the instances in units in which their gradients are neither large
+nor small.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...nlp.program import Instances
+from ...nlp.solution import Status
+from ...typing import IntArray
+from .derivatives import Problems
+from .iterate_kernels import LANES
+from .iterates import Iterates, Options, Residuals, Results, reduce_mu, wrong_bounds
+from .restoration import restore
+from .steps import advance, estimate_multipliers
+
+_REFILL = 0.75  # of the width: below it, others are started
+_NONE = np.arange(0)
+_INFEASIBLE = "the constraints may be infeasible"
+
+
+def minimise(problems: Problems, instances: Instances, options: Options, width: int) -> Results:
+    """Solve every instance, at most `width` at the same time."""
+    results, wrong = Results.empty(instances), wrong_bounds(instances)
+    for row, message in wrong.items():
+        results.end(np.array([row]), Status.FAILED, message)
+    waiting = np.setdiff1d(np.arange(len(instances)), list(wrong))
+    iterates = _started(problems, instances, waiting[:width], options)
+    stuck, waiting = iterates[_NONE], waiting[width:]
+    while iterates.rows.size or stuck.rows.size:
+        if stuck.rows.size >= LANES or not iterates.rows.size:
+            iterates, stuck = (
+                iterates.joined(_restored(problems, stuck, results, options)),
+                stuck[_NONE],
+            )
+            continue
+        iterates, more = _iterate(problems, iterates, results, options)
+        stuck = stuck.joined(more)
+        free = width - iterates.rows.size - stuck.rows.size
+        if waiting.size and free >= (1 - _REFILL) * width:
+            new = _started(problems, instances, waiting[:free], options)
+            iterates, waiting = iterates.joined(new), waiting[free:]
+    return results
+
+
+def _started(
+    problems: Problems, instances: Instances, rows: IntArray, options: Options
+) -> Iterates:
+    """Iterates at the initial guesses of some instances."""
+    new = Iterates.start(problems, instances, rows, options)
+    estimate_multipliers(problems, new, options.constr_mult_init_max)
+    return new
+
+
+def _iterate(
+    problems: Problems, iterates: Iterates, results: Results, options: Options
+) -> tuple[Iterates, Iterates]:
+    """One iteration: the iterates that go on, and those that need restoration."""
+    rows = iterates.rows
+    at = problems.linearise(rows, iterates.y[: iterates.size])
+    residuals = Residuals.of(at, iterates)
+    ended = results.conclude(iterates, residuals, options)
+    ended |= results.iterations[rows] >= options.max_iter
+    stuck = np.zeros_like(ended)
+    if not ended.all():
+        reduce_mu(iterates, residuals, options.tolerance / 10.0)
+        moved, evaluations = advance(problems, at, iterates, residuals, ~ended)
+        results.evaluations[rows] += evaluations
+        results.iterations[rows] += ~ended
+        stuck = ~(ended | moved)
+        if stuck.any():
+            stuck &= ~iterates.widen(stuck)
+        failed = stuck & ~(options.restoration & (iterates.violation > options.violation))
+        results.end(rows[failed], Status.FAILED, "the line search found no better point")
+        ended, stuck = ended | failed, stuck & ~failed
+    if not (ended | stuck).any():
+        return iterates, iterates[_NONE]
+    results.keep(iterates[ended], residuals.gradient[:, ended])
+    return iterates[~(ended | stuck)], iterates[stuck]
+
+
+def _restored(problems: Problems, stuck: Iterates, results: Results, options: Options) -> Iterates:
+    """Those of the iterates that can go on, with a smaller violation."""
+    restored, iterations = restore(problems, stuck)
+    results.iterations[stuck.rows] += iterations
+    failed = stuck[~restored]
+    for row, violation in zip(failed.rows, failed.violation, strict=True):
+        message = f"{_INFEASIBLE}: the sum of violations cannot be reduced below {violation:.3g}"
+        results.end(row[None], Status.FAILED, message)
+    results.keep(failed, np.zeros_like(failed.y))
+    again = stuck[restored]
+    estimate_multipliers(problems, again, options.constr_mult_init_max)
+    return again

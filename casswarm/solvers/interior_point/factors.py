@@ -1,0 +1,224 @@
+"""Factors of condensed matrices with one sparse pattern, for many instances at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from scipy.linalg import lapack
+
+from ...typing import FloatArray, IntArray
+from .iterate_kernels import LANES
+
+_SHIFTS = 40  # attempts to make a matrix positive definite
+
+
+class Factors(Protocol):
+    """Cholesky factors of b matrices, to each of whose diagonals a shift was added."""
+
+    shifts: FloatArray
+    """(b,), NaN where none was enough."""
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """Solutions (n, b) of the systems with these right-hand sides."""
+
+
+class DenseFactors:
+    """Factors of matrices (b, n, n), of which the lower triangles are read.
+
+    `shifts` (b, m) are tried in order.
+    """
+
+    def __init__(self, matrices: FloatArray, shifts: FloatArray) -> None:
+        diagonal = np.arange(matrices.shape[1])
+        self._factors: list[FloatArray] = []
+        self.shifts = np.full(len(matrices), np.nan)
+        for row, (matrix, tried) in enumerate(zip(matrices, shifts, strict=True)):
+            factor = matrix
+            for shift in tried:
+                shifted = matrix.copy()
+                shifted[diagonal, diagonal] += shift
+                factor, info = lapack.dpotrf(shifted.T, lower=0, overwrite_a=1)
+                if info == 0:
+                    self.shifts[row] = shift
+                    break
+            self._factors.append(factor)
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """See `Factors`."""
+        solutions = np.empty_like(right)
+        for row, factor in enumerate(self._factors):
+            solutions[:, row] = lapack.dpotrs(factor, right[:, row], lower=0)[0]
+        return solutions
+
+
+def shifts_to_try(last: FloatArray) -> FloatArray:
+    """Shifts (b, m) of diagonals, none first, from the last ones (b,) that were needed."""
+    known = last > 0.0
+    first = np.where(known, np.maximum(1e-20, last / 3.0), 1e-4)
+    factor = np.where(known, 8.0, 100.0)
+    shifts = first[:, None] * factor[:, None] ** np.arange(_SHIFTS)
+    return np.hstack([np.zeros((len(last), 1)), shifts])
+
+
+MAX_UPDATES = 400_000
+"""Multiplications of a factorisation, or of an assembly, above which dense ones are faster."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """Entries of the factor L of a permuted matrix P M P' = L L', column by column.
+
+    Parameters
+    ----------
+    order : (n,)
+        Variable of every row.
+    starts : (n + 1,)
+        First entry of every column; it is the diagonal one.
+    rows : (l,)
+    update_starts : (n + 1,)
+        First update after every column.
+    updates : (u, 3)
+        Places of entries t, a, b: t is reduced by a b.
+    """
+
+    order: IntArray
+    starts: IntArray
+    rows: IntArray
+    update_starts: IntArray
+    updates: IntArray
+
+    def places(self, one: IntArray, two: IntArray) -> IntArray:
+        """Places in L of the entries of M in rows `one` and columns `two`, in either order."""
+        rank = np.argsort(self.order)
+        low, high = np.minimum(rank[one], rank[two]), np.maximum(rank[one], rank[two])
+        size = len(self.order)
+        columns = np.repeat(np.arange(size), np.diff(self.starts))
+        return np.searchsorted(columns * size + self.rows, low * size + high)
+
+
+def eliminate(size: int, one: IntArray, two: IntArray) -> Pattern | None:
+    """Pattern of the factors of matrices with entries at (one, two), and on the diagonal.
+
+    Variables with few neighbours are eliminated first (minimum degree). None if there are more than
+    `MAX_UPDATES`.
+    """
+    neighbours: list[set[int]] = [set() for _ in range(size)]
+    for i, j in zip(one.tolist(), two.tolist(), strict=True):
+        if i != j:
+            neighbours[i].add(j)
+            neighbours[j].add(i)
+    left, order, below, number = set(range(size)), list[int](), list[list[int]](), 0
+    while left:
+        pivot = min(left, key=lambda i: (len(neighbours[i]), i))
+        left.remove(pivot)
+        near = neighbours[pivot]
+        number += len(near) * (len(near) + 1) // 2
+        if number > MAX_UPDATES:
+            return None
+        for i in near:
+            neighbours[i] |= near
+            neighbours[i] -= {i, pivot}
+        order.append(pivot)
+        below.append(sorted(near))
+    return _numbered(np.array(order, np.int64), below)
+
+
+def _numbered(order: IntArray, below: list[list[int]]) -> Pattern:
+    """Pattern from the variables below the diagonal of every column."""
+    size, rank = len(order), np.argsort(order)
+    columns = [np.concatenate([[j], np.sort(rank[below[j]])]).astype(np.int64) for j in range(size)]
+    starts = np.cumsum([0, *map(len, columns)])
+    rows = np.concatenate(columns) if columns else np.empty(0, np.int64)
+    keys = np.repeat(np.arange(size), np.diff(starts)) * size + rows
+    updates, update_starts = [np.empty((0, 3), np.int64)], [0]
+    for column, start in zip(columns, starts, strict=False):
+        later, earlier = np.tril_indices(len(column) - 1)
+        targets = np.searchsorted(keys, column[1:][earlier] * size + column[1:][later])
+        updates.append(np.stack([targets, start + 1 + later, start + 1 + earlier], axis=1))
+        update_starts.append(update_starts[-1] + len(later))
+    return Pattern(order, starts, rows, np.array(update_starts), np.concatenate(updates))
+
+
+class SparseSystem(NamedTuple):
+    """Where the entries of H + diag(w) + A' diag(v) A are in its factor.
+
+    `places` are those of the entries of H and of the diagonal, and (u, 4) for the products of two
+    entries a, b of A in a row: a, b, the row, the place of the product.
+    """
+
+    pattern: Pattern
+    places: tuple[IntArray, IntArray, IntArray]
+
+    @classmethod
+    def of(cls, size: int, hessian: IntArray, jacobian: IntArray) -> SparseSystem | None:
+        """From rows and columns (2, k) of H, in either triangle, and of A.
+
+        None if a dense matrix is better.
+        """
+        pairs = [np.empty((3, 0), np.int64)]
+        order = np.argsort(jacobian[0], kind="stable")  # row by row
+        bins = np.arange(jacobian[0].max(initial=-1) + 2)
+        starts = np.searchsorted(jacobian[0, order], bins)
+        lengths = np.diff(starts)
+        if (lengths * (lengths + 1) // 2).sum() > MAX_UPDATES:
+            return None
+        for row, (start, end) in enumerate(pairwise(starts)):
+            later, earlier = order[start + np.array(np.tril_indices(end - start))]
+            pairs.append(np.stack([later, earlier, np.full(len(later), row)]))
+        one, two, rows = np.concatenate(pairs, axis=1)
+        columns = jacobian[1]
+        left, right = np.hstack([hessian, np.stack([columns[one], columns[two]])])
+        pattern = eliminate(size, left, right)
+        if pattern is None:
+            return None
+        diagonal = np.arange(size)
+        products = np.stack([one, two, rows, pattern.places(columns[one], columns[two])], axis=1)
+        places = pattern.places(*hessian), pattern.places(diagonal, diagonal), products
+        return cls(pattern, places)
+
+
+class SparseFactors:
+    """See `Factors`.
+
+    Parameters
+    ----------
+    system : SparseSystem
+    values : tuple of (k, b)
+        Entries of H and of A, v and w.
+    last : (b,)
+        Shifts that were last needed.
+    """
+
+    def __init__(
+        self, system: SparseSystem, values: tuple[FloatArray, ...], last: FloatArray
+    ) -> None:
+        from .system_kernels import factorise
+
+        self.system, batch = system, len(last)
+        pattern, entries = system.pattern, len(system.pattern.rows)
+        self._factors = np.zeros((-(-batch // LANES), entries, LANES))
+        self.shifts, left = np.full(batch, np.nan), np.arange(batch)
+        read: Any = tuple(map(np.ascontiguousarray, values))
+        lanes: Any = tuple(np.zeros((len(part), LANES)) for part in values)
+        work = lanes, np.empty((entries, LANES)), np.empty(LANES, bool)
+        done = np.zeros(batch, bool)
+        results = self._factors, done
+        lists = pattern.starts, pattern.update_starts, pattern.updates
+        for shift in np.ascontiguousarray(shifts_to_try(last).T):
+            factorise(read, shift, left, system.places, lists, work, results)
+            self.shifts[left[done[left]]] = shift[left[done[left]]]
+            left = left[~done[left]]
+            if not left.size:
+                break
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """See `Factors`."""
+        from .system_kernels import solve
+
+        pattern, solution = self.system.pattern, np.array(right)
+        work = np.zeros((len(pattern.order), LANES))
+        solve(pattern.starts, pattern.rows, pattern.order, self._factors, work, solution)
+        return solution

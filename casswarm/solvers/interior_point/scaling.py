@@ -1,0 +1,154 @@
+"""Scaling of variables, objective and rows, for every instance of a batch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...nlp.program import Instances
+from ...typing import FloatArray, IntArray
+from .derivatives import Linearisation, Problems
+from .factors import Factors
+from .iterates import INFINITE, Results
+
+_LARGE, _SMALL = 100.0, 1e-2  # sizes of gradients that are not scaled
+_LEAST = 1e-8  # factor, and its inverse the largest
+_NOTHING = 1e-12  # size that is rounding error
+
+
+@dataclass(frozen=True, eq=False)
+class Scaling:
+    """Factors of B instances: the method solves objective f(length x') s.t. rows g(length x').
+
+    Parameters
+    ----------
+    length, objective : (B,)
+    rows : (ng, B)
+    """
+
+    length: FloatArray
+    objective: FloatArray
+    rows: FloatArray
+
+    @classmethod
+    def of(cls, problems: Problems, instances: Instances, width: int) -> Scaling:
+        """Factors of `Instances.scale`, and of gradients at the initial guesses.
+
+        In those units, gradients of f and of rows above 100 are scaled to 100, as in Ipopt. If all
+        rows' gradients are below 0.01, they have a common factor: a single one may be small at the
+        initial guess only. `width` instances are linearised at a time.
+        """
+        length, value = np.array(instances.scale.T)
+        objective, rows = 1.0 / value, np.ones(instances.lbg.T.shape)
+        for start in range(0, len(instances), width):
+            some = np.arange(start, min(start + width, len(instances)))
+            x = np.clip(instances.x0[some], instances.lbx[some], instances.ubx[some])
+            at = problems.linearise(some, np.ascontiguousarray(x.T))
+            gradient = length[some] / value[some] * abs(at.gradient).max(axis=0, initial=0.0)
+            objective[some] *= _smaller(gradient)
+            sizes = length[some] * at.row_sizes()
+            rows[:, some] = _smaller(sizes) * _larger(sizes.max(axis=0, initial=0.0))
+        return cls(length, objective, rows)
+
+    @classmethod
+    def none(cls, instances: Instances) -> Scaling:
+        """No scaling."""
+        one = np.ones(len(instances))
+        return cls(one, one, np.ones(instances.lbg.T.shape))
+
+    @property
+    def trivial(self) -> bool:
+        """Whether all factors are 1."""
+        return bool(all((part == 1.0).all() for part in (self.length, self.objective, self.rows)))
+
+    def scaled(self, instances: Instances) -> Instances:
+        """The instances in the method's units."""
+        length, rows = self.length[:, None], self.rows.T
+        return replace(
+            instances,
+            x0=instances.x0 / length,
+            lbx=_bounds(instances.lbx) / length,
+            ubx=_bounds(instances.ubx) / length,
+            lbg=_bounds(instances.lbg) * rows,
+            ubg=_bounds(instances.ubg) * rows,
+        )
+
+    def restore(self, results: Results) -> None:
+        """Write results in the units of the instances."""
+        length, objective = self.length[:, None], self.objective[:, None]
+        results.x *= length
+        results.lam_x /= objective * length
+        results.lam_g *= self.rows.T / objective
+
+
+def _bounds(values: FloatArray) -> FloatArray:
+    return np.where(abs(values) >= INFINITE, np.copysign(np.inf, values), values)
+
+
+def _smaller(sizes: FloatArray) -> FloatArray:
+    """Factors up to 1 of gradients of more than 100; 1 where a size is not finite."""
+    factors = np.maximum(_LARGE / np.maximum(sizes, _LARGE), _LEAST)
+    return np.where(np.isfinite(sizes), factors, 1.0)
+
+
+def _larger(sizes: FloatArray) -> FloatArray:
+    """Factors from 1 of all rows, from the largest size of any; 1 where that is rounding error."""
+    factors = np.minimum(_SMALL / np.clip(sizes, _NOTHING, _SMALL), 1.0 / _LEAST)
+    return np.where(sizes > _NOTHING, factors, 1.0)
+
+
+class ScaledProblems:
+    """Instances of a program in other units; see `Problems`."""
+
+    def __init__(self, problems: Problems, scaling: Scaling) -> None:
+        self._problems, self._scaling = problems, scaling
+
+    def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `Problems`."""
+        scaling = self._scaling
+        f, g = self._problems.evaluate(rows, scaling.length.take(rows) * x)
+        return scaling.objective.take(rows) * f, scaling.rows.take(rows, 1) * g
+
+    def linearise(self, rows: IntArray, x: FloatArray) -> ScaledLinearisation:
+        """See `Problems`."""
+        scaling = self._scaling
+        factors = (
+            part.take(rows, -1) for part in (scaling.length, scaling.objective, scaling.rows)
+        )
+        some = Scaling(*factors)
+        return ScaledLinearisation(self._problems.linearise(rows, some.length * x), some)
+
+
+class ScaledLinearisation:
+    """See `Linearisation`."""
+
+    def __init__(self, at: Linearisation, scaling: Scaling) -> None:
+        self._at, self._scaling = at, scaling
+        self.gradient = scaling.objective * scaling.length * at.gradient
+
+    def row_sizes(self) -> FloatArray:
+        """See `Linearisation`."""
+        return self._scaling.rows * self._scaling.length * self._at.row_sizes()
+
+    def times(self, vectors: FloatArray) -> FloatArray:
+        """See `Linearisation`."""
+        return self._scaling.rows * self._at.times(self._scaling.length * vectors)
+
+    def transposed_times(self, vectors: FloatArray) -> FloatArray:
+        """See `Linearisation`."""
+        return self._scaling.length * self._at.transposed_times(self._scaling.rows * vectors)
+
+    def factors(
+        self,
+        multipliers: FloatArray,
+        weights: FloatArray,
+        last: FloatArray,
+        objective: FloatArray | float = 1.0,
+    ) -> Factors:
+        """See `Linearisation`."""
+        scaling, size = self._scaling, len(self.gradient)
+        squared = scaling.length**2
+        inner = np.vstack([weights[:size], squared * scaling.rows**2 * weights[size:]])
+        of_g = squared * scaling.rows * multipliers
+        return self._at.factors(of_g, inner, last, objective * scaling.objective * squared)

@@ -1,0 +1,270 @@
+"""The interior-point method as a solver."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar
+
+import numpy as np
+
+from ..._util.interrupts import interruptible
+from ..._util.threads import one_blas_thread
+from ..._util.user_code import USER_ERRORS
+from ...nlp.program import Instances, Nlp
+from ...nlp.solution import BatchSolution, Status
+from ...typing import FloatArray, IntArray
+from ..base import (
+    VIOLATION,
+    Allowed,
+    Answer,
+    Capabilities,
+    Flag,
+    NonNegative,
+    NonNegativeInt,
+    Positive,
+    Solver,
+    backend_error,
+)
+from .compiled_derivatives import numeric_problems, program_tapes
+from .derivatives import Problems
+from .engine import minimise
+from .iterate_kernels import LANES
+from .iterates import Options, Results
+from .scaling import ScaledProblems, Scaling
+
+STATIONARITY = 1e-4
+"""Largest residual of the optimality conditions in the method's units, relative to multipliers."""
+
+
+def verified(
+    problems: Problems, instances: Instances, results: Results, scaling: Scaling, width: int
+) -> BatchSolution:
+    """Results with residuals of the problem; `width` instances are linearised at a time.
+
+    Solutions without feasibility, stationarity or finite values are failures.
+    """
+    size = len(instances)
+    objective, violation, gradient, products = np.empty((4, size))
+    with np.errstate(all="ignore"):
+        for start in range(0, size, width):
+            some = slice(start, min(start + width, size))
+            objective[some], violation[some], gradient[some], products[some] = _residuals(
+                problems, instances[some], results, np.arange(size)[some]
+            )
+        length, value = instances.scale.T
+        stationarity = np.maximum(length / value * gradient, products / value)
+        relative = scaling.objective * np.maximum(scaling.length * gradient, products)
+        relative /= np.maximum(1.0, _largest_multipliers(results, scaling))
+    claimed = np.array([status.success for status in results.status], dtype=bool)
+    faults = {
+        "a residual is not finite": ~np.isfinite(objective + stationarity + violation),
+        "a constraint is violated by more than 1e-06": violation > VIOLATION,
+        "the point is not stationary": relative > STATIONARITY,
+    }
+    messages = np.array(
+        [f"{status}: {text}" for status, text in zip(results.status, results.message, strict=True)],
+        dtype=object,
+    )
+    for text, faulty in faults.items():
+        messages[claimed & faulty] = f"{Status.FAILED}: {text}"
+        claimed &= ~faulty
+    return BatchSolution(
+        x=results.x,
+        objective=objective,
+        success=claimed,
+        violation=violation,
+        stationarity=stationarity,
+        used_fallback=np.zeros(size, bool),
+        seconds=0.0,
+        messages=messages,
+    )
+
+
+def _residuals(
+    problems: Problems, instances: Instances, results: Results, rows: IntArray
+) -> tuple[FloatArray, ...]:
+    """Objective, violation, largest entry of the Lagrangian's gradient, and complementarity."""
+    x, lam_x, lam_g = (part[rows] for part in (results.x, results.lam_x, results.lam_g))
+    by_column = np.ascontiguousarray(x.T)
+    objective, g = problems.evaluate(rows, by_column)
+    at = problems.linearise(rows, by_column)
+    lagrangian = (at.gradient + at.transposed_times(np.ascontiguousarray(lam_g.T))).T + lam_x
+    values, lam = np.hstack([x, g.T]), np.hstack([lam_x, lam_g])
+    below = np.hstack([instances.lbx, instances.lbg]) - values
+    above = values - np.hstack([instances.ubx, instances.ubg])
+    slack = np.where(lam > 0.0, above, below)
+    products = abs(lam * np.where(np.isfinite(slack), slack, 1.0))  # as `kkt_residuals`
+    return (
+        objective,
+        np.maximum(below, above).max(axis=1, initial=0.0),
+        abs(lagrangian).max(axis=1, initial=0.0),
+        products.max(axis=1, initial=0.0),
+    )
+
+
+def _largest_multipliers(results: Results, scaling: Scaling) -> FloatArray:
+    """Largest absolute multipliers (B,) in the method's units."""
+    of_x = abs(results.lam_x).max(axis=1, initial=0.0) * scaling.length
+    of_g = (abs(results.lam_g) / scaling.rows.T).max(axis=1, initial=0.0)
+    return np.asarray(scaling.objective * np.maximum(of_x, of_g))
+
+
+_ENTRIES = 1 << 16  # of x and g of the instances that advance together, which fit in a cache
+_NUMERIC = 1 << 14  # likewise, with derivatives of their own
+_DENSE = 1 << 22  # of their matrices, where those are dense
+_WIDEST = 8 * LANES
+
+Fallback = Annotated[
+    Solver | None,
+    Allowed(lambda value: value is None or isinstance(value, Solver), "a Solver, or None"),
+]
+
+
+@dataclass(frozen=True)
+class FilterInteriorPoint(Solver):
+    """Primal-dual interior point with a filter line search; many instances advance together.
+
+    The method of Ipopt (Waechter, Biegler, Math. Program. 106(1), 2006), with a simpler restoration
+    phase, and exact second derivatives: for programs of up to some hundred variables.
+    Derivatives and Cholesky factors are lists of scalar operations, which compiled loops do for 64
+    instances at a time; programs with operations that are not scalar are evaluated by CasADi.
+
+    Parameters
+    ----------
+    tolerance : float
+        Of the optimality conditions, relative to large multipliers.
+    constraint_tolerance : float
+        Largest violation of a constraint.
+    max_iter : int
+    mu_init : float
+        Initial barrier parameter, relative to `Instances.scale`: a smaller one stays nearer to a
+        good guess.
+    bound_push : float
+        Relative distance by which the initial guess is moved away from its bounds.
+    constr_mult_init_max : float
+        Largest initial multiplier of a constraint that is estimated by least squares; 0 for none.
+    restoration : bool
+        Whether the violation of the constraints is reduced first where the line search finds no
+        better point. Otherwise such an instance ends without a solution.
+    scaling : bool
+        Whether to solve in units of `Instances.scale`, and of the gradients of f and g at the
+        initial guess where those are large or small.
+    fallback : Solver, optional
+        Solves, from their initial guesses, the instances that are not solved.
+    """
+
+    tolerance: Positive = 1e-8
+    constraint_tolerance: Positive = 1e-8
+    max_iter: NonNegativeInt = 500
+    mu_init: Positive = 0.1
+    bound_push: Positive = 0.01
+    constr_mult_init_max: NonNegative = 1000.0
+    restoration: Flag = True
+    scaling: Flag = True
+    fallback: Fallback = None
+
+    name: ClassVar[str] = "interior-point"
+    summary: ClassVar[str] = "interior point over batches, exact derivatives; any problem"
+    capabilities: ClassVar[Capabilities] = Capabilities(batch=True, multipliers=True)
+
+    def prepare(self, nlp: Nlp) -> None:
+        """See `Solver.prepare`."""
+        if nlp.numeric is None:
+            program_tapes(nlp)
+
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        """See `Solver.run`."""
+        started = time.perf_counter()
+        results, scaling = self._results(nlp, instances)
+        each = (time.perf_counter() - started) / max(1, len(instances))
+        answers = [_answer(results, i, each) for i in range(len(instances))]
+        solution = _verified(nlp, instances, results, scaling)
+        left = np.flatnonzero(~solution.success)
+        for i in left:
+            if answers[i].status.success:
+                message = str(solution.messages[i])
+                answers[i] = replace(answers[i], status=Status.FAILED, message=message)
+        if self.fallback is not None and left.size:
+            again = self.fallback.timed_answers(nlp, instances[left])[1]
+            for i, answer in zip(left, again, strict=True):
+                message = f"by {self.fallback.name}: {answer.message}"
+                answers[i] = replace(answer, message=message, seconds=answer.seconds + each)
+        return answers
+
+    def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
+        """Solve every instance; residuals are recomputed for all of them at once.
+
+        Stationarity is the larger of the Lagrangian's gradient and of complementarity, in
+        `Instances.scale`. `BatchSolution.used_fallback` marks those that the fallback solved.
+        """
+        started = time.perf_counter()
+        try:
+            with interruptible():
+                results, scaling = self._results(nlp, instances)
+                seconds = time.perf_counter() - started
+                solution = _verified(nlp, instances, results, scaling)
+        except USER_ERRORS as error:  # of a function that the user wrote: of one instance, perhaps
+            backend_error(error)
+            return super().solve_batch(nlp, instances)
+        solution = replace(solution, seconds=seconds)
+        left = np.flatnonzero(~solution.success)
+        if self.fallback is None or not left.size:
+            return solution
+        again = self.fallback.solve_batch(nlp, instances[left])
+        return solution.with_rows(left, replace(again, used_fallback=np.ones(left.size, bool)))
+
+    def _results(self, nlp: Nlp, instances: Instances) -> tuple[Results, Scaling]:
+        """Results of all instances, in their units, and the scaling that was used."""
+        options = Options(
+            self.tolerance,
+            self.constraint_tolerance,
+            self.mu_init,
+            self.bound_push,
+            self.max_iter,
+            self.constr_mult_init_max,
+            self.restoration,
+        )
+        problems, width = numeric_problems(nlp, instances.p), _width(nlp)
+        with one_blas_thread(), np.errstate(all="ignore"):  # numbers that are not finite are judged
+            scaling = Scaling.none(instances)
+            if self.scaling:
+                scaling = Scaling.of(problems, instances, width)
+            if scaling.trivial:
+                results = minimise(problems, instances, options, width)
+            else:
+                scaled = ScaledProblems(problems, scaling), scaling.scaled(instances)
+                results = minimise(*scaled, options, width)
+                scaling.restore(results)
+        results.x = np.clip(results.x, instances.lbx, instances.ubx)  # of bounds that were moved
+        return results, scaling
+
+
+def _width(nlp: Nlp) -> int:
+    """How many instances advance together: whole lanes, or fewer where matrices are dense."""
+    variables, _, rows = nlp.sizes
+    if nlp.numeric is not None:
+        return max(1, min(_WIDEST, _NUMERIC // (variables + rows + 1)))
+    tapes = program_tapes(nlp)
+    if tapes is None or tapes.system is None:
+        return max(1, min(_WIDEST, _DENSE // max(1, variables) ** 2))
+    lanes = _ENTRIES // (variables + rows + 1) // LANES
+    return int(np.clip(lanes * LANES, LANES, _WIDEST))
+
+
+def _answer(results: Results, i: int, seconds: float) -> Answer:
+    return Answer(
+        results.x[i],
+        results.status[i],
+        results.message[i],
+        int(results.iterations[i]),
+        int(results.evaluations[i]),
+        seconds,
+        (results.lam_x[i], results.lam_g[i]),
+    )
+
+
+def _verified(nlp: Nlp, instances: Instances, results: Results, scaling: Scaling) -> BatchSolution:
+    problems = numeric_problems(nlp, instances.p)
+    return verified(problems, instances, results, scaling, _width(nlp))

@@ -1,0 +1,407 @@
+"""Problems of one's own scenario: those that planning and simulating it poses.
+
+Recording of the problems that planning and simulation pose to their solver.
+
+A recorder is passed to `plan` and `simulate`; it delegates every problem to another solver.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from typing import ClassVar
+
+import numpy as np
+
+from .._util.numbers import require_seed
+from .._util.text import did_you_mean
+from ..comparison.problem import Problem
+from ..errors import ComparisonError
+from ..formation import Auto
+from ..guide.plan import plan, plan_from
+from ..motion.planar import PlanarSets
+from ..nlp.program import Instances, Nlp
+from ..nlp.solution import BatchSolution
+from ..policies import Policy
+from ..scenario import Scenario
+from ..solvers import Answer, Ipopt, Solver
+from ..typing import FloatArray, Progress
+from .inputs import policy_list, policy_name
+from .simulation import simulate
+
+NOISE = 0.05
+"""Standard deviation by which a guide's warm start is off the solution, in steps at v_max."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recorder(Solver):
+    """Delegates to another solver, and records every problem with the answer's x."""
+
+    inner: Solver
+    records: list[tuple[Nlp, Instances, FloatArray]] = field(default_factory=list)
+
+    name: ClassVar[str] = "recorder"
+    summary: ClassVar[str] = "records the problems of another solver"
+
+    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
+        """See `Solver.run`."""
+        answers = self.inner.timed_answers(nlp, instances)[1]
+        self.records.append((nlp, instances, np.stack([answer.x for answer in answers])))
+        return answers
+
+    def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
+        """See `Solver.solve_batch`."""
+        batch = self.inner.solve_batch(nlp, instances)
+        self.records.append((nlp, instances, batch.x))
+        return batch
+
+    def sample(self, count: int, rng: np.random.Generator) -> Iterator[tuple[Nlp, Instances]]:
+        """Single instances of steps that are spread over the runs."""
+        steps = np.linspace(0, len(self.records), count + 2)[1:-1].astype(int)
+        for step in steps:
+            nlp, instances, _ = self.records[step]
+            row = int(rng.integers(len(instances)))
+            yield nlp, instances[row : row + 1]
+
+
+def guide_starts(
+    instances: Instances, x: FloatArray, rng: np.random.Generator
+) -> dict[str, Instances]:
+    """Cold start, as it was posed, and warm start: the answer x (1, nx) with noise added."""
+    near = np.where(np.isfinite(x), x, instances.x0)
+    return {"cold": instances, "warm": instances.with_x0(near + NOISE * rng.normal(size=x.shape))}
+
+
+def formation_starts(nlp: Nlp, instances: Instances) -> dict[str, Instances]:
+    """Cold start, zero velocities as in the paper, and warm start: the previous velocities.
+
+    They are projected onto the feasible set; over several steps the warm start is that of the
+    policy.
+    """
+    cold = instances.with_x0(np.zeros_like(instances.x0))
+    if not isinstance(instances.feasible_set, PlanarSets):
+        return {"cold": cold, "warm": instances}
+    return {"cold": cold, "warm": _from_previous(nlp, instances)}
+
+
+def _from_previous(nlp: Nlp, instances: Instances) -> Instances:
+    """The instances from the previous velocities, projected onto the feasible set."""
+    sets = instances.feasible_set
+    assert isinstance(sets, PlanarSets)
+    previous_velocities = nlp.parameter_blocks(instances.p)["previous_velocities"]
+    points = sets.project(previous_velocities.reshape(*sets.shape, 2))
+    return instances.with_x0(points.reshape(instances.x0.shape))
+
+
+HORIZONS = (30, 100, 300)
+"""Numbers of steps of the guides, each of ten units of time."""
+
+SIZES = {5: (20, 0.05), 20: (6, 0.12), 50: (2, 0.25)}
+"""Runs that the states come from, and rho, by the number of members."""
+
+
+def make_problems(
+    family: str,
+    count: int | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> list[Problem]:
+    """Problems of a family; the same seed gives the same problems.
+
+    Parameters
+    ----------
+    family : {"guides", "formations", "quick"}
+        See `FAMILIES`.
+    count : int, optional
+        Guides of every horizon, or states of every kind of formation; by default those of
+        `FAMILIES`.
+    seed : int
+        From 0 to 2^64 - 1.
+    progress : Progress, optional
+
+    Raises
+    ------
+    ComparisonError
+        An unknown family, or a count below one.
+    ValueError
+        A seed out of range.
+    """
+    if family not in FAMILIES:
+        raise ComparisonError(f"family {family!r} is unknown{did_you_mean(family, FAMILIES)}")
+    seed = require_seed(seed)
+    generate, default = FAMILIES[family]
+    count = default if count is None else count
+    if count < 1:
+        raise ComparisonError(f"count = {count}; allowed: whole numbers from 1")
+    made: list[Problem] = []
+    for problem in generate(count, seed):
+        if progress is not None:
+            progress("making problems", len(made), None)
+        made.append(problem)
+    return made
+
+
+# --- guides
+
+
+def _guides(count: int, seed: int, horizons: Sequence[int] = HORIZONS) -> Iterator[Problem]:
+    for number, horizon in product(range(count), horizons):
+        rng = np.random.default_rng([seed, 1, number])  # the same field at every horizon
+        radars = _field(rng, 2 + (2 * number) % 5)
+        yield _guide(f"guide-{horizon}-{number}", radars, horizon, rng)
+
+
+def _guide(name: str, radars: FloatArray, horizon: int, rng: np.random.Generator) -> Problem:
+    dt = 10.0 / horizon
+    scenario = _scenario(
+        name, [(0.0, 0.0)], radars, {"kind": "saturation", "alpha_1": 4.0}, dt, 2.0 * dt**2
+    ).with_values({"guide.arrival": "horizon"})
+    recorder = Recorder(Ipopt())
+    plan_from(scenario, scenario.guide_start, recorder, search="local")
+    nlp, instances, x = recorder.records[0]
+    starts = guide_starts(instances, x, rng)
+    traits = {"radars": len(radars), "horizon": horizon}
+    return Problem(name, "guides", nlp, starts, traits)
+
+
+# --- formations
+
+
+def _formations(
+    count: int, seed: int, sizes: Mapping[int, tuple[int, float]] = SIZES
+) -> Iterator[Problem]:
+    for n, (runs, rho) in sizes.items():
+        rng = np.random.default_rng([seed, 2, n])
+        scenario = _swarm(n, rho, _field(rng, int(rng.integers(2, 7))))
+        guide = plan(scenario, search="local", check=False)
+        for rate, policy in product(_RATES, ("leader", "constrained")):
+            recorder = Recorder(Auto())
+            variant = scenario.with_values({f"hazard.{k}": v for k, v in _RATES[rate].items()})
+            simulate(
+                variant, [policy], runs, seed, guide=guide, solver=recorder, save_trajectories=0
+            )
+            for number, (nlp, instances) in enumerate(recorder.sample(count, rng)):
+                starts = formation_starts(nlp, instances)
+                traits = {"members": n, "policy": policy, "rate": rate}
+                name = f"{policy}-{n}-{rate}-{number}"
+                yield Problem(name, "formations", nlp, starts, traits)
+
+
+_RATES: dict[str, dict[str, object]] = {
+    "saturation": {"kind": "saturation"},
+    "collision": {"kind": "saturation+collision", "beta_1": 0.2, "beta_2": 6.0},
+}
+
+
+def _swarm(n: int, rho: float, radars: FloatArray) -> Scenario:
+    """Scenario of n members at the points of a square grid that are closest to its centre."""
+    axis = 0.3 * np.arange(-8, 9)
+    grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    order = np.argsort((grid**2).sum(axis=1), kind="stable")
+    positions = [(float(x), float(y)) for x, y in grid[order[:n]]]
+    # without a larger alpha_1, a large swarm would lose no member
+    hazard = {"kind": "saturation", "alpha_1": 0.8 * n}
+    values = {"guide.a_max": 0.2, "formation.rho": rho, "guide.arrival": "horizon"}
+    return _scenario(f"swarm-{n}", positions, radars, hazard, 0.33, 0.5).with_values(values)
+
+
+# --- shared by both families
+
+
+def _field(rng: np.random.Generator, number: int) -> FloatArray:
+    """Radars (number, 2) on both sides of the line from the origin to the target."""
+    along, lateral = rng.uniform(0.2, 0.85, number), rng.uniform(-0.3, 0.3, number)
+    line = np.array(_TARGET)
+    normal = np.array([-line[1], line[0]])
+    return np.asarray(along[:, None] * line + lateral[:, None] * normal)
+
+
+_TARGET = (8.0, 6.5)
+
+
+def _scenario(
+    name: str,
+    positions: Sequence[tuple[float, float]],
+    radars: FloatArray,
+    hazard: Mapping[str, object],
+    dt: float,
+    a_max: float,
+) -> Scenario:
+    return Scenario.from_data(
+        {
+            "name": name,
+            "swarm": {"positions": positions, "v_max": 2.0, "a_max": a_max},
+            "target": {"center": _TARGET, "radius": 0.5},
+            "time": {"dt": dt, "t_f": 10.0 + dt / 2},
+            "hazard": {"radars": radars.tolist(), "alpha_2": 3.0, "alpha_3": 4.0, **hazard},
+        }
+    )
+
+
+def _quick(count: int, seed: int) -> Iterator[Problem]:
+    yield from _guides(count, seed, (10,))
+    yield from _formations(count, seed, {3: (4, 0.05)})
+
+
+FAMILIES: dict[str, tuple[Callable[..., Iterator[Problem]], int]] = {
+    "guides": (_guides, 3),
+    "formations": (_formations, 3),
+    "quick": (_quick, 1),
+}
+"""Generator and default number of the problems of every family."""
+
+DESCRIPTIONS = {
+    "guides": "paths of a single agent among random radars",
+    "formations": "states of simulated runs among random radars",
+}
+"""What the problems of a random family are."""
+
+
+COUNT = 3
+"""Default number of guides, and of states for every policy."""
+
+WITHOUT_FORMATIONS = ("naive", "joint", "joint-replanning")
+"""Policies that follow planned paths, and pose no problem while they run."""
+
+RUNS = 20
+"""Simulated runs that the states come from."""
+
+
+def guide_problems(scenario: Scenario, count: int = COUNT, seed: int = 0) -> list[Problem]:
+    """Problems that planning the scenario's guide poses: solves spread over its search.
+
+    Their cold start is the search's own, and their warm start the answer with noise added.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    count : int
+        The largest number of problems; a local search has a single one.
+    seed : int
+        Of the noise.
+
+    Returns
+    -------
+    list of Problem
+        Of the family "NAME guides".
+
+    Raises
+    ------
+    ComparisonError
+        A count below one, or no problem had anything to optimise.
+    PlanningError
+        No guide was found.
+    """
+    rng = np.random.default_rng([require_seed(seed), 3])
+    recorder = Recorder(Ipopt())
+    plan_from(scenario, scenario.guide_start, recorder)
+    name = f"{scenario.name} guide"
+    return [
+        Problem(
+            f"{name} {number}",
+            f"{name}s",
+            nlp,
+            guide_starts(instances, x, rng),
+            {"scenario": scenario.name},
+        )
+        for number, (nlp, instances, x) in enumerate(_spread(recorder, count, rng, name))
+    ]
+
+
+def formation_problems(
+    scenario: Scenario,
+    policies: str | Policy | Sequence[str | Policy] = ("leader", "constrained"),
+    count: int = COUNT,
+    *,
+    seed: int = 0,
+    runs: int = RUNS,
+) -> list[Problem]:
+    """Formation problems of states that simulated runs of the scenario reach.
+
+    Their cold start is zero velocities, as in the paper, and their warm start the velocities of the
+    previous step, projected onto the feasible set.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    policies : str, Policy, or sequence of these
+        Names such as leader, constrained and leader-mpc-3.
+    count : int
+        The largest number of states for every policy, of steps that are spread over the runs.
+    seed : int
+        Of the runs, and of the choice among their states.
+    runs : int
+        Number of simulated runs.
+
+    Returns
+    -------
+    list of Problem
+        Of the family "NAME formations".
+
+    Raises
+    ------
+    ComparisonError
+        A count below one, a lone agent, or a policy that poses no problem to a solver, such as
+        naive or joint.
+    PlanningError
+        No guide was found.
+    PolicyError
+        An unknown policy.
+    """
+    rng = np.random.default_rng([require_seed(seed), 4])
+    listed = policy_list(policies)
+    _require_formations(scenario, listed)
+    guide = plan(scenario, check=False)
+    problems = []
+    for policy in listed:
+        recorder, name = Recorder(Auto()), policy_name(policy)
+        simulate(scenario, [policy], runs, seed, guide=guide, solver=recorder, save_trajectories=0)
+        for number, (nlp, instances, _) in enumerate(
+            _spread(recorder, count, rng, f"policy {name!r}")
+        ):
+            problems.append(
+                Problem(
+                    f"{scenario.name} {name} {number}",
+                    f"{scenario.name} formations",
+                    nlp,
+                    formation_starts(nlp, instances),
+                    {"scenario": scenario.name, "members": scenario.n, "policy": name},
+                )
+            )
+    return problems
+
+
+def _require_formations(scenario: Scenario, policies: Sequence[str | Policy]) -> None:
+    if scenario.n < 2:
+        raise ComparisonError(
+            f"scenario {scenario.name!r} has a single member, which is in no formation; "
+            "guide_problems poses its guide"
+        )
+    for policy in policies:
+        if policy in WITHOUT_FORMATIONS:
+            raise ComparisonError(
+                f"policy {policy!r} poses no formation problem: its members follow paths that are "
+                "planned before; choose leader, constrained, leader-mpc-H or constrained-mpc-H"
+            )
+
+
+def _spread(
+    recorder: Recorder, count: int, rng: np.random.Generator, what: str
+) -> list[tuple[Nlp, Instances, FloatArray]]:
+    """Single instances with free variables, of recorded solves that are spread over all."""
+    if count < 1:
+        raise ComparisonError(f"count = {count}; allowed: whole numbers from 1")
+    records = []
+    for nlp, instances, x in recorder.records:
+        free = np.flatnonzero((instances.lbx < instances.ubx).any(axis=1))
+        if len(free):
+            records.append((nlp, instances, x, free))
+    if not records:
+        raise ComparisonError(f"{what}: no problem was posed to a solver, or none with a choice")
+    chosen = np.unique(np.linspace(0, len(records) - 1, count + 2)[1:-1].round().astype(int))
+    singles = []
+    for nlp, instances, x, free in (records[i] for i in chosen):
+        row = slice(at := int(rng.choice(free)), at + 1)
+        singles.append((nlp, instances[row], x[row]))
+    return singles
