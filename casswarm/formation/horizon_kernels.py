@@ -24,13 +24,13 @@ import numpy as np
 from ..compiled.kernels import allocating_kernel, kernel
 from ..typing import BoolArray, FloatArray, IntArray
 from .face_kernels import copy, largest_component
-from .spectral import Results
 from .spectral_kernels import (
     CONVERGED,
     EXHAUSTED,
     NO_INTERIOR,
     NOT_FINITE,
     STALLED,
+    Results,
     Starts,
     count_hits,
     needs_start,

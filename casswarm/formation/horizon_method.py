@@ -13,7 +13,8 @@ from ..errors import SolverError
 from ..nlp.program import Instances, Nlp
 from ..solvers.base import Allowed, Capabilities, PositiveFinite, PositiveInt
 from ..typing import FloatArray
-from .spectral import BatchRun, BatchSolver, Results
+from .spectral import BatchRun, BatchSolver
+from .spectral_kernels import Results
 from .trajectory import TrajectorySets
 
 if TYPE_CHECKING:

@@ -26,8 +26,8 @@ from ..solvers.base import (
     Solver,
 )
 from ..typing import BoolArray, FloatArray
-from .spectral import BatchRun, Results, SpectralProjectedGradient, batch_data
-from .spectral_kernels import CONVERGED
+from .spectral import BatchRun, SpectralProjectedGradient, batch_data
+from .spectral_kernels import CONVERGED, Results
 
 _CHUNK = 256  # instances evaluated at once
 _PER_THREAD = 4  # instances that are worth a thread, where compiled

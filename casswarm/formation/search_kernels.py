@@ -31,13 +31,13 @@ from .face_kernels import (
     longest_displacement,
     newton_step,
 )
-from .spectral import Results
 from .spectral_kernels import (
     CONVERGED,
     EXHAUSTED,
     LARGE_SWARM,
     NOT_FINITE,
     STALLED,
+    Results,
     Starts,
     count_hits,
     empty_starts,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -16,8 +16,8 @@ from ..motion.planar import PlanarSets
 from ..nlp.program import Instances, Nlp
 from ..nlp.solution import BatchSolution, Status
 from ..solvers.base import VIOLATION, Answer, Capabilities, PositiveFinite, PositiveInt, Solver
-from ..typing import BoolArray, FloatArray, IntArray
-from .spectral_kernels import CONVERGED, EXHAUSTED, NO_INTERIOR, NOT_FINITE, STALLED
+from ..typing import BoolArray, FloatArray
+from .spectral_kernels import CONVERGED, EXHAUSTED, NO_INTERIOR, NOT_FINITE, STALLED, Results
 
 if TYPE_CHECKING:
     from .search_kernels import Batch, Method
@@ -30,32 +30,6 @@ _MESSAGES = {
     NOT_FINITE: (Status.FAILED, "objective, gradient or step not finite"),
     NO_INTERIOR: (Status.FAILED, "no point strictly within the limits"),
 }
-
-
-class Results(NamedTuple):
-    """What a kernel writes for B instances.
-
-    Parameters
-    ----------
-    x : (B, ...)
-    verified : (B, 3)
-        Objective, violation and stationarity, recomputed from the problem alone.
-    outcome : (B,)
-    counts : (B, 2)
-        Iterations and evaluations.
-    """
-
-    x: FloatArray
-    verified: FloatArray
-    outcome: IntArray
-    counts: IntArray
-
-    @classmethod
-    def empty(cls, shape: tuple[int, ...]) -> Results:
-        """Arrays to be written, for x of this shape."""
-        batch = shape[0]
-        outcome, counts = np.empty(batch, np.int64), np.zeros((batch, 2), np.int64)
-        return cls(np.empty(shape), np.empty((batch, 3)), outcome, counts)
 
 
 @dataclass(frozen=True, eq=False)

@@ -97,6 +97,32 @@ def empty_starts(initial: int, directions: FloatArray, states: int) -> Starts:
     )
 
 
+class Results(NamedTuple):
+    """What a kernel writes for B instances.
+
+    Parameters
+    ----------
+    x : (B, ...)
+    verified : (B, 3)
+        Objective, violation and stationarity, recomputed from the problem alone.
+    outcome : (B,)
+    counts : (B, 2)
+        Iterations and evaluations.
+    """
+
+    x: FloatArray
+    verified: FloatArray
+    outcome: IntArray
+    counts: IntArray
+
+    @classmethod
+    def empty(cls, shape: tuple[int, ...]) -> Results:
+        """Arrays to be written, for x of this shape."""
+        batch = shape[0]
+        outcome, counts = np.empty(batch, np.int64), np.zeros((batch, 2), np.int64)
+        return cls(np.empty(shape), np.empty((batch, 3)), outcome, counts)
+
+
 @kernel
 def orient(guess: FloatArray, places: FloatArray, starts: Starts, row: int) -> None:
     """Write the axes and ranks of a state, from its guess and where its sets lie, both (2n,).
