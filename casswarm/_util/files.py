@@ -1,8 +1,7 @@
-"""Tables in CSV files.
+"""Files that are written completely or not at all, and files that are safe to read.
 
-Temporary files and folders, which are removed even if their process is killed.
-
-Their names state the computer and the process, so that the next process sees what is abandoned.
+Temporary files and folders are removed even if their process is killed: their names state the
+computer and the process, so that the next process sees what is abandoned.
 """
 
 from __future__ import annotations
@@ -21,9 +20,10 @@ from contextlib import suppress
 from functools import lru_cache
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
+if TYPE_CHECKING:
+    import pandas as pd
 
 _HOST = re.sub(r"[^A-Za-z0-9]+", "", platform.node())[:32]
 _NAME = re.compile(rf"casswarm-{_HOST}-(\d+)-.*")
@@ -197,13 +197,15 @@ def is_partial(path: Path) -> bool:
 
 def read_table(path: Path) -> pd.DataFrame:
     """Table of a CSV file, its numbers equal to the last bit; only empty cells are missing."""
+    import pandas as pd  # half a second
+
     table: pd.DataFrame = pd.read_csv(
-        path, keep_default_na=False, na_values=[""], **_exact_numbers()
+        path, keep_default_na=False, na_values=[""], **_exact_numbers(pd.__version__)
     )
     return table
 
 
-def _exact_numbers() -> dict[str, Any]:
+def _exact_numbers(version: str) -> dict[str, Any]:
     """Option for pandas to read numbers to the last bit; from 3.1 on it always does."""
-    release = tuple(map(int, pd.__version__.split(".")[:2]))
+    release = tuple(map(int, version.split(".")[:2]))
     return {} if release >= (3, 1) else {"float_precision": "round_trip"}

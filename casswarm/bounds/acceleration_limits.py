@@ -1,4 +1,4 @@
-"""Regions of paths with a prescribed number of steps: cells that each step may be in."""
+"""Limits of acceleration of guides, and the regions of paths that obey them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The value function of two members: approximate success probabilities of every joint state."""
+"""Proven upper bounds of the success of every policy of two members, and their value function."""
 
 from __future__ import annotations
 

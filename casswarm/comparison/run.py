@@ -1,4 +1,4 @@
-"""Comparison of solvers: every solver on every problem from every start."""
+"""Comparison of solvers: every solver on every problem from every start, each in a process."""
 
 from __future__ import annotations
 

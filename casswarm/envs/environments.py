@@ -1,4 +1,4 @@
-"""One swarm as a `gymnasium.Env` with a single learner, which controls all members."""
+"""Environments for learning: many swarms as one vector environment, or a single swarm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Base map: hazard rates of an isolated agent as shades, with radars, target and corridor."""
+"""Base map: hazard rates as shades, with radars, target, corridor, and labels of points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hazards that a scenario names: functions and classes of the user, and where their code lies."""
+"""Custom rates: any CasADi function of all positions, and hazards that a scenario names."""
 
 from __future__ import annotations
 

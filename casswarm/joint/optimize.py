@@ -1,4 +1,4 @@
-"""A joint plan from trajectories that another method proposes."""
+"""Joint plans of a scenario: by a search, or from trajectories that another method proposes."""
 
 from __future__ import annotations
 

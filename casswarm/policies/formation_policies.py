@@ -1,9 +1,9 @@
-"""Feedback policies: formations around the best path from where the swarm is.
+"""Formation policies: leader protection and constrained trajectory, along a guide or by feedback.
 
-The paper names a policy for the guide as future work. A fixed guide is an open-loop path: a swarm
-that is off it, because its leader was lost or its limits are tighter than the guide's, spends its
-effort on returning. Here the next point of the guide is recomputed in every state, from the value
-function.
+**Feedback.** The paper names a policy for the guide as future work. A fixed guide is an open-loop
+path: a swarm that is off it, because its leader was lost or its limits are tighter than the
+guide's, spends its effort on returning. Here the next point of the guide is recomputed in every
+state, from the value function.
 
 The value function takes only v_max into account, and a swarm that relied on it alone would
 repeatedly find itself with a turn to make and no time left for it. So it is evaluated only at the

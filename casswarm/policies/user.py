@@ -1,4 +1,4 @@
-"""Learned models as policies: from a state to observations, to the model's actions."""
+"""Policies of users: functions, objects and learned models as policies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Loading of built-in scenarios and scenario files; saving of scenario files."""
+"""Loading and saving of scenarios: built-in ones, files, and the errors of their syntax."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The hazard table of a scenario: built-in kinds of rates, and functions of the user."""
+"""Tables of a scenario file: every key with its unit and limits, and the hazard table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""alpaqa, through CasADi: augmented Lagrangian around a proximal quasi-Newton method."""
+"""Solvers that CasADi's nlpsol plugins provide: a base, and a class for every supported plugin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Uno through its own Python package, which is optional: faster calls, and more methods."""
+"""Solvers of other packages, POUNCE and Uno, which call functions and sparse derivatives."""
 
 from __future__ import annotations
 

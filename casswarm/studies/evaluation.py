@@ -1,4 +1,4 @@
-"""The optimal success probability of two members, between an exact law and a proven bound."""
+"""Exact laws of policies, estimates for large swarms, and the optimum of two members."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Problems of one's own scenario: those that planning and simulating it poses.
-
-Recording of the problems that planning and simulation pose to their solver.
+"""Benchmark problems that planning and simulation pose to solvers, recorded on scenarios.
 
 A recorder is passed to `plan` and `simulate`; it delegates every problem to another solver.
 """

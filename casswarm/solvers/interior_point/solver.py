@@ -1,4 +1,4 @@
-"""The interior-point method as a solver."""
+"""The interior-point method as a solver, and the verification of its answers."""
 
 from __future__ import annotations
 
