@@ -28,6 +28,7 @@ from .sections import (
 )
 from .toml import annotated, toml_text
 from .validation import (
+    PARAMETER_PREFIX,
     Name,
     Problem,
     Text,
@@ -35,10 +36,10 @@ from .validation import (
     known_keys,
     problems_of,
     scenario_error,
+    set_value,
     to_plain,
     unknown_key,
 )
-from .variations import PARAMETER_PREFIX, set_value
 
 if TYPE_CHECKING:
     from ..hazard import Hazard
