@@ -30,9 +30,9 @@ from .errors import (
 )
 from .exploration.widget import explore
 from .figures.animation import animate
-from .grid.value_function import ValueFunction
+from .grid.value_function import CostToGoMap, ValueFunction
 from .guide.guide import Candidate, Guide
-from .guide.plan import plan
+from .guide.plan import plan, plan_baseline
 from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
 from .joint import SwarmOutcome, SwarmPlan, plan_swarm
 from .nlp.solution import Residuals, Solution, Status
@@ -54,6 +54,7 @@ __all__ = [
     "CheckpointError",
     "Comparison",
     "ComparisonError",
+    "CostToGoMap",
     "CustomHazard",
     "Decision",
     "EnvError",
@@ -108,6 +109,7 @@ __all__ = [
     "make_solver",
     "optimal_value",
     "plan",
+    "plan_baseline",
     "plan_swarm",
     "read_problems",
     "runs_needed",

@@ -249,7 +249,10 @@ def _reset_mask(options: dict[str, Any] | None, size: int) -> BoolArray:
     if rows.shape != (size,) or rows.dtype != bool or not rows.any():
         raise EnvError(
             f"options['reset_mask'] has shape {rows.shape} and dtype {rows.dtype}; expected "
-            f"({size},) booleans, at least one of them True"
+            f"({size},) booleans, at least one of them True",
+            shape=rows.shape,
+            dtype=rows.dtype,
+            expected=(size,),
         )
     return rows
 

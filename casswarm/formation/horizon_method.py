@@ -69,7 +69,9 @@ class InteriorPoint(BatchSolver):
         if not self.can_take(nlp, instances):
             raise SolverError(
                 f"barrier cannot take {nlp.name}: it needs paths within limits of speed and "
-                "acceleration, and an objective made of kernels; take auto or ipopt"
+                "acceleration, and an objective made of kernels; take auto or ipopt",
+                solver="barrier",
+                problem=nlp.name,
             )
         # Numba takes a second to import
         from .horizon_kernels import Batch, Options, minimise_batch

@@ -180,7 +180,10 @@ def _require_product(nlp: Nlp, instances: Instances) -> None:
     if nlp.constraints and not isinstance(instances.feasible_set, PlanarSets):
         raise SolverError(
             f"projected-gradient cannot solve {nlp.name}: its constraints "
-            f"({', '.join(nlp.constraints)}) are not a product of boxes and discs"
+            f"({', '.join(nlp.constraints)}) are not a product of boxes and discs",
+            solver="projected-gradient",
+            problem=nlp.name,
+            constraints=tuple(nlp.constraints),
         )
 
 

@@ -153,7 +153,9 @@ class SpectralProjectedGradient(BatchSolver):
         if not self.can_take(nlp, instances):
             raise SolverError(
                 f"spectral cannot take {nlp.name}: it needs constraints that are products of boxes "
-                "and discs in the plane, and an objective made of kernels; take auto or ipopt"
+                "and discs in the plane, and an objective made of kernels; take auto or ipopt",
+                solver="spectral",
+                problem=nlp.name,
             )
         from .search_kernels import minimise_batch  # Numba takes a second to import
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -245,6 +246,37 @@ class CostToGoMap:
     survival: FloatArray
     positions: FloatArray
     velocities: FloatArray
+
+    @classmethod
+    def from_scenario(
+        cls,
+        scenario: Scenario,
+        contents: Sequence[FloatArray] = (),
+        *,
+        step: int = 0,
+        time_limit: float | None = None,
+    ) -> CostToGoMap:
+        """Map of a scenario around its target, radars and members, and further points (m, 2) each.
+
+        With the positions of a guide, it covers the area of `casswarm.figures.cost_to_go_map`.
+
+        Raises
+        ------
+        PlanningError
+            As `ValueFunction.from_scenario`, after `time_limit` seconds.
+
+        Examples
+        --------
+        >>> import casswarm as csw
+        >>> costs = csw.CostToGoMap.from_scenario(csw.load_scenario("single-agent"))
+        >>> costs.survival.shape
+        (150, 150)
+        """
+        limit = math.inf if time_limit is None else time_limit
+        value = ValueFunction.from_scenario(scenario, certified=False, time_limit=limit)
+        return cls.from_value_function(
+            value, *scenario.extent([*contents, scenario.positions]), step
+        )
 
     @classmethod
     def from_value_function(

@@ -51,7 +51,9 @@ def lower_source(name: str, inputs: dict[str, Expr], outputs: Sequence[Expr]) ->
         else:
             raise HazardError(
                 f"kernel {name!r} uses CasADi's {operation_name(operation)}, which cannot be "
-                "evaluated over arrays; write the kernel without it"
+                "evaluated over arrays; write the kernel without it",
+                function=name,
+                operation=operation_name(operation),
             )
         lines.append(f"    {target} = {value}")
     lines += [f"    y{i} = 0.0" for i, y in enumerate(outputs) if ca.SX(y).nnz() == 0]

@@ -126,12 +126,16 @@ def make_problems(
         A seed out of range.
     """
     if family not in FAMILIES:
-        raise ComparisonError(f"family {family!r} is unknown{did_you_mean(family, FAMILIES)}")
+        raise ComparisonError(
+            f"family {family!r} is unknown{did_you_mean(family, FAMILIES)}", family=family
+        )
     seed = require_seed(seed)
     generate, default = FAMILIES[family]
     count = default if count is None else count
     if count < 1:
-        raise ComparisonError(f"count = {count}; allowed: whole numbers from 1")
+        raise ComparisonError(
+            f"count = {count}; allowed: whole numbers from 1", key="count", value=count
+        )
     made: list[Problem] = []
     for problem in generate(count, seed):
         if progress is not None:
@@ -374,13 +378,15 @@ def _require_formations(scenario: Scenario, policies: Sequence[str | Policy]) ->
     if scenario.n < 2:
         raise ComparisonError(
             f"scenario {scenario.name!r} has a single member, which is in no formation; "
-            "guide_problems poses its guide"
+            "guide_problems poses its guide",
+            scenario=scenario.name,
         )
     for policy in policies:
         if policy in WITHOUT_FORMATIONS:
             raise ComparisonError(
                 f"policy {policy!r} poses no formation problem: its members follow paths that are "
-                "planned before; choose leader, constrained, leader-mpc-H or constrained-mpc-H"
+                "planned before; choose leader, constrained, leader-mpc-H or constrained-mpc-H",
+                policy=policy if isinstance(policy, str) else policy.name,
             )
 
 
@@ -389,7 +395,9 @@ def _spread(
 ) -> list[tuple[Nlp, Instances, FloatArray]]:
     """Single instances with free variables, of recorded solves that are spread over all."""
     if count < 1:
-        raise ComparisonError(f"count = {count}; allowed: whole numbers from 1")
+        raise ComparisonError(
+            f"count = {count}; allowed: whole numbers from 1", key="count", value=count
+        )
     records = []
     for nlp, instances, x in recorder.records:
         free = np.flatnonzero((instances.lbx < instances.ubx).any(axis=1))
