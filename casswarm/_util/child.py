@@ -1,8 +1,15 @@
-"""Jobs in several processes or on an executor; jobs of a process that dies are repeated."""
+"""Child processes: one that answers what it is sent, and pools of them that run jobs.
+
+They ignore Ctrl-C, which is their parent's, and end when it ends. They are spawned: the threads of
+CasADi, of Ipopt's linear solver and of other compiled libraries do not survive a fork.
+"""
 
 from __future__ import annotations
 
+import os
 import pickle
+import signal
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import (
     BrokenExecutor,
@@ -12,15 +19,156 @@ from concurrent.futures import (
     as_completed,
 )
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import current_process, get_context
+from contextlib import suppress
+from multiprocessing import current_process, get_context, parent_process
+from multiprocessing.connection import Connection
 from numbers import Integral
+from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from ..errors import PolicyError, WorkerError
-from .interrupts import begin_child, blocked, interruptible
+from .interrupts import blocked, deferred, interruptible
 from .threads import ONE_JOB
 
 T = TypeVar("T")
+
+_END_SECONDS = 60.0  # until a process that has closed its connection ends
+_MAX_OUTPUT = 500  # characters in which the last line that a process printed is looked for
+
+
+class ChildEndedError(Exception):
+    """The process ended before it answered; the message says how."""
+
+
+class ChildTimeoutError(ChildEndedError):
+    """The process did not answer in time; who asked should end it."""
+
+
+class Child:
+    """A process that answers what it is sent, until its parent ends it or ends.
+
+    Not an executor: those of `concurrent.futures` have no time limit and report no exit codes.
+    Answers are either waited for (`ask`) or listened to (`listen`).
+
+    Parameters
+    ----------
+    serve : callable
+        Called in the process with its `Channel`; a function of a module, or a `partial` of one.
+    output : Path, optional
+        File for what the process prints.
+
+    Raises
+    ------
+    OSError, AssertionError
+        The process cannot be started.
+    """
+
+    def __init__(self, serve: Callable[[Channel], None], output: Path | None = None) -> None:
+        context, self._output = get_context("spawn"), output
+        self._connection, theirs = context.Pipe()
+        self.process = context.Process(target=_serve, args=(theirs, serve, output), daemon=True)
+        try:
+            with deferred():
+                self.process.start()
+        except BaseException:
+            self.end()
+            raise
+        finally:
+            theirs.close()
+
+    def send(self, request: bytes) -> None:
+        """Send a request; OSError if the process has ended."""
+        self._connection.send_bytes(request)
+
+    def ask(self, request: bytes, seconds: float) -> bytes:
+        """Send a request, unless it is empty, and wait for the answer; ChildEndedError without."""
+        try:
+            if request:
+                self.send(request)
+            if self._connection.poll(seconds):
+                return self._connection.recv_bytes()
+        except (EOFError, OSError):
+            self.process.join(_END_SECONDS)
+            raise ChildEndedError(self._description()) from None
+        raise ChildTimeoutError(f"no answer within {seconds:g} s, so its process was ended")
+
+    def listen(self, receive: Callable[[bytes], None]) -> None:
+        """Call a function with every answer, in a thread; with b"" when the process has ended."""
+        threading.Thread(target=_read, args=(self._connection, receive), daemon=True).start()
+
+    def end(self) -> None:
+        """End the process, whatever it is doing, and wait for that."""
+        if self.process.pid is not None:  # else it was never started
+            self.process.kill()
+            self.process.join()
+
+    def _description(self) -> str:
+        """Exit code of the process, and the last line that it printed."""
+        code = self.process.exitcode
+        text = f"its process ended with exit code {code}"
+        if code is not None and code < 0:
+            with suppress(ValueError):
+                text += f" ({signal.Signals(-code).name})"
+        printed = self._output.read_text("utf-8", "replace") if self._output else ""
+        lines = (line.strip() for line in reversed(printed[-_MAX_OUTPUT:].split("\n")))
+        last = next(filter(None, lines), "")
+        return f"{text}; the last line that it printed: {last}" if last else text
+
+
+class Channel:
+    """A child's connection to its parent. Requests are read at once, so sending never waits."""
+
+    def __init__(self, connection: Connection[Any, Any]) -> None:
+        self._connection = connection
+        self._requests: SimpleQueue[bytes] = SimpleQueue()
+        threading.Thread(target=_read, args=(connection, self._requests.put), daemon=True).start()
+
+    def requests(self) -> Iterator[bytes]:
+        """Yield requests until the parent ends."""
+        yield from iter(self._requests.get, b"")
+
+    @property
+    def waiting(self) -> bool:
+        """Whether there is a request that was not yielded yet."""
+        return not self._requests.empty()
+
+    def send(self, answer: bytes) -> None:
+        """Send an answer."""
+        self._connection.send_bytes(answer)
+
+
+def _read(connection: Connection[Any, Any], receive: Callable[[bytes], object]) -> None:
+    with suppress(EOFError, OSError):
+        while True:
+            receive(connection.recv_bytes())
+    receive(b"")
+
+
+def _serve(
+    connection: Connection[Any, Any], serve: Callable[[Channel], None], output: Path | None
+) -> None:
+    _begin()
+    if output is not None:
+        file = os.open(output, os.O_WRONLY | os.O_TRUNC)
+        os.dup2(file, 1)
+        os.dup2(file, 2)
+    serve(Channel(connection))
+
+
+def _begin() -> None:
+    """Ignore Ctrl-C in this child process, and end it when its parent ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    if parent := parent_process():
+        parent.join()
+        os._exit(1)
+
+
+# --- jobs, in pools of processes or on an executor
 
 
 @runtime_checkable
@@ -140,9 +288,8 @@ def _in_processes(jobs: Sequence[Callable[[], T]], workers: int) -> Iterator[tup
         raise PolicyError(f"a worker process cannot have workers of its own: {_GUARD}")
     unfinished, died = dict(enumerate(jobs)), False
     while unfinished:
-        # spawned: the threads of CasADi and of Ipopt's linear solver do not survive a fork
         pool = ProcessPoolExecutor(
-            min(workers, len(unfinished)), get_context("spawn"), initializer=begin_child
+            min(workers, len(unfinished)), get_context("spawn"), initializer=_begin
         )
         try:
             for index, result in _gathered(pool, dict(unfinished)):

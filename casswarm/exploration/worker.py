@@ -5,12 +5,10 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable
 from contextlib import suppress
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
-from threading import Condition, RLock, Thread, Timer
+from functools import partial
+from threading import RLock, Timer
 
-from .._util.child import packed
-from .._util.interrupts import begin_child, blocked
+from .._util.child import Channel, Child, packed
 from ..guide.guide import Guide
 from .answers import Answer, Inquiry, Question, Superseded
 
@@ -35,7 +33,7 @@ class Worker:
 
     def __init__(self, receive: Callable[[Answer], None]) -> None:
         self._receive, self._lock = receive, RLock()
-        self._connection: Connection | None = None
+        self._child: Child | None = None
         self._wanted: Question | None = None
         self._latest: Answer | None = None
 
@@ -50,53 +48,37 @@ class Worker:
         content = packed(question)
         with self._lock:
             self._wanted = question
-            if self._connection is None:
-                self._start()
-            assert self._connection is not None
+            if self._child is None:
+                self._child, self._latest = Child(_answer_questions), None
+                self._child.listen(partial(self._take, self._child))
             with suppress(OSError):  # the process has died: the thread that reads will report it
-                self._connection.send_bytes(content)
+                self._child.send(content)
         if self._is_late(question):
             _later(GRACE, self._restart_if_late, question)
 
     def close(self) -> None:
         """End the process, whatever it does; the next question starts another one."""
         with self._lock:
-            if self._connection is None:
-                return
-            self._connection, self._latest, self._wanted = None, None, None
-            self._process.kill()
-        self._process.join()
+            child, self._child = self._child, None
+            self._latest = self._wanted = None
+        if child is not None:
+            child.end()
 
-    def _start(self) -> None:
-        context = get_context("spawn")  # threads of compiled libraries do not survive a fork
-        connection, theirs = context.Pipe()
-        self._process = context.Process(target=_answer_questions, args=(theirs,), daemon=True)
-        with blocked():  # inherited by the process
-            self._process.start()
-        theirs.close()
-        self._connection, self._latest = connection, None
-        Thread(target=self._read, args=(connection,), daemon=True).start()
-
-    def _read(self, connection: Connection) -> None:
-        """Pass on answers until the process ends."""
-        with suppress(EOFError, OSError):
-            while True:
-                answer = pickle.loads(connection.recv_bytes())
-                with self._lock:
-                    if connection is not self._connection:
-                        break
-                    self._latest = answer
-                self._receive(answer)
-                if answer.done:
-                    _later(IDLE, self._end_if_idle, answer.question.version)
+    def _take(self, child: Child, content: bytes) -> None:
+        """Pass on an answer, or report that the process ended."""
+        answer: Answer | None = pickle.loads(content) if content else None
         with self._lock:
-            lost = self._wanted if connection is self._connection else None
-            if connection is self._connection:
-                self._connection = None
-        connection.close()
-        if lost is not None:
-            text = "the process that computes ended unexpectedly; any change starts it again"
-            self._receive(Answer(lost, failure=text, done=True))
+            if child is not self._child or self._wanted is None:
+                return
+            if answer is None:
+                self._child = None
+                text = "the process that computes ended unexpectedly; any change starts it again"
+                answer = Answer(self._wanted, failure=text, done=True)
+            else:
+                self._latest = answer
+        self._receive(answer)
+        if content and answer.done:
+            _later(IDLE, self._end_if_idle, answer.question.version)
 
     def _is_late(self, question: Question) -> bool:
         """Whether the process works on an older question although its guide is out."""
@@ -130,48 +112,18 @@ def _later(seconds: float, function: Callable[..., None], *arguments: object) ->
     timer.start()
 
 
-def _answer_questions(connection: Connection) -> None:
-    """Answer questions until the other process ends."""
-    begin_child()
-    inbox = _Inbox(connection)
-    previous: Guide | None = None
-    while True:
-        question = inbox.take()
-        inquiry = Inquiry(
-            question, lambda answer: connection.send_bytes(packed(answer)), inbox.poll
-        )
-        with suppress(Superseded):
-            inquiry.run(previous)
-        guide = inquiry.answer.guide
-        if guide is not None:
-            previous = guide
+def _answer_questions(channel: Channel) -> None:
+    """Answer questions, in the other process, until this one ends."""
 
-
-class _Inbox:
-    """The newest question, which a thread reads: who asks never waits for the answers."""
-
-    def __init__(self, connection: Connection) -> None:
-        self._connection, self._arrival = connection, Condition()
-        self._content = b""
-        Thread(target=self._read, daemon=True).start()
-
-    def take(self) -> Question:
-        """Wait for a question."""
-        with self._arrival:
-            self._arrival.wait_for(lambda: self._content)
-            content, self._content = self._content, b""
-        question: Question = pickle.loads(content)
-        return question
-
-    def poll(self) -> None:
-        """Raise `Superseded` if a question waits."""
-        if self._content:
+    def poll() -> None:
+        if channel.waiting:
             raise Superseded
 
-    def _read(self) -> None:
-        with suppress(EOFError, OSError):
-            while True:
-                content = self._connection.recv_bytes()
-                with self._arrival:
-                    self._content = content
-                    self._arrival.notify()
+    previous: Guide | None = None
+    for question in channel.requests():
+        if channel.waiting:  # for a newer one
+            continue
+        inquiry = Inquiry(pickle.loads(question), lambda answer: channel.send(packed(answer)), poll)
+        with suppress(Superseded):
+            inquiry.run(previous)
+        previous = inquiry.answer.guide or previous

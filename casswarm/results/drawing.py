@@ -6,16 +6,11 @@ import os
 import pickle
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from functools import partial
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
 from queue import SimpleQueue
-from threading import Thread
 from typing import TYPE_CHECKING, NamedTuple
 
-from .._util.child import packed
-from .._util.interrupts import begin_child, blocked
+from .._util.child import Channel, Child, packed
 from .._util.user_code import USER_ERRORS
 from ..typing import Progress, ThemeName
 
@@ -24,7 +19,7 @@ if TYPE_CHECKING:
 
     from .catalogue import FigureCatalogue
 
-_READY, _FAILED = b"ready", b""
+_READY, _FAILED = b"ready", b"failed"
 
 
 class FigureFormat(NamedTuple):
@@ -51,15 +46,9 @@ class FigureProcess:
     """
 
     def __init__(self) -> None:
-        context = get_context("spawn")  # threads of compiled libraries do not survive a fork
-        self._connection, theirs = context.Pipe()
-        self._process = context.Process(target=_draw_requested, args=(theirs,), daemon=True)
-        with blocked():  # inherited by the process
-            self._process.start()
-        theirs.close()
+        self._child = Child(_draw_requested)
         self._answers: SimpleQueue[bytes] = SimpleQueue()
-        # read at once, for a process waits until somebody reads what it sends
-        Thread(target=self._read, daemon=True).start()
+        self._child.listen(self._answers.put)
         self._ready = self._lost = False
         self._names: deque[str] = deque()  # of figures that it has not drawn yet
         self._files: dict[str, bytes] = {}
@@ -87,7 +76,7 @@ class FigureProcess:
         """Begin a figure."""
         self._names.append(name)
         try:
-            self._connection.send_bytes(packed(partial(figure_format.file_content, draw)))
+            self._child.send(packed(partial(figure_format.file_content, draw)))
         except USER_ERRORS:  # any that a user's class raises
             self._lost = True
 
@@ -99,20 +88,12 @@ class FigureProcess:
 
     def close(self) -> None:
         """End the process, whatever it does."""
-        self._process.terminate()
-        self._process.join()
-
-    def _read(self) -> None:
-        """Queue answers until the process ends."""
-        with suppress(EOFError, OSError):
-            while True:
-                self._answers.put(self._connection.recv_bytes())
-        self._answers.put(_FAILED)
+        self._child.end()
 
     def _note(self, answer: bytes) -> None:
         if answer == _READY:
             self._ready = True
-        elif answer == _FAILED:
+        elif answer in (_FAILED, b""):
             self._lost = True
         else:
             self._files[self._names.popleft()] = answer
@@ -149,24 +130,14 @@ def drawn_files(
     report("drawing figures", len(catalogue), len(catalogue))
 
 
-def _draw_requested(connection: Connection) -> None:
-    """Draw figures until a failure or the end of the other process."""
-    begin_child()
+def _draw_requested(channel: Channel) -> None:
+    """Draw figures, in the other process, until a failure."""
     from . import catalogue  # noqa: F401  (what takes long before the first figure)
 
-    requests: SimpleQueue[bytes] = SimpleQueue()
-
-    def read() -> None:  # at once, for the other process waits until somebody reads
-        with suppress(EOFError, OSError):
-            while True:
-                requests.put(connection.recv_bytes())
-
-    Thread(target=read, daemon=True).start()
-    answer = _READY
-    while answer != _FAILED:
-        connection.send_bytes(answer)
+    channel.send(_READY)
+    for request in channel.requests():
         try:
-            answer = pickle.loads(requests.get())()
+            channel.send(pickle.loads(request)())
         except USER_ERRORS:
-            answer = _FAILED
-    connection.send_bytes(_FAILED)
+            channel.send(_FAILED)
+            return

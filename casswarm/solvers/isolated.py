@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
+import atexit
+import pickle
+import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar
+from functools import partial
+from typing import Annotated, Any, ClassVar
 
+from .._util.child import Channel, Child, ChildEndedError, ChildTimeoutError, packed
+from .._util.files import temporary_file
 from .._util.threads import locked_cache
+from .._util.user_code import USER_ERRORS
+from ..errors import CasswarmError, SolverError
 from ..nlp.program import Instances, Nlp
-from ..nlp.solution import Solution
-from .base import Allowed, Answer, Iterates, PositiveFinite, Solver, failed
-from .isolated_worker import Worker, WorkerEndedError
+from ..nlp.solution import Solution, Status
+from .base import Allowed, Answer, Iterates, PositiveFinite, Solver, error_text, failed
 
 CHUNK = 64
 """Largest number of instances that are sent together."""
 
 MAX_FAILURES = 3
 """Crashes and time limits in a row after which the rest of a chunk counts as failed, untried."""
+
+_START_SECONDS = 60.0
+_WARM_UP_SECONDS = 30.0
+_MAX_PROGRAMS = 64  # that a process keeps
+_GUARD = "a script must call this under `if __name__ == '__main__':`, and not be standard input"
 
 AnySolver = Annotated[Solver, Allowed(lambda value: isinstance(value, Solver), "a Solver")]
 
@@ -73,9 +85,10 @@ class Isolated(Solver):
 
     def iterates(self, nlp: Nlp, instance: Instances) -> Iterates | None:
         """See `Solver.iterates`; None, too, if the process ends before it has them."""
-        with suppress(WorkerEndedError):
-            return _worker(self).iterates(nlp, instance, self.time_limit)
-        return None
+        reply = None
+        with suppress(ChildEndedError):
+            reply = _worker(self).reply("iterates", nlp, instance, self.time_limit)
+        return reply if isinstance(reply, Iterates) else None
 
     def start(self) -> None:
         """Start the process now, if there is none; raise SolverError if that is impossible."""
@@ -100,21 +113,156 @@ class Isolated(Solver):
         while parts:
             part = parts.pop(0)
             try:
-                build, solved = _worker(self).solve(nlp, part, self.time_limit)
+                build, solved = _worker(self).reply("timed_answers", nlp, part, self.time_limit)
                 seconds, answers, failures = seconds + build, answers + solved, 0
-            except WorkerEndedError as end:
+            except ChildEndedError as end:
                 if len(part) > 1:
                     parts = [part[i : i + 1] for i in range(len(part))]
                     continue
-                answers += failed(part, str(end), end.status)
+                slow = isinstance(end, ChildTimeoutError)
+                status = Status.TIME_LIMIT if slow else Status.FAILED
+                answers += failed(part, str(end), status)
                 failures += 1
                 if failures == MAX_FAILURES:
                     message = f"not tried after {failures} in a row: {end}"
-                    return seconds, answers + failed(instances[len(answers) :], message, end.status)
+                    return seconds, answers + failed(instances[len(answers) :], message, status)
         return seconds, answers
 
 
+class _Worker:
+    """The process of a solver; started when needed, replaced when it ended."""
+
+    def __init__(self, solver: Solver) -> None:
+        self._solver = solver
+        self._child: Child | None = None
+        self._programs: dict[Nlp, int] = {}  # those that the child has
+        self._lock = threading.Lock()  # one request at a time
+        self._output = temporary_file(".log")  # what the child prints
+        self._first: tuple[Nlp, Instances] | None = None  # what every child solves first
+        atexit.register(self.end)
+
+    def reply(self, method: str, nlp: Nlp, instances: Instances, seconds: float) -> Any:
+        """What a method of the solver returns; ChildEndedError if the child crashed or was slow."""
+        with self._lock:
+            if len(self._programs) >= _MAX_PROGRAMS:
+                self.end()
+            self._ensure_started()
+            reply = self._call(method, nlp, instances, seconds)
+        if isinstance(reply, SolverError):
+            raise reply
+        return reply
+
+    def warm_up(self, nlp: Nlp, instances: Instances) -> None:
+        """See `Isolated.warm_up`."""
+        with self._lock:
+            self._first = nlp, instances
+            if self._alive():
+                self._solve_first()
+
+    def start(self) -> None:
+        """Start the child, unless there is one alive; SolverError if that is impossible."""
+        with self._lock:
+            self._ensure_started()
+
+    def close(self) -> None:
+        """End the child, and forget what is solved first."""
+        self._first = None
+        self.end()
+
+    def end(self) -> None:
+        """End the child, whatever it is doing."""
+        if self._child is not None:
+            self._child.end()
+        self._child = None
+        self._programs.clear()
+
+    def _alive(self) -> bool:
+        return self._child is not None and self._child.process.is_alive()
+
+    def _ensure_started(self) -> None:
+        if not self._alive():
+            self._start()
+            self._solve_first()
+
+    def _start(self) -> None:
+        self.end()
+        solver = _pickled(f"solver {self._solver.name}", self._solver)
+        try:
+            self._child = Child(partial(_solve_requested, solver), self._output)
+            refusal = self._ask(b"", _START_SECONDS)
+        except (OSError, AssertionError, ChildEndedError) as error:
+            raise SolverError(
+                f"no process could be started for {self._solver.name} ({error}): {_GUARD}"
+            ) from error
+        if refusal is not None:
+            self.end()
+            raise refusal
+
+    def _solve_first(self) -> None:
+        """Solve what is solved first; in vain if the solver cannot, and never again if it ends."""
+        if self._first is None:
+            return
+        try:
+            self._call("timed_answers", *self._first, _WARM_UP_SECONDS)
+        except ChildEndedError:
+            self._first = None
+            self._start()
+
+    def _call(self, method: str, nlp: Nlp, instances: Instances, seconds: float) -> Any:
+        """What a method of the solver in the child, which is alive, returns or raises."""
+        program = None if nlp in self._programs else _pickled(nlp.name, nlp)
+        key = self._programs.setdefault(nlp, len(self._programs))
+        return self._ask(pickle.dumps((method, key, program, instances)), seconds)
+
+    def _ask(self, request: bytes, seconds: float) -> Any:
+        """Answer of the child, which is ended if there is none."""
+        assert self._child is not None
+        try:
+            return pickle.loads(self._child.ask(request, seconds))
+        except BaseException:  # on Ctrl-C too, or the answer would be that to the next request
+            self.end()
+            raise
+
+
 @locked_cache(maxsize=64)
-def _worker(solver: Isolated) -> Worker:
+def _worker(solver: Isolated) -> _Worker:
     """The process of a solver; equal solvers share one."""
-    return Worker(solver.solver)
+    return _Worker(solver.solver)
+
+
+def _pickled(what: str, value: Nlp | Solver) -> bytes:
+    try:
+        return packed(value)
+    except Exception as error:  # any that a user's class raises
+        raise SolverError(
+            f"{what} cannot be sent to another process ({error_text(error)}): it holds something "
+            "that does not pickle"
+        ) from error
+
+
+def _solve_requested(pickled_solver: bytes, channel: Channel) -> None:
+    """Solve, in the child, what it is sent."""
+    try:
+        solver: Solver = pickle.loads(pickled_solver)
+    except Exception as error:  # any that a user's class raises
+        message = f"the solver cannot be restored in another process: {error_text(error)}"
+        channel.send(pickle.dumps(SolverError(message)))
+        return
+    channel.send(pickle.dumps(None))  # ready
+    programs: dict[int, Nlp] = {}
+    for request in channel.requests():
+        method, key, program, instances = pickle.loads(request)
+        if program is not None:
+            programs[key] = pickle.loads(program)
+        try:
+            reply: Any = getattr(solver, method)(programs[key], instances)
+        except CasswarmError as error:
+            reply = SolverError(str(error))
+        except USER_ERRORS as error:  # of a user's `iterates`
+            reply = SolverError(error_text(error))
+        try:
+            answer = pickle.dumps(reply)
+        except Exception as error:  # an answer of a user's solver that does not pickle
+            message = f"its answer cannot be sent: {error_text(error)}"
+            answer = pickle.dumps((0.0, failed(instances, message)))
+        channel.send(answer)

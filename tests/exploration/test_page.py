@@ -253,7 +253,7 @@ def test_closed_page_ends_the_work_and_next_one_continues(page, session, address
     drag(page, RADAR, (0, -40))
     label = f"document.querySelector({RADAR!r}).getAttribute('aria-label')"
     before = page.value(label)
-    process = session._worker._process
+    process = session._worker._child.process
     assert process.is_alive()
     page.open("about:blank")
     end = time.monotonic() + 20

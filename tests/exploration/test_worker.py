@@ -23,7 +23,7 @@ def session():
 
 
 def process_of(session):
-    return session._worker._process
+    return session._worker._child.process
 
 
 def test_present_objects_follow_changes_and_newest_question_is_answered(session):

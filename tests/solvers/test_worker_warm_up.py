@@ -11,8 +11,7 @@ from known_problems import active_box
 
 import casswarm as csw
 from casswarm.comparison import Problem
-from casswarm.solvers import Isolated
-from casswarm.solvers import isolated_worker as worker
+from casswarm.solvers import Isolated, isolated
 
 
 def _problems(*names: str) -> list[Problem]:
@@ -45,7 +44,7 @@ def test_process_that_replaces_another_is_warmed_up(warm: Isolated) -> None:
 def test_process_replaced_for_its_number_of_programs_is_warmed_up(
     warm: Isolated, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(worker, "_MAX_PROGRAMS", 3)
+    monkeypatch.setattr(isolated, "_MAX_PROGRAMS", 3)
     messages = [_message(warm, problem) for problem in _problems("a", "b", "c")]
     assert messages == ["1 before", "2 before", "1 before"]
 
