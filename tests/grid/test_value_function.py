@@ -15,7 +15,8 @@ from small_scenarios import DT, V_MAX, patrolled, small
 
 from casswarm import PlanningError, Scenario, load_scenario, plan
 from casswarm.grid import CostToGoMap, ValueFunction
-from casswarm.grid.dynamic_programming import StageCosts, box_minimum, rounding
+from casswarm.grid.dynamic_programming import StageCosts, rounding
+from casswarm.grid.node_blocks import box_extremum
 from casswarm.guide.plan import plan_from
 
 SCENARIO = small(
@@ -140,12 +141,11 @@ def test_value_function_too_many_steps_reports_nodes() -> None:
 def exact_interpolation(value: ValueFunction, step: int, position: np.ndarray) -> float:
     """Interpolated lower values of the next step, with the position in exact arithmetic."""
     grid = value.grid
-    array, low = value.lower[step][0], grid.blocks[step][0].low
-    shape = (array.shape[0] + 2 * grid.reach, array.shape[1] + 2 * grid.reach)
-    least = box_minimum(array, (-grid.reach, -grid.reach), shape, grid.reach)
+    array, block = value.lower[step][0], grid.nodes[step][0]
+    least = box_extremum(array, block, block.grown(grid.reach), grid.reach)
     nodes = [
         (Fraction(x) - Fraction(start)) / Fraction(grid.spacing) - first + grid.reach
-        for x, start, first in zip(position, grid.task.start, low, strict=True)
+        for x, start, first in zip(position, grid.task.start, block.first, strict=True)
     ]
     cell = [math.floor(node) for node in nodes]
     u, v = (node - corner for node, corner in zip(nodes, cell, strict=True))
