@@ -1,11 +1,11 @@
-from .program import CompiledObjective, Instances, Nlp
+from .program import Instances, LagrangianHessian, Nlp
 from .residuals import kkt_residuals
 from .solution import BatchSolution, Residuals, Solution, Status
 
 __all__ = [
     "BatchSolution",
-    "CompiledObjective",
     "Instances",
+    "LagrangianHessian",
     "Nlp",
     "Residuals",
     "Solution",
