@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -12,9 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._util.threads import locked_property, one_at_a_time
 from ..errors import SolverError
-from ..formation.trajectory import TrajectorySets
-from ..motion.planar import PlanarSets
-from ..typing import Expr, FloatArray
+from ..typing import BoolArray, Expr, FloatArray
 
 Kind = TypeVar("Kind")
 
@@ -229,6 +227,20 @@ def _pack(blocks: Mapping[str, Expr], arrays: Mapping[str, ArrayLike]) -> FloatA
     return np.concatenate(columns, axis=1) if columns else np.empty((batch, 0))
 
 
+class FeasibleSet(Protocol):
+    """The sets of B instances, in a form that special solvers know.
+
+    Not all have a projection: that onto paths within limits is a program itself. A solver that
+    projects therefore asks for the kind of set that it can project onto.
+    """
+
+    def contains(self, points: FloatArray, tolerance: float = 0.0) -> BoolArray:
+        """Whether points are in their sets, up to a distance; in the shapes of the kind of set."""
+
+    def __getitem__(self, rows: slice | NDArray[Any], /) -> FeasibleSet:
+        """The sets of some of the instances."""
+
+
 @dataclass(frozen=True, eq=False)
 class Instances:
     """B instances of an `Nlp` in CasADi's notation: initial guesses, parameters and bounds.
@@ -243,11 +255,9 @@ class Instances:
         Bounds on x.
     lbg, ubg : (B, ng)
         Bounds on g.
-    feasible_set : PlanarSets of shape (B, nx / 2) or TrajectorySets of B states, optional
+    feasible_set : FeasibleSet, optional
         The set that lbx, ubx, lbg and ubg describe, where it has a structure that special solvers
-        exploit: a product of simple sets in the plane, onto which one can project, or paths within
-        limits of speed and acceleration. With `TrajectorySets`, x are the displacements
-        per step, and the objective is the sum of `Nlp.compiled` over the steps.
+        exploit, such as a product of simple sets in the plane, onto which one can project.
     scale : (B, 2)
         A typical length of x and a typical value of f: what tolerances are relative to. Ones by
         default.
@@ -259,7 +269,7 @@ class Instances:
     ubx: FloatArray
     lbg: FloatArray
     ubg: FloatArray
-    feasible_set: PlanarSets | TrajectorySets | None = None
+    feasible_set: FeasibleSet | None = None
     scale: FloatArray = field(default_factory=lambda: np.ones((1, 2)))
 
     def __post_init__(self) -> None:

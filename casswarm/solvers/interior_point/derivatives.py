@@ -62,8 +62,9 @@ class Problems(Protocol):
 class RowLinearisation(Protocol):
     """Derivatives of b instances, which are first in every array."""
 
-    gradient: FloatArray
-    """Of f, (b, nx)."""
+    @property
+    def gradient(self) -> FloatArray:
+        """Of f, (b, nx)."""
 
     def times(self, vectors: FloatArray) -> FloatArray:
         """J v, (b, ng), of vectors v (b, nx)."""
