@@ -163,14 +163,14 @@ def problem_copies(problems: Sequence[Problem], copies: int, seed: int) -> Itera
 def _perturbed(problem: Problem, number: int, rng: np.random.Generator) -> ProblemCopy:
     nlp = problem.nlp
     starts = {name: _other_start(start, rng) for name, start in problem.starts.items()}
-    if _is_structured(problem):
+    if is_structured(problem):
         return ProblemCopy(problem, number, nlp, starts)
     change = Reformulation.random(nlp, rng)
     changed = {name: change.instances(start) for name, start in starts.items()}
     return ProblemCopy(problem, number, change.program(nlp), changed, change)
 
 
-def _is_structured(problem: Problem) -> bool:
+def is_structured(problem: Problem) -> bool:
     """Whether a special solver exploits the problem's form."""
     sets = (start.feasible_set for start in problem.starts.values())
     return bool(problem.nlp.attachments) or any(each is not None for each in sets)

@@ -369,7 +369,7 @@ class JointLinearisation:
         multipliers: FloatArray,
         weights: FloatArray,
         shifts: FloatArray,
-        objective: float = 1.0,
+        objective: FloatArray | float = 1.0,
     ) -> StageFactors:
         """See `RowLinearisation`."""
         from .riccati_kernels import Stages

@@ -62,9 +62,8 @@ class Problems(Protocol):
 class RowLinearisation(Protocol):
     """Derivatives of b instances, which are first in every array."""
 
-    @property
-    def gradient(self) -> FloatArray:
-        """Of f, (b, nx)."""
+    gradient: FloatArray
+    """Of f, (b, nx)."""
 
     def times(self, vectors: FloatArray) -> FloatArray:
         """J v, (b, ng), of vectors v (b, nx)."""
