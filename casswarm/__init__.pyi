@@ -3,15 +3,7 @@ from .bounds.risk_bound import Certificate
 from .bounds.success_bound import SuccessBound, success_bound
 from .chain.distribution import OutcomeDistribution
 from .chain.stratified import Estimate
-from .comparison import (
-    Comparison,
-    Problem,
-    Tolerances,
-    compare,
-    formation_problems,
-    guide_problems,
-    read_problems,
-)
+from .comparison import Comparison, Problem, Tolerances, compare, read_problems
 from .errors import (
     CasswarmError,
     CheckpointError,
@@ -41,6 +33,7 @@ from .scenario import Scenario, builtin_scenarios, load_scenario, save_scenario
 from .solvers import Solver, make_solver
 from .studies.evaluation import OptimalValue, estimate, evaluate, optimal_value
 from .studies.policy_gradient import SuccessGradient, success_gradient
+from .studies.posed_problems import formation_problems, guide_problems
 from .studies.simulation import Study, runs_needed, simulate
 from .studies.sweep import Sweep, sweep
 from .typing import Interval, Progress

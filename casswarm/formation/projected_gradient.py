@@ -26,6 +26,7 @@ from ..solvers.base import (
     Solver,
 )
 from ..typing import BoolArray, FloatArray
+from .objective import CompiledObjective
 from .spectral import BatchRun, SpectralProjectedGradient, batch_data
 from .spectral_kernels import CONVERGED, Results
 
@@ -39,7 +40,7 @@ class ProjectedGradient(Solver):
 
     Bertsekas, Tsitsiklis, Parallel and Distributed Computation, section 3.3.2. For problems whose
     constraints are a box, or a product of boxes and discs in the plane (`Instances.feasible_set`).
-    Batched, and compiled where the objective is (`Nlp.compiled`); each instance stops on its own.
+    Batched, and compiled with a `CompiledObjective`; each instance stops on its own.
 
     Parameters
     ----------
@@ -80,7 +81,8 @@ class ProjectedGradient(Solver):
 
     def prepare(self, nlp: Nlp) -> None:
         """See `Solver.prepare`."""
-        _ = nlp.gradient if nlp.compiled is None else nlp.compiled.evaluate
+        compiled = nlp.attached(CompiledObjective)
+        _ = nlp.gradient if compiled is None else compiled.evaluate
 
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
         """See `Solver.solve_batch`."""
@@ -117,9 +119,10 @@ class ProjectedGradient(Solver):
 
         data = batch_data(nlp, instances, self._initial(instances))
         step, tolerance = self.step * self.x_scale**2, self.tolerance / self.x_scale
-        assert nlp.compiled is not None
+        compiled = nlp.attached(CompiledObjective)
+        assert compiled is not None
         results = Results.empty(instances.x0.shape)
-        arguments = nlp.compiled.evaluate, data, step, tolerance, self.max_iter, results
+        arguments = compiled.evaluate, data, step, tolerance, self.max_iter, results
         seconds = execute(descend_batch, len(results.x), arguments, _PER_THREAD)
         return BatchRun(results, seconds)
 
