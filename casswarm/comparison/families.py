@@ -98,11 +98,15 @@ def make_problems(
         A seed out of range.
     """
     if family not in FAMILIES:
-        raise ComparisonError(f"family {family!r} is unknown{did_you_mean(family, FAMILIES)}")
+        raise ComparisonError(
+            f"family {family!r} is unknown{did_you_mean(family, FAMILIES)}", family=family
+        )
     seed, record = require_seed(seed), FAMILIES[family]
     count = record.count if count is None else count
     if count < 1:
-        raise ComparisonError(f"count = {count}; allowed: whole numbers from 1")
+        raise ComparisonError(
+            f"count = {count}; allowed: whole numbers from 1", key="count", value=count
+        )
     made: list[Problem] = []
     for problem in record.generate(count, seed):
         if progress is not None:
