@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from ..formation.horizon_method import InteriorPoint
 from ..formation.spectral import BatchRun, BatchSolver, SpectralProjectedGradient
@@ -46,12 +47,12 @@ class Auto(Solver):
     summary: ClassVar[str] = "spectral or barrier, every answer verified; ipopt for the rest"
     capabilities: ClassVar[Capabilities] = Capabilities(batch=True)
 
+    @override
     def prepare(self, nlp: Nlp) -> None:
-        """See `Solver.prepare`."""
         (self.fallback if nlp.compiled is None else self.batch).prepare(nlp)
 
+    @override
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        """See `Solver.run`."""
         batch = self._batch(nlp, instances)
         if batch is None:
             return self.fallback.timed_answers(nlp, instances)[1]

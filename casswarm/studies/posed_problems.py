@@ -13,6 +13,7 @@ from itertools import product
 from typing import ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from .._util.numbers import require_seed
 from .._util.text import did_you_mean
@@ -44,14 +45,14 @@ class Recorder(Solver):
     name: ClassVar[str] = "recorder"
     summary: ClassVar[str] = "records the problems of another solver"
 
+    @override
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        """See `Solver.run`."""
         answers = self.inner.timed_answers(nlp, instances)[1]
         self.records.append((nlp, instances, np.stack([answer.x for answer in answers])))
         return answers
 
+    @override
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
-        """See `Solver.solve_batch`."""
         batch = self.inner.solve_batch(nlp, instances)
         self.records.append((nlp, instances, batch.x))
         return batch
