@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from ..formation.horizon_method import InteriorPoint
 from ..formation.objective import CompiledObjective
@@ -47,13 +48,13 @@ class Auto(Solver):
     summary: ClassVar[str] = "spectral or barrier, every answer verified; ipopt for the rest"
     capabilities: ClassVar[Capabilities] = Capabilities(batch=True)
 
+    @override
     def prepare(self, nlp: Nlp) -> None:
-        """See `Solver.prepare`."""
         compiled = nlp.attached(CompiledObjective) is not None
         (self.batch if compiled else self.fallback).prepare(nlp)
 
+    @override
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        """See `Solver.run`."""
         batch = self._batch(nlp, instances)
         if batch is None:
             return self.fallback.timed_answers(nlp, instances)[1]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
+from typing_extensions import override
 
 from .._util.threads import locked_cache
 from ..compiled.parallel import execute
@@ -79,20 +80,20 @@ class ProjectedGradient(Solver):
         "product sets", batch=True, fixed_iterations=True
     )
 
+    @override
     def prepare(self, nlp: Nlp) -> None:
-        """See `Solver.prepare`."""
         compiled = nlp.attached(CompiledObjective)
         _ = nlp.gradient if compiled is None else compiled.evaluate
 
+    @override
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
-        """See `Solver.solve_batch`."""
         if not self._is_compiled(nlp, instances):
             return super().solve_batch(nlp, instances)
         run = self._run_compiled(nlp, instances)
         return run.solution(run.results.outcome == CONVERGED)
 
+    @override
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        """See `Solver.run`."""
         if self._is_compiled(nlp, instances):
             return self._run_compiled(nlp, instances).answers()
         _require_product(nlp, instances)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from ..compiled.kernels import contiguous
 from ..compiled.parallel import execute
@@ -86,14 +87,14 @@ class BatchSolver(Solver):
     def run_batch(self, nlp: Nlp, instances: Instances) -> BatchRun:
         """Solve and verify every instance; SolverError where `can_take` is False."""
 
+    @override
     def prepare(self, nlp: Nlp) -> None:
-        """See `Solver.prepare`."""
         compiled = nlp.attached(CompiledObjective)
         if compiled is not None:
             _ = compiled.evaluate
 
+    @override
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        """See `Solver.run`."""
         return self.run_batch(nlp, instances).answers()
 
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:

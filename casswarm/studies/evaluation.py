@@ -17,13 +17,13 @@ from ..chain.stratified import MAX_PRUNED_FRACTION, VISITS, Estimate, sample_res
 from ..chain.transition import Lattice
 from ..errors import PolicyError
 from ..guide.guide import Guide
-from ..guide.plan import guide_solver, initial_velocities, plan
+from ..guide.plan import initial_velocities, plan
 from ..policies import make_policy
 from ..policies.user import repeated
 from ..scenario.files import require_scenario
 from ..solvers import Solver, make_solver
 from ..typing import FloatArray, Interval, Progress
-from .inputs import policy_list, policy_name, resolve_policy
+from .inputs import policy_list, policy_name, resolve_policy, study_guide
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -209,8 +209,7 @@ def _expansion(
             policies=list(map(policy_name, listed)),
         )
     make_solver(solver[0], **(solver[1] or {}))  # before planning, which takes longer
-    if guide is None:
-        guide = plan(scenario, guide_solver(solver[0]), certify=False, progress=progress)
+    guide = study_guide(scenario, guide, solver[0], progress)
     resolved = resolve_policy(listed[0], scenario, guide, *solver)
     lattice = Lattice.along(guide, scenario, aggregation_tol, resolved.decision_tol)
     options = replace(options, lattice=lattice)

@@ -10,15 +10,29 @@ from typing import TYPE_CHECKING, Any
 from .._util.user_code import code_hash
 from ..errors import PolicyError
 from ..guide.guide import Guide
+from ..guide.plan import guide_solver, plan
 from ..hazard import CustomHazard
 from ..policies import as_policy, make_policy
 from ..policies.base import Policy
 from ..policies.named import require_policy_name
 from ..policies.user import UserPolicy
 from ..solvers import Solver
+from ..typing import Progress
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
+
+
+def study_guide(
+    scenario: Scenario,
+    guide: Guide | None,
+    solver: str | Solver,
+    progress: Progress | None = None,
+) -> Guide:
+    """The guide that is given to a study, or the one it plans: without a certificate."""
+    if guide is not None:
+        return guide
+    return plan(scenario, guide_solver(solver), certify=False, progress=progress)
 
 
 def resolve_policy(

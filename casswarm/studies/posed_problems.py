@@ -12,6 +12,7 @@ from itertools import product
 from typing import ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from .._util.numbers import require_seed
 from ..comparison.families import Family
@@ -46,14 +47,14 @@ class Recorder(Solver):
     name: ClassVar[str] = "recorder"
     summary: ClassVar[str] = "records the problems of another solver"
 
+    @override
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        """See `Solver.run`."""
         answers = self.inner.timed_answers(nlp, instances)[1]
         self.records.append((nlp, instances, np.stack([answer.x for answer in answers])))
         return answers
 
+    @override
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
-        """See `Solver.solve_batch`."""
         batch = self.inner.solve_batch(nlp, instances)
         self.records.append((nlp, instances, batch.x))
         return batch
@@ -135,7 +136,7 @@ def _formations(
     for n, (runs, rho) in sizes.items():
         rng = np.random.default_rng([seed, 2, n])
         scenario = _swarm(n, rho, _field(rng, int(rng.integers(2, 7))))
-        guide = plan(scenario, search="local", check=False)
+        guide = plan(scenario, search="local", check=False, certify=False)
         for rate, policy in product(_RATES, ("leader", "constrained")):
             recorder = Recorder(Auto())
             variant = scenario.with_values({f"hazard.{k}": v for k, v in _RATES[rate].items()})
@@ -349,7 +350,7 @@ def formation_problems(
     rng = np.random.default_rng([require_seed(seed), 4])
     listed = policy_list(policies)
     _require_formations(scenario, listed)
-    guide = plan(scenario, check=False)
+    guide = plan(scenario, check=False, certify=False)
     problems = []
     for policy in listed:
         recorder, name = Recorder(Auto()), policy_name(policy)

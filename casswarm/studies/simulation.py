@@ -21,12 +21,12 @@ from .._util.progress import reporter
 from ..chain.confidence import required_runs
 from ..chain.monte_carlo import Chain, Purpose, Runs, RunTrajectory
 from ..guide.guide import Guide
-from ..guide.plan import guide_solver, initial_velocities, plan
+from ..guide.plan import initial_velocities
 from ..policies.base import Policy
 from ..scenario.files import require_scenario
 from ..solvers import Solver, make_solver
 from ..typing import Progress
-from .inputs import policy_list, resolve_policy, study_inputs
+from .inputs import policy_list, resolve_policy, study_guide, study_inputs
 from .tables import paired_table, run_table, summarise
 
 if TYPE_CHECKING:
@@ -217,7 +217,7 @@ def simulate(
         the style of `concurrent.futures`, such as Dask's ``client.get_executor()``. If a process
         dies, its runs are simulated again.
     guide : Guide, optional
-        Planned from the scenario by default.
+        By default planned from the scenario, without a certificate; `Study.guide` is the one given.
     solver : str or Solver
         For the formation problems of the policies that are given by name.
     solver_options : mapping, optional
@@ -264,7 +264,7 @@ def simulate(
     require_workers(workers)
     listed = policy_list(policies)
     make_solver(solver, **(solver_options or {}))  # before planning, which takes longer
-    guide = plan(scenario, guide_solver(solver), progress=progress) if guide is None else guide
+    guide = study_guide(scenario, guide, solver, progress)
     chosen = [resolve_policy(p, scenario, guide, solver, solver_options) for p in listed]
     chain = Chain(scenario, initial_velocities(scenario, guide), seed)
     with ExitStack() as stack:
@@ -345,7 +345,7 @@ def runs_needed(
         raise ValueError(f"half_width = {half_width}; allowed: between 0 and 0.5")
     seed, pilot = require_seed(seed), _require_runs("pilot", pilot)
     listed = policy_list(policies)
-    guide = plan(scenario, guide_solver(solver)) if guide is None else guide
+    guide = study_guide(scenario, guide, solver)
     chosen = [resolve_policy(p, scenario, guide, solver, None) for p in listed]
     chain = Chain(scenario, initial_velocities(scenario, guide), seed, Purpose.PILOT)
     successes = [int((chain.run(policy, 0, pilot).arrival >= 0).sum()) for policy in chosen]

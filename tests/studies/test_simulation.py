@@ -302,3 +302,12 @@ def test_simulate_raises_error_of_policy_in_worker() -> None:
 
 def too_short(*state: Any) -> Array:
     return np.asarray(state[1])[:1, :1]
+
+
+def test_simulate_plans_without_certificate_and_keeps_the_one_of_a_given_guide() -> None:
+    scenario = three_members()
+    planned, given = simulate(scenario, ["leader"], runs=2).guide, plan(scenario)
+    assert planned.certificate is None is planned.risk_bound
+    np.testing.assert_array_equal(planned.positions, given.positions)
+    assert given.certificate is not None
+    assert simulate(scenario, ["leader"], runs=2, guide=given).guide is given
