@@ -24,6 +24,7 @@ from _timing import arguments, in_turn, print_table, timed
 import casswarm as csw
 from casswarm.formation import Auto
 from casswarm.formation.leader_selection import LEADER_SELECTION
+from casswarm.formation.objective import start_count
 from casswarm.formation.task import FormationTask, or_none
 from casswarm.motion.step import Motion, Step
 from casswarm.nlp.program import Instances, Nlp
@@ -219,7 +220,7 @@ def row(name: str, states: int, repeats: int) -> list[str]:
     cells.append(f"{1e3 * opti(nlp, instances[slice(0, 20)]):.1f} ms")
     for other, program in (
         ("alpaqa", lambda: (alpaqa(nlp, few), 100)),
-        ("jax", lambda: (jax(task, nlp.n_starts), states)),
+        ("jax", lambda: (jax(task, start_count(nlp)), states)),
     ):
         try:
             work, number = program()

@@ -26,11 +26,14 @@ import casswarm as csw
 from casswarm import Scenario, SwarmPlan
 from casswarm.joint import InitialGuess, JointProblem, PlanDistribution, PlanTree
 from casswarm.joint.likely_sets import likely_sets
+from casswarm.joint.numeric import joint_program
+from casswarm.nlp import LagrangianHessian
 from casswarm.nlp.program import Nlp
 from casswarm.policies import JointPolicy, ReplanningPolicy
-from casswarm.problems.joint import JointForm, joint_nlp
+from casswarm.problems.joint import JointForm
 from casswarm.problems.joint_instances import JointTask, joint_instances
 from casswarm.solvers import Ipopt
+from casswarm.solvers.interior_point.derivatives import NumericDerivatives
 
 SCENARIOS = ("paper-1", "paper-2", "ring", "wall", "crossfire", "gauntlet", "single-agent")
 MEMBERS = range(2, 9)
@@ -113,7 +116,7 @@ def sizes(quick: bool) -> Iterable[Row]:
 def instance_of(scenario: Scenario) -> tuple[Nlp, np.ndarray, np.ndarray]:
     """The program of a scenario, with variables and parameters."""
     form = JointForm(scenario.n, scenario.n_steps)
-    nlp = joint_nlp(scenario.hazard, form)
+    nlp = joint_program(scenario.hazard, form)
     task = JointTask.from_scenario(scenario, np.zeros((scenario.n, 2)))
     arrivals = np.full(scenario.n, scenario.n_steps)
     velocities = np.full((scenario.n_steps, scenario.n, 2), 0.8)
@@ -142,8 +145,9 @@ def hessians(quick: bool) -> Iterable[Row]:
         second = ca.triu(ca.hessian(lagrangian, nlp.x)[0])
         automatic = ca.Function("automatic", [nlp.x, nlp.p, weight, multipliers], [second])
         values = (x, p, 1.0, np.ones(nlp.g.shape[0]))
+        own = nlp.attached(LagrangianHessian)
         by_steps, by_ad = (
-            median_seconds(partial(function, *values), 3) for function in (nlp.hessian, automatic)
+            median_seconds(partial(function, *values), 3) for function in (own, automatic)
         )
         yield n, f"{1e3 * by_steps:.1f} ms", f"{1e3 * by_ad:.0f} ms", f"{by_ad / by_steps:.1f}"
 
@@ -154,8 +158,9 @@ def newton(quick: bool) -> Iterable[Row]:
     for n, steps in cases:
         scenario = in_steps(around("paper-1", n), steps)
         nlp, x, p = instance_of(scenario)
-        assert nlp.numeric is not None
-        problems, rows = nlp.numeric(p[None]), np.arange(1)
+        numeric = nlp.attached(NumericDerivatives)
+        assert numeric is not None
+        problems, rows = numeric.problems(p[None]), np.arange(1)
         at = problems.linearise(rows, x[None])
         none, weights = np.zeros((1, nlp.sizes[2])), np.ones((1, len(x) + nlp.sizes[2]))
         factors = partial(at.factors, none, 1e6 * weights, np.zeros((1, 1)))

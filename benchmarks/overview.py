@@ -58,6 +58,7 @@ def formation() -> list[Row]:
     import numpy as np
 
     import casswarm as csw
+    from casswarm.formation.objective import formation_program
     from casswarm.guide.plan import initial_velocities
     from casswarm.problems.formation import formation_nlp
 
@@ -74,7 +75,8 @@ def formation() -> list[Row]:
         for name in ("leader", "constrained"):
 
             def build_and_solve(name=name, variant=variant, state=state) -> None:
-                formation_nlp.cache_clear()  # so that nothing is compiled already
+                for built in (formation_nlp, formation_program):
+                    built.cache_clear()  # so that nothing is compiled already
                 decision = csw.make_policy(name, variant, guide, "ipopt").decide(0, *state)
                 assert not decision.failures.any()
 

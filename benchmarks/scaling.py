@@ -28,6 +28,7 @@ from _timing import arguments, print_table, timed
 import casswarm as csw
 from casswarm.formation import Auto
 from casswarm.formation.leader_selection import LEADER_SELECTION
+from casswarm.formation.objective import CompiledObjective
 from casswarm.formation.task import Formation, corridor_formation, leader_formation
 from casswarm.motion.step import Motion, Step
 
@@ -74,10 +75,11 @@ def formation(step: Step, policy: str, here: np.ndarray) -> Formation:
 def gradient_seconds(found: np.ndarray, problem: Formation) -> float:
     """Median time of one compiled objective and gradient, called from compiled code."""
     nlp, n = problem.nlp, found.size // 2
-    assert nlp.compiled is not None
-    given = found, problem.instances.p[0].copy(), nlp.compiled.constants
+    compiled = nlp.attached(CompiledObjective)
+    assert compiled is not None
+    given = found, problem.instances.p[0].copy(), compiled.constants
     work = np.empty(2 * n), np.empty(n * (n + 8))
-    repeated, calls = _repeated(nlp.compiled.evaluate), max(3, 20_000 // n)
+    repeated, calls = _repeated(compiled.evaluate), max(3, 20_000 // n)
     repeated(1, *given, *work)
     return timed(lambda: repeated(calls, *given, *work), 5).wall / calls
 

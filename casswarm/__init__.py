@@ -11,6 +11,7 @@ import lazy_loader
 
 from ._util import display as _display
 from ._util import user_code as _user_code
+from .comparison.families import register_problems as _register_problems
 from .solvers.registry import register_solver as _register_solver
 
 __version__ = version("casswarm")
@@ -31,3 +32,6 @@ for _name, _target, _before in (
     ("projected-gradient", "projected_gradient:ProjectedGradient", None),
 ):
     _register_solver(_name, f"{__name__}.formation.{_target}", before=_before)
+
+for _name in ("guides", "formations", "quick"):
+    _register_problems(_name, f"{__name__}.studies.posed_problems:{_name.upper()}")

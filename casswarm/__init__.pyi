@@ -3,15 +3,7 @@ from .bounds.risk_bound import Certificate
 from .bounds.success_bound import SuccessBound, success_bound
 from .chain.distribution import OutcomeDistribution
 from .chain.stratified import Estimate
-from .comparison import (
-    Comparison,
-    Problem,
-    Tolerances,
-    compare,
-    formation_problems,
-    guide_problems,
-    read_problems,
-)
+from .comparison import Comparison, Problem, Tolerances, compare, read_problems
 from .errors import (
     CasswarmError,
     CheckpointError,
@@ -30,9 +22,9 @@ from .errors import (
 )
 from .exploration.widget import explore
 from .figures.animation import animate
-from .grid.value_function import ValueFunction
+from .grid.value_function import CostToGoMap, ValueFunction
 from .guide.guide import Candidate, Guide
-from .guide.plan import plan
+from .guide.plan import plan, plan_baseline
 from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
 from .joint import SwarmOutcome, SwarmPlan, plan_swarm
 from .nlp.solution import Residuals, Solution, Status
@@ -41,6 +33,7 @@ from .scenario import Scenario, builtin_scenarios, load_scenario, save_scenario
 from .solvers import Solver, make_solver
 from .studies.evaluation import OptimalValue, estimate, evaluate, optimal_value
 from .studies.policy_gradient import SuccessGradient, success_gradient
+from .studies.posed_problems import formation_problems, guide_problems
 from .studies.simulation import Study, runs_needed, simulate
 from .studies.sweep import Sweep, sweep
 from .typing import Interval, Progress
@@ -54,6 +47,7 @@ __all__ = [
     "CheckpointError",
     "Comparison",
     "ComparisonError",
+    "CostToGoMap",
     "CustomHazard",
     "Decision",
     "EnvError",
@@ -108,6 +102,7 @@ __all__ = [
     "make_solver",
     "optimal_value",
     "plan",
+    "plan_baseline",
     "plan_swarm",
     "read_problems",
     "runs_needed",

@@ -1,8 +1,16 @@
-"""What casswarm raises, so that a caller can catch one base class."""
+"""What casswarm raises, so that a caller can catch one base class.
+
+Every class declares the values that its messages are about. They are attributes of the error, None
+where a message is not about them. Objects of users are kept as text, so that errors can be pickled.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
+
+Shape = tuple[int, ...]
 
 
 class CasswarmError(Exception):
@@ -14,49 +22,135 @@ class CasswarmError(Exception):
     **values
         What the message is about, such as ``member=2``; each becomes an attribute of the error.
 
+    Attributes
+    ----------
+    key : str or None
+        Parameter, or dotted key of a scenario, that has a wrong value.
+    value : object
+        What was given.
+    allowed : str or None
+        What is allowed, in words.
+    expected : object
+        What was expected instead of `value`, `shape` or `members`.
+    shape : tuple of int or None
+        Shape of an array that has another one than expected.
+
     Examples
     --------
-    >>> CasswarmError("member 2 has no position", member=2).member
-    2
+    >>> CasswarmError("n = 0; allowed: whole numbers from 1", key="n", value=0).key
+    'n'
     """
+
+    key: str | None = None
+    value: Any = None
+    allowed: str | None = None
+    expected: Any = None
+    shape: Shape | None = None
 
     def __init__(self, message: str, **values: Any) -> None:
         super().__init__(message)
         self.__dict__.update(values)
-
-    def __getattr__(self, name: str) -> Any:  # for type checkers: the values are dynamic
-        raise AttributeError(f"{type(self).__name__!r} error has no value {name!r}")
 
 
 class ScenarioError(CasswarmError, ValueError):
     """An invalid scenario; the message names the file, every invalid key and its allowed values.
 
     The attributes `key`, `value` and `allowed` are those of the first problem, `problems` has them
-    all, and `file` is the path of a scenario file.
+    all, and `file` is the path of a scenario file. `function` is the name of a hazard's function.
     """
+
+    problems: tuple[Any, ...] = ()
+    file: Path | None = None
+    function: str | None = None
+    min_distance: float | None = None
+    least_distance: float | None = None
 
 
 class HazardError(CasswarmError, ValueError):
-    """A hazard whose rates are of the wrong shape, negative or not finite."""
+    """A hazard whose rates are of the wrong shape, negative or not finite.
+
+    The attribute `hazard` describes it; `function` and `folder` are the name of a function and
+    where it was searched for, `members` is the size of the swarm in which it failed, and
+    `operation` is the one of CasADi that it cannot use. A wrong `rate` is that of `member` in
+    `state` of a batch, at `position`; a lower `bound` was above it.
+    """
+
+    hazard: str | None = None
+    function: str | None = None
+    folder: Path | None = None
+    members: int | None = None
+    operation: str | None = None
+    state: int | None = None
+    member: int | None = None
+    position: tuple[float, float] | None = None
+    rate: float | None = None
+    bound: float | None = None
 
 
 class PolicyError(CasswarmError, ValueError):
-    """A policy that is unknown, or whose velocities are of the wrong shape or not finite."""
+    """A policy that is unknown, or whose velocities are of the wrong shape or not finite.
+
+    The attribute `policy` is its name, and `step` the step of a run in which it failed.
+    """
+
+    policy: Any = None
+    policies: Sequence[str] | None = None
+    scenario: str | None = None
+    step: int | None = None
+    members: int | None = None
+    max_members: int | None = None
+    horizon: Any = None
+    framework: str | None = None
+    leader_selection: str | None = None
+    dtype: Any = None
+    shapes: Any = None
 
 
 class PolicyCallError(PolicyError):
     """A policy that failed in a run: it raised an exception, took too long, or decided nonsense.
 
-    The attributes `policy` and `step` say where; an exception that it raised is the cause.
+    The attributes `policy` and `step` say where; an exception that it raised is the cause. A
+    `velocity` that is not finite is that of `member` in `state` of a batch.
     """
+
+    state: int | None = None
+    member: int | None = None
+    velocity: Any = None
+    time_limit: float | None = None
 
 
 class EnvError(CasswarmError, ValueError):
-    """An environment for learning that is misconfigured, or stepped with actions it cannot take."""
+    """An environment for learning that is misconfigured, or stepped with actions it cannot take.
+
+    The attributes `environment`, `member` (or `agent`, its name) and `action` say which action;
+    `environments` are those that are over.
+    """
+
+    environment: int | None = None
+    environments: Any = None
+    member: int | None = None
+    agent: str | None = None
+    action: Any = None
+    hazard: str | None = None
+    dtype: Any = None
+    render_mode: str | None = None
+    autoreset_mode: Any = None
 
 
 class SolverError(CasswarmError, ValueError):
-    """A solver that is unknown, misconfigured, or cannot take the problem it was given."""
+    """A solver that is unknown, misconfigured, or cannot take the problem it was given.
+
+    The attribute `solver` is its name, `option` that of a wrong option, `problem` that of the
+    problem, and `constraints` are the names of those that it cannot take.
+    """
+
+    solver: Any = None
+    option: str | None = None
+    problem: str | None = None
+    constraints: Sequence[str] | None = None
+    search: Any = None
+    objective: Any = None
+    initial_guesses: Any = None
 
 
 class ProblemError(CasswarmError, ValueError):
@@ -65,21 +159,52 @@ class ProblemError(CasswarmError, ValueError):
     The attribute `file` is the path, where there is one.
     """
 
+    file: Path | None = None
+
 
 class PlanningError(CasswarmError, RuntimeError):
-    """No guide was found; the message counts the outcomes of all starts."""
+    """No guide was found; the message counts the outcomes of all starts.
+
+    The attribute `outcomes` has these counts. Of a problem that is too large, `nodes`, `max_nodes`,
+    `steps` and `members` are its size and the limit.
+    """
+
+    outcomes: Mapping[str, int] | None = None
+    time_limit: float | None = None
+    nodes: int | None = None
+    max_nodes: int | None = None
+    steps: int | None = None
+    members: int | None = None
 
 
 class ComparisonError(CasswarmError, ValueError):
-    """A comparison of solvers that is misconfigured, or a folder that holds another one."""
+    """A comparison of solvers that is misconfigured, or a folder that holds another one.
+
+    The attributes `family`, `scenario` and `policy` say which problems cannot be posed.
+    """
+
+    family: str | None = None
+    scenario: str | None = None
+    policy: str | None = None
+    folder: Path | None = None
 
 
 class CheckpointError(CasswarmError, RuntimeError):
-    """A results folder that is in use, was made with other inputs, or holds unfinished work."""
+    """A results folder that is in use, was made with other inputs, or holds unfinished work.
+
+    The attribute `folder` is its path, `keys` are the inputs that differ, and `figure` is the name
+    of one that it lacks.
+    """
+
+    folder: Path | None = None
+    figure: str | None = None
+    keys: Any = None
 
 
 class FolderError(CasswarmError, OSError):
-    """A results folder or file that cannot be written."""
+    """A results folder or file that cannot be written; `path` is its path."""
+
+    path: Path | None = None
 
 
 class WorkerError(CasswarmError, RuntimeError):
@@ -87,4 +212,10 @@ class WorkerError(CasswarmError, RuntimeError):
 
 
 class ExtraError(CasswarmError, ImportError):
-    """A package that an extra installs is missing; the message names the command to install it."""
+    """A package that an extra installs is missing; the message names the command to install it.
+
+    The attributes `package` and `extra` are their names.
+    """
+
+    package: str | None = None
+    extra: str | None = None

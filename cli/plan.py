@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -22,9 +21,7 @@ from .options import CommonOptions, GuideOptions, Number, VerboseOptions, option
 from .output import open_folder, progress_report
 
 if TYPE_CHECKING:
-    from ..grid import CostToGoMap
     from ..results.folder import ResultsFolder
-    from ..typing import FloatArray
 
 
 _MAX_CLASSES = 6  # that are printed; candidates.csv has them all
@@ -32,7 +29,6 @@ _MAX_CLASSES = 6  # that are printed; candidates.csv has them all
 
 def plan_text(scenario: csw.Scenario, guide: csw.Guide, baseline: csw.Guide | None) -> str:
     """The guide, its certificate and its solve, and a global search for comparison if any."""
-    counts = Counter(str(candidate.solution.status) for candidate in guide.candidates)
     radars = len(scenario.hazard.radar_positions)
     lines = [
         f"{scenario.name}: {counted(scenario.n, 'member')}, {counted(radars, 'radar')}, "
@@ -41,7 +37,7 @@ def plan_text(scenario: csw.Scenario, guide: csw.Guide, baseline: csw.Guide | No
         f"risk {guide.risk:.4f}",
         *_certificate(scenario, guide),
         f"{guide.solution}",
-        f"solves: {', '.join(f'{count} {status}' for status, count in counts.items())}",
+        f"solves: {', '.join(f'{count} {status}' for status, count in guide.outcomes.items())}",
         *_homotopy_classes(guide),
     ]
     if baseline is not None:
@@ -207,74 +203,34 @@ def plan(
         _write_guide(folder, guide, solving.solver)
         ending, baseline, costs = Ending(folder, common, progress), None, None
         if reference:
-            search = partial(_globally_planned, chosen, guide, solving.time_limit)
+            search = partial(csw.plan_baseline, chosen, guide, time_limit=solving.time_limit)
             baseline = ending.attempt("the global search for comparison", search)
         if solving.with_map:
-            costs = ending.attempt("the map", partial(_map, chosen, guide, solving.time_limit))
+            build = partial(csw.CostToGoMap.from_scenario, chosen, [guide.positions])
+            costs = ending.attempt("the map", partial(build, time_limit=solving.time_limit))
         objects = partial(_write_objects, folder, guide, baseline, costs)
         ending.attempt("writing what the figures need", objects)
         ending.draw()
         ending.finish(plan_text(chosen, guide, baseline))
 
 
-def _globally_planned(
-    scenario: csw.Scenario, guide: csw.Guide, time_limit: float | None
-) -> csw.Guide:
-    """Global search for the guide of the paper's form: no a_max, no margin, any arrival step."""
-    relaxed = scenario.with_values(
-        {
-            "guide.acceleration_limited": False,
-            "guide.margin": 1e-6 * scenario.target.radius,
-            "guide.arrival": "any",
-        }
-    )
-    baseline = csw.plan(relaxed, search="global", certify=False, time_limit=time_limit)
-    if (certificate := guide.certificate) is None:
-        return baseline
-    certificate = replace(certificate, accelerated=None)
-    return replace(baseline, risk_bound=certificate.bound, certificate=certificate)
-
-
-def _best_paths(guide: csw.Guide) -> dict[str, FloatArray]:
-    """The best path of every homotopy class, by name."""
-    from ..motion.kinematics import integrate
-
-    return {
-        f"{best.homotopy or 'path'} {number}": integrate(
-            guide.positions[0], best.velocities, guide.dt
-        )
-        for number, best in enumerate(guide.best_per_homotopy_class())
-    }
-
-
 def _require_possible_map(scenario: csw.Scenario) -> None:
     """Raise a PlanningError, before the work, if the map would need too many nodes."""
-    from ..grid.value_function import value_grid
+    from ..grid import value_grid
 
     value_grid(scenario)
-
-
-def _map(scenario: csw.Scenario, guide: csw.Guide, time_limit: float | None) -> CostToGoMap:
-    """Cost-to-go map of the area of the figures; the time limit is that of planning, again."""
-    from ..figures.base_map import extent
-    from ..grid import CostToGoMap
-
-    limit = math.inf if time_limit is None else time_limit
-    value = csw.ValueFunction.from_scenario(scenario, certified=False, time_limit=limit)
-    area = extent(scenario, [guide.positions, scenario.positions])
-    return CostToGoMap.from_value_function(value, *area)
 
 
 def _write_objects(
     folder: ResultsFolder,
     guide: csw.Guide,
     baseline: csw.Guide | None,
-    costs: CostToGoMap | None,
+    costs: csw.CostToGoMap | None,
 ) -> None:
     """Write what the figures need beyond the guide: baselines and the cost-to-go map."""
     from ..studies import tables
 
-    paths = _best_paths(guide)
+    paths = guide.best_paths()
     guides = {} if baseline is None else {"projected gradient": guide, "global search": baseline}
     if guides:
         compared = {name: compared.positions for name, compared in guides.items()}
@@ -290,22 +246,7 @@ def _write_guide(folder: ResultsFolder, guide: csw.Guide, solver: str) -> None:
 
     folder.write_table("guide", tables.guide_table(guide))
     folder.write_table("candidates", tables.candidate_table(guide))
-    paths = _best_paths(guide)
+    paths = guide.best_paths()
     folder.write_table("paths", tables.path_table({"path": paths}))
     folder.write_objects(guide=guide, others=list(paths.values()))
-    certificate = guide.certificate
-    result = {
-        "risk": guide.risk,
-        "survival": guide.survival,
-        "risk_bound": guide.risk_bound,
-        "gap": guide.gap,
-        "certificate": None if certificate is None else certificate.as_dict(),
-        "arrival_step": guide.arrival,
-        "arrives": guide.arrives,
-        "note": guide.note,
-        "solution": guide.solution.as_row(),
-        "candidates": [candidate.as_row() for candidate in guide.candidates],
-        "positions": guide.positions,
-        "velocities": guide.velocities,
-    }
-    folder.write_record(result, {"solver": solver})
+    folder.write_record(guide.as_dict(), {"solver": solver})

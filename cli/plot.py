@@ -53,7 +53,9 @@ def plot(selection: PlotOptions, figures: FigureOptions) -> None:
         for name in selection.names:
             if name not in catalogue:
                 raise CheckpointError(
-                    f"{folder} has no figure {name!r}{did_you_mean(name, catalogue)}"
+                    f"{folder} has no figure {name!r}{did_you_mean(name, catalogue)}",
+                    folder=folder,
+                    figure=name,
                 )
         target = open_folder("plot", None, selection.out or folder, figures)
         names = selection.names or tuple(catalogue)

@@ -29,8 +29,7 @@ from itertools import pairwise
 import casadi as ca
 
 from .._util.threads import locked_cache
-from ..formation.objective import formation_objective
-from ..hazard import Hazard, KernelHazard
+from ..hazard import Hazard
 from ..nlp.program import Nlp
 
 
@@ -73,6 +72,4 @@ def formation_nlp(hazard: Hazard, n: int, corridor: bool, horizon: int = 1) -> N
         objective=sum(ca.dot(weights, hazard.expression(x, alive)) for x in positions),
         constraints=constraints,
         unroll=horizon * n <= (8 if horizon == 1 else 24),  # where scalar expressions are faster
-        compiled=formation_objective(hazard, n),
-        n_starts=1 if isinstance(hazard, KernelHazard) and not hazard.collides else 4,
     )

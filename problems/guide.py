@@ -1,14 +1,4 @@
-"""The guide as the paper writes it: penalised, by single shooting, for the projected gradient.
-
-    minimise  -exp(-sum over t = 1..tau of dt lambda-bar(X(t))) + gamma d(X(N))
-    over      V(0..N-1) in [-v_max, v_max]^(2N),   X(t+1) = X(t) + dt V(t)
-
-The sign of the first term is corrected from the paper's. tau is the arrival step, equation (2): the
-first t with X(t) in the target, or N. It is piecewise constant in V, so its derivative is zero. d
-is the distance to the target zone, max(0, ||x - c|| - radius), written so that its gradient exists
-at the centre. The paper's guide problem has no acceleration limit.
-
-The guide: the path of a single agent to the target with the least risk.
+"""The guide: the path of a single agent with the least risk, constrained or penalised.
 
 The paper's section III as a nonlinear program, by direct multiple shooting:
 
@@ -25,6 +15,16 @@ from it has its own limit, infinite if the guide may start with any velocity.
 
 One program with `horizon` steps serves every arrival step T <= horizon: the risk of the steps after
 T has weight zero, and their velocities are fixed at zero.
+
+**The paper's penalised form**, by single shooting, for the projected gradient:
+
+    minimise  -exp(-sum over t = 1..tau of dt lambda-bar(X(t))) + gamma d(X(N))
+    over      V(0..N-1) in [-v_max, v_max]^(2N),   X(t+1) = X(t) + dt V(t)
+
+The sign of the first term is corrected as above. tau is the arrival step, equation (2): the
+first t with X(t) in the target, or N. It is piecewise constant in V, so its derivative is zero. d
+is the distance to the target zone, max(0, ||x - c|| - radius), written so that its gradient exists
+at the centre. The paper's guide problem has no acceleration limit.
 """
 
 from __future__ import annotations

@@ -35,21 +35,22 @@ This is an approximation, neither a bound nor exact (except for n = 1).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from .._util.threads import locked_cache
-from ..hazard import Hazard, KernelHazard
-from ..joint.numeric import CERTAIN, TINY, JointNumeric
-from ..nlp.program import Nlp
+from ..hazard import Hazard
+from ..nlp.program import LagrangianHessian, Nlp
 from ..typing import Expr
 from .joint_hessian import MAX_MEMBERS, lagrangian_hessian
 from .subsets import subsets
 
 OBJECTIVES = ("success", "arrivals", "survivors")
+
+TINY, CERTAIN = 1e-30, 1e-13
+"""Offsets that keep the log-odds finite at a cost of 0 and of 1."""
 
 
 @dataclass(frozen=True)
@@ -134,11 +135,10 @@ def joint_nlp(hazard: Hazard, form: JointForm, hessian: bool = True) -> Nlp:
         objective=objective,
         constraints=constraints,
     )
-    if form.exact and isinstance(hazard, KernelHazard):
-        program = replace(program, numeric=partial(JointNumeric, program, hazard, n))
     if hessian and form.exact and n <= MAX_MEMBERS:
         of_lagrangian = lagrangian_hessian(program, step, points, values, _log_odds)
-        program = replace(program, hessian=of_lagrangian)
+        if of_lagrangian is not None:
+            program = program.with_attachments(LagrangianHessian(of_lagrangian))
     return program
 
 

@@ -1,4 +1,4 @@
-"""Files that are there completely or not at all, and readers that refuse what may never end.
+"""Files that are written completely or not at all, and files that are safe to read.
 
 Temporary files and folders are removed even if their process is killed: their names state the
 computer and the process, so that the next process sees what is abandoned.
@@ -232,7 +232,7 @@ def read_json(path: Path) -> Any:
 
 def read_table(path: Path) -> pd.DataFrame:
     """Table of a CSV file, its numbers equal to the last bit; only empty cells are missing."""
-    import pandas as pd
+    import pandas as pd  # half a second
 
     require_file(path, MAX_TABLE)
     # from 3.1 on pandas always reads numbers to the last bit

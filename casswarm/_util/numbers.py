@@ -1,4 +1,4 @@
-"""Seeds of random numbers."""
+"""Small numbers that rooms share: tolerances, seeds, rounding for display."""
 
 from __future__ import annotations
 

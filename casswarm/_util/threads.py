@@ -1,6 +1,4 @@
-"""One thread of BLAS for small matrices: several wait for each other on a busy machine.
-
-What threads do one at a time: building CasADi's expressions, and solving.
+"""Threads: what only one may do at a time, and one thread of BLAS for small matrices.
 
 CasADi's Python interface releases the interpreter's lock in every call, so several threads are in
 its compiled code at once. Its functions may be evaluated so, since each call has memory of its own.

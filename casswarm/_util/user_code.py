@@ -1,6 +1,4 @@
-"""Modules of the user: importing what they define, and where it was defined.
-
-Folders of the user as packages, found by their location.
+"""Code of users: its folders, its modules, and calls with failures as one line.
 
 `sys.path` is not changed, so a file of the user never takes the place of another module. A folder
 is a package with a name of its own, from which its modules are imported; within them, ``from .

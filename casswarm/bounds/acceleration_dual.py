@@ -87,7 +87,7 @@ class DualFunction:
 
     @cached_property
     def _windows(self) -> IntArray:
-        return np.array([(*block.low, *block.shape) for block in self.region.blocks], np.int64)
+        return np.array([sum(block.nodes, ()) for block in self.region.blocks], np.int64)
 
     @cached_property
     def _offsets(self) -> IntArray:
@@ -102,7 +102,7 @@ class DualFunction:
     @cached_property
     def _rim(self) -> FloatArray:
         """Distance from the target's rim at the nodes of the last step, infinite away from it."""
-        rim = self._stage_costs.terminal(self.region.blocks[-1]).ravel()
+        rim = self._stage_costs.terminal(self.region.blocks[-1].nodes).ravel()
         return floored(rim / self.region.task.step, 1.0)
 
     @cached_property
@@ -189,7 +189,7 @@ class DualFunction:
 
     def _masks(self, nodes: BoolArray) -> Iterator[BoolArray]:
         for step, block in enumerate(self.region.blocks):
-            inside = nodes[self._offsets[step] : self._offsets[step + 1]].reshape(block.shape)
+            inside = nodes[self._offsets[step] : self._offsets[step + 1]].reshape(block.nodes.shape)
             yield block.cells & np.any(list(corners(inside)), axis=0)
 
 

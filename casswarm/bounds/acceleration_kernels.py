@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled.kernels import allocating_kernel, announce, kernel
+from ..grid.extremum_kernels import LANES, running_extremum
 from ..typing import FloatArray, IntArray
 
 
@@ -23,42 +24,18 @@ def compile_kernels() -> None:
     least_step(np.ones((1, 1)), values, 1.0, 1.0)
 
 
-@kernel
-def _line_minimum(
-    values: FloatArray, first: int, reach: int, out: FloatArray, queue: IntArray
-) -> None:
-    """Write to out[p] the least values[q] with |q - p - first| <= reach; infinite if none."""
-    head = tail = q = 0
-    for p in range(len(out)):
-        while q < len(values) and q <= p + first + reach:
-            while tail > head and values[queue[tail - 1]] >= values[q]:
-                tail -= 1
-            queue[tail] = q
-            tail += 1
-            q += 1
-        while tail > head and queue[head] < p + first - reach:
-            head += 1
-        out[p] = values[queue[head]] if tail > head else np.inf
-
-
 @allocating_kernel
 def _window_minimum(
     values: FloatArray, source: IntArray, window: IntArray, reach: int, out: FloatArray
 ) -> None:
     """At the nodes of a window, the least of a source window's values within reach."""
     rows, columns = source[2], source[3]
-    along = np.empty((rows, window[3]))
-    queue = np.empty(max(rows, columns) + 1, np.int64)
-    for i in range(rows):
-        line = values[i * columns : (i + 1) * columns]
-        _line_minimum(line, window[1] - source[1], reach, along[i], queue)
-    across, found = np.empty(rows), np.empty(window[2])
-    for j in range(window[3]):
-        for i in range(rows):
-            across[i] = along[i, j]
-        _line_minimum(across, window[0] - source[0], reach, found, queue)
-        for i in range(window[2]):
-            out[i * window[3] + j] = found[i]
+    along = np.empty(rows * window[3])
+    scratch = np.empty((2, max(rows, columns), LANES))
+    first = window[1] - source[1]
+    running_extremum(values, (rows, columns, 1), first, reach, False, along, scratch)
+    first = window[0] - source[0]
+    running_extremum(along, (1, rows, window[3]), first, reach, False, out, scratch)
 
 
 @kernel

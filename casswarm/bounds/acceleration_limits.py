@@ -1,4 +1,4 @@
-"""Regions of paths with a prescribed number of steps: cells that each step may be in."""
+"""Limits of acceleration of guides, and the regions of paths that obey them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from .._util.numbers import SPEED_TOL
-from ..grid.nodes import UNIT, Block, Grid, Relaxation
+from ..grid.nodes import UNIT, CellBlock, Grid, Relaxation
 from ..typing import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -124,13 +124,13 @@ class Region:
         With T as its number of steps.
     reach : int
         k, nodes by which a coordinate changes in a step: the side of a cell is s / k.
-    blocks : tuple of Block
+    blocks : tuple of CellBlock
         The cells of the steps 1 .. T.
     """
 
     task: Relaxation
     reach: int
-    blocks: tuple[Block, ...]
+    blocks: tuple[CellBlock, ...]
 
     @classmethod
     def full(cls, task: Relaxation, reach: int) -> Region | None:
@@ -151,25 +151,21 @@ class Region:
     @property
     def sparse(self) -> bool:
         """Whether most nodes of the blocks belong to no cell of the region."""
-        return sum(math.prod(block.shape) for block in self.blocks) > 4 * self.size + 1000
+        return sum(block.nodes.size for block in self.blocks) > 4 * self.size + 1000
 
     def halved(self) -> Region:
         """The same paths, with cells of half the side."""
-        blocks = tuple(
-            Block((2 * i, 2 * j), cells.repeat(2, axis=0).repeat(2, axis=1))
-            for (i, j), cells in self.blocks
-        )
+        blocks = tuple(block.halved() for block in self.blocks)
         return replace(self, reach=2 * self.reach, blocks=blocks)
 
     def restricted(self, masks: Iterator[BoolArray]) -> Region | None:
         """The paths in the cells of the masks, one a step; None if a step has none."""
         blocks = []
-        for (i, j), mask in zip((block.low for block in self.blocks), masks, strict=True):
-            rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-            if not rows.size:
+        for block, mask in zip(self.blocks, masks, strict=True):
+            trimmed = CellBlock(block.first, mask).trimmed()
+            if trimmed is None:
                 return None
-            cells = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-            blocks.append(Block((i + int(rows[0]), j + int(columns[0])), cells))
+            blocks.append(trimmed)
         return replace(self, blocks=tuple(blocks))
 
     def reached(self, limits: AccelerationLimits) -> Region | None:
@@ -183,7 +179,7 @@ class Region:
 
         def masks() -> Iterator[BoolArray]:
             for block, least, most in zip(self.blocks, low, high, strict=True):
-                lines = map(np.arange, block.low, block.high)
+                lines = map(np.arange, block.first, block.nodes.last)
                 near = [(i + 1 >= a) & (i <= b) for i, a, b in zip(lines, least, most, strict=True)]
                 yield block.cells & near[0][:, None] & near[1]
 
@@ -223,6 +219,6 @@ class Region:
         score = np.where(extent > 1, np.minimum(high - low, extent) + 1e-3 * extent, -1.0)
         step, axis = (int(i) for i in np.unravel_index(score.argmax(), score.shape))
         count = int(extent[step, axis])
-        middle = (low[step, axis] + high[step, axis]) / 2 - self.blocks[step].low[axis]
+        middle = (low[step, axis] + high[step, axis]) / 2 - self.blocks[step].first[axis]
         margin = max(1, count // 5)
         return step, axis, int(np.clip(round(middle), margin, count - margin))

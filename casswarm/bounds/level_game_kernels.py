@@ -1,4 +1,4 @@
-"""Compiled loops of the level game: sets of levels, and the best joint move from each of them.
+"""Compiled loops of potentials and of the level game: sets of levels, the best joint moves.
 
 A set of k levels, each from 0 to M - 1, is a sorted row; its rank is its position among all of them
 in colexicographic order: lower levels have lower ranks.

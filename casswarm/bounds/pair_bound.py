@@ -1,4 +1,4 @@
-"""The value function of two members: approximate success probabilities of every joint state."""
+"""Proven upper bounds of the success of every policy of two members, and their value function."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import PlanningError
+from ..grid.node_blocks import NodeBlock
 from ..grid.nodes import Relaxation
 from ..scenario.files import require_scenario
 from ..typing import FloatArray
 from .pair_nodes import best_multiplier
 from .pair_program import Arrays, PairProgram
-from .pair_tube import PairBlock, Tube, gathered
+from .pair_tube import Tube, gathered
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -249,7 +250,7 @@ class PairValueFunction:
     spacing : float
     step : float
         Largest change of a coordinate in a time step.
-    blocks : tuple of PairBlock
+    blocks : tuple of NodeBlock
         Nodes of both members, for steps 1 to N.
     values : tuple of ndarray
         Success probability at the nodes, before losses of that step are drawn.
@@ -259,7 +260,7 @@ class PairValueFunction:
     shifts: FloatArray
     spacing: float
     step: float
-    blocks: tuple[PairBlock, ...] = field(repr=False)
+    blocks: tuple[NodeBlock, ...] = field(repr=False)
     values: tuple[FloatArray, ...] = field(repr=False)
 
     @classmethod
@@ -291,7 +292,7 @@ class PairValueFunction:
         if not 1 <= step <= len(self.values):
             return np.zeros(len(positions))
         block, values = self.blocks[step - 1], self.values[step - 1]
-        at = ((positions - self.shifts - self.origin) / self.spacing).reshape(-1, 4) - block.low
+        at = ((positions - self.shifts - self.origin) / self.spacing).reshape(-1, 4) - block.first
         last = np.array(values.shape) - 1
         inside = ((at >= 0) & (at <= last)).all(axis=1)
         cells = np.clip(np.floor(at).astype(int), 0, last - 1)
@@ -308,10 +309,10 @@ class PairValueFunction:
         reach = self.step / self.spacing * (1 + 1e-9)
         path = [position]
         for block, values in zip(self.blocks, self.values, strict=True):
-            first = np.maximum(np.ceil(position - reach).astype(int) - block.low, 0)
-            last = np.floor(position + reach).astype(int) - block.low
-            window = values[tuple(slice(a, b + 1) for a, b in zip(first, last, strict=True))]
+            near = NodeBlock.between(np.ceil(position - reach), np.floor(position + reach))
+            near = near.common(block)
+            window = values[near.within(block)]
             best = np.unravel_index(int(window.argmax()), window.shape)
-            position = np.asarray(block.low + first + best, float)
+            position = np.add(near.first, best, dtype=float)
             path.append(position)
         return self.origin + self.shifts + self.spacing * np.array(path).reshape(-1, 2, 2)

@@ -153,47 +153,6 @@ def step_forward(
 
 
 @kernel
-def window_maximum(
-    values: FloatArray, out: FloatArray, first: int, reach: int, scratch: FloatArray
-) -> None:
-    """Largest of ``values[:, p-reach : p+reach+1]`` for p = first, first + 1, ...
-
-    Parameters
-    ----------
-    values, out : (a, n, b), (a, m, b)
-        -infinity is written where no value is within reach.
-    first, reach : int
-    scratch : (2, n, tile)
-        Maxima from the start and to the end of blocks as long as a window.
-    """
-    before, after = scratch[0], scratch[1]
-    outer, n, inner = values.shape
-    tile, length = scratch.shape[2], 2 * reach + 1
-    for a in range(outer):
-        for begin in range(0, inner, tile):
-            width = min(tile, inner - begin)
-            for p in range(n):
-                for b in range(width):
-                    value = values[a, p, begin + b]
-                    before[p, b] = value if p % length == 0 else max(before[p - 1, b], value)
-            for p in range(n - 1, -1, -1):
-                ends = p == n - 1 or p % length == length - 1
-                for b in range(width):
-                    value = values[a, p, begin + b]
-                    after[p, b] = value if ends else max(after[p + 1, b], value)
-            for q in range(out.shape[1]):
-                low, high = max(0, first + q - reach), min(n - 1, first + q + reach)
-                for b in range(width):
-                    if low > high:
-                        out[a, q, begin + b] = -np.inf
-                    elif low // length == high // length:
-                        whole = low % length == 0
-                        out[a, q, begin + b] = before[high, b] if whole else after[low, b]
-                    else:
-                        out[a, q, begin + b] = max(after[low, b], before[high, b])
-
-
-@kernel
 def discard(needed: FloatArray, values: FloatArray) -> None:
     """Set negative least values to -infinity at the nodes (count,) where they are not reached."""
     for node in range(len(needed)):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from ..grid.dynamic_programming import StageCosts, costs_to_go, least_cost, minimum_within_reach
-from ..grid.nodes import UNIT, Block, Grid, Relaxation
+from ..grid.dynamic_programming import StageCosts, costs_to_go, least_cost
+from ..grid.node_blocks import NodeBlock, extremum_within_reach
+from ..grid.nodes import UNIT, Grid, Relaxation
 from ..typing import FloatArray
 
 if TYPE_CHECKING:
@@ -20,28 +21,6 @@ _LARGEST_ARRIVAL = 300.0
 """Largest product of multiplier and radius: exponentials of costs of arrival do not overflow."""
 
 
-class Rectangle(NamedTuple):
-    """Nodes from `low` to `high`, pairs of indices, both included."""
-
-    low: tuple[int, int]
-    high: tuple[int, int]
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Number of nodes along each axis."""
-        return self.high[0] - self.low[0] + 1, self.high[1] - self.low[1] + 1
-
-    def common(self, other: Rectangle) -> Rectangle:
-        """Nodes that both hold."""
-        low = max(self.low[0], other.low[0]), max(self.low[1], other.low[1])
-        return Rectangle(low, (min(self.high[0], other.high[0]), min(self.high[1], other.high[1])))
-
-    def within(self, outer: Rectangle) -> tuple[slice, slice]:
-        """Slices of these nodes in the arrays of a larger rectangle."""
-        first = self.low[0] - outer.low[0], self.low[1] - outer.low[1]
-        return slice(first[0], first[0] + self.shape[0]), slice(first[1], first[1] + self.shape[1])
-
-
 @dataclass(frozen=True, eq=False)
 class PairLattice:
     """Functions on the nodes x_1(0) + h (i, j), for both members, and on their differences.
@@ -50,7 +29,7 @@ class PairLattice:
     ----------
     grid : Grid
         Of a single agent, from either start.
-    region : Rectangle
+    region : NodeBlock
         All nodes that either member visits.
     risk, slopes, spread : (n, m), (2, n, m), (n, m)
         As of `MemberNodes`.
@@ -62,7 +41,7 @@ class PairLattice:
     """
 
     grid: Grid
-    region: Rectangle
+    region: NodeBlock
     risk: FloatArray
     slopes: FloatArray
     spread: FloatArray
@@ -71,7 +50,7 @@ class PairLattice:
     guarded: FloatArray
     pair: PairNodes
 
-    def member(self, step: int, nodes: Rectangle) -> MemberNodes:
+    def member(self, step: int, nodes: NodeBlock) -> MemberNodes:
         """Functions on the nodes of one member after step `step`, from 1."""
         from .pair_kernels import MemberNodes
 
@@ -80,10 +59,10 @@ class PairLattice:
         arrays = *risk, self.alone[step][at], self.floor[step][at]
         return MemberNodes(*map(np.ascontiguousarray, arrays))
 
-    def offset(self, first: Rectangle, second: Rectangle) -> tuple[int, int]:
-        """Index in `pair` of the difference of the first nodes of two rectangles."""
+    def offset(self, first: NodeBlock, second: NodeBlock) -> tuple[int, int]:
+        """Index in `pair` of the difference of the first nodes of two blocks."""
         center = np.array(self.pair.share.shape) // 2
-        i, j = center + np.array(first.low) - np.array(second.low)
+        i, j = center + first.first - np.array(second.first)
         return int(i), int(j)
 
 
@@ -91,7 +70,7 @@ def pair_lattice(
     task: Relaxation,
     starts: FloatArray,
     reach: int,
-    region: Rectangle,
+    region: NodeBlock,
     margin: int,
     multipliers: tuple[float, float] | None,
 ) -> PairLattice:
@@ -110,7 +89,8 @@ def pair_lattice(
     if certified:
         exact -= _rounding(task, grid.spacing)
         risk *= exact
-    bounds = task.hazard.pair_bounds(region.shape, grid.spacing, certified)
+    n, m = region.shape
+    bounds = task.hazard.pair_bounds((n, m), grid.spacing, certified)
     assert bounds is not None
     pair = _pair_nodes(bounds.share, exact * task.dt * bounds.collision)
     slopes, spread = _slopes(risk), _spread(risk)
@@ -150,7 +130,7 @@ def _pair_nodes(share: FloatArray, collision: FloatArray) -> PairNodes:
     )
 
 
-def lone_values(costs: StageCosts, region: Rectangle, share: float, exact: float) -> FloatArray:
+def lone_values(costs: StageCosts, region: NodeBlock, share: float, exact: float) -> FloatArray:
     """Upper bounds (N, n, m) of the probability that an agent arrives, from every node.
 
     Its risk is `share` times that of a single agent. The cost of arrival is not scaled.
@@ -158,20 +138,17 @@ def lone_values(costs: StageCosts, region: Rectangle, share: float, exact: float
     grid = costs.grid
     out = np.zeros((len(grid.blocks) + 1, *region.shape))
     following: list[FloatArray] = []
-    blocks: tuple[Block, ...] = ()
+    blocks: tuple[NodeBlock, ...] = ()
     for sample in reversed(range(len(grid.blocks))):
         values = []
-        for block, cost in zip(grid.blocks[sample], costs.nodes[sample], strict=True):
-            to_go = minimum_within_reach(following, blocks, block, grid.reach)
-            np.minimum(to_go, costs.terminal(block), out=to_go)
-            nodes = Rectangle(block.low, block.high)
+        for nodes, cost in zip(grid.nodes[sample], costs.nodes[sample], strict=True):
+            to_go = extremum_within_reach(following, blocks, nodes, grid.reach)
+            np.minimum(to_go, costs.terminal(nodes), out=to_go)
             common = nodes.common(region)
-            if min(common.shape) > 0:
-                out[sample + 1][common.within(region)] = _survival(to_go[common.within(nodes)])
+            out[sample + 1][common.within(region)] = _survival(to_go[common.within(nodes)])
             values.append(to_go + cost * (share * exact))
-        following, blocks = values, grid.blocks[sample]
-    all_nodes = Block(region.low, np.ones(np.subtract(region.shape, 1), bool))
-    out[0] = _survival(minimum_within_reach(following, blocks, all_nodes, grid.reach))
+        following, blocks = values, grid.nodes[sample]
+    out[0] = _survival(extremum_within_reach(following, blocks, region, grid.reach))
     return out
 
 
@@ -215,11 +192,10 @@ def _rounding(task: Relaxation, spacing: float) -> float:
     return float(UNIT * (operations + 64 * far / spacing))
 
 
-def _rates(grid: Grid, region: Rectangle, certified: bool) -> FloatArray:
+def _rates(grid: Grid, region: NodeBlock, certified: bool) -> FloatArray:
     """Rates of a single agent at the nodes of the region and at those around it."""
     task, h = grid.task, grid.spacing
-    shape = region.shape[0] + 2, region.shape[1] + 2
-    east, north = grid.axes((region.low[0] - 1, region.low[1] - 1), shape)
+    east, north = grid.axes(region.grown(1))
     nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)
     if not certified:
         return task.rates(nodes)

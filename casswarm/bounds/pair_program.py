@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..grid.node_blocks import NodeBlock, extremum_within_reach
 from ..grid.nodes import Relaxation
 from ..typing import BoolArray, FloatArray
-from .pair_nodes import PairLattice, Rectangle, pair_lattice
-from .pair_tube import PairBlock, Tube, largest_within_reach, viable_boxes
+from .pair_nodes import PairLattice, pair_lattice
+from .pair_tube import Tube, members, viable_boxes
 
 if TYPE_CHECKING:
     from .pair_kernels import MemberNodes, PairNodes
@@ -61,17 +62,15 @@ class PairProgram:
         return self.task.step / self.reach
 
     @cached_property
-    def blocks(self) -> list[list[PairBlock]]:
+    def blocks(self) -> list[list[NodeBlock]]:
         """Blocks of steps 0 to N."""
         return self.tube.blocks(self.spacing)
 
     @cached_property
-    def region(self) -> Rectangle:
+    def region(self) -> NodeBlock:
         """All nodes that either member visits."""
-        rectangles = [r for blocks in self.blocks for block in blocks for r in block]
-        low = np.min([r.low for r in rectangles], axis=0).tolist()
-        high = np.max([r.high for r in rectangles], axis=0).tolist()
-        return Rectangle((low[0], low[1]), (high[0], high[1]))
+        blocks = [block for blocks in self.blocks for block in blocks]
+        return NodeBlock.hull(nodes for block in blocks for nodes in members(block))
 
     @cached_property
     def size(self) -> int:
@@ -108,7 +107,7 @@ class PairProgram:
                 step_back(*self._nodes(step + 1, block), array)
             kept.append(values)
             values = [
-                np.maximum(largest_within_reach(values, following, block, self.reach), _LEAST)
+                np.maximum(self._largest(values, following, block), _LEAST)
                 for block in self.blocks[step]
             ]
             for array, block in zip(values, self.blocks[step], strict=True):
@@ -137,7 +136,7 @@ class PairProgram:
             for block, values, box in zip(
                 following, kept[step], self.tube.boxes[step + 1], strict=True
             ):
-                array = largest_within_reach(last, self.blocks[step], block, self.reach)
+                array = self._largest(last, self.blocks[step], block)
                 discard(array.ravel(), values.ravel())
                 for viable in viable_boxes(array, block, self.spacing):
                     viable[0], viable[1] = (
@@ -150,56 +149,57 @@ class PairProgram:
             boxes.append(np.array(found).reshape(-1, 2, 4))
         return Tube(tuple(boxes), self.tube.retreat, leaving)
 
+    def _largest(self, values: Arrays, blocks: list[NodeBlock], to: NodeBlock) -> FloatArray:
+        """Largest value within reach of any block's nodes; -infinity where there is none."""
+        return extremum_within_reach(values, blocks, to, self.reach, largest=True)
+
     def _nodes(
-        self, step: int, block: PairBlock
+        self, step: int, block: NodeBlock
     ) -> tuple[MemberNodes, MemberNodes, PairNodes, tuple[int, int]]:
         """Arguments of kernels for a block."""
         lattice = self.lattice
-        first, second = (lattice.member(step, nodes) for nodes in block)
-        return first, second, lattice.pair, lattice.offset(*block)
+        first, second = (lattice.member(step, nodes) for nodes in members(block))
+        return first, second, lattice.pair, lattice.offset(*members(block))
 
-    def _leavers(self, step: int, nodes: Rectangle) -> BoolArray:
+    def _leavers(self, step: int, nodes: NodeBlock) -> BoolArray:
         """Nodes (n, m) from which a member may leave the tube's rectangle."""
         low = np.ceil(self.tube.retreat[step + 1, 0] / self.spacing) + self.reach
         high = np.floor(self.tube.retreat[step + 1, 1] / self.spacing) - self.reach
-        x, y = (np.arange(a, b + 1) for a, b in zip(nodes.low, nodes.high, strict=True))
+        x, y = (np.arange(a, b + 1) for a, b in zip(nodes.first, nodes.last, strict=True))
         leavers = ((x <= low[0]) | (x >= high[0]))[:, None] | (y <= low[1]) | (y >= high[1])
         return np.asarray(leavers)
 
-    def _guarded(self, step: int, nodes: Rectangle) -> FloatArray:
+    def _guarded(self, step: int, nodes: NodeBlock) -> FloatArray:
         return np.asarray(self.lattice.guarded[step][nodes.within(self.lattice.region)])
 
-    def _let_leave(self, step: int, block: PairBlock, values: FloatArray) -> None:
+    def _let_leave(self, step: int, block: NodeBlock, values: FloatArray) -> None:
         """Raise values where a member leaves to what the other one can then have at most."""
+        first, second = members(block)
         if self.tube.leaving[step, 0]:
-            leavers = self._leavers(step, block.first)
-            np.maximum(
-                values,
-                self._guarded(step, block.second),
-                out=values,
-                where=leavers[..., None, None],
-            )
+            leavers = self._leavers(step, first)[..., None, None]
+            np.maximum(values, self._guarded(step, second), out=values, where=leavers)
         if self.tube.leaving[step, 1]:
-            leavers = self._leavers(step, block.second)
-            guarded = self._guarded(step, block.first)[..., None, None]
+            leavers = self._leavers(step, second)
+            guarded = self._guarded(step, first)[..., None, None]
             np.maximum(values, guarded, out=values, where=leavers)
 
-    def _may_leave(self, step: int, block: PairBlock, needed: FloatArray) -> BoolArray:
+    def _may_leave(self, step: int, block: NodeBlock, needed: FloatArray) -> BoolArray:
         """Members (2,) for which it can pay to leave from some node of a block."""
         result = self.tube.leaving[step].copy()
+        first, second = members(block)
         if result[0]:
-            leavers = self._leavers(step, block.first)
-            result[0] = (-needed[leavers] <= self._guarded(step, block.second)).any()
+            leavers = self._leavers(step, first)
+            result[0] = (-needed[leavers] <= self._guarded(step, second)).any()
         if result[1]:
-            leavers = self._leavers(step, block.second)
-            guarded = self._guarded(step, block.first)[..., None]
+            leavers = self._leavers(step, second)
+            guarded = self._guarded(step, first)[..., None]
             result[1] = (-needed[:, :, leavers] <= guarded).any()
         return np.asarray(result)
 
-    def _at_starts(self, values: FloatArray, block: PairBlock) -> float:
+    def _at_starts(self, values: FloatArray, block: NodeBlock) -> float:
         """Geometric interpolation of the values of step 0 at the starts; the first is a node."""
-        i, j = -block.low[:2]
-        at = (self.starts[1] - self.task.start) / self.spacing - block.low[2:]
+        i, j = -block.first[0], -block.first[1]
+        at = (self.starts[1] - self.task.start) / self.spacing - block.first[2:]
         total = 0.0
         for k in (0, 1):
             for m in (0, 1):

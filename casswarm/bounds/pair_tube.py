@@ -6,54 +6,31 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 
 from .._util.numbers import SPEED_TOL
+from ..grid.node_blocks import NodeBlock
 from ..grid.nodes import Relaxation
 from ..typing import BoolArray, FloatArray, IntArray
-from .pair_nodes import Rectangle
 
-_TILE = 64  # columns at once in a running maximum
 _SPLIT = 0.75  # a block is split if both parts have at most this fraction of its nodes
 _MIN_NODES = 20_000  # of a block that is split
 _PAIRS = tuple(combinations(range(4), 2))
 
 
-class PairBlock(NamedTuple):
-    """Nodes of two members: every node of the first with every node of the second."""
+def nodes_of_box(box: FloatArray, spacing: float) -> NodeBlock:
+    """Nodes, along four axes, of the cells that meet the box (2, 4) of both members' coordinates.
 
-    first: Rectangle
-    second: Rectangle
+    Every node of the first member is in it with every node of the second: see `members`.
+    """
+    low = np.floor(box[0] / spacing)
+    return NodeBlock.between(low, np.maximum(np.ceil(box[1] / spacing), low + 1))
 
-    @classmethod
-    def of_box(cls, box: FloatArray, spacing: float) -> PairBlock:
-        """Nodes of the cells that meet the box (2, 4) of lower and upper coordinates."""
-        low = np.floor(box[0] / spacing).astype(int)
-        high = np.maximum(np.ceil(box[1] / spacing).astype(int), low + 1)
-        (a, b, c, d), (e, f, g, h) = low.tolist(), high.tolist()
-        return cls(Rectangle((a, b), (e, f)), Rectangle((c, d), (g, h)))
 
-    @property
-    def low(self) -> IntArray:
-        """First node along the four axes."""
-        return np.array([*self.first.low, *self.second.low])
-
-    @property
-    def shape(self) -> tuple[int, int, int, int]:
-        """Number of nodes along the four axes."""
-        return *self.first.shape, *self.second.shape
-
-    @property
-    def size(self) -> int:
-        """Number of nodes."""
-        return math.prod(self.shape)
-
-    def apart(self, other: PairBlock, reach: int) -> bool:
-        """Whether no node of the other block is within reach of one of this."""
-        ends = self.low + self.shape, other.low + other.shape
-        return bool(((self.low - reach >= ends[1]) | (other.low - reach >= ends[0])).any())
+def members(block: NodeBlock) -> tuple[NodeBlock, NodeBlock]:
+    """The nodes of either member in a block of both."""
+    return block.along(slice(2)), block.along(slice(2, 4))
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +82,9 @@ class Tube:
         empty = np.zeros((0, 2, 4))
         return replace(self, boxes=(self.boxes[0], *(empty for _ in self.boxes[1:])))
 
-    def blocks(self, spacing: float) -> list[list[PairBlock]]:
+    def blocks(self, spacing: float) -> list[list[NodeBlock]]:
         """Nodes of the boxes, for every step."""
-        return [[PairBlock.of_box(box, spacing) for box in boxes] for boxes in self.boxes]
+        return [[nodes_of_box(box, spacing) for box in boxes] for boxes in self.boxes]
 
     def nodes(self, spacing: float) -> int:
         """Number of nodes of all blocks."""
@@ -150,41 +127,10 @@ def _moves(
     return low, high
 
 
-def box_maximum(values: FloatArray, at: PairBlock, to: PairBlock, reach: int) -> FloatArray:
-    """Largest value within reach along all four axes, at the nodes of another block."""
-    from .pair_kernels import window_maximum
-
-    firsts = to.low - at.low
-    for axis in (3, 2, 1, 0):
-        shape = list(values.shape)
-        outer, inner = math.prod(shape[:axis]), math.prod(shape[axis + 1 :])
-        source = values.reshape(outer, shape[axis], inner)
-        scratch = np.empty((2, shape[axis], _TILE))
-        shape[axis] = to.shape[axis]
-        values = np.empty(shape)
-        target = values.reshape(outer, shape[axis], inner)
-        if inner == 1:  # many rows at once instead
-            source, target = source.T, target.T
-        window_maximum(source, target, int(firsts[axis]), reach, scratch)
-    return values
-
-
-def largest_within_reach(
-    sources: list[FloatArray], blocks: list[PairBlock], to: PairBlock, reach: int
-) -> FloatArray:
-    """Largest value within reach of any block's nodes; -infinity where there is none."""
-    best: FloatArray | None = None
-    for values, block in zip(sources, blocks, strict=True):
-        if not block.apart(to, reach):
-            found = box_maximum(values, block, to, reach)
-            best = found if best is None else np.maximum(best, found, out=best)
-    return np.full(to.shape, -np.inf) if best is None else best
-
-
-def viable_boxes(needed: FloatArray, block: PairBlock, spacing: float) -> Iterator[FloatArray]:
+def viable_boxes(needed: FloatArray, block: NodeBlock, spacing: float) -> Iterator[FloatArray]:
     """Boxes (2, 4) of all cells around the nodes of a block that are not -infinity."""
     for low, high in _split(needed, np.zeros(4, int)):
-        yield np.asarray(spacing * (np.stack([low - 1, high + 1]) + block.low), float)
+        yield np.asarray(spacing * (np.stack([low - 1, high + 1]) + block.first), float)
 
 
 def _split(needed: FloatArray, origin: IntArray) -> Iterator[tuple[IntArray, IntArray]]:

@@ -19,8 +19,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ..grid.dynamic_programming import StageCosts, box_minimum, rounding
-from ..grid.nodes import UNIT, Block, Grid, Relaxation, bilinear
+from ..grid.dynamic_programming import StageCosts, rounding
+from ..grid.node_blocks import NodeBlock, box_extremum
+from ..grid.nodes import UNIT, CellBlock, Grid, Relaxation, bilinear
 from ..hazard.rate_bounds import LeastRate
 from ..typing import FloatArray
 from .level_game_kernels import limit_slope
@@ -64,7 +65,7 @@ class Potential:
     task: Relaxation
     starts: FloatArray = field(repr=False)
     reach: int
-    low: tuple[int, int]
+    low: tuple[int, ...]
     values: tuple[FloatArray, ...] = field(repr=False)
     slope: float
     largest: float
@@ -122,8 +123,8 @@ class PotentialFamily:
             self.reach *= 2
 
     @cached_property
-    def _block(self) -> Block:
-        return Block.full(*self._rectangle(self.reach))
+    def _block(self) -> CellBlock:
+        return CellBlock.full(self._rectangle(self.reach))
 
     @cached_property
     def _stage_costs(self) -> StageCosts:
@@ -150,11 +151,10 @@ class PotentialFamily:
         return self._count(self.reach)
 
     def _count(self, reach: int) -> int:
-        low, high = self._rectangle(reach)
-        return int(np.prod(high - low + 1.0)) * self.task.steps
+        return self._rectangle(reach).size * self.task.steps
 
-    def _rectangle(self, reach: int) -> tuple[np.ndarray, np.ndarray]:
-        """First and last nodes (2,) of the positions on paths from the starts to the target."""
+    def _rectangle(self, reach: int) -> NodeBlock:
+        """Nodes of the positions on paths from the starts to the target, and of a margin."""
         task = self.task
         spacing = task.step / reach
         near = self.starts[task.reachable(self.starts, task.steps)]
@@ -172,12 +172,13 @@ class PotentialFamily:
         first = np.minimum(first, np.floor(offsets.min(axis=0)))
         last = np.maximum(last, np.ceil(offsets.max(axis=0)))
         margin = 2 * reach  # that leaving and coming back does not pay where a slope limits levels
-        return (first - margin).astype(int), (last + margin).astype(int)
+        return NodeBlock.between(first - margin, last + margin)
 
     def potential(self, slope: float = math.inf, largest: float = math.inf) -> Potential:
         """The largest potential on the nodes with this slope and largest drop."""
         edge = slope / _CHAMFER * (self.task.step / self.reach)
-        highest = np.minimum(self._stage_costs.terminal(self._block), _HIGHEST)
+        nodes = self._block.nodes
+        highest = np.minimum(self._stage_costs.terminal(nodes), _HIGHEST)
         costs = np.minimum(self._costs, largest)
         values: list[FloatArray] = []
         following: FloatArray | None = None
@@ -185,12 +186,12 @@ class PotentialFamily:
             level = highest.copy()
             if following is not None:
                 after = following + costs
-                np.minimum(level, box_minimum(after, (0, 0), after.shape, self.reach), out=level)
+                np.minimum(level, box_extremum(after, nodes, nodes, self.reach), out=level)
             if math.isfinite(slope):
                 limit_slope(level, edge, math.sqrt(2) * edge)
             values.append(level)
             following = level
         return Potential(
-            *(self.task, self.starts, self.reach, self._block.low, tuple(values[::-1])),
+            *(self.task, self.starts, self.reach, nodes.first, tuple(values[::-1])),
             *(slope, largest, self._slack),
         )

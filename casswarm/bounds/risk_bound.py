@@ -15,11 +15,11 @@ from ..grid.dynamic_programming import (
     costs_to_come,
     costs_to_go,
     least_cost,
-    minimum_within_reach,
     rounding,
     single_node,
 )
-from ..grid.nodes import Block, Grid, Relaxation, corners
+from ..grid.node_blocks import NodeBlock, extremum_within_reach
+from ..grid.nodes import Grid, Relaxation, corners
 from ..typing import FloatArray
 from .acceleration_limits import AccelerationBound
 
@@ -197,21 +197,21 @@ def _strided_totals(stage_costs: StageCosts, to_go: Values) -> Iterator[list[Flo
     """
     grid = stage_costs.grid
     start = single_node((0, 0))
-    last: tuple[Block, ...] = (start,)
+    last: tuple[NodeBlock, ...] = (start,)
     ended = [stage_costs.terminal(start)]
     for sample, come in enumerate(costs_to_come(stage_costs)):
-        blocks = grid.blocks[sample]
+        blocks = grid.nodes[sample]
         through = [a + b for a, b in zip(come, to_go[sample], strict=True)]
         yield [
             np.minimum(
-                minimum_within_reach(through, blocks, block, grid.reach),
-                minimum_within_reach(ended, last, block, 2 * grid.reach),
+                extremum_within_reach(through, blocks, nodes, grid.reach),
+                extremum_within_reach(ended, last, nodes, 2 * grid.reach),
             )
-            for block in blocks
+            for nodes in blocks
         ]
         ended = [
-            before + cost + stage_costs.terminal(block)
-            for before, cost, block in zip(come, stage_costs.nodes[sample], blocks, strict=True)
+            before + cost + stage_costs.terminal(nodes)
+            for before, cost, nodes in zip(come, stage_costs.nodes[sample], blocks, strict=True)
         ]
         last = blocks
 

@@ -26,11 +26,11 @@ from ..grid.dynamic_programming import (
     StageCosts,
     costs_to_go,
     least_cost,
-    minimum_within_reach,
     rounding,
     trace,
 )
-from ..grid.nodes import Block, Grid, Relaxation, bilinear, node_count
+from ..grid.node_blocks import NodeBlock, extremum_within_reach
+from ..grid.nodes import Grid, Relaxation, bilinear, node_count
 from ..scenario.files import require_scenario
 from ..typing import FloatArray
 from .level_game import Effort, game_bound
@@ -236,10 +236,10 @@ def _lowest_risks(task: Relaxation, starts: FloatArray, max_nodes: int) -> Float
     nodes = (starts - task.start) / grid.spacing
     cells = np.floor(nodes).astype(int)
     low = cells.min(axis=0)
-    block = Block.full(low, cells.max(axis=0) + 1)
-    initial = minimum_within_reach(to_go[0], grid.blocks[0], block, grid.reach)
+    corners = NodeBlock.between(low, cells.max(axis=0) + 1)
+    initial = extremum_within_reach(to_go[0], grid.nodes[0], corners, grid.reach)
     if grid.stride > 1:  # paths that arrive before their first sample
-        initial = np.minimum(initial, stage_costs.terminal(block))
+        initial = np.minimum(initial, stage_costs.terminal(corners))
     risks = bilinear(initial, cells - low, nodes - cells)
     largest = float(initial[np.isfinite(initial)].max(initial=0.0))
     slack = rounding(stage_costs, largest, interpolated=True)

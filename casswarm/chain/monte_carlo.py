@@ -1,4 +1,4 @@
-"""Monte Carlo simulation of the controlled Markov chain: all runs of a policy advance together.
+"""Monte Carlo simulation of the controlled Markov chain: streams, trajectories, outcomes.
 
 A step is a `transition` and a draw of the survivors. A run ends at the first arrival of a living
 member, at the last destruction, or at the horizon. Policies are deterministic, so runs in equal

@@ -1,17 +1,15 @@
-"""The deterministic part of a step of the chain, shared by sampling and enumeration.
+"""The deterministic part of a step of the chain, on a lattice where states may be rounded.
 
 The paper's section II.C: observe positions and living members, decide, move; then member i survives
 with probability exp(-dt lambda_i(X(t+1), alive(t))).
 
-Motion on a lattice: nearly equal states become equal to the last bit.
-
-A policy decides only to the accuracy of its solver, so states that are equal in exact arithmetic
-differ in their last digits, and so do all of their successors. On a lattice a member's command is
-rounded so that the member moves to a lattice point: the nearest one or, where that exceeds v_max or
-a_max, the nearest of the nine around it that does not. Where none of them is allowed, which takes a
-set thinner than the lattice, the command is executed as it is. This is a policy of its own, whose
-commands differ from the given policy's by at most 3/2 spacing / dt in each component, and in which
-states coincide exactly.
+**Lattice.** A policy decides only to the accuracy of its solver, so states that are equal in exact
+arithmetic differ in their last digits, and so do all of their successors. On a lattice a member's
+command is rounded so that the member moves to a lattice point: the nearest one or, where that
+exceeds v_max or a_max, the nearest of the nine around it that does not. Where none of them is
+allowed, which takes a set thinner than the lattice, the command is executed as it is. This is a
+policy of its own, whose commands differ from the given policy's by at most 3/2 spacing / dt in each
+component, and in which states coincide exactly.
 
 The lattice moves with the guide. So a member on the guide stays exactly on it, members that gather
 around it coincide, and which of them leads is not decided by rounding.

@@ -1,4 +1,4 @@
-"""Ranks of solvers with error bars."""
+"""Charts of a comparison: profiles, convergence, and ranks with error bars."""
 
 from __future__ import annotations
 

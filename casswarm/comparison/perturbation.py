@@ -11,8 +11,8 @@ With scales s, r, w > 0 and orders, a copy minimises w f(x) over y = x / s, subj
 r times its bounds. An answer is mapped back, x = s y with multipliers lam_g = r lam'_g / w and
 lam_x = lam_y / (w s), and verified on the original problem.
 
-A problem in a form that special solvers exploit (`Instances.feasible_set`, `Nlp.compiled`,
-`Nlp.hessian`, `Nlp.numeric`) keeps it: its copies differ in the initial guess alone.
+A problem in a form that special solvers exploit (`Instances.feasible_set`,
+`Nlp.attachments`) keeps it: its copies differ in the initial guess alone.
 """
 
 from __future__ import annotations
@@ -90,7 +90,6 @@ class Reformulation:
             objective=self.f_scale * objective,
             constraints={"g": rows} if len(self.constraints) else {},
             unroll=nlp.unroll,
-            n_starts=nlp.n_starts,
         )
 
     def instances(self, original: Instances) -> Instances:
@@ -164,18 +163,17 @@ def problem_copies(problems: Sequence[Problem], copies: int, seed: int) -> Itera
 def _perturbed(problem: Problem, number: int, rng: np.random.Generator) -> ProblemCopy:
     nlp = problem.nlp
     starts = {name: _other_start(start, rng) for name, start in problem.starts.items()}
-    if _is_structured(problem):
+    if is_structured(problem):
         return ProblemCopy(problem, number, nlp, starts)
     change = Reformulation.random(nlp, rng)
     changed = {name: change.instances(start) for name, start in starts.items()}
     return ProblemCopy(problem, number, change.program(nlp), changed, change)
 
 
-def _is_structured(problem: Problem) -> bool:
+def is_structured(problem: Problem) -> bool:
     """Whether a special solver exploits the problem's form."""
-    nlp, starts = problem.nlp, problem.starts.values()
-    forms = [nlp.compiled, nlp.hessian, nlp.numeric, *(start.feasible_set for start in starts)]
-    return any(form is not None for form in forms)
+    sets = (start.feasible_set for start in problem.starts.values())
+    return bool(problem.nlp.attachments) or any(each is not None for each in sets)
 
 
 def _other_start(original: Instances, rng: np.random.Generator) -> Instances:

@@ -1,4 +1,4 @@
-"""Problems of .nl files, and of folders of them."""
+"""Problems that solvers are compared on, made from those of other tools and of .nl files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Performance profiles, data profiles and means of benchmark results.
+"""Profiles and means of benchmark results, with error bars by resampling problems.
 
 All functions take costs as a table with a row per problem, or copy of it, and a column per solver,
 in which failures are infinite. A profile is a table with a row per point at which some curve rises
@@ -11,13 +11,11 @@ and a column per solver: the fraction of problems at or below that point.
 - N. Gould, J. Scott, A note on performance profiles for benchmarking software,
   ACM Trans. Math. Software 43 (2016) 15.
 
-Error bars of a comparison by resampling its problems, as functions of arrays.
-
-The problems are a sample of those that one could pose, so a comparison on other problems of the
-same kind would differ. The bootstrap estimates by how much: it draws problems with replacement and
-repeats the calculation. All runs of a problem (its perturbed copies) are drawn together, since they
-are not independent: a cluster bootstrap. Where the numbers of problems of several kinds are fixed,
-they are drawn from each: strata.
+**Error bars.** The problems are a sample of those that one could pose, so a comparison on other
+problems of the same kind would differ. The bootstrap estimates by how much: it draws problems with
+replacement and repeats the calculation. All runs of a problem (its perturbed copies) are drawn
+together, since they are not independent: a cluster bootstrap. Where the numbers of problems of
+several kinds are fixed, they are drawn from each: strata.
 
 - B. Efron, R. J. Tibshirani, An Introduction to the Bootstrap, Chapman and Hall, 1993.
 - C. A. Field, A. H. Welsh, Bootstrapping clustered data, J. R. Stat. Soc. B 69 (2007) 369-390.

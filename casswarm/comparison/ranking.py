@@ -6,13 +6,12 @@ limit. The problems are resampled, with all copies of a problem together (see
 which the solver has it. It says how sure the order of the solvers is for problems of this kind; it
 knows nothing of other problems, machines or options.
 
-Problems of other families than those of `casswarm.studies.posed_problems` are independent, and all
-of one kind.
+Problems are independent, and all of one kind, unless their family says more: see
+`casswarm.comparison.families.Family`.
 """
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
@@ -21,35 +20,31 @@ import numpy as np
 import pandas as pd
 
 from ..typing import FloatArray
+from .families import FAMILIES
 from .profiles import LEVEL, cluster_means, rank_probabilities, ranks, resampled_means
 from .verification import SHIFT, costs
 
-_GUIDE = re.compile(r"guide-\d+-(\d+)")
-_STATE = re.compile(r"(.+-\d+-.+)-\d+")
-
 
 def sampling_units(family: str, problems: Iterable[str]) -> list[str]:
-    """What is drawn when a problem is, for each problem: itself, or all guides of its radars.
-
-    Guides are named guide-HORIZON-NUMBER. Those of a number have the same radars at every horizon,
-    so they are not independent.
-    """
-    names = list(problems)
-    if family != "guides":
-        return names
-    return [match[1] if (match := _GUIDE.fullmatch(name)) else name for name in names]
+    """What is drawn when a problem is, for each problem: itself, or its `Family.unit`."""
+    record = FAMILIES.get(family)
+    if record is None or record.unit is None:
+        return list(problems)
+    return list(map(record.unit, problems))
 
 
 def strata(family: str, units: Sequence[str]) -> list[str]:
-    """Kind of each unit, of which there are fixed numbers in a sample.
+    """Kind of each unit, of which there are fixed numbers in a sample: see `Family.kind`.
 
-    Formations are named POLICY-MEMBERS-RATE-NUMBER, with as many numbers of every kind. If there is
-    a single one of some kind, all are taken as of one kind, which overestimates the variance.
+    If there is a single one of some kind, all are taken as of one kind, which overestimates the
+    variance.
     """
-    kinds = [""] * len(units)
-    if family == "formations":
-        kinds = [match[1] if (match := _STATE.fullmatch(name)) else "" for name in units]
-    return kinds if min(Counter(kinds).values()) > 1 else [""] * len(units)
+    record = FAMILIES.get(family)
+    one_kind = [""] * len(units)
+    if record is None or record.kind is None:
+        return one_kind
+    kinds = list(map(record.kind, units))
+    return kinds if min(Counter(kinds).values()) > 1 else one_kind
 
 
 FEWEST = 8

@@ -13,8 +13,8 @@ from markupsafe import Markup
 
 from .._util.documents import data_uri, figure_uri, render
 from ..solvers import SOLVERS
-from ..studies.posed_problems import DESCRIPTIONS
 from .convergence import typical_problem
+from .families import FAMILIES
 from .profiles import RESAMPLES
 from .ranking import FEWEST, sensitivity
 from .report_figures import Drawing, figures, groups, tag
@@ -86,7 +86,7 @@ def make_report(comparison: Comparison) -> Report:
         "time_ratios": (ratios.median(), ratios.quantile(0.9)) if len(ratios) else None,
         "overview": _overview(comparison),
         "families": _families(comparison.problems),
-        "random": bool(comparison.problems["family"].isin(list(DESCRIPTIONS)).any()),
+        "notes": _notes(comparison.problems),
         "solvers": pd.DataFrame(
             [
                 {
@@ -151,13 +151,20 @@ def _families(problems: pd.DataFrame) -> pd.DataFrame:
     )
 
 
+def _notes(problems: pd.DataFrame) -> list[str]:
+    """Paragraphs on how the problems of registered families are made, each once."""
+    records = map(FAMILIES.get, problems["family"].unique())
+    return list(dict.fromkeys(each.note for each in records if each is not None and each.note))
+
+
 def _description(family: str, part: pd.DataFrame) -> str:
     """What the problems of a family are, and the values of their traits."""
     traits = part.drop(columns=["family", "problem", "variables", "constraints"])
     traits = traits.dropna(axis=1, how="all")
     values = [f"{_spaced(str(name))}: {_values(column)}" for name, column in traits.items()]
-    known = [DESCRIPTIONS[family]] if family in DESCRIPTIONS else []
-    return "; ".join([*known, *values]) or "user-defined"
+    record = FAMILIES.get(family)
+    known = [] if record is None else [record.description]
+    return "; ".join([*filter(None, known), *values]) or "user-defined"
 
 
 def _values(column: pd.Series) -> str:

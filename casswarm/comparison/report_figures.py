@@ -15,7 +15,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from .._util.text import counted
-from ..figures import band_chart, gap_chart, profile_chart, ranking_chart, win_chart
+from .charts import band_chart, gap_chart, profile_chart, ranking_chart, win_chart
 from .convergence import typical_problem
 from .profiles import (
     data_profile,

@@ -1,4 +1,4 @@
-"""Comparison of solvers: every solver on every problem from every start."""
+"""Comparison of solvers: every solver on every problem from every start, each in a process."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 import os
 import platform
 import statistics
+import sys
 import timeit
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
@@ -16,6 +17,7 @@ from numbers import Integral
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pandas as pd
 
@@ -24,16 +26,14 @@ from .._util.numbers import require_seed
 from .._util.progress import reporter
 from .._util.user_code import code_hash
 from ..errors import ComparisonError, SolverError
-from ..formation.task import Formation, corridor_formation
-from ..hazard import Saturation
-from ..motion.step import Motion, Step
 from ..nlp.program import Instances, Nlp
 from ..nlp.residuals import relative_error
 from ..solvers import SOLVERS, Answer, Isolated, Solver, make_solver
-from ..studies.posed_problems import make_problems
+from ..solvers import __name__ as solver_room
 from ..typing import Progress
 from .convergence import iterate_columns, iterate_table, longest
-from .perturbation import ProblemCopy, problem_copies
+from .families import FAMILIES, make_problems
+from .perturbation import ProblemCopy, is_structured, problem_copies
 from .problem import Problem
 from .result import Comparison
 from .verification import NOT_APPLICABLE, Tolerances, verify
@@ -63,23 +63,27 @@ def _processor() -> str:
     return next(names, "") or platform.processor() or platform.machine()
 
 
-def warm_up(solver: Isolated) -> None:
-    """Let each process of a solver solve a small formation problem first, untimed, if it can."""
-    formation = _two_members()
-    solver.warm_up(formation.nlp, formation.instances)
+def warm_up(problems: Sequence[Problem]) -> tuple[Nlp, Instances]:
+    """What each process of a solver solves first, untimed, if it can: a small problem.
+
+    Where problems have a form that special solvers exploit, it is the first of a registered family,
+    so that these solvers take it too; without any, no family is imported.
+    """
+    if any(map(is_structured, problems)):
+        makers = (family.warm_up for family in FAMILIES.values() if family.warm_up is not None)
+        for make in makers:
+            return make()
+    return _two_variables()
 
 
-def _two_members() -> Formation:
-    """Two members in a corridor, which all kinds of solvers take: a product of planar sets."""
-    step = Step(
-        hazard=Saturation(((1.0, 1.0),)),
-        motion=Motion(v_max=1.0, a_max=1.0, dt=1.0),
-        positions=np.array([[[0.0, 0.0], [0.1, 0.0]]]),
-        previous_velocities=np.zeros((1, 2, 2)),
-        alive=np.ones((1, 2), bool),
-        goals=np.array([[0.2, 0.1]]),
-    )
-    return corridor_formation(step, 0.1)
+def _two_variables() -> tuple[Nlp, Instances]:
+    """A convex program in a box and a disc."""
+    x = ca.SX.sym("x", 2)
+    objective = ca.exp(x[0] - x[1]) + ca.sumsqr(x - 1)
+    nlp = Nlp.from_expressions("small", x, ca.SX.sym("p", 0), objective, ca.sumsqr(x))
+    bound, limit = np.full((1, 2), 2.0), np.ones((1, 1))
+    start, none = np.full((1, 2), 0.1), np.empty((1, 0))
+    return nlp, Instances(start, none, -bound, bound, -np.inf * limit, limit)
 
 
 MAX_SOLVES = 5
@@ -216,7 +220,7 @@ def compare(
     ----------
     problems : str, Problem, or sequence of these
         Names of `casswarm.comparison.FAMILIES`, or problems of your own: see `Problem`,
-        `formation_problems`, `guide_problems` and `read_problems`.
+        `read_problems`, and those of a scenario, `formation_problems` and `guide_problems`.
     solvers : str, Solver, sequence of these, or mapping of label to these, optional
         By default all of `casswarm.solvers.SOLVERS` that can run here. A mapping
         compares the same solver with different options.
@@ -333,8 +337,9 @@ def _benchmarks(
     ]
     rows: list[dict[str, Any]] = []
     build_seconds: dict[tuple[str, int], float] = {}  # a solver builds a program once
+    first = warm_up([copy.problem for copy in copies])
     for solver in solvers.values():
-        warm_up(solver)
+        solver.warm_up(*first)
     for copy, start, label in runs:
         if progress is not None:
             progress("comparing", len(rows), len(runs))
@@ -363,8 +368,16 @@ def _code(solvers: Mapping[str, Solver]) -> dict[str, str]:
 
 
 def _unavailable() -> dict[str, str]:
-    """Known solvers that cannot run in this installation, and why."""
-    reasons = {name: solver.unavailable() for name, solver in SOLVERS.items()}
+    """Known solvers that cannot run in this installation, and why.
+
+    Those of other rooms only where they are loaded: nothing is imported to find out.
+    """
+    known = (
+        name
+        for name, target in SOLVERS.targets.items()
+        if target.startswith(f"{solver_room}.") or target.partition(":")[0] in sys.modules
+    )
+    reasons = {name: SOLVERS[name].unavailable() for name in known}
     return {name: reason for name, reason in reasons.items() if reason}
 
 

@@ -1,4 +1,4 @@
-"""Files of compiled code: Numba's cache with checksums, in folders that nobody else can write.
+"""Files of compiled code with checksums, in folders that nobody else can write.
 
 Numba unpickles what it finds, and runs it as machine code. Here a file counts only if it begins
 with the hash of its content, the sources and Numba's version. Any other file is removed, and its

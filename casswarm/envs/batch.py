@@ -62,7 +62,8 @@ def risk_table(scenario: Scenario) -> RiskTable:
         raise EnvError(
             f"shaping needs a hazard with lower bounds of its rates, which "
             f"{type(scenario.hazard).__name__} does not provide; Saturation and "
-            "SaturationCollision do: use shaping=False"
+            "SaturationCollision do: use shaping=False",
+            hazard=type(scenario.hazard).__name__,
         )
     potential = PotentialFamily(task, scenario.positions, MAX_NODES).potential()
     east, north = np.asarray(task.start) + potential.spacing * np.array(potential.low)
@@ -101,7 +102,11 @@ class Options:
 
     def __post_init__(self) -> None:
         if not 0 < self.discount <= 1:
-            raise EnvError(f"discount = {self.discount!r}; allowed: above 0 and at most 1")
+            raise EnvError(
+                f"discount = {self.discount!r}; allowed: above 0 and at most 1",
+                key="discount",
+                value=self.discount,
+            )
 
 
 class SwarmBatch:
@@ -127,7 +132,9 @@ class SwarmBatch:
 
     def __init__(self, options: Options, size: int) -> None:
         if not isinstance(size, int | np.integer) or size < 1:
-            raise EnvError(f"num_envs = {size!r}; allowed: whole numbers from 1")
+            raise EnvError(
+                f"num_envs = {size!r}; allowed: whole numbers from 1", key="num_envs", value=size
+            )
         given = options.scenario
         self.scenario = given if isinstance(given, Scenario) else load_scenario(given)
         self.size, self.discount = int(size), options.discount
@@ -255,7 +262,9 @@ class SwarmBatch:
         except (TypeError, ValueError):
             raise EnvError(
                 f"actions are an object of type {type(actions).__name__}; expected an array of "
-                f"velocities {shape}: (environments, members, 2)"
+                f"velocities {shape}: (environments, members, 2)",
+                value=type(actions).__name__,
+                expected=shape,
             ) from None
         if velocities.shape != shape:
             raise EnvError(

@@ -1,4 +1,4 @@
-"""One swarm as a `gymnasium.Env` with a single learner, which controls all members."""
+"""Environments for learning: many swarms as one vector environment, or a single swarm."""
 
 from __future__ import annotations
 
@@ -249,7 +249,10 @@ def _reset_mask(options: dict[str, Any] | None, size: int) -> BoolArray:
     if rows.shape != (size,) or rows.dtype != bool or not rows.any():
         raise EnvError(
             f"options['reset_mask'] has shape {rows.shape} and dtype {rows.dtype}; expected "
-            f"({size},) booleans, at least one of them True"
+            f"({size},) booleans, at least one of them True",
+            shape=rows.shape,
+            dtype=rows.dtype,
+            expected=(size,),
         )
     return rows
 

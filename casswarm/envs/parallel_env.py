@@ -136,13 +136,20 @@ class SwarmParallelEnv(ParallelEnv[str, NDArray[Any], NDArray[Any]]):
         if self.agents and set(actions) != set(self.agents):
             raise EnvError(
                 f"actions are of {sorted(actions)}; expected one of every living agent, "
-                f"{sorted(self.agents)}"
+                f"{sorted(self.agents)}",
+                value=sorted(actions),
+                expected=sorted(self.agents),
             )
         velocities = np.zeros((1, self.scenario.n, 2))
         for agent, action in actions.items():
             value = np.asarray(action)
             if value.shape != (2,):
-                raise EnvError(f"the action of {agent} has shape {value.shape}; expected (2,)")
+                raise EnvError(
+                    f"the action of {agent} has shape {value.shape}; expected (2,)",
+                    agent=agent,
+                    shape=value.shape,
+                    expected=(2,),
+                )
             velocities[0, self.possible_agents.index(agent)] = value
         return velocities
 

@@ -1,6 +1,4 @@
-"""Potentials of a batch of states from a table of risks to go.
-
-A step of many swarms at once: velocities made feasible, survivors drawn, runs ended.
+"""A step of many swarms at once: velocities, survivors, ends of runs, and potentials.
 
 The transition of `casswarm.chain.transition` and the draws of `casswarm.chain.monte_carlo`, for
 swarms that may be at different steps of different runs.

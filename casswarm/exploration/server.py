@@ -57,7 +57,9 @@ def page_server(session: Session) -> Iterator[str]:
         from websockets.sync.server import serve
     except ImportError as error:
         raise ExtraError(
-            "casswarm explore needs websockets: pip install 'casswarm[explore]'"
+            "casswarm explore needs websockets: pip install 'casswarm[explore]'",
+            package="websockets",
+            extra="explore",
         ) from error
     pages = _Pages(session)
     with serve(

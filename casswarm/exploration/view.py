@@ -1,4 +1,4 @@
-"""A view of a session: changes that it sends, and what it draws, as JSON.
+"""A view of a session: parameters, changes that it sends, and what it draws, as JSON.
 
 The widget and the local page have the same JavaScript (``static/view.js``). A message to it has
 the parts of what it draws that have changed.

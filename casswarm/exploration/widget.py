@@ -66,7 +66,11 @@ def _widget_class() -> type[Any]:
         import anywidget
         from traitlets import Int
     except ImportError as error:
-        raise ExtraError("csw.explore needs anywidget: pip install 'casswarm[explore]'") from error
+        raise ExtraError(
+            "csw.explore needs anywidget: pip install 'casswarm[explore]'",
+            package="anywidget",
+            extra="explore",
+        ) from error
 
     class ExploreWidget(anywidget.AnyWidget):  # type: ignore[misc, unused-ignore]
         """A scenario that is changed by hand: see `casswarm.explore`."""

@@ -36,7 +36,7 @@ from ..chain.monte_carlo import RunTrajectory
 from ..guide.guide import Guide
 from ..scenario import Scenario
 from ..typing import FloatArray, Progress
-from .base_map import draw_base_map, extent, pixels
+from .base_map import draw_base_map, pixels
 from .formations import (
     COLLISION,
     Closeup,
@@ -96,7 +96,7 @@ class RunFigure:
         contents = [trajectory.positions.reshape(-1, 2)]
         if guide is not None:
             contents.append(guide.positions)
-        low, high = extent(self.scenario, contents)
+        low, high = self.scenario.extent(contents)
         self.nodes = pixels(low, high, _PIXELS)
         ratios = (1.0, (high[1] - low[1]) / (high[0] - low[0]))
         fig, (self.map, close) = panels(2, 2, 0.62, width_ratios=ratios)

@@ -1,4 +1,4 @@
-"""Base map: hazard rates of an isolated agent as shades, with radars, target and corridor."""
+"""Base map: hazard rates as shades, with radars, target, corridor, and labels of points."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ GREYS = LinearSegmentedColormap.from_list("greys", colormaps["Greys"](np.linspac
 def base_map(scenario: Scenario, contents: Sequence[FloatArray]) -> tuple[Figure, Axes]:
     """Figure with a map of the hazard rates that holds all points (..., 2) of `contents`."""
     fig, axes = single_panel()
-    image = draw_base_map(axes, scenario, *extent(scenario, contents))
+    image = draw_base_map(axes, scenario, *scenario.extent(contents))
     add_colorbar(axes, image, "single-agent hazard rate, per unit time", extend="max")
     return fig, axes
 
@@ -111,15 +111,6 @@ def add_colorbar(axes: Axes, image: AxesImage, label: str, **options: Any) -> No
     assert fig is not None
     beside = axes.inset_axes((1.05, 0.0, 0.03, 1.0))
     fig.colorbar(image, cax=beside, label=wrap(label, 0.42), **options)
-
-
-def extent(scenario: Scenario, contents: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Corners of a map that holds all `contents`, the target and the radars."""
-    center = np.asarray(scenario.target.center)[None]
-    points = np.vstack([*contents, center, scenario.hazard.radar_positions])
-    low, high = points.min(axis=0), points.max(axis=0)
-    pad = 0.06 * float(np.max(high - low)) + scenario.target.radius
-    return low - pad, high + pad
 
 
 def set_extent(axes: Axes, low: FloatArray, high: FloatArray) -> None:

@@ -1,4 +1,4 @@
-"""Formation at several steps of a run: leaders, losses, and mutual protection."""
+"""Formations: close-ups of their members, and several steps of a run."""
 
 from __future__ import annotations
 

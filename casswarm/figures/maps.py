@@ -42,7 +42,6 @@ from .base_map import (
     add_start,
     base_map,
     draw_field,
-    extent,
     set_extent,
 )
 
@@ -221,7 +220,7 @@ def cost_to_go_map(
     Limits of acceleration are neglected, as by `ValueFunction.velocities`. A `CostToGoMap` has its
     own step.
     """
-    low, high = extent(scenario, [guide.positions, scenario.positions])
+    low, high = scenario.extent([guide.positions, scenario.positions])
     costs = (
         value
         if isinstance(value, CostToGoMap)

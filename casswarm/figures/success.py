@@ -1,4 +1,4 @@
-"""Success over parameters: over one or MPC horizons as lines, over two as heat maps."""
+"""Success over policies, time and parameters: bars, lines and heat maps."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..formation.horizon_method import InteriorPoint
+from ..formation.objective import CompiledObjective
 from ..formation.spectral import BatchRun, BatchSolver, SpectralProjectedGradient
 from ..nlp.program import Instances, Nlp
 from ..nlp.solution import BatchSolution
@@ -48,7 +49,8 @@ class Auto(Solver):
 
     def prepare(self, nlp: Nlp) -> None:
         """See `Solver.prepare`."""
-        (self.fallback if nlp.compiled is None else self.batch).prepare(nlp)
+        compiled = nlp.attached(CompiledObjective) is not None
+        (self.batch if compiled else self.fallback).prepare(nlp)
 
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         """See `Solver.run`."""

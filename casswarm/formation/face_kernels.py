@@ -1,10 +1,8 @@
-"""Newton steps on the active face of a product of planar sets, state by state.
+"""Faces of a product of planar sets, and Newton steps on the active one, state by state.
 
 On the face the Lagrangian is minimised by conjugate gradients, with Hessian products from
 differences of gradients; a circle of radius r with multiplier m adds the curvature m / r along it.
 In large swarms the Hessian's diagonal blocks precondition them.
-
-Faces of a product of planar sets: what a member's active boundaries leave it free to do.
 
 On a face every member is free (in the plane), on one boundary (free along it), or fixed in a
 corner. Sets are rows of `casswarm.motion.planar_kernels`; `unit` is that of x.

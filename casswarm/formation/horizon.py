@@ -14,9 +14,9 @@ from ..hazard import KernelHazard
 from ..motion.planar import PlanarSets
 from ..motion.step import Step
 from ..nlp.program import Instances
-from ..problems.formation import formation_nlp
 from ..typing import BoolArray, FloatArray
 from .nearest_trajectories import nearest_trajectories
+from .objective import formation_program
 from .task import Formation, formation_scale, leader_weights
 from .trajectory import Limits, TrajectorySets, distances, fraction_within
 
@@ -145,7 +145,7 @@ def _formation(step: Step, plan: _Plan) -> Formation:
     batch, n = step.alive.shape
     horizon, motion, free = step.horizon, step.motion, plan.free
     corridor = plan.radius > 0.0
-    nlp = formation_nlp(step.hazard, n, corridor, horizon)
+    nlp = formation_program(step.hazard, n, corridor, horizon)
     living = step.alive[..., None, None]
     interior, guess = (
         np.ascontiguousarray(np.where(living, path, 0.0).transpose(0, 2, 1, 3))

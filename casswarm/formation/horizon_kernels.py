@@ -1,17 +1,12 @@
-"""Batches of states for the interior-point method: starts, units, verification.
-
-The problem of a state, and the Newton equations of the interior-point method.
-
-A step's block of the objective's Hessian is taken from differences of gradients: the displacements
-of a step enter no other step's objective. See
-`casswarm.formation.horizon_kernels` for the method.
-
-A primal-dual interior-point method for trajectories within limits, one state at a time.
+"""An interior-point method for trajectories within limits, state by state and over batches.
 
 Minimise the sum over steps s of evaluate(u_s; p_s), where u_s (2n,) are the displacements of all n
-members, strictly within the limits of `casswarm.formation.trajectory_kernels`. The
-Newton step of the primal-dual equations, condensed to a banded matrix, is shortened until no slack
-shrinks too much and the barrier function decreases. ``docs/mpc.md``: its second-order correction.
+members, strictly within the limits of `casswarm.formation.trajectory_kernels`. The Newton step of
+the primal-dual equations, condensed to a banded matrix, is shortened until no slack shrinks too
+much and the barrier function decreases. ``docs/mpc.md``: its second-order correction.
+
+A step's block of the objective's Hessian is taken from differences of gradients: the displacements
+of a step enter no other step's objective.
 """
 
 from __future__ import annotations
@@ -24,13 +19,13 @@ import numpy as np
 from ..compiled.kernels import allocating_kernel, kernel
 from ..typing import BoolArray, FloatArray, IntArray
 from .face_kernels import copy, largest_component
-from .spectral import Results
 from .spectral_kernels import (
     CONVERGED,
     EXHAUSTED,
     NO_INTERIOR,
     NOT_FINITE,
     STALLED,
+    Results,
     Starts,
     count_hits,
     needs_start,

@@ -13,7 +13,9 @@ from ..errors import SolverError
 from ..nlp.program import Instances, Nlp
 from ..solvers.base import Allowed, Capabilities, PositiveFinite, PositiveInt
 from ..typing import FloatArray
-from .spectral import BatchRun, BatchSolver, Results
+from .objective import CompiledObjective, start_count
+from .spectral import BatchRun, BatchSolver
+from .spectral_kernels import Results
 from .trajectory import TrajectorySets
 
 if TYPE_CHECKING:
@@ -27,7 +29,7 @@ _PER_THREAD = 32  # instances that are worth a thread
 class InteriorPoint(BatchSolver):
     """Feasible primal-dual interior point with exact limits, state by state.
 
-    For problems over trajectories (`TrajectorySets`) with a compiled objective (`Nlp.compiled`).
+    For problems over trajectories (`TrajectorySets`) with a `CompiledObjective` attached.
 
     Parameters
     ----------
@@ -39,7 +41,7 @@ class InteriorPoint(BatchSolver):
         Limit for every start.
     n_starts : int, optional
         Starts of every instance, as for `SpectralProjectedGradient`. By default as many as the
-        problem says are worth it (`Nlp.n_starts`).
+        problem says are worth it (`StartCount`).
     """
 
     tolerance: PositiveFinite = 1e-8
@@ -55,7 +57,7 @@ class InteriorPoint(BatchSolver):
     def can_take(nlp: Nlp, instances: Instances) -> bool:
         """Whether the objective is compiled, and the feasible set one of trajectories."""
         sets = instances.feasible_set
-        if not isinstance(sets, TrajectorySets) or nlp.compiled is None:
+        if not isinstance(sets, TrajectorySets) or nlp.attached(CompiledObjective) is None:
             return False
         return bool((instances.scale[:, 0] == sets.limits.speed).all())  # the kernels' unit
 
@@ -68,7 +70,9 @@ class InteriorPoint(BatchSolver):
         if not self.can_take(nlp, instances):
             raise SolverError(
                 f"barrier cannot take {nlp.name}: it needs paths within limits of speed and "
-                "acceleration, and an objective made of kernels; take auto or ipopt"
+                "acceleration, and an objective made of kernels; take auto or ipopt",
+                solver="barrier",
+                problem=nlp.name,
             )
         # Numba takes a second to import
         from .horizon_kernels import Batch, Options, minimise_batch
@@ -76,7 +80,8 @@ class InteriorPoint(BatchSolver):
 
         sets = instances.feasible_set
         assert isinstance(sets, TrajectorySets)
-        assert nlp.compiled is not None
+        compiled = nlp.attached(CompiledObjective)
+        assert compiled is not None
         batch, steps, n = sets.shape
         data = Batch(
             x0=contiguous(instances.x0.reshape(batch, steps, 2 * n)),
@@ -87,15 +92,15 @@ class InteriorPoint(BatchSolver):
             centers=contiguous(sets.centers.swapaxes(1, 2).reshape(batch, steps, 2 * n)),
             radii=contiguous(sets.radii.swapaxes(1, 2)),
             p=contiguous(instances.p)[:, None],
-            constants=nlp.compiled.constants,
+            constants=compiled.constants,
             scale=contiguous(instances.scale),
         )
-        number = self.n_starts or nlp.n_starts
+        number = self.n_starts or start_count(nlp)
         starts = Starts.single() if number == 1 else _starts(number, sets, data.x0)
         options = Options(self.mu_final, self.tolerance, self.max_iter)
         multipliers = np.zeros((batch, steps, n, 6))
         results = Results.empty((batch, steps, 2 * n))
-        arguments = nlp.compiled.evaluate, data, starts, options, multipliers, results
+        arguments = compiled.evaluate, data, starts, options, multipliers, results
         seconds = execute(minimise_batch, batch, arguments, _PER_THREAD)
         results.verified[:, 1] *= data.scale[:, 0]
         results = results._replace(x=results.x.reshape(batch, -1))

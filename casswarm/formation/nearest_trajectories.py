@@ -6,7 +6,7 @@ import numpy as np
 
 from ..compiled.kernels import contiguous
 from ..typing import BoolArray, FloatArray
-from .spectral import Results
+from .spectral_kernels import Results
 from .trajectory import Limits, distances
 
 _POINTS, _DISCS = ((1e-13, 1e-9),), ((1e-10, 1e-8), (1e-7, 1e-6))

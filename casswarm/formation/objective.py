@@ -7,15 +7,77 @@ layout of x and p is that of `formation_nlp`.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 
+from .._util.threads import locked_cache
+from ..compiled.kernels import generated_module
 from ..errors import HazardError
 from ..hazard import Hazard, KernelHazard
 from ..hazard.kernel_hazard import differentiated_kernels
-from ..nlp.program import CompiledObjective
+from ..nlp.program import Nlp
+from ..problems.formation import formation_nlp
+from ..typing import FloatArray
 from .curvature import BLOCKS
 from .pair_loops import EVALUATE
 from .spectral_kernels import LARGE_SWARM
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledObjective:
+    """An objective and its gradient as Python source, for solvers with a compiled inner loop.
+
+    Attached to programs; see `casswarm.nlp.Nlp.attached`.
+
+    Parameters
+    ----------
+    source : str
+        Text of ``evaluate(x, p, constants, gradient, scratch)``, decorated with ``@objective``, and
+        of the ``@kernel`` functions that it calls: it returns f(x; p) and writes the gradient. All
+        problems of a kind have the same source, which is compiled once. From
+        `casswarm.formation.spectral_kernels.LARGE_SWARM` members on (pairs of coordinates of
+        x), it may also write blocks: where `gradient` has 5n entries, the second derivatives (xx,
+        xy, yy) of every member follow, which precondition Newton steps.
+    constants : (s,)
+        Numbers that all instances share, such as the positions of radars.
+    """
+
+    source: str
+    constants: FloatArray
+
+    @property
+    def evaluate(self) -> Any:
+        """The compiled function, to be passed to kernels."""
+        return generated_module(self.source).evaluate
+
+
+@dataclass(frozen=True)
+class StartCount:
+    """Number of initial guesses that batch solvers, for which they cost little, try by default.
+
+    Attached to programs where local minima are common, whatever the form of their objective.
+    """
+
+    number: int
+
+
+def start_count(nlp: Nlp) -> int:
+    """The number of initial guesses that a program is worth: one, unless it says more."""
+    attached = nlp.attached(StartCount)
+    return 1 if attached is None else attached.number
+
+
+@locked_cache(maxsize=32)
+def formation_program(hazard: Hazard, n: int, corridor: bool, horizon: int = 1) -> Nlp:
+    """The program of `formation_nlp` with what the batch solvers read."""
+    nlp, compiled = formation_nlp(hazard, n, corridor, horizon), formation_objective(hazard, n)
+    if compiled is not None:
+        nlp = nlp.with_attachments(compiled)
+    smooth = isinstance(hazard, KernelHazard) and not hazard.collides
+    return nlp if smooth else nlp.with_attachments(StartCount(4))
+
 
 _EVALUATE = """
 @objective

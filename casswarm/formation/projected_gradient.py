@@ -26,8 +26,9 @@ from ..solvers.base import (
     Solver,
 )
 from ..typing import BoolArray, FloatArray
-from .spectral import BatchRun, Results, SpectralProjectedGradient, batch_data
-from .spectral_kernels import CONVERGED
+from .objective import CompiledObjective
+from .spectral import BatchRun, SpectralProjectedGradient, batch_data
+from .spectral_kernels import CONVERGED, Results
 
 _CHUNK = 256  # instances evaluated at once
 _PER_THREAD = 4  # instances that are worth a thread, where compiled
@@ -39,7 +40,7 @@ class ProjectedGradient(Solver):
 
     Bertsekas, Tsitsiklis, Parallel and Distributed Computation, section 3.3.2. For problems whose
     constraints are a box, or a product of boxes and discs in the plane (`Instances.feasible_set`).
-    Batched, and compiled where the objective is (`Nlp.compiled`); each instance stops on its own.
+    Batched, and compiled with a `CompiledObjective`; each instance stops on its own.
 
     Parameters
     ----------
@@ -80,7 +81,8 @@ class ProjectedGradient(Solver):
 
     def prepare(self, nlp: Nlp) -> None:
         """See `Solver.prepare`."""
-        _ = nlp.gradient if nlp.compiled is None else nlp.compiled.evaluate
+        compiled = nlp.attached(CompiledObjective)
+        _ = nlp.gradient if compiled is None else compiled.evaluate
 
     def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
         """See `Solver.solve_batch`."""
@@ -117,9 +119,10 @@ class ProjectedGradient(Solver):
 
         data = batch_data(nlp, instances, self._initial(instances))
         step, tolerance = self.step * self.x_scale**2, self.tolerance / self.x_scale
-        assert nlp.compiled is not None
+        compiled = nlp.attached(CompiledObjective)
+        assert compiled is not None
         results = Results.empty(instances.x0.shape)
-        arguments = nlp.compiled.evaluate, data, step, tolerance, self.max_iter, results
+        arguments = compiled.evaluate, data, step, tolerance, self.max_iter, results
         seconds = execute(descend_batch, len(results.x), arguments, _PER_THREAD)
         return BatchRun(results, seconds)
 
@@ -180,7 +183,10 @@ def _require_product(nlp: Nlp, instances: Instances) -> None:
     if nlp.constraints and not isinstance(instances.feasible_set, PlanarSets):
         raise SolverError(
             f"projected-gradient cannot solve {nlp.name}: its constraints "
-            f"({', '.join(nlp.constraints)}) are not a product of boxes and discs"
+            f"({', '.join(nlp.constraints)}) are not a product of boxes and discs",
+            solver="projected-gradient",
+            problem=nlp.name,
+            constraints=tuple(nlp.constraints),
         )
 
 

@@ -11,8 +11,7 @@ from ..compiled.kernels import allocating_kernel, kernel
 from ..typing import FloatArray, IntArray
 from .face_kernels import GRADIENT, TRIAL, Problem, Workspace, copy, evaluate
 from .search_kernels import Batch, project, verify, workspace
-from .spectral import Results
-from .spectral_kernels import CONVERGED, EXHAUSTED, NOT_FINITE
+from .spectral_kernels import CONVERGED, EXHAUSTED, NOT_FINITE, Results
 
 
 @kernel

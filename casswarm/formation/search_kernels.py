@@ -1,10 +1,9 @@
-"""Batches of states for the spectral projected gradient: starts, and the verified answer.
+"""The nonmonotone spectral projected gradient, state by state and over batches of states.
 
-The spectral projected gradient, state by state, as `SpectralProjectedGradient` describes it.
-
-It identifies the face of the set that the minimum lies on, and Newton steps on that face speed up
-its end. Every member has a spectral step size of its own: the set is a product over members, and in
-large swarms their curvatures differ by orders of magnitude.
+As `SpectralProjectedGradient` describes it, the method identifies the face of the set that the
+minimum lies on, and Newton steps on that face speed up its end. Every member has a spectral step
+size of its own: the set is a product over members, and in large swarms their curvatures differ by
+orders of magnitude.
 """
 
 from __future__ import annotations
@@ -31,13 +30,13 @@ from .face_kernels import (
     longest_displacement,
     newton_step,
 )
-from .spectral import Results
 from .spectral_kernels import (
     CONVERGED,
     EXHAUSTED,
     LARGE_SWARM,
     NOT_FINITE,
     STALLED,
+    Results,
     Starts,
     count_hits,
     empty_starts,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -16,8 +16,9 @@ from ..motion.planar import PlanarSets
 from ..nlp.program import Instances, Nlp
 from ..nlp.solution import BatchSolution, Status
 from ..solvers.base import VIOLATION, Answer, Capabilities, PositiveFinite, PositiveInt, Solver
-from ..typing import BoolArray, FloatArray, IntArray
-from .spectral_kernels import CONVERGED, EXHAUSTED, NO_INTERIOR, NOT_FINITE, STALLED
+from ..typing import BoolArray, FloatArray
+from .objective import CompiledObjective, start_count
+from .spectral_kernels import CONVERGED, EXHAUSTED, NO_INTERIOR, NOT_FINITE, STALLED, Results
 
 if TYPE_CHECKING:
     from .search_kernels import Batch, Method
@@ -30,32 +31,6 @@ _MESSAGES = {
     NOT_FINITE: (Status.FAILED, "objective, gradient or step not finite"),
     NO_INTERIOR: (Status.FAILED, "no point strictly within the limits"),
 }
-
-
-class Results(NamedTuple):
-    """What a kernel writes for B instances.
-
-    Parameters
-    ----------
-    x : (B, ...)
-    verified : (B, 3)
-        Objective, violation and stationarity, recomputed from the problem alone.
-    outcome : (B,)
-    counts : (B, 2)
-        Iterations and evaluations.
-    """
-
-    x: FloatArray
-    verified: FloatArray
-    outcome: IntArray
-    counts: IntArray
-
-    @classmethod
-    def empty(cls, shape: tuple[int, ...]) -> Results:
-        """Arrays to be written, for x of this shape."""
-        batch = shape[0]
-        outcome, counts = np.empty(batch, np.int64), np.zeros((batch, 2), np.int64)
-        return cls(np.empty(shape), np.empty((batch, 3)), outcome, counts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +88,9 @@ class BatchSolver(Solver):
 
     def prepare(self, nlp: Nlp) -> None:
         """See `Solver.prepare`."""
-        if nlp.compiled is not None:
-            _ = nlp.compiled.evaluate
+        compiled = nlp.attached(CompiledObjective)
+        if compiled is not None:
+            _ = compiled.evaluate
 
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         """See `Solver.run`."""
@@ -133,7 +109,7 @@ _PER_THREAD = 256  # instances that are worth a thread
 class SpectralProjectedGradient(BatchSolver):
     """SPG2 of Birgin, Martinez and Raydan (SIAM J. Optim. 10(4), 2000), state by state.
 
-    For problems on products of boxes and discs with a compiled objective (`Nlp.compiled`). Newton
+    For problems on products of boxes and discs with a `CompiledObjective` attached. Newton
     steps on the active face speed up its end.
 
     Parameters
@@ -147,7 +123,7 @@ class SpectralProjectedGradient(BatchSolver):
         Starts of every instance: the given one and others around it, in the same pattern for every
         state. All are solved coarsely, and the least objective to tolerance. Where they do not
         agree, more follow (``multistart_kernels.py``); with 1 there is no other start. By default
-        as many as the problem says are worth it (`Nlp.n_starts`).
+        as many as the problem says are worth it (`StartCount`).
     """
 
     tolerance: PositiveFinite = 1e-7
@@ -165,7 +141,7 @@ class SpectralProjectedGradient(BatchSolver):
         """Whether the objective is compiled, and the feasible set a product of planar sets."""
         sets = instances.feasible_set
         return (
-            nlp.compiled is not None
+            nlp.attached(CompiledObjective) is not None
             and isinstance(sets, PlanarSets)
             and 2 * sets.shape[-1] == nlp.sizes[0]
         )
@@ -179,20 +155,23 @@ class SpectralProjectedGradient(BatchSolver):
         if not self.can_take(nlp, instances):
             raise SolverError(
                 f"spectral cannot take {nlp.name}: it needs constraints that are products of boxes "
-                "and discs in the plane, and an objective made of kernels; take auto or ipopt"
+                "and discs in the plane, and an objective made of kernels; take auto or ipopt",
+                solver="spectral",
+                problem=nlp.name,
             )
         from .search_kernels import minimise_batch  # Numba takes a second to import
 
-        assert nlp.compiled is not None
+        compiled = nlp.attached(CompiledObjective)
+        assert compiled is not None
         data = batch_data(nlp, instances, instances.x0)
         results = Results.empty(instances.x0.shape)
-        method = self.method(nlp.n_starts, nlp.sizes[0] // 2)
-        arguments = nlp.compiled.evaluate, data, method, results
+        method = self.method(start_count(nlp), nlp.sizes[0] // 2)
+        arguments = compiled.evaluate, data, method, results
         seconds = execute(minimise_batch, len(results.x), arguments, _PER_THREAD)
         return BatchRun(results, seconds)
 
     def method(self, n_starts: int, members: int) -> Method:
-        """The options as kernels take them, with `Nlp.n_starts` as the default."""
+        """The options as kernels take them, with the program's `StartCount` as the default."""
         from .search_kernels import Method
         from .spectral_kernels import start_displacements
 
@@ -205,12 +184,13 @@ def batch_data(nlp: Nlp, instances: Instances, x0: FloatArray) -> Batch:
     """Arrays of B instances and their initial guesses (B, nx) for kernels on products of sets."""
     from .search_kernels import Batch
 
-    assert nlp.compiled is not None
+    compiled = nlp.attached(CompiledObjective)
+    assert compiled is not None
     assert isinstance(instances.feasible_set, PlanarSets)
     return Batch(
         x0=contiguous(x0),
         p=contiguous(instances.p),
-        constants=nlp.compiled.constants,
+        constants=compiled.constants,
         scale=contiguous(instances.scale),
         sets=instances.feasible_set.packed,
     )

@@ -1,15 +1,15 @@
-"""Preconditioner of Newton steps on a face: the diagonal blocks of the Hessian, inverted.
+"""Parts of the compiled batch solvers: outcomes, results, starts, and preconditioners.
 
-In a large swarm the curvatures of members differ by orders of magnitude: on a circle of radius r
-with multiplier m there is m / r more, and the objective's grows with a member's neighbours. With
-the blocks of all members as a preconditioner, conjugate gradients need few iterations.
+**Preconditioner.** In a large swarm the curvatures of members differ by orders of magnitude: on a
+circle of radius r with multiplier m there is m / r more, and the objective's grows with a member's
+neighbours. With the blocks of all members as a preconditioner, conjugate gradients need few
+iterations.
 
-Multistart of the batch solvers: where the starts lie, and when there are enough.
-
-A state is solved coarsely from its initial guess and from points around it. Where the first starts
-agree they suffice. Where they do not, further ones follow until the least minimum has been found
-`HITS` times: the number of starts grows with that of the local minima, as in the stopping rules of
-Boender and Rinnooy Kan (Math. Program. 37, 1987), and most states need no more than the first.
+**Multistart.** A state is solved coarsely from its initial guess and from points around it. Where
+the first starts agree they suffice. Where they do not, further ones follow until the least minimum
+has been found `HITS` times: the number of starts grows with that of the local minima, as in the
+stopping rules of Boender and Rinnooy Kan (Math. Program. 37, 1987), and most states need no more
+than the first.
 """
 
 from __future__ import annotations
@@ -95,6 +95,32 @@ def empty_starts(initial: int, directions: FloatArray, states: int) -> Starts:
         np.empty((states, 2, 2)),
         np.empty((states, members), np.int64),
     )
+
+
+class Results(NamedTuple):
+    """What a kernel writes for B instances.
+
+    Parameters
+    ----------
+    x : (B, ...)
+    verified : (B, 3)
+        Objective, violation and stationarity, recomputed from the problem alone.
+    outcome : (B,)
+    counts : (B, 2)
+        Iterations and evaluations.
+    """
+
+    x: FloatArray
+    verified: FloatArray
+    outcome: IntArray
+    counts: IntArray
+
+    @classmethod
+    def empty(cls, shape: tuple[int, ...]) -> Results:
+        """Arrays to be written, for x of this shape."""
+        batch = shape[0]
+        outcome, counts = np.empty(batch, np.int64), np.zeros((batch, 2), np.int64)
+        return cls(np.empty(shape), np.empty((batch, 3)), outcome, counts)
 
 
 @kernel

@@ -1,9 +1,7 @@
-"""A step of the formation policies in one pass: state in, verified velocities out.
+"""Formation problems state by state: leader, parameters, sets, guess, and the verified decision.
 
 For every state: its problem and scale, the solution by the spectral projected gradient, and the
 verification. What `casswarm.policies.formation_policies` otherwise does in arrays, for any solver.
-
-The formation problems of one step, one state at a time: parameters, sets, initial guesses.
 
 `casswarm.problems.formation` states the problems. These kernels write what distinguishes one state
 from another, both for its records (`Formation`) and for policies that solve in the same pass.

@@ -16,8 +16,8 @@ from ..hazard import Hazard, KernelHazard
 from ..motion.planar import PlanarSets
 from ..motion.step import Step
 from ..nlp.program import Instances, Nlp
-from ..problems.formation import formation_nlp
 from ..typing import BoolArray, FloatArray, IntArray
+from .objective import CompiledObjective, formation_program
 
 if TYPE_CHECKING:
     from ..formation.state_kernels import StateProblem, States, Terms
@@ -90,7 +90,7 @@ class FormationTask:
     @property
     def nlp(self) -> Nlp:
         """The program of all states."""
-        return formation_nlp(self.step.hazard, self.step.alive.shape[1], self.rho is not None)
+        return formation_program(self.step.hazard, self.step.alive.shape[1], self.rho is not None)
 
     @property
     def states(self) -> States:
@@ -214,7 +214,7 @@ def _scale(step: Step, rates: FloatArray) -> FloatArray:
 
 def _step_scale(task: FormationTask, p: FloatArray) -> FloatArray:
     """`formation_scale` of one step; by the compiled objective if there is one, to the last bit."""
-    (batch, n), compiled = task.step.alive.shape, task.nlp.compiled
+    (batch, n), compiled = task.step.alive.shape, task.nlp.attached(CompiledObjective)
     if compiled is not None:
         from ..formation.state_kernels import isolated_rates
 

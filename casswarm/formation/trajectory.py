@@ -37,6 +37,9 @@ class TrajectorySets:
     inside : (B, H, n, 2)
         Trajectories strictly within the limits; those of members that are not free are fixed.
     limits : Limits
+
+    With these as `Instances.feasible_set`, x are the displacements per step, and the objective is
+    the sum of the `CompiledObjective` over the steps.
     """
 
     initial_velocities: FloatArray
@@ -51,6 +54,21 @@ class TrajectorySets:
         """States, steps and members."""
         states, steps, members, _ = self.inside.shape
         return states, steps, members
+
+    def contains(self, points: FloatArray, tolerance: float = 0.0) -> BoolArray:
+        """Whether displacements (B, H, n, 2) are in the sets of their members, (B, n)."""
+        first = np.zeros_like(points[:, :1])
+        velocities = np.diff(points, axis=1, prepend=first)
+        changes = np.diff(velocities, axis=1, prepend=self.initial_velocities[:, None])
+        to_center = distances(points, self.centers.swapaxes(1, 2))
+        excess = np.maximum.reduce(
+            [
+                abs(velocities).max(axis=-1) - self.limits.speed,
+                np.hypot(changes[..., 0], changes[..., 1]) - self.limits.change,
+                to_center - self.radii.swapaxes(1, 2),
+            ]
+        )
+        return np.asarray((excess <= tolerance).all(axis=1))
 
     def __getitem__(self, rows: slice | NDArray[Any]) -> TrajectorySets:
         """The sets of some of the states."""

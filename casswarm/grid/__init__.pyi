@@ -1,9 +1,10 @@
 from .nodes import UNIT, Relaxation
-from .value_function import CostToGoMap, ValueFunction
+from .value_function import CostToGoMap, ValueFunction, value_grid
 
 __all__ = [
     "UNIT",
     "CostToGoMap",
     "Relaxation",
     "ValueFunction",
+    "value_grid",
 ]

@@ -17,7 +17,8 @@ import numpy as np
 
 from ..hazard.rate_bounds import cap_radius
 from ..typing import FloatArray
-from .nodes import UNIT, Block, Grid
+from .node_blocks import NodeBlock, extremum_within_reach
+from .nodes import UNIT, CellBlock, Grid
 
 Node: TypeAlias = tuple[int, int]
 _ROUNDING = 64 * UNIT  # of a coordinate in a step of a path, relative
@@ -54,24 +55,20 @@ class StageCosts:
         blocks = [block for blocks in grid.blocks for block in blocks]
         if not blocks:
             return [[] for _ in grid.blocks]
-        low = np.min([block.low for block in blocks], axis=0)
-        shape = np.max([block.high for block in blocks], axis=0) - low + 1
+        hull = NodeBlock.hull(block.nodes for block in blocks)
         # one evaluation serves all samples where their blocks overlap enough
-        shared = self._rates(tuple(low), tuple(shape)) if shape.prod() <= grid.size else None
+        shared = self._rates(hull) if hull.size <= grid.size else None
 
-        def costs(block: Block) -> FloatArray:
-            if shared is None:
-                rates = self._rates(block.low, block.shape)
-            else:
-                i, j = np.subtract(block.low, low)
-                rates = shared[i : i + block.shape[0], j : j + block.shape[1]]
-            return rates if block.cells.all() else np.where(block.nodes, rates, np.inf)
+        def costs(block: CellBlock) -> FloatArray:
+            nodes = block.nodes
+            rates = self._rates(nodes) if shared is None else shared[nodes.within(hull)]
+            return rates if block.cells.all() else np.where(block.visited, rates, np.inf)
 
         return [[costs(block) for block in blocks] for blocks in grid.blocks]
 
-    def _rates(self, low: tuple[int, int], shape: tuple[int, int]) -> FloatArray:
+    def _rates(self, nodes: NodeBlock) -> FloatArray:
         grid, task = self.grid, self.grid.task
-        east, north = grid.axes(low, shape)
+        east, north = grid.axes(nodes)
         if self.certified:
             rates = task.rates_below(east, north, grid.spacing)
             assert rates is not None
@@ -80,8 +77,8 @@ class StageCosts:
         rates *= grid.stride * task.dt
         return rates
 
-    def terminal(self, block: Block) -> FloatArray:
-        """Cost of stopping at a block's nodes, infinite if no adjacent cell touches the zone.
+    def terminal(self, nodes: NodeBlock) -> FloatArray:
+        """Cost of stopping at the nodes of a block, infinite if no adjacent cell touches the zone.
 
         With g(x) = (||x - c||^2 - R^2) / (2 R), about the distance from the rim, it is `multiplier`
         times g - h^2 / (4 R) near the rim and 0 deep inside: interpolated, not above 0 in the zone.
@@ -90,8 +87,8 @@ class StageCosts:
         h, radius = grid.spacing, task.radius
         slack = (grid.stride - 1) * task.step
         offsets = [
-            np.abs(nodes - center)
-            for nodes, center in zip(grid.axes(block.low, block.shape), task.center, strict=True)
+            np.abs(line - center)
+            for line, center in zip(grid.axes(nodes), task.center, strict=True)
         ]
         margin = 0.0 if self.inside else h + slack  # of the cells around a node
         near = [np.maximum(offset - margin, 0.0) ** 2 for offset in offsets]
@@ -135,20 +132,9 @@ def rounding(stage_costs: StageCosts, risk: float, interpolated: bool = False) -
     return float(UNIT * (operations + coordinates) * (risk + 2 * stage_costs.max_terminal))
 
 
-def single_node(node: Node) -> Block:
+def single_node(node: Node) -> NodeBlock:
     """A block of one node."""
-    return Block(node, np.ones((0, 0), bool))
-
-
-def minimum_within_reach(
-    sources: list[FloatArray], blocks: tuple[Block, ...], to: Block, reach: int
-) -> FloatArray:
-    """At the nodes of the block `to`, the least value within reach at the nodes of `blocks`."""
-    out = np.full(to.shape, np.inf)
-    for values, block in zip(sources, blocks, strict=True):
-        first = (to.low[0] - block.low[0], to.low[1] - block.low[1])
-        np.minimum(out, box_minimum(values, first, to.shape, reach), out=out)
-    return out
+    return NodeBlock(node, (1, 1))
 
 
 def costs_to_go(stage_costs: StageCosts, deadline: float = math.inf) -> Values:
@@ -162,15 +148,15 @@ def costs_to_go(stage_costs: StageCosts, deadline: float = math.inf) -> Values:
     grid = stage_costs.grid
     values: Values = [[] for _ in grid.blocks]
     next_values: list[FloatArray] = []
-    next_blocks: tuple[Block, ...] = ()
+    next_nodes: tuple[NodeBlock, ...] = ()
     for sample in reversed(range(len(grid.blocks))):
         if time.monotonic() > deadline:
             raise TimeoutError
-        for block, costs in zip(grid.blocks[sample], stage_costs.nodes[sample], strict=True):
-            to_go = minimum_within_reach(next_values, next_blocks, block, grid.reach)
-            np.minimum(to_go, stage_costs.terminal(block), out=to_go)
+        for nodes, costs in zip(grid.nodes[sample], stage_costs.nodes[sample], strict=True):
+            to_go = extremum_within_reach(next_values, next_nodes, nodes, grid.reach)
+            np.minimum(to_go, stage_costs.terminal(nodes), out=to_go)
             values[sample].append(to_go + costs)
-        next_values, next_blocks = values[sample], grid.blocks[sample]
+        next_values, next_nodes = values[sample], grid.nodes[sample]
     return values
 
 
@@ -178,10 +164,10 @@ def costs_to_come(stage_costs: StageCosts) -> Iterator[list[FloatArray]]:
     """Least cost of reaching every node, without its own cost, one sample at a time."""
     grid = stage_costs.grid
     last_values: list[FloatArray] = [np.zeros((1, 1))]
-    last_blocks: tuple[Block, ...] = (single_node((0, 0)),)
-    for blocks, costs in zip(grid.blocks, stage_costs.nodes, strict=True):
+    last_blocks: tuple[NodeBlock, ...] = (single_node((0, 0)),)
+    for blocks, costs in zip(grid.nodes, stage_costs.nodes, strict=True):
         to_come = [
-            minimum_within_reach(last_values, last_blocks, block, grid.reach) for block in blocks
+            extremum_within_reach(last_values, last_blocks, nodes, grid.reach) for nodes in blocks
         ]
         yield to_come
         last_values = [value + cost for value, cost in zip(to_come, costs, strict=True)]
@@ -192,25 +178,24 @@ def least_cost(stage_costs: StageCosts, to_go: Values) -> float:
     """Least cost of a path from the start, from the result of `costs_to_go`."""
     start = single_node((0, 0))
     grid = stage_costs.grid
-    least = float(minimum_within_reach(to_go[0], grid.blocks[0], start, grid.reach)[0, 0])
+    least = float(extremum_within_reach(to_go[0], grid.nodes[0], start, grid.reach)[0, 0])
     if grid.stride > 1:  # a path may arrive before its first sample
         least = min(least, float(stage_costs.terminal(start)[0, 0]))
     return least
 
 
 def best_node(
-    values: list[FloatArray], blocks: tuple[Block, ...], at: Node, reach: int
+    values: list[FloatArray], blocks: tuple[NodeBlock, ...], at: Node, reach: int
 ) -> tuple[float, Node]:
     """Least value within reach of a node, and its node; infinite if there is none."""
     best, best_at = np.inf, at
     for block, value in zip(blocks, values, strict=True):
-        i, j = (max(0, at[axis] - reach - block.low[axis]) for axis in (0, 1))
-        stops = [max(0, at[axis] + reach - block.low[axis] + 1) for axis in (0, 1)]
-        window = value[i : stops[0], j : stops[1]]
+        near = single_node(at).grown(reach).common(block)
+        window = value[near.within(block)]
         if window.size and window.min() < best:
             best = float(window.min())
             row, column = np.unravel_index(int(window.argmin()), window.shape)
-            best_at = (block.low[0] + i + int(row), block.low[1] + j + int(column))
+            best_at = near.first[0] + int(row), near.first[1] + int(column)
     return best, best_at
 
 
@@ -219,7 +204,7 @@ def trace(stage_costs: StageCosts, to_go: Values, at: Node = (0, 0), sample: int
     grid = stage_costs.grid
     path = [at]
     for following in range(sample, len(grid.blocks)):
-        cost, node = best_node(to_go[following], grid.blocks[following], at, grid.reach)
+        cost, node = best_node(to_go[following], grid.nodes[following], at, grid.reach)
         stopping = stage_costs.terminal(single_node(at))[0, 0] if following else np.inf
         if min(cost, stopping) == np.inf or stopping <= cost:
             break
@@ -234,58 +219,6 @@ def trace_back(stage_costs: StageCosts, to_come: Values, at: Node, sample: int) 
     path: list[Node] = []
     for previous in reversed(range(sample - 1)):
         costs = [a + b for a, b in zip(to_come[previous], stage_costs.nodes[previous], strict=True)]
-        at = best_node(costs, grid.blocks[previous], at, grid.reach)[1]
+        at = best_node(costs, grid.nodes[previous], at, grid.reach)[1]
         path.append(at)
     return [(0, 0), *reversed(path)]
-
-
-def box_minimum(
-    values: FloatArray, first: tuple[int, int], shape: tuple[int, int], k: int
-) -> FloatArray:
-    """Least value within k nodes along either axis, infinite if there is none.
-
-    The set reachable in one step is a box, so the minimum is taken axis by axis.
-    `scipy.ndimage.minimum_filter` gives the same numbers but takes 1.5 to 2.5 times as long.
-
-    Parameters
-    ----------
-    values : (n, m)
-        At the nodes (0, 0) to (n-1, m-1).
-    first, shape : pairs of int
-        First output node, which may lie outside `values`, and number of output nodes.
-    k : int
-
-    Returns
-    -------
-    ndarray of shape `shape`
-        Node p holds the least of the values at nodes q with |p - q| <= k in both axes.
-    """
-    rows = _window_minimum(values, first[0], shape[0], k)
-    return _window_minimum(rows.T, first[1], shape[1], k).T
-
-
-def _window_minimum(values: FloatArray, first: int, count: int, k: int) -> FloatArray:
-    """Least of ``values[p-k : p+k+1]`` along the first axis for p = first .. first + count - 1."""
-    n = len(values)
-    out = np.full((count, *values.shape[1:]), np.inf)
-    begin, end = max(first, -k), min(first + count, n + k)  # where a window meets the values
-    if begin >= end:
-        return out
-    low, high = begin - k, end - 1 + k  # of the first window, and of the last
-    inside = out[begin - first : end - first]
-    if n <= 2 * k + 1:  # every window holds an end of the values
-        at = np.arange(begin, end)
-        from_start = np.minimum.accumulate(values, axis=0)[np.minimum(at + k, n - 1)]
-        to_end = np.minimum.accumulate(values[::-1], axis=0)[::-1][np.maximum(at - k, 0)]
-        inside[:] = np.where((at - k <= 0)[:, None], from_start, to_end)
-        return out
-    padded = np.full((high - low + 1, *values.shape[1:]), np.inf)
-    overlap = slice(max(low, 0), min(high + 1, n))
-    padded[overlap.start - low : overlap.stop - low] = values[overlap]
-    width, length = 2 * k + 1, 1
-    while 2 * length <= width:  # windows of 2, 4, 8, ... and then two that overlap
-        padded = np.minimum(padded[:-length], padded[length:])
-        length *= 2
-    shift = width - length
-    np.minimum(padded[: end - begin], padded[shift : shift + end - begin], out=inside)
-    return out

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from ..hazard import Hazard
 from ..hazard.rate_bounds import LeastRate
 from ..motion.kinematics import remaining_distance
 from ..typing import BoolArray, FloatArray, IntArray
+from .node_blocks import NodeBlock
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -112,43 +113,50 @@ class Relaxation:
         return self.least(below)
 
 
-class Block(NamedTuple):
-    """A rectangle of cells, and its nodes.
+class CellBlock(NamedTuple):
+    """A rectangle of cells, some of them active.
 
     Parameters
     ----------
-    low : pair of int
+    first : pair of int
         Indices of the first node; node (0, 0) is the start.
     cells : (n-1, m-1) bool
         Active cells.
     """
 
-    low: tuple[int, int]
+    first: tuple[int, ...]
     cells: BoolArray
 
     @classmethod
-    def full(cls, first: IntArray, last: IntArray) -> Block:
-        """All cells between two nodes (2,); nodes on one line have cells on one side of it."""
-        cells = np.ones(tuple(np.maximum(last - first, 1)), bool)
-        return cls((int(first[0]), int(first[1])), cells)
+    def full(cls, nodes: NodeBlock) -> CellBlock:
+        """All cells of a block; nodes on one line have cells on one side of it."""
+        return cls(nodes.first, np.ones(tuple(max(n - 1, 1) for n in nodes.shape), bool))
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Number of nodes along each axis."""
-        return self.cells.shape[0] + 1, self.cells.shape[1] + 1
+    def nodes(self) -> NodeBlock:
+        """All nodes of the rectangle."""
+        return NodeBlock(self.first, (self.cells.shape[0] + 1, self.cells.shape[1] + 1))
 
     @property
-    def nodes(self) -> BoolArray:
+    def visited(self) -> BoolArray:
         """Mask of the nodes that are corners of active cells."""
-        mask = np.zeros(self.shape, bool)
+        mask = np.zeros(self.nodes.shape, bool)
         for corner in corners(mask):
             np.logical_or(corner, self.cells, out=corner)
         return mask
 
-    @property
-    def high(self) -> tuple[int, int]:
-        """Indices of the last node."""
-        return self.low[0] + self.cells.shape[0], self.low[1] + self.cells.shape[1]
+    def trimmed(self) -> CellBlock | None:
+        """The same without the lines of inactive cells at its sides; None if no cell is active."""
+        rows, columns = (np.flatnonzero(self.cells.any(axis=1 - axis)) for axis in (0, 1))
+        if not rows.size:
+            return None
+        first = self.first[0] + int(rows[0]), self.first[1] + int(columns[0])
+        return CellBlock(first, self.cells[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1])
+
+    def halved(self) -> CellBlock:
+        """The same cells, with half the spacing."""
+        first = 2 * self.first[0], 2 * self.first[1]
+        return CellBlock(first, self.cells.repeat(2, axis=0).repeat(2, axis=1))
 
 
 def corners(nodes: np.ndarray) -> Iterator[np.ndarray]:
@@ -169,14 +177,14 @@ class Grid:
         m, time steps from one sample of a path to the next.
     reach : int
         k, nodes by which a coordinate changes from one sample to the next: h = m s / k.
-    blocks : tuple of tuple of Block
+    blocks : tuple of tuple of CellBlock
         For every sample j = 1 .. ceil(N / m) of a path, the blocks that it may visit.
     """
 
     task: Relaxation
     stride: int
     reach: int
-    blocks: tuple[tuple[Block, ...], ...] = field(repr=False)
+    blocks: tuple[tuple[CellBlock, ...], ...] = field(repr=False)
 
     @classmethod
     def full(
@@ -185,7 +193,8 @@ class Grid:
         """All nodes on paths to the target in time, from `starts` (n, 2) or the task's start."""
         ranges = zip(*np.array(_ranges(task, stride, reach, starts), int), strict=True)
         blocks = tuple(
-            (Block.full(first, last),) if (first <= last).all() else () for first, last in ranges
+            (CellBlock.full(NodeBlock.between(first, last)),) if (first <= last).all() else ()
+            for first, last in ranges
         )
         return cls(task, stride, reach, blocks)
 
@@ -207,13 +216,18 @@ class Grid:
     @property
     def size(self) -> int:
         """Number of nodes over all samples."""
-        return sum(math.prod(block.shape) for blocks in self.blocks for block in blocks)
+        return sum(nodes.size for blocks in self.nodes for nodes in blocks)
 
-    def axes(self, low: tuple[int, int], shape: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
-        """Coordinates of `shape` nodes from the node `low`, along each axis."""
+    @cached_property
+    def nodes(self) -> tuple[tuple[NodeBlock, ...], ...]:
+        """The nodes of every block."""
+        return tuple(tuple(block.nodes for block in blocks) for blocks in self.blocks)
+
+    def axes(self, nodes: NodeBlock) -> tuple[FloatArray, FloatArray]:
+        """Coordinates of the nodes of a block, along each axis."""
         east, north = (
             origin + self.spacing * (first + np.arange(count))
-            for origin, first, count in zip(self.task.start, low, shape, strict=True)
+            for origin, first, count in zip(self.task.start, *nodes, strict=True)
         )
         return east, north
 
@@ -223,10 +237,7 @@ class Grid:
             tuple(
                 fine
                 for block, cells in zip(blocks, masks, strict=True)
-                for fine in _split(
-                    (2 * block.low[0], 2 * block.low[1]),
-                    cells.repeat(2, axis=0).repeat(2, axis=1),
-                )
+                for fine in _split(CellBlock(block.first, cells).halved())
             )
             for blocks, masks in zip(self.blocks, active, strict=True)
         )
@@ -281,20 +292,19 @@ def _ranges(
     return first, last
 
 
-def _split(low: tuple[int, int], cells: BoolArray) -> Iterator[Block]:
+def _split(block: CellBlock) -> Iterator[CellBlock]:
     """Blocks that hold all active cells, and few others."""
-    rows, columns = np.flatnonzero(cells.any(axis=1)), np.flatnonzero(cells.any(axis=0))
-    if not rows.size:
+    trimmed = block.trimmed()
+    if trimmed is None:
         return
-    cells = cells[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    low = (low[0] + int(rows[0]), low[1] + int(columns[0]))
+    (row, column), cells = trimmed
     if cells.size <= _MIN_CELLS or np.count_nonzero(cells) >= _MIN_ACTIVE * cells.size:
-        yield Block(low, cells)
+        yield trimmed
         return
     axis = int(cells.shape[1] > cells.shape[0])
     empty = np.flatnonzero(~cells.any(axis=1 - axis))  # preferably at a gap
     middle = cells.shape[axis] // 2
     at = int(empty[np.abs(empty - middle).argmin()]) if empty.size else middle
     first, second = np.split(cells, [at], axis=axis)
-    yield from _split(low, first)
-    yield from _split((low[0] + at * (1 - axis), low[1] + at * axis), second)
+    yield from _split(CellBlock((row, column), first))
+    yield from _split(CellBlock((row + at * (1 - axis), column + at * axis), second))

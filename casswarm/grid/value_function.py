@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -14,7 +15,8 @@ from numpy.typing import ArrayLike
 from ..errors import PlanningError
 from ..scenario.files import require_scenario
 from ..typing import BoolArray, FloatArray
-from .dynamic_programming import StageCosts, Values, box_minimum, costs_to_go, rounding
+from .dynamic_programming import StageCosts, Values, costs_to_go, rounding
+from .node_blocks import NodeBlock, box_extremum
 from .nodes import ANYWHERE, Grid, Relaxation, bilinear, node_count
 
 if TYPE_CHECKING:
@@ -149,21 +151,20 @@ class ValueFunction:
         task = self.grid.task
         return np.asarray(np.hypot(*(flat - task.center).T) <= task.radius)
 
-    def _at(self, values: Values, step: int) -> tuple[tuple[int, int], FloatArray] | None:
-        """First node and values of a step; None outside 1..N."""
+    def _at(self, values: Values, step: int) -> tuple[NodeBlock, FloatArray] | None:
+        """Nodes and values of a step; None outside 1..N."""
         if not 1 <= step <= len(values):
             return None
-        return self.grid.blocks[step - 1][0].low, values[step - 1][0]
+        return self.grid.nodes[step - 1][0], values[step - 1][0]
 
     def _interpolated(self, values: Values, step: int, flat: FloatArray, reach: int) -> FloatArray:
         """Least values of a step within `reach` nodes of every node, interpolated at (B, 2)."""
         at = self._at(values, step)
         if at is None:
             return np.full(len(flat), np.inf)
-        (i, j), array = at
-        shape = (array.shape[0] + 2 * reach, array.shape[1] + 2 * reach)
-        least = box_minimum(array, (-reach, -reach), shape, reach) if reach else array
-        nodes = (flat - self.grid.task.start) / self.grid.spacing - (i - reach, j - reach)
+        around = at[0].grown(reach)
+        least = box_extremum(at[1], at[0], around, reach) if reach else at[1]
+        nodes = (flat - self.grid.task.start) / self.grid.spacing - around.first
         cells = np.floor(nodes).astype(int)
         return bilinear(least, cells, nodes - cells)
 
@@ -175,7 +176,7 @@ class ValueFunction:
         risk, goals = np.full(len(flat), np.inf), flat.copy()
         if following is None:
             return risk, goals
-        low, array = following
+        (low, _), array = following
         task, h, k = self.grid.task, self.grid.spacing, self.grid.reach
         at = (flat - task.start) / h - np.array(low)
         limit = k * (1 + _TIE)
@@ -245,6 +246,37 @@ class CostToGoMap:
     survival: FloatArray
     positions: FloatArray
     velocities: FloatArray
+
+    @classmethod
+    def from_scenario(
+        cls,
+        scenario: Scenario,
+        contents: Sequence[FloatArray] = (),
+        *,
+        step: int = 0,
+        time_limit: float | None = None,
+    ) -> CostToGoMap:
+        """Map of a scenario around its target, radars and members, and further points (m, 2) each.
+
+        With the positions of a guide, it covers the area of `casswarm.figures.cost_to_go_map`.
+
+        Raises
+        ------
+        PlanningError
+            As `ValueFunction.from_scenario`, after `time_limit` seconds.
+
+        Examples
+        --------
+        >>> import casswarm as csw
+        >>> costs = csw.CostToGoMap.from_scenario(csw.load_scenario("single-agent"))
+        >>> costs.survival.shape
+        (150, 150)
+        """
+        limit = math.inf if time_limit is None else time_limit
+        value = ValueFunction.from_scenario(scenario, certified=False, time_limit=limit)
+        return cls.from_value_function(
+            value, *scenario.extent([*contents, scenario.positions]), step
+        )
 
     @classmethod
     def from_value_function(

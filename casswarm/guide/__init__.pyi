@@ -2,7 +2,7 @@ from .certificate import certify_guide
 from .guide import Candidate, Guide
 from .homotopy import GridPath, best_homotopy_classes, homotopy_signature
 from .multistart import Multistart
-from .plan import initial_velocities, plan_from
+from .plan import initial_velocities, plan_baseline, plan_from
 
 __all__ = [
     "Candidate",
@@ -13,5 +13,6 @@ __all__ = [
     "certify_guide",
     "homotopy_signature",
     "initial_velocities",
+    "plan_baseline",
     "plan_from",
 ]

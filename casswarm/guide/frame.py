@@ -21,7 +21,6 @@ from ..scenario.sections import CONSTANTS
 from ..typing import FloatArray, IntArray, Progress
 
 if TYPE_CHECKING:
-    from ..joint.swarm_plan import SwarmOutcome
     from ..problems.guide import GuideTask
     from ..scenario import Scenario
     from .guide import Candidate, Guide
@@ -114,17 +113,6 @@ class Frame:
         if scenario.swarm.velocity != "guide":
             values["swarm.velocity"] = self.points_to(scenario.swarm.velocity)
         return scenario.with_values(values)
-
-    def outcome_from(self, outcome: SwarmOutcome) -> SwarmOutcome:
-        """An outcome of the frame, with its solution, in the scenario."""
-        x = outcome.solution.x.reshape(-1, len(self.order), 2)
-        return replace(
-            outcome,
-            start=self.renamed(outcome.start),
-            arrivals=outcome.arrivals[np.argsort(self.order)],
-            velocities=self.members_from(outcome.velocities),
-            solution=replace(outcome.solution, x=self.members_from(x).ravel()),
-        )
 
     def guide_task_in(self, task: GuideTask) -> GuideTask:
         """The task of a single agent of the scenario in the frame."""

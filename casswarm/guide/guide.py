@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -169,6 +170,41 @@ class Guide(Displayed):
             if np.isfinite(candidate.risk):
                 best.setdefault(candidate.homotopy, candidate)
         return list(best.values())
+
+    def best_paths(self) -> dict[str, FloatArray]:
+        """Positions X(0..T), (T+1, 2), of the best path of every homotopy class, in order of risk.
+
+        Their names are homotopy signatures with the rank, such as ``"LR 0"``, or ``"path 0"`` in a
+        scenario without radars.
+        """
+        return {
+            f"{best.homotopy or 'path'} {rank}": integrate(
+                self.positions[0], best.velocities, self.dt
+            )
+            for rank, best in enumerate(self.best_per_homotopy_class())
+        }
+
+    @property
+    def outcomes(self) -> dict[str, int]:
+        """Number of starts by status of their solve, in the order of the search."""
+        return dict(Counter(str(candidate.solution.status) for candidate in self.candidates))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Values by name, with those of the certificate and of every start, for a JSON file."""
+        return {
+            "risk": self.risk,
+            "survival": self.survival,
+            "risk_bound": self.risk_bound,
+            "gap": self.gap,
+            "certificate": None if self.certificate is None else self.certificate.as_dict(),
+            "arrival_step": self.arrival,
+            "arrives": self.arrives,
+            "note": self.note,
+            "solution": self.solution.as_row(),
+            "candidates": [candidate.as_row() for candidate in self.candidates],
+            "positions": self.positions,
+            "velocities": self.velocities,
+        }
 
     def __repr__(self) -> str:
         bound = self.survival_bound

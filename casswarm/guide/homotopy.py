@@ -10,12 +10,12 @@ import numpy as np
 from ..grid.dynamic_programming import (
     Node,
     StageCosts,
-    box_minimum,
     costs_to_come,
     costs_to_go,
     trace,
     trace_back,
 )
+from ..grid.node_blocks import NodeBlock, box_extremum
 from ..grid.nodes import Grid, Relaxation
 from ..motion.kinematics import resample
 from ..typing import FloatArray
@@ -97,10 +97,10 @@ def _paths(stage_costs: StageCosts) -> Iterator[list[Node]]:
     waypoints = []
     quarters = (0.25, 0.5, 0.75)
     for sample in sorted({max(1, round(part * (len(best) - 1))) for part in quarters}):
-        blocks = stage_costs.grid.blocks[sample - 1]
-        for block, come, go in zip(blocks, to_come[sample - 1], to_go[sample - 1], strict=True):
+        blocks = stage_costs.grid.nodes[sample - 1]
+        for nodes, come, go in zip(blocks, to_come[sample - 1], to_go[sample - 1], strict=True):
             for risk, node in _local_minima(come + go):
-                index = (block.low[0] + node[0], block.low[1] + node[1])
+                index = (nodes.first[0] + node[0], nodes.first[1] + node[1])
                 waypoints.append((risk, sample, index))
     for _, sample, node in sorted(waypoints)[:_MAX_TRACED]:
         first_part = trace_back(stage_costs, to_come, node, sample)
@@ -116,7 +116,8 @@ def _local_minima(totals: FloatArray) -> Iterator[tuple[float, Node]]:
     tiles = tiles.reshape(rows, size, columns, size).transpose(0, 2, 1, 3)
     tiles = tiles.reshape(rows, columns, -1)
     best, at = tiles.min(axis=-1), tiles.argmin(axis=-1)
-    local = np.isfinite(best) & (best <= box_minimum(best, (0, 0), best.shape, 1))
+    all_tiles = NodeBlock((0, 0), best.shape)
+    local = np.isfinite(best) & (best <= box_extremum(best, all_tiles, all_tiles, 1))
     for row, column in zip(*np.nonzero(local), strict=True):
         inner = divmod(int(at[row, column]), size)
         node = (int(row) * size + inner[0], int(column) * size + inner[1])

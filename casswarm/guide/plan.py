@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -28,6 +27,8 @@ from .multistart import Multistart, preference
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
+
+_BASELINE_MARGIN = 1e-6  # of the radius: rounding must not leave the last step outside the target
 
 
 def plan(
@@ -131,6 +132,55 @@ def plan(
     return replace(guide, risk_bound=certificate.risk_bound, certificate=certificate)
 
 
+def plan_baseline(scenario: Scenario, guide: Guide, *, time_limit: float | None = None) -> Guide:
+    """Global search for a guide of the paper's form: no a_max, no margin, any arrival step.
+
+    It shows what the paper's projected gradient, a local method, leaves to be found. The limits
+    that it drops are those that this method ignores.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    guide : Guide
+        Compared with it: a plan of the same scenario, usually of ``"projected-gradient"``. Its
+        certificate without limits of acceleration, if any, holds for the baseline, too.
+    time_limit : float, optional
+        Seconds, as in `plan`.
+
+    Returns
+    -------
+    Guide
+        With the certificate of `guide`, so that both have the same bound; not certified if it is
+        not.
+
+    Raises
+    ------
+    PlanningError, ValueError
+        As `plan`.
+
+    Examples
+    --------
+    >>> import casswarm as csw
+    >>> scenario = csw.load_scenario("single-agent")
+    >>> guide = csw.plan(scenario, certify=False)
+    >>> csw.plan_baseline(scenario, guide).risk < guide.risk
+    True
+    """
+    require_scenario("plan_baseline", scenario)
+    relaxed = scenario.with_values(
+        {
+            "guide.acceleration_limited": False,
+            "guide.margin": _BASELINE_MARGIN * scenario.target.radius,
+            "guide.arrival": "any",
+        }
+    )
+    baseline = plan(relaxed, search="global", certify=False, time_limit=time_limit)
+    if guide.certificate is None:
+        return baseline
+    certificate = replace(guide.certificate, accelerated=None)
+    return replace(baseline, risk_bound=certificate.bound, certificate=certificate)
+
+
 def plan_from(
     scenario: Scenario,
     start: ArrayLike,
@@ -229,8 +279,7 @@ def _checked_search(search: Search | None, scenario: Scenario, solver: Solver) -
 
 
 def _no_arrival(guide: Guide) -> PlanningError:
-    outcomes = Counter(str(c.solution.status) for c in guide.candidates)
-    counts = ", ".join(f"{count} {status}" for status, count in outcomes.items())
+    counts = ", ".join(f"{count} {status}" for status, count in guide.outcomes.items())
     if guide.note:
         advice = f"{guide.note}: raise it, or choose a larger time.dt"
     else:
@@ -240,5 +289,5 @@ def _no_arrival(guide: Guide) -> PlanningError:
     return PlanningError(
         f"no guide found: of {counted(len(guide.candidates), 'solve')} ({counts}) none arrives in "
         f"the target; {advice}; check=False returns the best failure",
-        outcomes=dict(outcomes),
+        outcomes=guide.outcomes,
     )

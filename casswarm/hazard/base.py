@@ -104,16 +104,21 @@ class Hazard(ABC):
         x = np.asarray(positions, dtype=float)
         if x.ndim not in (2, 3) or x.shape[-1] != 2 or x.shape[-2] == 0:
             raise HazardError(
-                f"positions have shape {x.shape}; expected (n, 2) or (B, n, 2), n >= 1"
+                f"positions have shape {x.shape}; expected (n, 2) or (B, n, 2), n >= 1",
+                key="positions",
+                shape=x.shape,
             )
         living = np.ones(x.shape[:-1], bool) if alive is None else np.asarray(alive, dtype=bool)
         if living.shape not in (x.shape[:-1], x.shape[-2:-1]):
             raise HazardError(
-                f"alive has shape {living.shape}; expected {x.shape[:-1]}, as for positions"
+                f"alive has shape {living.shape}; expected {x.shape[:-1]}, as for positions",
+                key="alive",
+                shape=living.shape,
+                expected=x.shape[:-1],
             )
         living = np.broadcast_to(living, x.shape[:-1])
         if not np.isfinite(x).all():
-            raise HazardError("positions hold NaN or infinity")
+            raise HazardError("positions hold NaN or infinity", key="positions")
         batch = np.ascontiguousarray(x.reshape(-1, *x.shape[-2:]))
         mask = np.ascontiguousarray(living.reshape(-1, x.shape[-2]))
         rates = np.where(mask, self._evaluate(batch, mask), 0.0)
@@ -123,7 +128,12 @@ class Hazard(ABC):
             east, north = batch[state, member]
             raise HazardError(
                 f"{self!r} gives the rate {rates[state, member]} for member {member} at "
-                f"({east:g}, {north:g}); rates must be finite and not negative"
+                f"({east:g}, {north:g}); rates must be finite and not negative",
+                hazard=repr(self),
+                state=int(state),
+                member=int(member),
+                position=(float(east), float(north)),
+                rate=float(rates[state, member]),
             )
         return rates.reshape(x.shape[:-1])
 
@@ -131,7 +141,9 @@ class Hazard(ABC):
         """Rate lambda-bar of a single member at each point: (..., 2) to (...)."""
         x = np.asarray(points, dtype=float)
         if x.shape[-1:] != (2,):
-            raise HazardError(f"points have shape {x.shape}; expected (..., 2)")
+            raise HazardError(
+                f"points have shape {x.shape}; expected (..., 2)", key="points", shape=x.shape
+            )
         return self.rates(x.reshape(-1, 1, 2)).reshape(x.shape[:-1])
 
     def single_agent_lower_bound(self, lower: FloatArray, upper: FloatArray) -> FloatArray | None:  # noqa: ARG002
@@ -239,9 +251,15 @@ def checked_radars(radars: ArrayLike) -> tuple[tuple[float, float], ...]:
     try:
         array = np.array(radars, dtype=float)
     except (TypeError, ValueError):
-        raise HazardError(f"radars are {radars!r}; expected k pairs (x, y) of numbers") from None
+        raise HazardError(
+            f"radars are {radars!r}; expected k pairs (x, y) of numbers",
+            key="radars",
+            value=repr(radars),
+        ) from None
     if array.size and (array.ndim != 2 or array.shape[1] != 2):
-        raise HazardError(f"radars have shape {array.shape}; expected (k, 2)")
+        raise HazardError(
+            f"radars have shape {array.shape}; expected (k, 2)", key="radars", shape=array.shape
+        )
     if not np.isfinite(array).all():
-        raise HazardError(f"radars must be finite; got {radars!r}")
+        raise HazardError(f"radars must be finite; got {radars!r}", key="radars", value=radars)
     return tuple((float(x), float(y)) for x, y in array)

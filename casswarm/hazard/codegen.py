@@ -14,41 +14,8 @@ import casadi as ca
 import numpy as np
 
 from ..errors import HazardError
-from ..nlp.operations import instructions, operation_name
+from ..nlp.operations import OPERATIONS, instructions, operation_name
 from ..typing import Expr, FloatArray
-
-_OPERATIONS = {
-    ca.OP_ADD: "{0} + {1}",
-    ca.OP_SUB: "{0} - {1}",
-    ca.OP_MUL: "{0} * {1}",
-    ca.OP_DIV: "{0} / {1}",
-    ca.OP_POW: "{0} ** {1}",
-    ca.OP_CONSTPOW: "{0} ** {1}",
-    ca.OP_LT: "np.less({0}, {1}) * 1.0",
-    ca.OP_LE: "np.less_equal({0}, {1}) * 1.0",
-    ca.OP_EQ: "np.equal({0}, {1}) * 1.0",
-    ca.OP_NE: "np.not_equal({0}, {1}) * 1.0",
-    ca.OP_AND: "np.logical_and({0}, {1}) * 1.0",
-    ca.OP_OR: "np.logical_or({0}, {1}) * 1.0",
-    ca.OP_FMIN: "np.fmin({0}, {1})",
-    ca.OP_FMAX: "np.fmax({0}, {1})",
-    ca.OP_ATAN2: "np.arctan2({0}, {1})",
-    ca.OP_HYPOT: "np.hypot({0}, {1})",
-    ca.OP_IF_ELSE_ZERO: "np.where(np.equal({0}, 0.0), 0.0, {1})",
-    ca.OP_ASSIGN: "{0}",
-    ca.OP_NEG: "-{0}",
-    ca.OP_SQ: "{0} * {0}",
-    ca.OP_TWICE: "2.0 * {0}",
-    ca.OP_INV: "1.0 / {0}",
-    ca.OP_NOT: "np.equal({0}, 0.0) * 1.0",
-    ca.OP_ATAN: "np.arctan({0})",
-}
-_NAMED_ALIKE = "sqrt exp log expm1 log1p fabs sign floor ceil sin cos tan sinh cosh tanh"
-"""Functions of one number that CasADi and NumPy call the same."""
-
-_OPERATIONS |= {
-    getattr(ca, f"OP_{name.upper()}"): f"np.{name}({{0}})" for name in _NAMED_ALIKE.split()
-}
 
 
 def lower_source(name: str, inputs: dict[str, Expr], outputs: Sequence[Expr]) -> str:
@@ -79,12 +46,14 @@ def lower_source(name: str, inputs: dict[str, Expr], outputs: Sequence[Expr]) ->
             value = names[read[0]] + ("" if scalar[read[0]] else f"[{read[1]}]")
         elif operation == ca.OP_OUTPUT:
             target, value = f"y{written[0]}", f"w{read[0]}"
-        elif operation in _OPERATIONS:
-            value = _OPERATIONS[operation].format(*(f"w{i}" for i in read))
+        elif operation in OPERATIONS and (text := OPERATIONS[operation].array):
+            value = text.format(x=f"w{read[0]}", y=f"w{read[-1]}")
         else:
             raise HazardError(
                 f"kernel {name!r} uses CasADi's {operation_name(operation)}, which cannot be "
-                "evaluated over arrays; write the kernel without it"
+                "evaluated over arrays; write the kernel without it",
+                function=name,
+                operation=operation_name(operation),
             )
         lines.append(f"    {target} = {value}")
     lines += [f"    y{i} = 0.0" for i, y in enumerate(outputs) if ca.SX(y).nnz() == 0]

@@ -1,4 +1,4 @@
-"""Hazards that a scenario names: functions and classes of the user, and where their code lies."""
+"""Custom rates: any CasADi function of all positions, and hazards that a scenario names."""
 
 from __future__ import annotations
 
@@ -58,7 +58,10 @@ class CustomHazard(Hazard):
 
     def __post_init__(self) -> None:
         if not callable(self.function):
-            raise HazardError(f"{self.function!r} is not a function of (positions, alive)")
+            raise HazardError(
+                f"{self.function!r} is not a function of (positions, alive)",
+                function=repr(self.function),
+            )
         object.__setattr__(self, "radars", checked_radars(self.radars))
         object.__setattr__(self, "parameters", _frozen(dict(self.parameters)))
         for key, value in dict(self.parameters).items():
@@ -66,7 +69,9 @@ class CustomHazard(Hazard):
                 hash(value)
             except (TypeError, NotImplementedError):  # the latter is CasADi's
                 raise HazardError(
-                    f"parameter {key!r} is {value!r}; allowed: numbers, texts, lists of these"
+                    f"parameter {key!r} is {value!r}; allowed: numbers, texts, lists of these",
+                    key=key,
+                    value=repr(value),
                 ) from None
         for n in (1, 2):
             rate_function(self, n)
@@ -113,12 +118,17 @@ class CustomHazard(Hazard):
         try:
             bounds = np.asarray(lower_bound(lower, upper, **self._keywords), dtype=float)
         except USER_ERRORS as error:
-            raise HazardError(f"lower_bound of {self!r} failed: {failure_text(error)}") from error
+            raise HazardError(
+                f"lower_bound of {self!r} failed: {failure_text(error)}", hazard=repr(self)
+            ) from error
         boxes = np.broadcast_shapes(lower.shape, upper.shape)[:-1]
         if bounds.shape != boxes:
             raise HazardError(
                 f"lower_bound of {self!r} returned shape {bounds.shape} for boxes of shape "
-                f"{boxes}; expected one number per box"
+                f"{boxes}; expected one number per box",
+                hazard=repr(self),
+                shape=bounds.shape,
+                expected=boxes,
             )
         ends = np.stack(np.broadcast_arrays(lower, upper)).reshape(2, -1, 2)
         self._require_below_rates(bounds.ravel(), *ends)
@@ -143,7 +153,11 @@ class CustomHazard(Hazard):
             raise HazardError(
                 f"lower_bound of {self!r} is not a lower bound: it is {bounds[sample[box]]:g} for "
                 f"the box from {_as_text(low[box, 0])} to {_as_text(high[box, 0])}, where the rate "
-                f"at {_as_text(points[box, point])} is {rates[box, point]:g}"
+                f"at {_as_text(points[box, point])} is {rates[box, point]:g}",
+                hazard=repr(self),
+                bound=float(bounds[sample[box]]),
+                rate=float(rates[box, point]),
+                position=tuple(points[box, point].tolist()),
             )
 
     @property
@@ -171,18 +185,28 @@ def rate_function(hazard: CustomHazard, n: int) -> Expr:
     except USER_ERRORS as error:
         raise HazardError(
             f"{hazard!r} failed on {counted(n, 'member')} with CasADi arguments: "
-            f"{failure_text(error)}"
+            f"{failure_text(error)}",
+            hazard=repr(hazard),
+            members=n,
         ) from error
     try:
         rates = ca.MX(returned)
     except (NotImplementedError, TypeError):
         raise HazardError(
             f"{hazard!r} returned {returned!r}, a {type(returned).__name__}; "
-            "expected a CasADi expression"
+            "expected a CasADi expression",
+            hazard=repr(hazard),
+            members=n,
+            value=repr(returned),
         ) from None
     if rates.shape not in ((n, 1), (1, n)):
         raise HazardError(
-            f"{hazard!r} returned shape {rates.shape} for {counted(n, 'member')}; expected ({n}, 1)"
+            f"{hazard!r} returned shape {rates.shape} for {counted(n, 'member')}; expected "
+            f"({n}, 1)",
+            hazard=repr(hazard),
+            members=n,
+            shape=rates.shape,
+            expected=(n, 1),
         )
     return ca.Function("rates", [positions, alive], [ca.reshape(rates, 1, n)])
 
@@ -201,7 +225,10 @@ def _require_arguments(hazard: CustomHazard) -> None:
     raise HazardError(
         f"{hazard!r} takes {', '.join(takes)}, not {', '.join(unknown)}: remove "
         f"{', '.join(f'hazard.{key}' for key in keys)} from the scenario, where a template may "
-        "have left it, or give the function such an argument"
+        "have left it, or give the function such an argument",
+        hazard=repr(hazard),
+        value=unknown,
+        expected=list(takes),
     )
 
 
@@ -265,26 +292,32 @@ def user_hazard(
     except HazardError:
         raise
     except USER_ERRORS as error:
-        raise HazardError(f"{rates.__name__} cannot be made: {failure_text(error)}") from error
+        raise HazardError(
+            f"{rates.__name__} cannot be made: {failure_text(error)}", hazard=rates.__name__
+        ) from error
 
 
 def _named(name: str, folder: Path | None) -> Callable[..., Any]:
     inside = folder is not None and module_file(name, folder) is not None
     entry = None if folder is None or inside else _entry_point(name)
     if folder is not None and not inside and entry is None:
-        raise HazardError(missing(name, folder))
+        raise HazardError(missing(name, folder), function=name, folder=folder)
     try:
         found = entry.load() if entry else load(name, folder)
     except ImportError as error:
-        raise HazardError(str(error)) from error
+        raise HazardError(str(error), function=name, folder=folder) from error
     except USER_ERRORS as error:  # of a package that offers it
-        raise HazardError(f"{name!r} cannot be imported: {failure_text(error)}") from error
+        raise HazardError(
+            f"{name!r} cannot be imported: {failure_text(error)}", function=name, folder=folder
+        ) from error
     if not callable(found):
-        raise HazardError(f"{name!r} is not a function")
+        raise HazardError(f"{name!r} is not a function", function=name)
     is_hazard = isinstance(found, type) and issubclass(found, Hazard)
     if inside and not is_hazard and not is_defined_in(found, folder):  # type: ignore[arg-type]
         raise HazardError(
-            f"{name!r} is not defined in the folder {folder}: write a function there that calls it"
+            f"{name!r} is not defined in the folder {folder}: write a function there that calls it",
+            function=name,
+            folder=folder,
         )
     return found  # type: ignore[no-any-return]
 

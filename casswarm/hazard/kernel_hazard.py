@@ -71,16 +71,25 @@ class KernelHazard(Hazard):
     def __post_init__(self) -> None:
         object.__setattr__(self, "radars", checked_radars(self.radars))
         if not self.radars:
-            raise HazardError("radars are empty; expected (k, 2), k >= 1")
+            raise HazardError(
+                "radars are empty; expected (k, 2), k >= 1", key="radars", value=self.radars
+            )
         if self.strengths is not None:
             if len(self.strengths) != len(self.radars):
                 raise HazardError(
                     f"{counted(len(self.strengths), 'strength')} for "
-                    f"{counted(len(self.radars), 'radar')}; expected one each"
+                    f"{counted(len(self.radars), 'radar')}; expected one each",
+                    key="strengths",
+                    value=self.strengths,
+                    expected=len(self.radars),
                 )
             object.__setattr__(self, "strengths", tuple(float(s) for s in self.strengths))
             if not all(0 < strength < np.inf for strength in self.strengths):
-                raise HazardError(f"strengths must be finite and above zero; got {self.strengths}")
+                raise HazardError(
+                    f"strengths must be finite and above zero; got {self.strengths}",
+                    key="strengths",
+                    value=self.strengths,
+                )
         require_finite(self, positive=("core_radius",))
 
     @abstractmethod
@@ -181,7 +190,9 @@ def require_finite(
         finite = isinstance(value, Real) and np.isfinite(float(value))
         if not finite or value < 0 or (value == 0 and name in positive):
             allowed = "a finite number above zero" if name in positive else "zero or above, finite"
-            raise HazardError(f"{name} = {value!r}; allowed: {allowed}")
+            raise HazardError(
+                f"{name} = {value!r}; allowed: {allowed}", key=name, value=value, allowed=allowed
+            )
 
 
 def _everywhere(kernel: Expr, pairs: Expr) -> Expr:

@@ -1,11 +1,4 @@
-"""Lower bounds of the rates of two members, on grids of the difference of their positions.
-
-A member's rate is b share(r) + collision(r), with the single-agent rate b and the distance r. The
-values at nodes are such that their bilinear interpolation is nowhere above these functions: they
-are the functions less h^2 / 8 times the largest second derivatives in the cells around, where these
-are positive. ``docs/two-members.md`` derives them.
-
-Lower bounds of rates, for certificates; derived in the two pages named here.
+"""Lower bounds of rates, of single agents and of two members, for certificates.
 
 **Of single-agent rates**, ``docs/global-guide.md``, Node rates: with the regularisation of
 `casswarm.hazard.kernel_hazard.regular` below the core radius e, and with R = max(3 h, e) on a grid
@@ -20,6 +13,11 @@ nowhere above 1 / r^2 when they are interpolated.
 single-agent rate is b has a rate of at least phi(b), where phi is the minimum of nondecreasing
 affine functions. Where the densities of its neighbours are known to add up to at most S, fewer of
 them count.
+
+**Of two members**, ``docs/two-members.md``: a member's rate is b share(r) + collision(r), with the
+single-agent rate b and the distance r. The values at nodes are such that their bilinear
+interpolation is nowhere above these functions: they are the functions less h^2 / 8 times the
+largest second derivatives in the cells around, where these are positive.
 """
 
 from __future__ import annotations

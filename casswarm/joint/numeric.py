@@ -15,15 +15,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._util.threads import locked_cache
 from ..compiled.parallel import execute
-from ..hazard import KernelHazard
+from ..hazard import Hazard, KernelHazard
 from ..nlp.program import Nlp
+from ..problems.joint import CERTAIN, TINY, JointForm, joint_nlp
+from ..solvers.interior_point.derivatives import NumericDerivatives
 from ..typing import FloatArray, IntArray
 from .rates import LocalRates, blocked, set_rates, unblocked
 
@@ -202,10 +205,17 @@ class StageFactors:
         return sets // math.prod(self._stages.by_set.shape[1:3])
 
 
-TINY, CERTAIN = 1e-30, 1e-13
-"""Offsets that keep the log-odds finite at a cost of 0 and of 1."""
-
 _PER_THREAD = 2**7  # sets, of blocks of steps, that are worth a thread
+
+
+@locked_cache(maxsize=64)
+def joint_program(hazard: Hazard, form: JointForm, hessian: bool = True) -> Nlp:
+    """The program of `joint_nlp`, with these derivatives if the rates are made of kernels."""
+    nlp = joint_nlp(hazard, form, hessian)
+    if not (form.exact and isinstance(hazard, KernelHazard)):
+        return nlp
+    plain = replace(nlp, attachments=())
+    return nlp.with_attachments(NumericDerivatives(partial(JointNumeric, plain, hazard, form.n)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -359,7 +369,7 @@ class JointLinearisation:
         multipliers: FloatArray,
         weights: FloatArray,
         shifts: FloatArray,
-        objective: float = 1.0,
+        objective: FloatArray | float = 1.0,
     ) -> StageFactors:
         """See `RowLinearisation`."""
         from .riccati_kernels import Stages

@@ -1,4 +1,4 @@
-"""A joint plan from trajectories that another method proposes."""
+"""Joint plans of a scenario: by a search, or from trajectories that another method proposes."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def plan_swarm(
     deadline = math.inf if time_limit is None else started + time_limit
     search = JointSearch(framed, task, objective, solver, deadline, frame.reported(progress))
     found = search.run(initial_guesses, seed)
-    best = frame.outcome_from(found)
+    best = found.in_scenario(frame)
     positions = integrate(scenario.positions, best.velocities, scenario.time.dt)
     exact, likely = search.problem.form.exact, None
     if not exact and scenario.n <= MAX_MEMBERS:
@@ -139,7 +139,7 @@ def plan_swarm(
         value=best.value,
         distribution=PlanDistribution.from_positions(scenario, positions) if exact else None,
         solution=best.solution,
-        outcomes=tuple(map(frame.outcome_from, search.outcomes)),
+        outcomes=tuple(outcome.in_scenario(frame) for outcome in search.outcomes),
         bound=bound,
         min_distance=min_distance,
         seconds=time.perf_counter() - started,

@@ -1,6 +1,4 @@
-"""Solutions by the factors of `joint_riccati_kernels`, compiled.
-
-Factors of the joint plan's Newton matrices by a Riccati recursion over steps, compiled.
+"""Factors of the joint plan's Newton matrices by a Riccati recursion, and solutions by them.
 
 A plan is a linear-quadratic problem to second order: with p the deviation of the law over m sets of
 living members, X and V those of positions and velocities (w = 2n entries each), and u = V(k),

@@ -12,12 +12,14 @@ from ..hazard import Hazard, KernelHazard
 from ..motion.kinematics import integrate
 from ..nlp.program import Nlp
 from ..nlp.solution import Solution
-from ..problems.joint import JointForm, joint_nlp
+from ..problems.joint import JointForm
 from ..problems.joint_hessian import MAX_MEMBERS
 from ..problems.joint_instances import JointTask, joint_instances
 from ..solvers import FilterInteriorPoint, Ipopt, Solver
+from ..solvers.interior_point.derivatives import NumericDerivatives
 from ..typing import FloatArray, IntArray
 from .distribution import MAX_EXACT, PlanDistribution
+from .numeric import joint_program
 from .screening import InitialGuess, track
 from .swarm_plan import DISTANCE_TOL, SwarmOutcome, least_distance
 
@@ -80,7 +82,7 @@ class JointProblem:
     @property
     def nlp(self) -> Nlp:
         """The program, which is built once for all problems of its form."""
-        return joint_nlp(self.scenario.hazard, self.form, False)
+        return joint_program(self.scenario.hazard, self.form, False)
 
     def solve(self, guesses: Sequence[InitialGuess], solver: Solver) -> list[SwarmOutcome]:
         """The solver's answers from initial guesses, within all limits, and their values."""
@@ -88,8 +90,9 @@ class JointProblem:
         instances = joint_instances(
             self.nlp, self.form, self.task, arrivals, [guess.velocities for guess in guesses]
         )
-        compiled = isinstance(solver, FilterInteriorPoint) and self.nlp.numeric is not None
-        nlp = self.nlp if compiled else joint_nlp(self.scenario.hazard, self.form)
+        numeric = self.nlp.attached(NumericDerivatives)
+        compiled = isinstance(solver, FilterInteriorPoint) and numeric is not None
+        nlp = self.nlp if compiled else joint_program(self.scenario.hazard, self.form)
         solutions = solver.solve(nlp, instances)
         return [
             self._outcome(guess, prescribed, solution)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .._util.display import Displayed
 from .._util.text import counted
 from ..bounds.success_bound import SuccessBound
+from ..guide.frame import Frame
 from ..motion.step import Motion
 from ..nlp.solution import Solution
 from ..typing import FloatArray, IntArray, Interval
@@ -47,6 +48,17 @@ class SwarmOutcome:
     solution: Solution
     seconds: float
     separated: bool = True
+
+    def in_scenario(self, frame: Frame) -> SwarmOutcome:
+        """The outcome, with its solution, in the scenario of the frame in which it was found."""
+        x = self.solution.x.reshape(-1, len(frame.order), 2)
+        return replace(
+            self,
+            start=frame.renamed(self.start),
+            arrivals=self.arrivals[np.argsort(frame.order)],
+            velocities=frame.members_from(self.velocities),
+            solution=replace(self.solution, x=frame.members_from(x).ravel()),
+        )
 
     def as_row(self) -> dict[str, object]:
         """Scalar values, as a table row."""

@@ -151,6 +151,10 @@ class PlanarSets:
         violation_batch(flat, sets, largest)
         return largest.reshape(shape)
 
+    def contains(self, points: ArrayLike, tolerance: float = 0.0) -> BoolArray:
+        """Whether points (..., 2) are in the sets, up to a distance; False where not finite."""
+        return np.asarray(self.violation(points) <= tolerance)
+
     @cached_property
     def is_empty(self) -> BoolArray:
         """Which sets are empty, shape `shape`; gaps of the order of rounding do not count."""

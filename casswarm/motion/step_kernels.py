@@ -1,4 +1,4 @@
-"""Derivatives of the projection on the velocities that limits of motion allow."""
+"""Sets of the velocities that limits of motion allow, and derivatives of the projection on them."""
 
 from __future__ import annotations
 

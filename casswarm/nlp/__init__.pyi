@@ -1,11 +1,12 @@
-from .program import CompiledObjective, Instances, Nlp
+from .program import FeasibleSet, Instances, LagrangianHessian, Nlp
 from .residuals import kkt_residuals
 from .solution import BatchSolution, Residuals, Solution, Status
 
 __all__ = [
     "BatchSolution",
-    "CompiledObjective",
+    "FeasibleSet",
     "Instances",
+    "LagrangianHessian",
     "Nlp",
     "Residuals",
     "Solution",

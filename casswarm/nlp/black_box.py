@@ -12,7 +12,7 @@ import numpy as np
 
 from .._util.threads import one_at_a_time
 from ..typing import FloatArray
-from .program import Nlp
+from .program import LagrangianHessian, Nlp
 
 
 class BlackBox(ABC):
@@ -71,17 +71,21 @@ class BlackBoxNlp(Nlp):
             {},
             values[0],
             {"g": values[1:]} if box.m else {},
-            hessian=ca.Function("hessian", [x, ca.MX(0, 1), lam_f, lam_g], [upper]),
+            attachments=(
+                LagrangianHessian(ca.Function("hessian", [x, ca.MX(0, 1), lam_f, lam_g], [upper])),
+            ),
             box=box,
             callbacks=callbacks,
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restore, (self.name, self.box)  # callbacks are not serialised
+        # callbacks are not serialised
+        others = (each for each in self.attachments if not isinstance(each, LagrangianHessian))
+        return _restore, (self.name, self.box, *others)
 
 
-def _restore(name: str, box: BlackBox) -> BlackBoxNlp:
-    return BlackBoxNlp.of(name, box)
+def _restore(name: str, box: BlackBox, *attachments: object) -> BlackBoxNlp:
+    return BlackBoxNlp.of(name, box).with_attachments(*attachments)
 
 
 class _Callback(ca.Callback):

@@ -1,4 +1,4 @@
-"""Reading .nl files, as text.
+"""Reading .nl files, as text: lines, header, and segments.
 
 CasADi has a reader too (`casadi.NlpBuilder.import_nl`), but it does not notice that a file is
 truncated: it waits for ever, or leaves out bounds and linear terms.

@@ -16,8 +16,7 @@ import numpy as np
 
 from ..errors import ProblemError
 from ..typing import Expr, FloatArray
-from .nl_operators import TEMPLATES
-from .operations import instructions, operation_name
+from .operations import OPERATIONS, instructions, operation_name
 from .program import Instances, Nlp
 
 _LINEAR = (ca.OP_ASSIGN, ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE)
@@ -248,8 +247,8 @@ def _written(function: Expr, name: str) -> tuple[list[list[str]], list[list[str]
             node = _Node([f"n{_number(constant)}"])
         elif operation == ca.OP_INPUT:
             node = _Node([f"v{read[1]}"])
-        elif operation in TEMPLATES:
-            node = _applied(TEMPLATES[operation], [values[i] for i in read])
+        elif operation in OPERATIONS and (text := OPERATIONS[operation].nl):
+            node = _applied(text, [values[i] for i in read])
             shared.append(node)
         else:
             raise ProblemError(
@@ -267,7 +266,7 @@ def _written(function: Expr, name: str) -> tuple[list[list[str]], list[list[str]
 
 def _applied(template: str, arguments: Sequence[_Node]) -> _Node:
     """The value of an operation on others, whose uses are counted."""
-    places = {f"{{{i}}}": argument for i, argument in enumerate(arguments)}
+    places = dict(zip(("{x}", "{y}"), arguments, strict=False))
     node = _Node([places.get(word, word) for word in template.split()])
     for word in node.words:
         if isinstance(word, _Node):

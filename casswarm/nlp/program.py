@@ -2,46 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, Protocol, Self, TypeVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._util.threads import locked_property, one_at_a_time
-from ..compiled.kernels import generated_module
 from ..errors import SolverError
-from ..formation.trajectory import TrajectorySets
-from ..motion.planar import PlanarSets
-from ..typing import Expr, FloatArray
+from ..typing import BoolArray, Expr, FloatArray
+
+Kind = TypeVar("Kind")
 
 
 @dataclass(frozen=True, eq=False)
-class CompiledObjective:
-    """An objective and its gradient as Python source, for solvers with a compiled inner loop.
+class LagrangianHessian:
+    """Second derivatives of a program, attached where there is a faster method than CasADi's.
 
     Parameters
     ----------
-    source : str
-        Text of ``evaluate(x, p, constants, gradient, scratch)``, decorated with ``@objective``, and
-        of the ``@kernel`` functions that it calls: it returns f(x; p) and writes the gradient. All
-        problems of a kind have the same source, which is compiled once. From
-        `casswarm.formation.spectral_kernels.LARGE_SWARM` members on (pairs of coordinates of
-        x), it may also write blocks: where `gradient` has 5n entries, the second derivatives (xx,
-        xy, yy) of every member follow, which precondition Newton steps.
-    constants : (s,)
-        Numbers that all instances share, such as the positions of radars.
+    function : casadi.Function
+        (x, p, lam_f, lam_g) to the upper triangle of the Lagrangian's Hessian.
     """
 
-    source: str
-    constants: FloatArray
+    function: Expr
 
-    @property
-    def evaluate(self) -> Any:
-        """The compiled function, to be passed to kernels."""
-        return generated_module(self.source).evaluate
+    def __call__(self, *arguments: Any) -> Expr:
+        """Call the function."""
+        return self.function(*arguments)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,17 +55,10 @@ class Nlp:
     unroll : bool
         Whether to expand the expressions to scalar operations, which evaluate several times
         faster; for large expressions that takes too much memory.
-    compiled : CompiledObjective, optional
-        The objective in a form for solvers with compiled inner loops.
-    n_starts : int
-        Number of initial guesses that batch solvers, for which they cost little, try by default:
-        more than one where local minima are common.
-    hessian : casadi.Function, optional
-        (x, p, lam_f, lam_g) to the upper triangle of the Lagrangian's Hessian, if there is a
-        faster method than automatic differentiation.
-    numeric : callable, optional
-        Parameters (B, np) to `casswarm.solvers.interior_point.derivatives.
-        NumericProblems`, if there are faster derivatives than those of CasADi's functions.
+    attachments : tuple of object
+        What solvers of other kinds than general ones know about the program, such as compiled
+        forms of its functions: at most one of each type, defined beside the solver that reads it.
+        They pickle with the program.
     """
 
     name: str
@@ -84,10 +67,7 @@ class Nlp:
     objective: Expr
     constraints: Mapping[str, Expr]
     unroll: bool = False
-    compiled: CompiledObjective | None = None
-    n_starts: int = 1
-    hessian: Expr | None = None
-    numeric: Callable[[FloatArray], Any] | None = None
+    attachments: tuple[object, ...] = ()
 
     @classmethod
     @one_at_a_time
@@ -155,8 +135,17 @@ class Nlp:
             [self.objective, *self.constraints.values()],
         )
         names = tuple(self.variables), tuple(self.parameters), tuple(self.constraints)
-        hints = self.unroll, self.compiled, self.n_starts, self.hessian, self.numeric
-        return _restore, (self.name, function, names, hints)
+        return _restore, (self.name, function, names, self.unroll, self.attachments)
+
+    def attached(self, kind: type[Kind]) -> Kind | None:
+        """The attachment of a type; None if there is none."""
+        return next((each for each in self.attachments if isinstance(each, kind)), None)
+
+    def with_attachments(self, *attachments: object) -> Self:
+        """The same program with further attachments, in place of those of the same types."""
+        kinds = tuple(map(type, attachments))
+        kept = (each for each in self.attachments if not isinstance(each, kinds))
+        return replace(self, attachments=(*kept, *attachments))
 
     def _function(self, name: str, outputs: list[Expr]) -> Expr:
         function = ca.Function(name, [self.x, self.p], outputs)
@@ -206,16 +195,19 @@ class Nlp:
 
 @one_at_a_time
 def _restore(
-    name: str, function: Expr, names: tuple[tuple[str, ...], ...], hints: tuple[Any, ...]
+    name: str,
+    function: Expr,
+    names: tuple[tuple[str, ...], ...],
+    unroll: bool,
+    attachments: tuple[object, ...],
 ) -> Nlp:
     """Restore the program that `Nlp.__reduce__` decomposed."""
     symbols = function.mx_in()
     objective, *rows = function.call(symbols, True, False)
     variables = dict(zip(names[0], symbols, strict=False))
     parameters = dict(zip(names[1], symbols[len(variables) :], strict=True))
-    return Nlp(
-        name, variables, parameters, objective, dict(zip(names[2], rows, strict=True)), *hints
-    )
+    constraints = dict(zip(names[2], rows, strict=True))
+    return Nlp(name, variables, parameters, objective, constraints, unroll, attachments)
 
 
 def _pack(blocks: Mapping[str, Expr], arrays: Mapping[str, ArrayLike]) -> FloatArray:
@@ -235,6 +227,20 @@ def _pack(blocks: Mapping[str, Expr], arrays: Mapping[str, ArrayLike]) -> FloatA
     return np.concatenate(columns, axis=1) if columns else np.empty((batch, 0))
 
 
+class FeasibleSet(Protocol):
+    """The sets of B instances, in a form that special solvers know.
+
+    Not all have a projection: that onto paths within limits is a program itself. A solver that
+    projects therefore asks for the kind of set that it can project onto.
+    """
+
+    def contains(self, points: FloatArray, tolerance: float = 0.0) -> BoolArray:
+        """Whether points are in their sets, up to a distance; in the shapes of the kind of set."""
+
+    def __getitem__(self, rows: slice | NDArray[Any], /) -> FeasibleSet:
+        """The sets of some of the instances."""
+
+
 @dataclass(frozen=True, eq=False)
 class Instances:
     """B instances of an `Nlp` in CasADi's notation: initial guesses, parameters and bounds.
@@ -249,11 +255,9 @@ class Instances:
         Bounds on x.
     lbg, ubg : (B, ng)
         Bounds on g.
-    feasible_set : PlanarSets of shape (B, nx / 2) or TrajectorySets of B states, optional
+    feasible_set : FeasibleSet, optional
         The set that lbx, ubx, lbg and ubg describe, where it has a structure that special solvers
-        exploit: a product of simple sets in the plane, onto which one can project, or paths within
-        limits of speed and acceleration. With `TrajectorySets`, x are the displacements
-        per step, and the objective is the sum of `Nlp.compiled` over the steps.
+        exploit, such as a product of simple sets in the plane, onto which one can project.
     scale : (B, 2)
         A typical length of x and a typical value of f: what tolerances are relative to. Ones by
         default.
@@ -265,7 +269,7 @@ class Instances:
     ubx: FloatArray
     lbg: FloatArray
     ubg: FloatArray
-    feasible_set: PlanarSets | TrajectorySets | None = None
+    feasible_set: FeasibleSet | None = None
     scale: FloatArray = field(default_factory=lambda: np.ones((1, 2)))
 
     def __post_init__(self) -> None:

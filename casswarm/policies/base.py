@@ -1,4 +1,4 @@
-"""Interface of policies: a decision for every state of a batch."""
+"""Interface of policies: decisions for every state of a batch, and what is wrong with them."""
 
 from __future__ import annotations
 

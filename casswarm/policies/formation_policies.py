@@ -1,9 +1,9 @@
-"""Feedback policies: formations around the best path from where the swarm is.
+"""Formation policies: leader protection and constrained trajectory, along a guide or by feedback.
 
-The paper names a policy for the guide as future work. A fixed guide is an open-loop path: a swarm
-that is off it, because its leader was lost or its limits are tighter than the guide's, spends its
-effort on returning. Here the next point of the guide is recomputed in every state, from the value
-function.
+**Feedback.** The paper names a policy for the guide as future work. A fixed guide is an open-loop
+path: a swarm that is off it, because its leader was lost or its limits are tighter than the
+guide's, spends its effort on returning. Here the next point of the guide is recomputed in every
+state, from the value function.
 
 The value function takes only v_max into account, and a swarm that relied on it alone would
 repeatedly find itself with a turn to make and no time left for it. So it is evaluated only at the
@@ -28,6 +28,7 @@ from ..compiled.parallel import execute
 from ..formation.auto import Auto
 from ..formation.horizon import corridor_mpc_formation, leader_mpc_formation
 from ..formation.leader_selection import LEADER_SELECTION
+from ..formation.objective import CompiledObjective, start_count
 from ..formation.spectral import SpectralProjectedGradient
 from ..formation.task import Formation, FormationTask, or_none
 from ..grid import ValueFunction
@@ -161,7 +162,7 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
     solve to tolerance, and all states for other solvers, are solved as `applied_decision` does.
     """
     nlp = task.nlp
-    compiled = nlp.compiled
+    compiled, starts = nlp.attached(CompiledObjective), start_count(nlp)
     if compiled is None or not _is_default(solver):
         return applied_decision(task.step, task.formation(), solver)
     from ..formation.state_kernels import Limits, StepResults, decide_states
@@ -174,10 +175,10 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
         np.empty(batch, bool),
     )
     limits = Limits(VIOLATION, min(solver.stationarity, MAX_STATIONARITY))
-    method = solver.batch.method(nlp.n_starts, n)
+    method = solver.batch.method(starts, n)
     problems = compiled.evaluate, compiled.constants, task.states, task.terms
     arguments = *problems, method, limits, results
-    execute(decide_states, batch, arguments, _PER_THREAD // nlp.n_starts)
+    execute(decide_states, batch, arguments, _PER_THREAD // starts)
     failures, fallbacks = np.zeros((2, batch), np.int64)
     if not results.accepted.all():
         left = np.flatnonzero(~results.accepted)
@@ -234,7 +235,7 @@ def _solutions(nlp: Nlp, instances: Instances, solver: Solver) -> BatchSolution:
     So all solvers decide alike where there are several local minima. `Auto` itself searches, and a
     method of fixed iterations has a start of its own.
     """
-    if nlp.n_starts == 1 or isinstance(solver, Auto) or solver.capabilities.fixed_iterations:
+    if start_count(nlp) == 1 or isinstance(solver, Auto) or solver.capabilities.fixed_iterations:
         return solver.solve_batch(nlp, instances)
     located = instances.with_x0(Auto().located(nlp, instances))
     return solver.warm().solve_batch(nlp, located)

@@ -394,5 +394,9 @@ def state_function(framework: str, key: ByIdentity, n: int, size: int) -> StateF
         The framework's package is not installed.
     """
     if framework not in FRAMEWORKS:
-        raise PolicyError(f"framework = {framework!r}; allowed: {', '.join(FRAMEWORKS)}")
+        raise PolicyError(
+            f"framework = {framework!r}; allowed: {', '.join(FRAMEWORKS)}",
+            framework=framework,
+            allowed=", ".join(FRAMEWORKS),
+        )
     return FRAMEWORKS[framework](key.function, key.name, n, size)

@@ -93,7 +93,9 @@ class ParametricPolicy(Policy):
         if not callable(self.function):
             raise PolicyError(
                 f"{self.function!r} is not a function of (step, positions, previous_velocities, "
-                "alive, parameters)"
+                "alive, parameters)",
+                key="function",
+                value=repr(self.function),
             )
         self._state_function()
 
@@ -103,7 +105,11 @@ class ParametricPolicy(Policy):
         if values.shape != self.parameters.shape:
             raise PolicyError(
                 f"policy {self.name!r} has {counted(self.parameters.size, 'parameter')}, not "
-                f"{values.size}"
+                f"{values.size}",
+                policy=self.name,
+                key="parameters",
+                value=values.size,
+                expected=self.parameters.size,
             )
         return replace(self, parameters=values)
 
@@ -133,7 +139,12 @@ class ParametricPolicy(Policy):
         """
         n = self.scenario.n
         if alive.shape[1] != n:
-            raise PolicyError(f"policy {self.name!r} is for {n} members, not {alive.shape[1]}")
+            raise PolicyError(
+                f"policy {self.name!r} is for {n} members, not {alive.shape[1]}",
+                policy=self.name,
+                members=alive.shape[1],
+                expected=n,
+            )
         states = positions, previous_velocities, alive
         values = self._state_function().values(step, states, self.parameters)
         return checked_velocities(self.name, step, values, alive)
@@ -215,10 +226,18 @@ def checked_parameters(parameters: ArrayLike) -> FloatArray:
     try:
         values = np.asarray(parameters, dtype=float).copy()
     except (TypeError, ValueError):
-        raise PolicyError(f"parameters are {parameters!r}; expected a vector of numbers") from None
+        raise PolicyError(
+            f"parameters are {parameters!r}; expected a vector of numbers",
+            key="parameters",
+            value=repr(parameters),
+        ) from None
     if values.ndim != 1 or not values.size:
-        raise PolicyError(f"parameters have shape {values.shape}; expected (p,), p >= 1")
+        raise PolicyError(
+            f"parameters have shape {values.shape}; expected (p,), p >= 1",
+            key="parameters",
+            shape=values.shape,
+        )
     if not np.isfinite(values).all():
-        raise PolicyError("parameters hold NaN or infinity")
+        raise PolicyError("parameters hold NaN or infinity", key="parameters")
     values.flags.writeable = False
     return values

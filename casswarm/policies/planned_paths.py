@@ -1,10 +1,10 @@
-"""The optimal policy of two members, as far as it is known.
+"""Policies that follow planned paths: each member's own, a joint plan, or the optimum of two.
 
-While both are alive, nothing is random: an optimal policy follows one pair of trajectories until a
-member is lost, and what the survivor then does is a problem of one agent. So the policy follows the
-joint plan, or the plan that a solve from the best path of the two members' dynamic program leads
-to, whichever succeeds more often, and a survivor replans from where it is. `casswarm.optimal_value`
-bounds what any other policy could gain.
+**Two members.** While both are alive, nothing is random: an optimal policy follows one pair of
+trajectories until a member is lost, and what the survivor then does is a problem of one agent. So
+the policy follows the joint plan, or the plan that a solve from the best path of the two members'
+dynamic program leads to, whichever succeeds more often, and a survivor replans from where it is.
+`casswarm.optimal_value` bounds what any other policy could gain.
 """
 
 from __future__ import annotations

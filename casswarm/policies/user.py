@@ -1,4 +1,4 @@
-"""Learned models as policies: from a state to observations, to the model's actions."""
+"""Policies of users: functions, objects and learned models as policies."""
 
 from __future__ import annotations
 
@@ -166,7 +166,9 @@ def as_policy(
     if isinstance(scenario, str):
         raise PolicyError(
             f"the second argument of as_policy is a scenario, not {scenario!r}: the name of a "
-            f"policy is given as name={scenario!r}"
+            f"policy is given as name={scenario!r}",
+            key="scenario",
+            value=scenario,
         )
     if time_limit is not None:
         if not time_limit > 0:
@@ -174,10 +176,16 @@ def as_policy(
         unlimited = as_policy(policy, scenario, name=name, parameters=parameters, dtype=dtype)
         return LimitedPolicy(unlimited, unlimited.name, float(time_limit))
     if isinstance(policy, type):
-        raise PolicyError(f"{policy.__name__} is a class; pass an instance: {policy.__name__}()")
+        raise PolicyError(
+            f"{policy.__name__} is a class; pass an instance: {policy.__name__}()",
+            policy=policy.__name__,
+        )
     if isinstance(policy, Policy):
         if not hasattr(policy, "name"):
-            raise PolicyError(f"{policy!r} has no name; define one in its class: name = 'mine'")
+            raise PolicyError(
+                f"{policy!r} has no name; define one in its class: name = 'mine'",
+                policy=repr(policy),
+            )
         return policy
     if scenario is not None:
         return model_policy(policy, scenario, name, parameters, dtype)
@@ -258,7 +266,9 @@ def model_policy(
     if parameters is not None:
         raise PolicyError(
             f"parameters are for a casadi.Function, not for {type(model).__name__}: a model has "
-            "its own"
+            "its own",
+            key="parameters",
+            policy=type(model).__name__,
         )
     default = getattr(model, "name", None) or getattr(model, "__name__", type(model).__name__)
     called: Callable[[NDArray[Any]], Any]
@@ -273,7 +283,8 @@ def model_policy(
         raise PolicyError(
             f"{model!r} is not a model: expected a function of observations (B, n, d) that returns "
             "velocities (B, n, 2), an object with such a method called predict, a torch.nn.Module, "
-            "or a casadi.Function"
+            "or a casadi.Function",
+            policy=repr(model),
         )
     observation = Observation.from_scenario(scenario, dtype or "float32")
     return UserPolicy(ObservedModel(called, observation), name or str(default))

@@ -1,4 +1,4 @@
-"""Empty constraint sets of the paper's formation problems, and their cost in success."""
+"""Success probabilities of the paper's policies: exact, sampled, under readings, when perturbed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sweep as one self-contained HTML page, whose sliders choose among the computed points."""
+"""A simulation or a sweep as one self-contained HTML page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Loading of built-in scenarios and scenario files; saving of scenario files."""
+"""Loading and saving of scenarios: built-in ones, files, and the errors of their syntax."""
 
 from __future__ import annotations
 
@@ -217,19 +217,22 @@ def _text(path: Path, source: str, label: str) -> str:
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ScenarioError(
-            f"{label} is not text in UTF-8 (byte {error.start}); save it as TOML in UTF-8"
+            f"{label} is not text in UTF-8 (byte {error.start}); save it as TOML in UTF-8",
+            file=path,
         ) from None
     except OSError as error:
         if source and os.path.isdir(path):  # noqa: PTH112 - pathlib's raises for long names
-            raise ScenarioError(f"{label} is a folder; name a TOML file in it") from None
+            raise ScenarioError(f"{label} is a folder; name a TOML file in it", file=path) from None
         if source and not isinstance(error, FileNotFoundError | IsADirectoryError):
-            raise ScenarioError(f"{label} cannot be read: {error.strerror}") from None
+            raise ScenarioError(f"{label} cannot be read: {error.strerror}", file=path) from None
     except ValueError:  # a path with a null character
         pass
     names = list(_builtin_texts())
     raise ScenarioError(
         f"no scenario '{source}': it is neither a built-in scenario nor a file"
-        f"{suggestion(path.stem, names)}\n  built-in scenarios: {', '.join(names)}"
+        f"{suggestion(path.stem, names)}\n  built-in scenarios: {', '.join(names)}",
+        value=source,
+        allowed=", ".join(names),
     )
 
 

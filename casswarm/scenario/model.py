@@ -28,6 +28,7 @@ from .sections import (
 )
 from .toml import annotated, toml_text
 from .validation import (
+    PARAMETER_PREFIX,
     Name,
     Problem,
     Text,
@@ -35,14 +36,15 @@ from .validation import (
     known_keys,
     problems_of,
     scenario_error,
+    set_value,
     to_plain,
     unknown_key,
 )
-from .variations import PARAMETER_PREFIX, set_value
 
 if TYPE_CHECKING:
     from ..hazard import Hazard
 
+_MAP_PAD = 0.06  # of the larger side of a map, beyond the target's radius
 _SINGLE_MARGIN = 1e-6  # of the radius: rounding must not leave the last step outside the zone
 
 
@@ -271,6 +273,17 @@ class Scenario(Displayed, Table):
         fields = {name: getattr(self, name) for name in type(self).model_fields} | dict(update)
         fields["hazard"] = fields.pop("hazard_table")
         return self.from_data(fields, **self._context)
+
+    def extent(self, contents: Sequence[FloatArray] = ()) -> tuple[FloatArray, FloatArray]:
+        """Corners (2,), low and high, of a map with the target, the radars and all `contents`.
+
+        These are points (m, 2); the map has a margin around them.
+        """
+        center = np.asarray(self.target.center)[None]
+        points = np.vstack([*contents, center, self.hazard.radar_positions])
+        low, high = points.min(axis=0), points.max(axis=0)
+        pad = _MAP_PAD * float(np.max(high - low)) + self.target.radius
+        return low - pad, high + pad
 
     def _data(self) -> dict[str, Any]:
         data = self.model_dump(by_alias=True, exclude_none=True)

@@ -1,4 +1,4 @@
-"""The hazard table of a scenario: built-in kinds of rates, and functions of the user."""
+"""Tables of a scenario file: every key with its unit and limits, and the hazard table."""
 
 from __future__ import annotations
 
@@ -249,17 +249,21 @@ def importable_name(function: Callable[..., Any]) -> str:
     """
     module, name = getattr(function, "__module__", None), getattr(function, "__qualname__", None)
     if not isinstance(module, str) or not isinstance(name, str):
-        raise ScenarioError(f"{as_text(function)} has no name")
+        raise ScenarioError(f"{as_text(function)} has no name", function=as_text(function))
     if module == "__main__":
-        raise ScenarioError(f"'{name}' is defined in a script or notebook, not in a module")
+        raise ScenarioError(
+            f"'{name}' is defined in a script or notebook, not in a module", function=name
+        )
     if not _NAME.fullmatch(f"{module}:{name}"):
-        raise ScenarioError(f"'{name}' is defined inside a function, or is a lambda")
+        raise ScenarioError(f"'{name}' is defined inside a function, or is a lambda", function=name)
     try:
         imported = resolve_name(f"{module}:{name}")
     except (ImportError, AttributeError) as error:
-        raise ScenarioError(f"'{module}:{name}' cannot be imported: {error}") from error
+        raise ScenarioError(
+            f"'{module}:{name}' cannot be imported: {error}", function=f"{module}:{name}"
+        ) from error
     if imported is not function:
-        raise ScenarioError(f"'{module}:{name}' is not this function")
+        raise ScenarioError(f"'{module}:{name}' is not this function", function=f"{module}:{name}")
     return f"{module}:{name}"
 
 

@@ -19,6 +19,9 @@ SMALLEST, LARGEST = 1e-20, 1e20
 """Limits of every number in any units, so that no product or quotient of their squares over- or
 underflows."""
 
+PARAMETER_PREFIX = "hazard.parameters."
+"""Beginning of the keys that a hazard of the user defines."""
+
 _LARGEST_COUNT = 1_000_000_000
 
 _CUSTOM = "casswarm"  # type of the errors that our own validators raise
@@ -244,3 +247,20 @@ def known_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
         if table := subtable(field):
             keys += known_keys(table, f"{prefix}{name}.")
     return keys
+
+
+def set_value(data: dict[str, Any], key: str, value: object) -> None:
+    """Set a value at a dotted key of nested tables; None removes the key."""
+    if key.startswith(PARAMETER_PREFIX):  # whose names may hold dots
+        tables, leaf = ["hazard", "parameters"], key.removeprefix(PARAMETER_PREFIX)
+    else:
+        *tables, leaf = key.split(".")
+    table = data
+    for name in tables:
+        table = table.setdefault(name, {})
+        if not isinstance(table, dict):
+            message = f"{key} cannot be set: {name} is {as_text(table)}, not a table of keys"
+            raise scenario_error("values that do not fit together", [Problem(message, key)])
+    table.pop(leaf, None)
+    if value is not None:
+        table[leaf] = value

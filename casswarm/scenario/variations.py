@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..errors import ScenarioError
 from ..typing import FloatArray
-from .validation import Problem, as_text, fields, scenario_error, subtable
-
-if TYPE_CHECKING:
-    from . import Scenario
-
-
-PARAMETER_PREFIX = "hazard.parameters."
+from .model import Scenario
+from .validation import fields, subtable
 
 
 def with_parameters(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
@@ -36,23 +31,6 @@ def with_parameters(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
     return changed
 
 
-def set_value(data: dict[str, Any], key: str, value: object) -> None:
-    """Set a value at a dotted key of nested tables; None removes the key."""
-    if key.startswith(PARAMETER_PREFIX):  # whose names may hold dots
-        tables, leaf = ["hazard", "parameters"], key.removeprefix(PARAMETER_PREFIX)
-    else:
-        *tables, leaf = key.split(".")
-    table = data
-    for name in tables:
-        table = table.setdefault(name, {})
-        if not isinstance(table, dict):
-            message = f"{key} cannot be set: {name} is {as_text(table)}, not a table of keys"
-            raise scenario_error("values that do not fit together", [Problem(message, key)])
-    table.pop(leaf, None)
-    if value is not None:
-        table[leaf] = value
-
-
 def whole_numbers(key: str, values: Sequence[Any]) -> list[Any]:
     """Values of a parameter; if it takes whole numbers only, such as n, they become int.
 
@@ -70,8 +48,6 @@ def whole_numbers(key: str, values: Sequence[Any]) -> list[Any]:
 
 
 def _takes_whole_numbers(key: str) -> bool:
-    from .model import Scenario  # which imports this module
-
     table, _, leaf = key.partition(".")
     tables = fields(Scenario)
     keys = fields(model) if table in tables and (model := subtable(tables[table])) else {}

@@ -1,4 +1,4 @@
-"""alpaqa, through CasADi: augmented Lagrangian around a proximal quasi-Newton method."""
+"""Solvers that CasADi's nlpsol plugins provide: a base, and a class for every supported plugin."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .._util.interrupts import interruptible
 from .._util.silence import silence
 from .._util.threads import locked_cache, one_at_a_time
 from ..errors import SolverError
-from ..nlp.program import Instances, Nlp
+from ..nlp.program import Instances, LagrangianHessian, Nlp
 from ..nlp.solution import Status
 from .base import (
     Answer,
@@ -61,7 +61,7 @@ class NlpsolSolver(Solver):
     counts: ClassVar[tuple[str, ...]] = ("nlp_f", "nlp_fg")
     """Functions whose calls are the evaluations."""
     uses_hessian: ClassVar[bool] = False
-    """Whether the backend is given `Nlp.hessian`, where there is one."""
+    """Whether the backend is given the program's `LagrangianHessian`, if any."""
     prints_to_stdout: ClassVar[bool] = False
     """Whether the backend prints regardless of its options, and must be silenced."""
     needs_constraint_row: ClassVar[bool] = False
@@ -197,9 +197,10 @@ def _built(solver: NlpsolSolver, nlp: Nlp, more: Mapping[str, Any]) -> Any:
     p, (length, value) = ca.vertcat(nlp.p, scale), ca.vertsplit(scale)
     f, g = nlp.evaluate.call([length * x, nlp.p], True, False)
     exact = getattr(solver, "hessian", "exact") == "exact"
-    if nlp.hessian is not None and solver.uses_hessian and exact:
+    own = nlp.attached(LagrangianHessian)
+    if own is not None and solver.uses_hessian and exact:
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.sizes[2])
-        hessian = length**2 * nlp.hessian(length * x, nlp.p, lam_f / value, lam_g)
+        hessian = length**2 * own(length * x, nlp.p, lam_f / value, lam_g)
         options["hess_lag"] = ca.Function("hess_lag", [x, p, lam_f, lam_g], [hessian])
     free = solver.needs_constraint_row and not nlp.sizes[2]
     problem = {"x": x, "p": p, "f": f / value, "g": ca.MX(0) if free else g}

@@ -1,4 +1,4 @@
-"""Uno through its own Python package, which is optional: faster calls, and more methods."""
+"""Solvers of other packages, POUNCE and Uno, which call functions and sparse derivatives."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .._util.interrupts import interruptible
 from .._util.silence import silence
 from .._util.threads import locked_cache, one_at_a_time
 from ..errors import SolverError
-from ..nlp.program import Instances, Nlp
+from ..nlp.program import Instances, LagrangianHessian, Nlp
 from ..nlp.solution import Status
 from ..typing import Expr, FloatArray, IntArray
 from .base import Answer, Capabilities, NonNegativeInt, Positive, PositiveInt, Solver, error_text
@@ -90,10 +90,11 @@ def derivatives(nlp: Nlp) -> Derivatives:
     given, (length, value) = ca.vertcat(nlp.p, scale), ca.vertsplit(scale)
     f, g = nlp.evaluate.call([length * x, nlp.p], True, False)
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.sizes[2])
-    if nlp.hessian is None:
+    own = nlp.attached(LagrangianHessian)
+    if own is None:
         upper = ca.triu(ca.hessian(lam_f * f / value + ca.dot(lam_g, g), x)[0])
     else:
-        upper = length**2 * nlp.hessian(length * x, nlp.p, lam_f / value, lam_g)
+        upper = length**2 * own(length * x, nlp.p, lam_f / value, lam_g)
     gradient, jacobian = ca.gradient(f / value, x), ca.jacobian(g, x)
 
     def function(outputs: list[Expr], *more: Expr) -> Expr:

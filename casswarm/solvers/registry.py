@@ -6,11 +6,10 @@ above this one, or a package outside casswarm, can add solvers that this room do
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from dataclasses import fields
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from .._util.registry import Registry
 from .._util.text import did_you_mean
 from ..errors import SolverError
 
@@ -51,25 +50,9 @@ UNSUPPORTED: dict[str, str] = {
 members and the guide of paper-1; correct is the published (or Ipopt's) objective to 1e-6."""
 
 
-class _Solvers(Mapping[str, "type[Solver]"]):
-    """Classes by name, imported when they are looked up, in the order of registration."""
-
-    def __init__(self) -> None:
-        self.targets: dict[str, str] = {}
-
-    def __getitem__(self, name: str) -> type[Solver]:
-        module, _, kind = self.targets[name].partition(":")
-        solver: type[Solver] = getattr(import_module(module), kind)
-        return solver
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.targets)
-
-    def __len__(self) -> int:
-        return len(self.targets)
-
-
-SOLVERS = _Solvers()
+SOLVERS: Registry[type[Solver]] = Registry(
+    "solver", lambda message, name: SolverError(message, solver=name)
+)
 """Every solver by the name that `make_solver` and the command line take."""
 
 
@@ -95,15 +78,7 @@ def register_solver(name: str, target: str, *, before: str | None = None) -> Non
     >>> import casswarm as csw
     >>> csw.solvers.register_solver("ipopt", "casswarm.solvers.casadi_plugins:Ipopt")
     """
-    if SOLVERS.targets.get(name, target) != target:
-        raise SolverError(
-            f"solver {name!r} is {SOLVERS.targets[name]} already; got {target}", solver=name
-        )
-    if name in SOLVERS.targets:
-        return
-    entries = list(SOLVERS.targets.items())
-    place = list(SOLVERS.targets).index(before) if before in SOLVERS.targets else len(entries)
-    SOLVERS.targets = dict([*entries[:place], (name, target), *entries[place:]])
+    SOLVERS.add(name, target, before)
 
 
 def registered_class(kind: str) -> type[Solver]:

@@ -1,4 +1,4 @@
-"""The optimal success probability of two members, between an exact law and a proven bound."""
+"""Exact laws of policies, estimates for large swarms, and the optimum of two members."""
 
 from __future__ import annotations
 
@@ -183,7 +183,10 @@ def _options(scenario: Scenario, tolerance: float, max_states: int | None) -> Ex
     if scenario.n > MAX_MEMBERS and tolerance == 0:
         raise PolicyError(
             f"{scenario.name} has {scenario.n} members; a tolerance of 0 is for at most "
-            f"{MAX_MEMBERS}, whose steps have {1 << MAX_MEMBERS} outcomes: give a larger tolerance"
+            f"{MAX_MEMBERS}, whose steps have {1 << MAX_MEMBERS} outcomes: give a larger tolerance",
+            scenario=scenario.name,
+            members=scenario.n,
+            max_members=MAX_MEMBERS,
         )
     return ExpansionOptions(tolerance, max_states)
 
@@ -202,7 +205,8 @@ def _expansion(
     if len(listed) > 1:
         raise PolicyError(
             f"one policy is evaluated at a time, not {len(listed)}: "
-            f"{', '.join(map(policy_name, listed))}; call evaluate for each of them"
+            f"{', '.join(map(policy_name, listed))}; call evaluate for each of them",
+            policies=list(map(policy_name, listed)),
         )
     make_solver(solver[0], **(solver[1] or {}))  # before planning, which takes longer
     if guide is None:

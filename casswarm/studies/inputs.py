@@ -1,4 +1,4 @@
-"""Inputs that determine the results of a study: a checkpoint belongs to them."""
+"""Policies as users name them, and the inputs that determine the results of a study."""
 
 from __future__ import annotations
 

@@ -155,7 +155,8 @@ def success_gradient(
         raise PolicyError(
             f"success_gradient takes a ParametricPolicy, not {type(policy).__name__}: make one of "
             "a function of CasADi, JAX or PyTorch by csw.ParametricPolicy(function, parameters, "
-            "scenario)"
+            "scenario)",
+            policy=type(policy).__name__,
         )
     _require_fit(scenario, policy)
     options = _options(scenario, tolerance, max_states, arrival_smoothing)
@@ -184,12 +185,17 @@ def _require_fit(scenario: Scenario, policy: ParametricPolicy) -> None:
     ):
         raise PolicyError(
             f"policy {policy.name!r} is for {policy.scenario!r}, which has other members or limits "
-            f"of motion than {scenario!r}: make it with this scenario"
+            f"of motion than {scenario!r}: make it with this scenario",
+            policy=policy.name,
+            scenario=scenario.name,
         )
     if scenario.n > MAX_MEMBERS:
         raise PolicyError(
             f"{scenario.name} has {scenario.n} members; gradients are for at most {MAX_MEMBERS}, "
-            f"whose steps have {1 << MAX_MEMBERS} outcomes"
+            f"whose steps have {1 << MAX_MEMBERS} outcomes: take fewer members",
+            scenario=scenario.name,
+            members=scenario.n,
+            max_members=MAX_MEMBERS,
         )
 
 

@@ -1,13 +1,12 @@
-"""Problems of one's own scenario: those that planning and simulating it poses.
-
-Recording of the problems that planning and simulation pose to their solver.
+"""Benchmark problems that planning and simulation pose to solvers, recorded on scenarios.
 
 A recorder is passed to `plan` and `simulate`; it delegates every problem to another solver.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from typing import ClassVar
@@ -15,18 +14,21 @@ from typing import ClassVar
 import numpy as np
 
 from .._util.numbers import require_seed
-from .._util.text import did_you_mean
+from ..comparison.families import Family
 from ..comparison.problem import Problem
 from ..errors import ComparisonError
 from ..formation import Auto
+from ..formation.task import corridor_formation
 from ..guide.plan import plan, plan_from
+from ..hazard import Saturation
 from ..motion.planar import PlanarSets
+from ..motion.step import Motion, Step
 from ..nlp.program import Instances, Nlp
 from ..nlp.solution import BatchSolution
 from ..policies import Policy
 from ..scenario import Scenario
 from ..solvers import Answer, Ipopt, Solver
-from ..typing import FloatArray, Progress
+from ..typing import FloatArray
 from .inputs import policy_list, policy_name
 from .simulation import simulate
 
@@ -99,47 +101,6 @@ HORIZONS = (30, 100, 300)
 
 SIZES = {5: (20, 0.05), 20: (6, 0.12), 50: (2, 0.25)}
 """Runs that the states come from, and rho, by the number of members."""
-
-
-def make_problems(
-    family: str,
-    count: int | None = None,
-    seed: int = 0,
-    progress: Progress | None = None,
-) -> list[Problem]:
-    """Problems of a family; the same seed gives the same problems.
-
-    Parameters
-    ----------
-    family : {"guides", "formations", "quick"}
-        See `FAMILIES`.
-    count : int, optional
-        Guides of every horizon, or states of every kind of formation; by default those of
-        `FAMILIES`.
-    seed : int
-        From 0 to 2^64 - 1.
-    progress : Progress, optional
-
-    Raises
-    ------
-    ComparisonError
-        An unknown family, or a count below one.
-    ValueError
-        A seed out of range.
-    """
-    if family not in FAMILIES:
-        raise ComparisonError(f"family {family!r} is unknown{did_you_mean(family, FAMILIES)}")
-    seed = require_seed(seed)
-    generate, default = FAMILIES[family]
-    count = default if count is None else count
-    if count < 1:
-        raise ComparisonError(f"count = {count}; allowed: whole numbers from 1")
-    made: list[Problem] = []
-    for problem in generate(count, seed):
-        if progress is not None:
-            progress("making problems", len(made), None)
-        made.append(problem)
-    return made
 
 
 # --- guides
@@ -244,18 +205,54 @@ def _quick(count: int, seed: int) -> Iterator[Problem]:
     yield from _formations(count, seed, {3: (4, 0.05)})
 
 
-FAMILIES: dict[str, tuple[Callable[..., Iterator[Problem]], int]] = {
-    "guides": (_guides, 3),
-    "formations": (_formations, 3),
-    "quick": (_quick, 1),
-}
-"""Generator and default number of the problems of every family."""
+_GUIDE = re.compile(r"guide-\d+-(\d+)")
+_STATE = re.compile(r"(.+-\d+-.+)-\d+")
 
-DESCRIPTIONS = {
-    "guides": "paths of a single agent among random radars",
-    "formations": "states of simulated runs among random radars",
-}
-"""What the problems of a random family are."""
+
+def _field_of(name: str) -> str:
+    """Number of a guide called guide-HORIZON-NUMBER: guides of a number have the same radars."""
+    return match[1] if (match := _GUIDE.fullmatch(name)) else name
+
+
+def _kind_of(name: str) -> str:
+    """Kind of a formation called POLICY-MEMBERS-RATE-NUMBER, with as many numbers of each."""
+    return match[1] if (match := _STATE.fullmatch(name)) else ""
+
+
+def _two_members() -> tuple[Nlp, Instances]:
+    """Two members in a corridor, which all kinds of solvers take: a product of planar sets."""
+    step = Step(
+        hazard=Saturation(((1.0, 1.0),)),
+        motion=Motion(v_max=1.0, a_max=1.0, dt=1.0),
+        positions=np.array([[[0.0, 0.0], [0.1, 0.0]]]),
+        previous_velocities=np.zeros((1, 2, 2)),
+        alive=np.ones((1, 2), bool),
+        goals=np.array([[0.2, 0.1]]),
+    )
+    formation = corridor_formation(step, 0.1)
+    return formation.nlp, formation.instances
+
+
+_NOTE = (
+    "The problems of the families guides and formations are those that planning and simulation "
+    "pose to their solver on random scenarios. Guides have a cold start, the straight line at "
+    "constant speed, and a warm start, a local solution with noise added. Formations are states "
+    "of simulated runs; their cold start is zero velocities, and their warm start the velocities "
+    "of the previous step, projected onto the feasible set."
+)
+
+GUIDES = Family(_guides, 3, "paths of a single agent among random radars", _NOTE, unit=_field_of)
+
+FORMATIONS = Family(
+    _formations,
+    3,
+    "states of simulated runs among random radars",
+    _NOTE,
+    kind=_kind_of,
+    warm_up=_two_members,
+)
+
+QUICK = Family(_quick, 1)
 
 
 COUNT = 3
@@ -376,13 +373,15 @@ def _require_formations(scenario: Scenario, policies: Sequence[str | Policy]) ->
     if scenario.n < 2:
         raise ComparisonError(
             f"scenario {scenario.name!r} has a single member, which is in no formation; "
-            "guide_problems poses its guide"
+            "guide_problems poses its guide",
+            scenario=scenario.name,
         )
     for policy in policies:
         if policy in WITHOUT_FORMATIONS:
             raise ComparisonError(
                 f"policy {policy!r} poses no formation problem: its members follow paths that are "
-                "planned before; choose leader, constrained, leader-mpc-H or constrained-mpc-H"
+                "planned before; choose leader, constrained, leader-mpc-H or constrained-mpc-H",
+                policy=policy if isinstance(policy, str) else policy.name,
             )
 
 
@@ -391,7 +390,9 @@ def _spread(
 ) -> list[tuple[Nlp, Instances, FloatArray]]:
     """Single instances with free variables, of recorded solves that are spread over all."""
     if count < 1:
-        raise ComparisonError(f"count = {count}; allowed: whole numbers from 1")
+        raise ComparisonError(
+            f"count = {count}; allowed: whole numbers from 1", key="count", value=count
+        )
     records = []
     for nlp, instances, x in recorder.records:
         free = np.flatnonzero((instances.lbx < instances.ubx).any(axis=1))

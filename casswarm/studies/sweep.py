@@ -291,18 +291,26 @@ def _checked_settings(scenario: Scenario, settings: Mapping[str, Sequence[Any]])
     settings = {key: _python_numbers(values) for key, values in settings.items()}
     for key, values in settings.items():
         if isinstance(values, str) or not len(values):
-            raise ScenarioError(f"{key} has no values: give a list of them, such as [0.05, 0.1]")
+            raise ScenarioError(
+                f"{key} has no values: give a list of them, such as [0.05, 0.1]",
+                key=key,
+                value=values,
+            )
         try:
             json.dumps(values)
         except (TypeError, ValueError) as error:
-            raise ScenarioError(f"{key} has a value that no scenario has: {error}") from None
+            raise ScenarioError(
+                f"{key} has a value that no scenario has: {error}", key=key, value=values
+            ) from None
     if "swarm.positions" in settings and DERIVED.keys() & settings.keys():
-        raise ScenarioError("swarm.positions cannot be swept together with n or spacing")
+        raise ScenarioError(
+            "swarm.positions cannot be swept together with n or spacing", key="swarm.positions"
+        )
     for key in settings.keys() - DERIVED.keys():
         try:
             scenario.with_values({key: settings[key][0]})
         except ScenarioError as error:
             if "no such key" in str(error):
                 hint = f"; beyond its keys there are {' and '.join(DERIVED)}"
-                raise ScenarioError(f"{error}{hint}") from error
+                raise ScenarioError(f"{error}{hint}", key=key) from error
     return {key: whole_numbers(key, values) for key, values in settings.items()}

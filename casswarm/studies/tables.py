@@ -1,4 +1,4 @@
-"""Tables of guides and joint plans."""
+"""Outcome distributions, estimates, runs, guides and joint plans as tables."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ def test_verbose_plan_shows_ipopt_and_loggers_on_standard_error(tmp_path):
     done = casswarm(tmp_path, "plan", "single-agent", *options)
     assert json.loads(done.stdout)["command"] == "plan"
     assert "iter    objective    inf_pr" in done.stderr
-    assert "\ncasswarm.planning.multistart: straight line, 30 steps: solved by ipopt" in done.stderr
+    assert "\ncasswarm.guide.multistart: straight line, 30 steps: solved by ipopt" in done.stderr
     silent = casswarm(tmp_path, "plan", "single-agent", *options[1:])
     assert "multistart" not in silent.stderr
     assert "inf_pr" not in silent.stderr

@@ -13,11 +13,11 @@ import pytest
 import casswarm as csw
 from casswarm.errors import PlanningError, PolicyError, SolverError
 from casswarm.formation import Auto, SpectralProjectedGradient
+from casswarm.formation.objective import formation_objective
 from casswarm.formation.search_kernels import CONVERGED
 from casswarm.guide.plan import plan_from
 from casswarm.hazard import KernelHazard
 from casswarm.nlp.solution import Status
-from casswarm.problems.formation import formation_nlp
 from casswarm.solvers import Answer, Solver
 
 PAPER = csw.load_scenario("paper-1")
@@ -133,8 +133,8 @@ class Branching(KernelHazard):
 
 
 def test_kernels_with_branches_are_compiled_per_parameter():
-    sharp, blunt = (formation_nlp(Branching(((1.0, 1.0),), sharp=s), 2, False) for s in (2.0, 0.5))
-    assert sharp.compiled.source != blunt.compiled.source
+    sharp, blunt = (formation_objective(Branching(((1.0, 1.0),), sharp=s), 2) for s in (2.0, 0.5))
+    assert sharp.source != blunt.source
 
 
 def script(text, tmp_path, *command):

@@ -6,9 +6,9 @@ import casadi as ca
 import numpy as np
 
 from ..._util.threads import locked_cache
-from ...nlp.program import Nlp
+from ...nlp.program import LagrangianHessian, Nlp
 from ...typing import Expr, FloatArray, IntArray
-from .derivatives import CasadiProblems, Problems, RowProblems
+from .derivatives import CasadiProblems, NumericDerivatives, Problems, RowProblems
 from .factors import DenseFactors, Factors, SparseFactors, SparseSystem, shifts_to_try
 from .tape import MAX_OPERATIONS, Tape, scalar
 
@@ -24,8 +24,9 @@ def program_tapes(nlp: Nlp) -> ProgramTapes | None:
 
 def numeric_problems(nlp: Nlp, p: FloatArray) -> Problems:
     """Instances of a program: by its own compiled code, by its tapes, or by CasADi."""
-    if nlp.numeric is not None:
-        return RowProblems(nlp.numeric(p), nlp.sizes[2])
+    numeric = nlp.attached(NumericDerivatives)
+    if numeric is not None:
+        return RowProblems(numeric.problems(p), nlp.sizes[2])
     tapes = program_tapes(nlp)
     if tapes is None:
         return RowProblems(CasadiProblems(nlp, p), nlp.sizes[2])
@@ -46,10 +47,11 @@ class ProgramTapes:
         f, g = scalar(nlp.evaluate)(x, p)
         lagrangian, weights = lam_f * f + ca.dot(lam_g, g), ca.vertcat(lam_f, lam_g)
         _require_small([x, p, lam_f, lam_g], ca.gradient(lagrangian, x))
-        if nlp.hessian is None:
+        own = nlp.attached(LagrangianHessian)
+        if own is None:
             upper = ca.triu(ca.hessian(lagrangian, x)[0])
         else:
-            upper = scalar(nlp.hessian)(x, p, lam_f, lam_g)
+            upper = scalar(own.function)(x, p, lam_f, lam_g)
         derivatives = [ca.densify(ca.gradient(f, x)), ca.jacobian(g, x)]
         self.values = Tape.of([x, p], [ca.densify(f), ca.densify(g)])
         self.first = Tape.of([x, p], derivatives)

@@ -6,6 +6,8 @@ Programs that are evaluated one by one, or by NumPy, have instances first: `RowP
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Protocol
 
 import casadi as ca
@@ -13,7 +15,7 @@ import numpy as np
 
 from ..._util.threads import locked_cache
 from ...compiled.kernels import contiguous
-from ...nlp.program import Nlp
+from ...nlp.program import LagrangianHessian, Nlp
 from ...typing import Expr, FloatArray, IntArray
 from .factors import DenseFactors, Factors, shifts_to_try
 
@@ -90,6 +92,19 @@ class NumericProblems(Protocol):
 
     def linearise(self, rows: IntArray, x: FloatArray) -> RowLinearisation:
         """Derivatives at x (b, nx)."""
+
+
+@dataclass(frozen=True, eq=False)
+class NumericDerivatives:
+    """Faster derivatives of a program than those of CasADi's functions, attached to it.
+
+    Parameters
+    ----------
+    problems : callable
+        Parameters (B, np) to the instances.
+    """
+
+    problems: Callable[[FloatArray], NumericProblems]
 
 
 class RowProblems:
@@ -226,8 +241,9 @@ class CasadiLinearisation:
 @locked_cache(maxsize=64)
 def lagrangian_hessian(nlp: Nlp) -> Expr:
     """CasADi Function (x, p, lam_f, lam_g) to the Lagrangian's Hessian, its upper triangle."""
-    if nlp.hessian is not None:
-        return nlp.hessian
+    own = nlp.attached(LagrangianHessian)
+    if own is not None:
+        return own.function
     weight, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.sizes[2])
     lagrangian = weight * nlp.objective + ca.dot(multipliers, nlp.g)
     upper = ca.triu(ca.hessian(lagrangian, nlp.x)[0])

@@ -1,4 +1,4 @@
-"""Factors of condensed matrices with one sparse pattern, for many instances at once."""
+"""Factors of condensed matrices of many instances: dense by LAPACK, or with one sparse pattern."""
 
 from __future__ import annotations
 

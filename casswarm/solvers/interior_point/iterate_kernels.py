@@ -1,10 +1,7 @@
-"""Compiled loops of the line search: trial points, the barrier, and the filter.
+"""Compiled loops over the entries of iterates: residuals, trial points, the barrier, the filter.
 
-Arrays (k, b) hold numbers of b instances; `rows` (r,) are those of them that are searched.
-
-Compiled loops over the entries of iterates: residuals, right-hand sides, multipliers.
-
-Arrays (k, b) hold numbers of b instances, so the inner loops do an operation for all of them.
+Arrays (k, b) hold numbers of b instances, so the inner loops do an operation for all of them;
+`rows` (r,) are those of them that are searched.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The state of the interior-point method: iterates, their residuals, and results."""
+"""The state of the interior-point method: iterates with their bounds, the filter, and results."""
 
 from __future__ import annotations
 

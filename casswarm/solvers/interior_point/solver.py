@@ -1,4 +1,4 @@
-"""The interior-point method as a solver."""
+"""The interior-point method as a solver, and the verification of its answers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from ..base import (
     backend_error,
 )
 from .compiled_derivatives import numeric_problems, program_tapes
-from .derivatives import Problems
+from .derivatives import NumericDerivatives, Problems
 from .engine import minimise
 from .iterate_kernels import LANES
 from .iterates import Options, Results
@@ -171,7 +171,7 @@ class FilterInteriorPoint(Solver):
 
     def prepare(self, nlp: Nlp) -> None:
         """See `Solver.prepare`."""
-        if nlp.numeric is None:
+        if nlp.attached(NumericDerivatives) is None:
             program_tapes(nlp)
 
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
@@ -244,7 +244,7 @@ class FilterInteriorPoint(Solver):
 def _width(nlp: Nlp) -> int:
     """How many instances advance together: whole lanes, or fewer where matrices are dense."""
     variables, _, rows = nlp.sizes
-    if nlp.numeric is not None:
+    if nlp.attached(NumericDerivatives) is not None:
         return max(1, min(_WIDEST, _NUMERIC // (variables + rows + 1)))
     tapes = program_tapes(nlp)
     if tapes is None or tapes.system is None:

@@ -11,34 +11,19 @@ import numpy as np
 
 from ..._util.threads import locked_cache
 from ...compiled.kernels import generated_module
+from ...nlp.operations import OPERATIONS, instructions, operation_name
 from ...typing import Expr, FloatArray, IntArray
 from .iterate_kernels import LANES
 
-_RESULTS = {
-    "ASSIGN": "x", "ADD": "x + y", "SUB": "x - y", "MUL": "x * y", "DIV": "x / y",
-    "NEG": "-x", "INV": "1.0 / x", "SQ": "x * x", "TWICE": "2.0 * x", "SQRT": "math.sqrt(x)",
-    "EXP": "math.exp(x)", "LOG": "math.log(x)", "POW": "x ** y", "CONSTPOW": "x ** y",
-    "SIN": "math.sin(x)", "COS": "math.cos(x)", "TAN": "math.tan(x)", "ASIN": "math.asin(x)",
-    "ACOS": "math.acos(x)", "ATAN": "math.atan(x)", "SINH": "math.sinh(x)",
-    "COSH": "math.cosh(x)", "TANH": "math.tanh(x)", "ASINH": "math.asinh(x)",
-    "ACOSH": "math.acosh(x)", "ATANH": "math.atanh(x)", "ATAN2": "math.atan2(x, y)",
-    "FLOOR": "np.floor(x)", "CEIL": "np.ceil(x)", "FABS": "abs(x)", "SIGN": "np.sign(x)",
-    "FMIN": "np.fmin(x, y)", "FMAX": "np.fmax(x, y)", "LT": "1.0 if x < y else 0.0",
-    "LE": "1.0 if x <= y else 0.0", "EQ": "1.0 if x == y else 0.0",
-    "NE": "1.0 if x != y else 0.0", "NOT": "1.0 if x == 0.0 else 0.0",
-    "AND": "1.0 if x != 0.0 and y != 0.0 else 0.0", "OR": "1.0 if x != 0.0 or y != 0.0 else 0.0",
-    "IF_ELSE_ZERO": "y if x != 0.0 else 0.0", "ERF": "math.erf(x)", "LOG1P": "math.log1p(x)",
-    "EXPM1": "math.expm1(x)", "HYPOT": "math.hypot(x, y)", "COPYSIGN": "math.copysign(x, y)",
-}  # fmt: skip
-"""Result of an operation of arguments x and y, by the end of CasADi's name."""
+_RESULTS = {code: text for code, (text, *_) in OPERATIONS.items() if text}
 
-_NAMES = ("INPUT", "OUTPUT", "CONST", *_RESULTS)
-
-OPERATIONS = {getattr(ca, f"OP_{name}"): number for number, name in enumerate(_NAMES)}
+NUMBERS = {
+    code: number for number, code in enumerate((ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, *_RESULTS))
+}
 """Number of an operation on a tape, by CasADi's code."""
 
 _CASE = """\
-                elif code == {number}:  # {name}
+                elif code == {number}:
                     for lane in range({lanes}):
                         x, y = one[lane], two[lane]
                         out[lane] = {result}
@@ -75,8 +60,8 @@ def evaluation() -> Callable[..., Any]:
     (size, LANES), `operations` and `constants` those of `Tape`.
     """
     cases = [
-        _CASE.format(number=number, name=name, lanes=LANES, result=result)
-        for number, (name, result) in enumerate(_RESULTS.items(), start=3)
+        _CASE.format(number=NUMBERS[code], lanes=LANES, result=text.format(x="x", y="y"))
+        for code, text in _RESULTS.items()
     ]
     source = _SOURCE.format(lanes=LANES, cases="".join(cases))
     function: Callable[..., Any] = generated_module(source).evaluate
@@ -142,14 +127,12 @@ class Tape:
         first_out = np.cumsum([0, *map(function.nnz_out, range(function.n_out()))])
         operations = np.zeros((function.n_instructions(), 4), np.int64)
         constants = np.zeros(len(operations))
-        for k in range(len(operations)):
-            code = function.instruction_id(k)
-            if code not in OPERATIONS:
-                raise NotImplementedError(f"operation {code} of CasADi")
-            places, results = function.instruction_input(k), function.instruction_output(k)
+        for k, (code, places, results, constant) in enumerate(instructions(function)):
+            if code not in NUMBERS:
+                raise NotImplementedError(f"operation {operation_name(code)} of CasADi")
             row: tuple[int, ...]
             if code == ca.OP_CONST:
-                constants[k] = function.instruction_constant(k)
+                constants[k] = constant
                 row = results[0], 0, 0
             elif code == ca.OP_INPUT:
                 row = results[0], *places
@@ -157,7 +140,7 @@ class Tape:
                 row = 0, places[0], first_out[results[0]] + results[1]
             else:
                 row = results[0], places[0], places[-1]
-            operations[k] = OPERATIONS[code], *row
+            operations[k] = NUMBERS[code], *row
         patterns = tuple(
             np.array(function.sparsity_out(k).get_triplet(), np.int64)
             for k in range(function.n_out())
@@ -179,8 +162,8 @@ def _separate_results(operations: IntArray) -> int:
 
     Compilers make vector operations of loops only where the arrays do not overlap.
     """
-    no_arguments = OPERATIONS[ca.OP_INPUT], OPERATIONS[ca.OP_CONST]
-    output = OPERATIONS[ca.OP_OUTPUT]
+    no_arguments = NUMBERS[ca.OP_INPUT], NUMBERS[ca.OP_CONST]
+    output = NUMBERS[ca.OP_OUTPUT]
     last: dict[int, int] = {}  # operation that uses a place last, before it is written again
     ends = np.zeros((len(operations), 2), bool)
     for k in range(len(operations) - 1, -1, -1):

@@ -27,7 +27,7 @@ from casswarm.bounds.acceleration_kernels import (
 )
 from casswarm.bounds.acceleration_limits import AccelerationLimits, Region
 from casswarm.grid import Relaxation
-from casswarm.grid.nodes import Block
+from casswarm.grid.nodes import CellBlock
 
 
 def agent(target: Point, radars: list[Point], steps: int, **values: object) -> Scenario:
@@ -176,7 +176,7 @@ def test_region_parts_halves_and_gaps() -> None:
     assert region.halved().grid.spacing == region.grid.spacing / 2
     cells = np.ones((6, 9), bool)
     cells[:, 3:7] = False
-    apart = replace(region, blocks=(Block((0, 0), cells), *region.blocks[1:]))
+    apart = replace(region, blocks=(CellBlock((0, 0), cells), *region.blocks[1:]))
     assert apart.widest_gap() == (0, 1, 3)
     assert [part.blocks[0].cells.shape for part in apart.parts(0, 1, 3)] == [(6, 3), (6, 2)]
 

@@ -158,6 +158,8 @@ def test_index_selects_sets(cases: tuple[PlanarSets, Array]) -> None:
 def test_violation_is_largest_distance() -> None:
     sets = single([-1, -1], [1, 1], (0, 0, 1), (2, 0, INF))
     np.testing.assert_allclose(sets.violation([[0, 0], [0, 3], [4, 5]]), [0, 2, np.sqrt(41) - 1])
+    assert sets.contains([[0, 0], [0, 3], [np.nan, 0]]).tolist() == [True, False, False]
+    assert sets.contains([0, 3], tolerance=2.0)
     assert single([-1, -1], [1, 1]).violation([4.0, 5.0]) == 5
     assert sets.violation([0, 1.5]) <= 0.5
     assert not sets.violation([0, 1.5]) <= 0.4

@@ -23,11 +23,11 @@ from casswarm.bounds import certify
 from casswarm.grid import Relaxation
 from casswarm.grid.dynamic_programming import (
     StageCosts,
-    box_minimum,
     costs_to_come,
     costs_to_go,
     least_cost,
 )
+from casswarm.grid.node_blocks import NodeBlock, box_extremum
 from casswarm.grid.nodes import Grid, node_count
 
 
@@ -53,7 +53,8 @@ def test_box_minimum_matches_scipy(seed: int) -> None:
     padded = np.pad(values, 80, constant_values=np.inf)
     expected = minimum_filter(padded, 2 * k + 1, mode="constant", cval=np.inf)
     rows, columns = (slice(80 + f, 80 + f + s) for f, s in zip(first, shape, strict=True))
-    np.testing.assert_array_equal(box_minimum(values, first, shape, k), expected[rows, columns])
+    found = box_extremum(values, NodeBlock((0, 0), values.shape), NodeBlock(first, shape), k)
+    np.testing.assert_array_equal(found, expected[rows, columns])
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(-3.5, 0.5))

@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 
 import casswarm as csw
 from casswarm.compiled import parallel as kernel_threads
+from casswarm.joint.numeric import joint_program
 from casswarm.nlp.program import Instances, Nlp
-from casswarm.problems.joint import JointForm, joint_nlp
+from casswarm.problems.joint import JointForm
 from casswarm.problems.joint_instances import JointTask, joint_instances
-from casswarm.solvers.interior_point.derivatives import CasadiProblems
+from casswarm.solvers.interior_point.derivatives import CasadiProblems, NumericDerivatives
 from casswarm.solvers.interior_point.factors import shifts_to_try
 
 STEPS = 5
@@ -29,7 +30,7 @@ def posed(name: str, n: int, objective: str, separated: bool, seed: int) -> tupl
     }
     scenario = csw.load_scenario(name).with_values(near)
     form = JointForm(n, STEPS, True, objective, separated)
-    nlp = joint_nlp(scenario.hazard, form)
+    nlp = joint_program(scenario.hazard, form)
     task = JointTask.from_scenario(scenario, rng.normal(size=(n, 2)), 0.1 * separated)
     arrivals = [rng.integers(3, STEPS + 1, n), np.full(n, STEPS - 1)]
     guesses = [rng.uniform(-0.5, 1.5, (STEPS, n, 2)) for _ in arrivals]
@@ -49,8 +50,9 @@ def test_values_and_derivatives_equal_casadis(
     name: str, objective: str, n: int, separated: bool, seed: int
 ) -> None:
     nlp, batch = posed(name, n, objective, separated, seed)
-    assert nlp.numeric is not None
-    compiled, casadis = nlp.numeric(batch.p), CasadiProblems(nlp, batch.p)
+    numeric = nlp.attached(NumericDerivatives)
+    assert numeric is not None
+    compiled, casadis = numeric.problems(batch.p), CasadiProblems(nlp, batch.p)
     rows, rng = np.arange(len(batch)), np.random.default_rng(seed)
     assume(abs(compiled.evaluate(rows, batch.x0)[0]).max() < 10)  # else 1 - F is rounding error
     for ours, theirs in zip(
@@ -76,7 +78,8 @@ def test_values_and_derivatives_equal_casadis(
 @settings(max_examples=10)
 def test_factors_need_the_shifts_of_dense_matrices(n: int, seed: int) -> None:
     nlp, batch = posed("paper-2", n, "success", False, seed)
-    assert nlp.numeric is not None
+    numeric = nlp.attached(NumericDerivatives)
+    assert numeric is not None
     rows, rng = np.arange(len(batch)), np.random.default_rng(seed)
     multipliers, none = rng.normal(size=batch.lbg.shape), np.zeros_like(batch.lbg)
     casadis = CasadiProblems(nlp, batch.p).linearise(rows, batch.x0)
@@ -86,7 +89,7 @@ def test_factors_need_the_shifts_of_dense_matrices(n: int, seed: int) -> None:
     for margin, positive in ((1e-3, True), (-1e-3, False)):
         of_x = -eigenvalues[:, :1] + margin * abs(eigenvalues).max(axis=1, keepdims=True)
         weights[:, : batch.x0.shape[1]] = of_x
-        ours = nlp.numeric(batch.p).linearise(rows, batch.x0)
+        ours = numeric.problems(batch.p).linearise(rows, batch.x0)
         shifts = ours.factors(multipliers, weights, np.zeros((len(batch), 1))).shifts
         assert (np.isfinite(shifts) == positive).all()
 
@@ -97,8 +100,9 @@ def close(ours: np.ndarray, theirs: np.ndarray) -> None:
 
 def test_instances_are_independent() -> None:
     nlp, batch = posed("paper-2", 3, "success", True, 7)
-    assert nlp.numeric is not None
-    problems = nlp.numeric(batch.p)
+    numeric = nlp.attached(NumericDerivatives)
+    assert numeric is not None
+    problems = numeric.problems(batch.p)
     together = problems.linearise(np.arange(2), batch.x0)
     for row in range(2):
         alone = problems.linearise(np.array([row]), batch.x0[row : row + 1])
@@ -107,17 +111,18 @@ def test_instances_are_independent() -> None:
 
 def test_threads_compute_as_one_does(monkeypatch: pytest.MonkeyPatch) -> None:
     nlp, batch = posed("paper-2", 4, "success", True, 11)
-    assert nlp.numeric is not None
+    numeric = nlp.attached(NumericDerivatives)
+    assert numeric is not None
     rows = np.arange(900) % 2
     x, multipliers = batch.x0[rows], np.ones((900, batch.lbg.shape[1]))
     weights = np.full((900, x.shape[1] + multipliers.shape[1]), 1e3)
     results = []
     for cores in (1, 3):
         monkeypatch.setattr(kernel_threads, "_cores", lambda cores=cores: cores)
-        at = nlp.numeric(batch.p).linearise(rows, x)
+        at = numeric.problems(batch.p).linearise(rows, x)
         factors = at.factors(multipliers, weights, np.zeros((900, 1)))
         assert np.isfinite(factors.shifts).all()
-        values = nlp.numeric(batch.p).evaluate(rows, x)[0]
+        values = numeric.problems(batch.p).evaluate(rows, x)[0]
         results.append((values, at.gradient, factors.solve(x.T)))
     for one, other in zip(*results, strict=True):
         np.testing.assert_array_equal(one, other)

@@ -215,7 +215,7 @@ def test_projected_gradient_formations_equal_those_of_ipopt(which: int) -> None:
 @pytest.mark.parametrize("which", [0, 1], ids=["leader", "corridor"])
 def test_projected_gradient_compiled_iterates_equal_interpreted(which: int, start: Any) -> None:
     formation = formations("paper-1", 8)[which]
-    interpreted = replace(formation.nlp, compiled=None)
+    interpreted = replace(formation.nlp, attachments=())
     solver = ProjectedGradient(step=0.05, x_scale=3.0, max_iter=300, start=start)
     compiled = solver.solve_batch(formation.nlp, formation.instances)
     expected = solver.solve_batch(interpreted, formation.instances)

@@ -17,10 +17,11 @@ from casswarm import Saturation, SaturationCollision, load_scenario, success_bou
 from casswarm.bounds import PairValueFunction, pair_bound
 from casswarm.bounds.pair_bound import first_program
 from casswarm.bounds.pair_kernels import MemberNodes, step_back
-from casswarm.bounds.pair_nodes import Rectangle, pair_lattice
+from casswarm.bounds.pair_nodes import pair_lattice
 from casswarm.bounds.pair_program import PairProgram
-from casswarm.bounds.pair_tube import PairBlock, box_maximum, viable_boxes
+from casswarm.bounds.pair_tube import viable_boxes
 from casswarm.errors import PlanningError
+from casswarm.grid.node_blocks import NodeBlock, box_extremum
 from casswarm.grid.nodes import Relaxation
 from casswarm.joint import PlanDistribution
 
@@ -211,7 +212,7 @@ def test_step_back_is_above_every_position_between_nodes(collides):
     hazard = SaturationCollision(RADARS) if collides else Saturation(RADARS)
     scenario = small(PAIR, (2.0, 0.4), RADARS, 4, **(COLLISIONS if collides else {}))
     task = Relaxation.from_scenario(scenario, np.array(PAIR[0]))
-    region = Rectangle((0, 0), (9, 9))
+    region = NodeBlock((0, 0), (10, 10))
     lattice = pair_lattice(task, np.array(PAIR), 6, region, 2, (0.0, 0.0))
     alone = rng.uniform(0.2, 0.6, (2, 10, 10))
     members = [
@@ -250,21 +251,12 @@ def test_box_maximum_equals_maximum_filter(seed, reach):
     shape = tuple(rng.integers(1, 7, 4).tolist())
     values = rng.normal(size=shape)
     low, high = rng.integers(-3, 3, 4), rng.integers(3, 8, 4)
-    at = PairBlock(
-        Rectangle((0, 0), (shape[0] - 1, shape[1] - 1)), Rectangle((0, 0), shape_end(shape))
-    )
-    to = PairBlock(
-        Rectangle(tuple(low[:2]), tuple(high[:2])), Rectangle(tuple(low[2:]), tuple(high[2:]))
-    )
-    found = box_maximum(values, at, to, reach)
+    to = NodeBlock.between(low, high)
+    found = box_extremum(values, NodeBlock((0, 0, 0, 0), shape), to, reach, largest=True)
     padded = np.pad(values, 12, constant_values=-np.inf)
     expected = maximum_filter(padded, 2 * reach + 1, mode="constant", cval=-np.inf)
     window = tuple(slice(12 + a, 12 + b + 1) for a, b in zip(low, high, strict=True))
     np.testing.assert_array_equal(found, expected[window])
-
-
-def shape_end(shape):
-    return shape[2] - 1, shape[3] - 1
 
 
 def test_viable_boxes_hold_all_cells_around_viable_nodes():
@@ -273,11 +265,11 @@ def test_viable_boxes_hold_all_cells_around_viable_nodes():
     for corner in ((1, 1, 1, 1), (11, 11, 11, 11)):
         window = tuple(slice(c, c + 4) for c in corner)
         needed[window] = np.where(rng.random((4, 4, 4, 4)) < 0.3, -0.5, -np.inf)
-    block = PairBlock(Rectangle((3, 3), (18, 18)), Rectangle((-5, -5), (10, 10)))
+    block = NodeBlock.between((3, 3, -5, -5), (18, 18, 10, 10))
     boxes = list(viable_boxes(needed, block, 0.5))
     assert len(boxes) >= 2
     assert sum(np.prod((box[1] - box[0]) / 0.5 + 1) for box in boxes) < 0.25 * needed.size
-    for node in np.argwhere(needed > -np.inf) + block.low:
+    for node in np.argwhere(needed > -np.inf) + block.first:
         assert any(
             (0.5 * (node - 1) >= box[0] - 1e-9).all() and (0.5 * (node + 1) <= box[1] + 1e-9).all()
             for box in boxes

@@ -12,8 +12,17 @@ import pytest
 from backend_cases import GATE
 from small_scenarios import DT, V_MAX, grid_bounds, patrolled, single_agent_rate_by_hand, small
 
-from casswarm import Guide, PlanningError, Scenario, SolverError, Status, load_scenario, plan
-from casswarm.guide.plan import plan_from
+from casswarm import (
+    Guide,
+    PlanningError,
+    Scenario,
+    SolverError,
+    Status,
+    load_scenario,
+    plan,
+    plan_baseline,
+)
+from casswarm.guide import plan_from
 from casswarm.nlp.program import Instances, Nlp
 from casswarm.solvers import Answer, Ipopt, Solver
 
@@ -321,3 +330,41 @@ def test_plan_projected_gradient_is_not_better_than_global_search() -> None:
     line = small(MEMBER, (4.0, 0.5), [(2.0, 1.2)], 12, guide__iterations=1)
     paper = plan(scenario, "projected-gradient")
     assert plan(scenario).risk <= paper.risk < plan(line, "projected-gradient").risk
+
+
+@pytest.mark.parametrize("certify", [True, False])
+def test_plan_baseline_has_the_bound_of_its_guide_without_limits(certify: bool) -> None:
+    scenario = load_scenario("single-agent")
+    guide = plan(scenario, certify=certify)
+    baseline = plan_baseline(scenario, guide)
+    assert baseline.arrives
+    assert baseline.search == "global"
+    assert baseline.risk < guide.risk
+    certificate = guide.certificate
+    assert baseline.risk_bound == (None if certificate is None else certificate.bound)
+    assert baseline.certificate is None or baseline.certificate.accelerated is None
+
+
+def test_plan_baseline_without_time_to_search_fails() -> None:
+    scenario = load_scenario("single-agent")
+    with pytest.raises(PlanningError, match="before its first solve"):
+        plan_baseline(scenario, plan(scenario, certify=False), time_limit=1e-6)
+
+
+def test_best_paths_are_those_of_the_homotopy_classes() -> None:
+    guide = plan(load_scenario("single-agent"), certify=False)
+    paths, classes = guide.best_paths(), guide.best_per_homotopy_class()
+    assert list(paths) == [f"{best.homotopy} {rank}" for rank, best in enumerate(classes)]
+    assert len(paths) > 1
+    for path, best in zip(paths.values(), classes, strict=True):
+        assert path.shape == (len(best.velocities) + 1, 2)
+        np.testing.assert_allclose(np.diff(path, axis=0), guide.dt * best.velocities, atol=1e-12)
+    np.testing.assert_array_equal(next(iter(paths.values())), guide.positions)
+
+
+def test_guide_values_by_name_count_all_starts() -> None:
+    guide = plan(load_scenario("single-agent"))
+    values = guide.as_dict()
+    assert sum(guide.outcomes.values()) == len(guide.candidates) == len(values["candidates"])
+    assert values["risk_bound"] == values["certificate"]["accelerated"]["bound"]
+    assert values["gap"] == guide.gap

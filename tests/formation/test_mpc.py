@@ -111,6 +111,19 @@ def test_limits_hold_along_path_and_in_applied_velocities(steps: int) -> None:
         assert (first[~data.alive] == 0).all()
 
 
+def test_sets_of_paths_contain_what_is_within_their_limits() -> None:
+    data = window(20, 4, 3, seed=5)
+    for problem in both(data):
+        sets, free = problem.instances.feasible_set, problem.free
+        assert sets is not None
+        paths = paths_of(problem, data)
+        assert sets.contains(paths, 1e-7)[free].all()
+        far = paths + np.array([2.1 * MOTION.v_max, 0.0]) * np.arange(1, 4)[:, None, None]
+        assert not sets.contains(far, 1e-7)[free].any()
+        shifted = paths + np.array([0.0, 10.0])
+        assert not sets[:5].contains(shifted[:5], 1e-7)[free[:5]].any()
+
+
 def test_infeasible_counts_members_that_miss_next_soft_constraint() -> None:
     data = window(40, 4, 3, seed=12)
     led, kept = both(data)

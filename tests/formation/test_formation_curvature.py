@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import casswarm as csw
+from casswarm.formation.objective import CompiledObjective, formation_program
 from casswarm.formation.spectral_kernels import LARGE_SWARM
-from casswarm.problems.formation import formation_nlp
 
 RADARS = ((4.4, 4.6), (4.5, 3.0))
 HAZARDS = [csw.Saturation(RADARS, (0.5, 2.0)), csw.SaturationCollision(RADARS)]
@@ -16,7 +16,8 @@ HAZARDS = [csw.Saturation(RADARS, (0.5, 2.0)), csw.SaturationCollision(RADARS)]
 @pytest.mark.parametrize("hazard", HAZARDS, ids=["plain", "collision"])
 def test_blocks_equal_those_of_casadis_hessian(hazard):
     n, rng = LARGE_SWARM + 1, np.random.default_rng(0)
-    nlp = formation_nlp(hazard, n, False)
+    nlp = formation_program(hazard, n, False)
+    compiled = nlp.attached(CompiledObjective)
     alive = rng.random(n) < 0.8
     weights = alive * rng.uniform(0.5, 2.0, n) * (rng.random(n) < 0.8)
     p = nlp.pack_parameters(
@@ -29,9 +30,9 @@ def test_blocks_equal_those_of_casadis_hessian(hazard):
         v_max=2.0,
     )
     p = np.asarray(p, float).ravel()
-    x, found, evaluate = rng.normal(0.0, 0.5, 2 * n), np.empty(5 * n), nlp.compiled.evaluate
+    x, found, evaluate = rng.normal(0.0, 0.5, 2 * n), np.empty(5 * n), compiled.evaluate
     called = numba.njit(lambda *arguments: evaluate(*arguments))  # noqa: PLW0108  (a CFunc)
-    value = called(x, p, nlp.compiled.constants, found, np.empty(n * (n + 8)))
+    value = called(x, p, compiled.constants, found, np.empty(n * (n + 8)))
     symbols = ca.MX.sym("x", 2 * n)
     hessian, _ = ca.hessian(nlp.evaluate(symbols, p)[0], symbols)
     hessian = np.asarray(ca.Function("hessian", [symbols], [hessian])(x))

@@ -10,6 +10,7 @@ import pytest
 
 import casswarm as csw
 from casswarm.motion.step import Motion
+from casswarm.nlp import LagrangianHessian
 from casswarm.problems.joint import JointForm, joint_nlp
 from casswarm.problems.joint_instances import JointTask, joint_instances
 
@@ -38,7 +39,8 @@ def test_hessian_matches_automatic_differentiation(
     arguments = (x, p, 0.7, np.linspace(-1.0, 2.0, nlp.g.shape[0]))
     expected = np.triu(np.array(second(*arguments)))
     assert np.abs(expected).max() > 1e-3
-    np.testing.assert_allclose(np.array(nlp.hessian(*arguments)), expected, rtol=1e-9, atol=1e-11)
+    found = np.array(nlp.attached(LagrangianHessian)(*arguments))
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-11)
 
 
 def test_hessian_pickles_with_program() -> None:
@@ -47,15 +49,15 @@ def test_hessian_pickles_with_program() -> None:
     nlp = joint_nlp(scenario.hazard, form)
     arguments = (*point(scenario, form), 1.0, np.ones(nlp.g.shape[0]))
     restored = pickle.loads(pickle.dumps(nlp))
-    np.testing.assert_array_equal(
-        np.array(restored.hessian(*arguments)), np.array(nlp.hessian(*arguments))
-    )
+    hessians = (each.attached(LagrangianHessian) for each in (restored, nlp))
+    np.testing.assert_array_equal(*(np.array(hessian(*arguments)) for hessian in hessians))
 
 
 def test_hessian_of_large_swarm_or_mean_field_is_none() -> None:
     hazard = csw.load_scenario("paper-1").hazard
-    assert joint_nlp(hazard, JointForm(7, 2)).hessian is None
-    assert joint_nlp(hazard, JointForm(3, 2, exact=False)).hessian is None
+    assert joint_nlp(hazard, JointForm(7, 2)).attached(LagrangianHessian) is None
+    mean_field = joint_nlp(hazard, JointForm(3, 2, exact=False))
+    assert mean_field.attached(LagrangianHessian) is None
 
 
 def point(scenario: csw.Scenario, form: JointForm) -> tuple[np.ndarray, np.ndarray]:

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from small_scenarios import DT, V_MAX, patrolled, small
 
 from casswarm import PlanningError, Scenario, load_scenario, plan
-from casswarm.grid import ValueFunction
-from casswarm.grid.dynamic_programming import StageCosts, box_minimum, rounding
+from casswarm.grid import CostToGoMap, ValueFunction
+from casswarm.grid.dynamic_programming import StageCosts, rounding
+from casswarm.grid.node_blocks import box_extremum
 from casswarm.guide.plan import plan_from
 
 SCENARIO = small(
@@ -140,12 +141,11 @@ def test_value_function_too_many_steps_reports_nodes() -> None:
 def exact_interpolation(value: ValueFunction, step: int, position: np.ndarray) -> float:
     """Interpolated lower values of the next step, with the position in exact arithmetic."""
     grid = value.grid
-    array, low = value.lower[step][0], grid.blocks[step][0].low
-    shape = (array.shape[0] + 2 * grid.reach, array.shape[1] + 2 * grid.reach)
-    least = box_minimum(array, (-grid.reach, -grid.reach), shape, grid.reach)
+    array, block = value.lower[step][0], grid.nodes[step][0]
+    least = box_extremum(array, block, block.grown(grid.reach), grid.reach)
     nodes = [
         (Fraction(x) - Fraction(start)) / Fraction(grid.spacing) - first + grid.reach
-        for x, start, first in zip(position, grid.task.start, low, strict=True)
+        for x, start, first in zip(position, grid.task.start, block.first, strict=True)
     ]
     cell = [math.floor(node) for node in nodes]
     u, v = (node - corner for node, corner in zip(nodes, cell, strict=True))
@@ -208,3 +208,21 @@ def test_memory_is_bounded_where_many_nodes_are_within_reach(radius: float) -> N
     assert (low <= high).all()
     for position, velocity in zip(positions[:4], velocities, strict=False):
         assert np.array_equal(value.velocities(0, position), velocity)
+
+
+def test_map_of_scenario_covers_its_contents_and_matches_value_function() -> None:
+    far = np.array([[9.0, -3.0]])
+    costs = CostToGoMap.from_scenario(SCENARIO, [far])
+    points = np.vstack([far, SCENARIO.positions, SCENARIO.hazard.radar_positions])
+    assert (costs.low < points.min(axis=0)).all()
+    assert (points.max(axis=0) < costs.high).all()
+    same = CostToGoMap.from_value_function(
+        ValueFunction.from_scenario(SCENARIO, certified=False), costs.low, costs.high
+    )
+    np.testing.assert_array_equal(costs.survival, same.survival)
+    np.testing.assert_array_equal(costs.velocities, same.velocities)
+
+
+def test_map_beyond_time_limit_fails() -> None:
+    with pytest.raises(PlanningError, match="raise the time limit"):
+        CostToGoMap.from_scenario(SCENARIO, time_limit=1e-9)

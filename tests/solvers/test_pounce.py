@@ -15,6 +15,7 @@ import pytest
 from known_problems import hs_35, hs_71
 
 from casswarm.errors import SolverError
+from casswarm.nlp import LagrangianHessian
 from casswarm.nlp.program import Instances, Nlp
 from casswarm.nlp.solution import Status
 from casswarm.solvers import Pounce, make_solver
@@ -124,7 +125,8 @@ def test_own_hessian_is_used() -> None:
     p, lam_g = ca.MX.sym("p", 0), ca.MX.sym("lam_g", 1)
     f = case.nlp.evaluate.call([x, p], True, False)[0]
     calls = [ca.triu(ca.hessian(lam_f * f, x)[0])]
-    own = replace(case.nlp, hessian=ca.Function("own", [x, p, lam_f, lam_g], calls))
+    hessian = ca.Function("own", [x, p, lam_f, lam_g], calls)
+    own = case.nlp.with_attachments(LagrangianHessian(hessian))
     scaled = replace(case.instance, scale=np.array([[2.0, 3.0]]))
     (derived,), (given,) = (Pounce().run(nlp, scaled) for nlp in (case.nlp, own))
     assert given.iterations == derived.iterations

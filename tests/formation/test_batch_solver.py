@@ -11,11 +11,11 @@ import pytest
 import casswarm as csw
 from casswarm.errors import SolverError
 from casswarm.formation import Auto, SpectralProjectedGradient
+from casswarm.formation.objective import CompiledObjective, formation_objective, formation_program
 from casswarm.formation.search_kernels import minimise_batch
 from casswarm.formation.task import corridor_formation, leader_formation
 from casswarm.hazard import KernelHazard, regular
 from casswarm.motion.step import Motion, Step
-from casswarm.problems.formation import formation_nlp
 from casswarm.solvers import Ipopt
 
 MOTION = Motion(v_max=2.0, a_max=0.5, dt=0.33)
@@ -73,12 +73,13 @@ def corridor(hazard, **options):
 
 @pytest.mark.parametrize("hazard", HAZARDS, ids=["plain", "strengths", "collision", "gaussian"])
 def test_compiled_objective_equals_casadi(hazard):
-    nlp = formation_nlp(hazard, 5, False)
+    nlp = formation_program(hazard, 5, False)
     formation = leader(hazard)
-    gradient, kernel = np.empty(10), called(nlp.compiled.evaluate)
+    compiled = nlp.attached(CompiledObjective)
+    gradient, kernel = np.empty(10), called(compiled.evaluate)
     for p in formation.instances.p[:20]:
         x = np.random.default_rng(1).uniform(-2, 2, 10)
-        f = kernel(x, p.copy(), nlp.compiled.constants, gradient, np.empty(65))
+        f = kernel(x, p.copy(), compiled.constants, gradient, np.empty(65))
         expected, slope = nlp.gradient(x, p)
         assert f == pytest.approx(float(expected), rel=1e-12)
         np.testing.assert_allclose(gradient, np.asarray(slope).ravel(), rtol=1e-10, atol=1e-12)
@@ -91,7 +92,7 @@ def called(evaluate):
 
 def test_hazards_of_one_class_share_compiled_code():
     other = csw.Saturation(((0.0, 1.0),), alpha_1=9.0, alpha_2=1.0, alpha_3=2.0)
-    first, second = (formation_nlp(h, 5, False).compiled for h in (HAZARDS[0], other))
+    first, second = (formation_objective(h, 5) for h in (HAZARDS[0], other))
     assert first.evaluate is second.evaluate
     assert not np.array_equal(first.constants, second.constants)
 
@@ -211,7 +212,7 @@ def rate(positions, alive):
 @pytest.mark.parametrize("problem", [leader, corridor])
 def test_auto_without_kernels_uses_ipopt(problem):
     formation = problem(csw.CustomHazard(rate), states=5)
-    assert formation.nlp.compiled is None
+    assert formation.nlp.attached(CompiledObjective) is None
     auto = Auto().solve_batch(formation.nlp, formation.instances)
     ipopt = Ipopt().solve_batch(formation.nlp, formation.instances)
     assert auto.success.all()
