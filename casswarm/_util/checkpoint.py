@@ -8,12 +8,9 @@ operating system holds the lock and drops it when that process dies.
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import os
 import socket
-import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -23,7 +20,16 @@ from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
 from ..errors import CheckpointError
-from .files import atomic_write, is_partial
+from .files import (
+    DAMAGED,
+    arrays_content,
+    atomic_write,
+    is_partial,
+    is_regular,
+    read_arrays,
+    read_json,
+)
+from .record import differences
 
 IfExists = Literal["error", "resume", "overwrite"]
 """What to do with a folder that holds a study: see `Checkpoint`."""
@@ -32,10 +38,6 @@ _FOLDER = "checkpoint"  # of the records, in that of the results
 _LOCK_FILES = ("lock", "lock-holder")
 _ADVICE = "use the same inputs, or choose another folder"
 _MAGIC = b"casswarm record\n"  # then follow the hash of the inputs, that of the rest, the arrays
-_UNREADABLE = (  # what reading damaged arrays raises
-    *(ValueError, TypeError, KeyError, OSError, EOFError, MemoryError),
-    *(NotImplementedError, zipfile.BadZipFile, zlib.error),
-)
 _MAX_HOLDER = 200  # characters of the name of another process
 _MAX_REPORTED = 5  # differences that a message lists
 
@@ -124,8 +126,8 @@ class Checkpoint:
 
     def _begin(self) -> None:
         try:
-            earlier = json.loads(self._inputs_file.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError):
+            earlier = read_json(self._inputs_file)
+        except DAMAGED:
             earlier = None
         worth_keeping = earlier is not None and bool(self.names())
         if worth_keeping and self._if_exists == "resume":
@@ -164,7 +166,7 @@ class Checkpoint:
     @staticmethod
     def _is_of_study(path: Path) -> bool:
         """Whether a file is one that a study wrote: a whole record, or known by its name."""
-        if path.is_symlink() or not path.is_file():
+        if not is_regular(path):
             return False
         if path.name == "finished":
             return not path.stat().st_size
@@ -173,14 +175,14 @@ class Checkpoint:
         )
 
     def _require_equal(self, earlier: Any) -> None:
-        then, now = _flat(earlier), _flat(self._inputs)
-        different = {key for key in then.keys() | now.keys() if then.get(key) != now.get(key)}
+        different = differences(earlier, self._inputs)
         if not different:
             return
         keys = sorted(different, key=lambda key: (key.count("."), key))  # settings, then details
         lines = [
-            f"  {key}: {_shortened(then.get(key))} there, {_shortened(now.get(key))} now"
+            f"  {key}: {_shortened(then)} there, {_shortened(now)} now"
             for key in keys[:_MAX_REPORTED]
+            for then, now in [different[key]]
         ]
         if len(keys) > _MAX_REPORTED:
             lines.append(f"  and {len(keys) - _MAX_REPORTED} more")
@@ -189,20 +191,15 @@ class Checkpoint:
 
     def save(self, name: str, record: Mapping[str, NDArray[Any]]) -> None:
         """Write a record of arrays under a name that can be that of a file."""
-        content = io.BytesIO()
-        np.savez_compressed(content, allow_pickle=False, **record)
-        data = content.getvalue()
+        data = arrays_content(record)
         atomic_write(self._records / f"{name}.npz", self._header + _digest(name, data) + data)
 
     def load(self, name: str) -> dict[str, NDArray[Any]] | None:
         """Read a record; None if there is none, or if it is damaged or of another study."""
         data = _arrays_of(self._records / f"{name}.npz", self._header)
-        if data is None:
-            return None
         try:
-            with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-                return dict(arrays)
-        except _UNREADABLE:
+            return None if data is None else read_arrays(data)
+        except DAMAGED:
             return None
 
     def save_json(self, name: str, value: Any) -> None:
@@ -233,7 +230,7 @@ def has_records(folder: Path, since: float = 0.0) -> bool:
 
 def _holder(path: Path) -> str:
     """Name of the process that holds the lock, as it wrote it."""
-    if path.is_symlink() or not path.is_file():
+    if not is_regular(path):
         return "another process"
     text = path.read_text(encoding="utf-8", errors="replace")[:_MAX_HOLDER]
     return text if text.isprintable() and text else "another process"
@@ -250,22 +247,12 @@ def _digest(name: str, data: bytes) -> bytes:
 
 def _arrays_of(path: Path, header: bytes) -> bytes | None:
     """Arrays of a record that begins with `header`; None for any other file, and for links."""
-    if path.is_symlink() or not path.is_file():
+    if not is_regular(path):
         return None
     content = path.read_bytes()
     start = len(_MAGIC) + 32
     digest, data = content[start : start + 32], content[start + 32 :]
     return data if content.startswith(header) and _digest(path.stem, data) == digest else None
-
-
-def _flat(value: Any, key: str = "") -> dict[str, Any]:
-    if not isinstance(value, dict):
-        return {key: value}
-    return {
-        inner: leaf
-        for name, item in value.items()
-        for inner, leaf in _flat(item, f"{key}.{name}".lstrip(".")).items()
-    }
 
 
 def _shortened(value: Any) -> str:

@@ -9,13 +9,17 @@ from __future__ import annotations
 import atexit
 import errno
 import hashlib
+import io
+import json
 import os
 import platform
 import re
 import shutil
 import stat
 import tempfile
-from collections.abc import Callable
+import zipfile
+import zlib
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import lru_cache
 from itertools import count
@@ -24,6 +28,26 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import pandas as pd
+    from numpy.typing import NDArray
+
+MAX_JSON, MAX_TABLE, MAX_ARRAYS = 200_000_000, 2_000_000_000, 2_000_000_000
+"""Largest sizes in bytes of files that are read; of arrays, also when they are decompressed."""
+
+DAMAGED = (
+    ArithmeticError,
+    AttributeError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    NotImplementedError,
+    OSError,
+    RecursionError,
+    TypeError,
+    ValueError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""Errors that damaged files raise when they are read or used."""
 
 _HOST = re.sub(r"[^A-Za-z0-9]+", "", platform.node())[:32]
 _NAME = re.compile(rf"casswarm-{_HOST}-(\d+)-.*")
@@ -140,9 +164,14 @@ def atomic_write(
         raise
 
 
+def is_regular(path: Path) -> bool:
+    """Whether a path is a regular file, and not a link to one."""
+    return path.is_file() and not path.is_symlink()
+
+
 def digest(path: Path) -> str:
     """SHA-256 of a regular file, in hexadecimal digits; empty for links and all else."""
-    if path.is_symlink() or not path.is_file():
+    if not is_regular(path):
         return ""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
@@ -195,17 +224,44 @@ def is_partial(path: Path) -> bool:
     return path.name.startswith(_PREFIX)
 
 
+def read_json(path: Path) -> Any:
+    """Content of a JSON file; one of `DAMAGED` if there is none, or another file."""
+    require_file(path, MAX_JSON)
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
 def read_table(path: Path) -> pd.DataFrame:
     """Table of a CSV file, its numbers equal to the last bit; only empty cells are missing."""
     import pandas as pd  # half a second
 
-    table: pd.DataFrame = pd.read_csv(
-        path, keep_default_na=False, na_values=[""], **_exact_numbers(pd.__version__)
-    )
+    require_file(path, MAX_TABLE)
+    # from 3.1 on pandas always reads numbers to the last bit
+    release = tuple(map(int, pd.__version__.split(".")[:2]))
+    exact: dict[str, Any] = {} if release >= (3, 1) else {"float_precision": "round_trip"}
+    table: pd.DataFrame = pd.read_csv(path, keep_default_na=False, na_values=[""], **exact)
     return table
 
 
-def _exact_numbers(version: str) -> dict[str, Any]:
-    """Option for pandas to read numbers to the last bit; from 3.1 on it always does."""
-    release = tuple(map(int, version.split(".")[:2]))
-    return {} if release >= (3, 1) else {"float_precision": "round_trip"}
+def arrays_content(arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    """Content of an .npz file of named arrays, which `read_arrays` reads."""
+    import numpy as np
+
+    content = io.BytesIO()
+    np.savez_compressed(content, allow_pickle=False, **arrays)
+    return content.getvalue()
+
+
+def read_arrays(source: Path | bytes) -> dict[str, NDArray[Any]]:
+    """Arrays of an .npz file or of its content; one of `DAMAGED` if they are not, or too large."""
+    import numpy as np
+
+    if isinstance(source, Path):
+        require_file(source, MAX_ARRAYS)
+    with io.BytesIO(source) if isinstance(source, bytes) else source.open("rb") as file:
+        with zipfile.ZipFile(file) as parts:
+            size = sum(part.file_size for part in parts.infolist())
+        if size > MAX_ARRAYS:
+            raise ValueError(f"{size:,} bytes when decompressed, more than {MAX_ARRAYS:,}")
+        file.seek(0)
+        with np.load(file, allow_pickle=False) as arrays:
+            return dict(arrays)

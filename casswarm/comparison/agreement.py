@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
+from .._util.record import differences
 from .._util.text import counted
 from ..errors import ComparisonError
 from .ranking import rankings_by_criterion
@@ -137,17 +138,5 @@ def _different(
     first: dict[str, object], second: dict[str, object]
 ) -> dict[str, tuple[object, object]]:
     """Inputs that differ, other than the problems and what depends on them."""
-    flat = [_flat(inputs) for inputs in (first, second)]
-    keys = [key for key in flat[0] | flat[1] if not key.startswith(_LEFT_OUT)]
-    pairs = {key: (flat[0].get(key), flat[1].get(key)) for key in keys}
-    return {key: (a, b) for key, (a, b) in pairs.items() if a != b}
-
-
-def _flat(inputs: dict[str, object], prefix: str = "") -> dict[str, object]:
-    flat: dict[str, object] = {}
-    for key, value in inputs.items():
-        if isinstance(value, dict):
-            flat |= _flat(value, f"{prefix}{key}.")
-        else:
-            flat[f"{prefix}{key}"] = value
-    return flat
+    different = differences(first, second)
+    return {key: pair for key, pair in different.items() if not key.startswith(_LEFT_OUT)}

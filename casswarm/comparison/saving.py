@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import math
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from .._util.documents import json_text
-from .._util.files import atomic_write, read_table, require_file
+from .._util.files import DAMAGED, atomic_write, digest, read_table
+from .._util.record import RECORD, listed, read_record, time_stamp
 from ..errors import ComparisonError
 from .convergence import COLUMNS
 
 if TYPE_CHECKING:
     from .result import Comparison
 
-RECORD = "run.json"
-
 TEXTS = ("message", "violated_row", "reason")
 """Columns of texts that can be empty."""
-
-_MAX_BYTES = 2_000_000_000
-_DAMAGED = (AttributeError, LookupError, OSError, RecursionError, TypeError, ValueError)
 
 
 def saved_tables(comparison: Comparison) -> dict[str, pd.DataFrame]:
@@ -39,15 +33,15 @@ def saved_tables(comparison: Comparison) -> dict[str, pd.DataFrame]:
 def write_comparison(comparison: Comparison, folder: Path) -> None:
     """See `Comparison.save`."""
     folder.mkdir(parents=True, exist_ok=True)
-    names = [f"{name}.csv" for name in saved_tables(comparison)]
-    for name, table in saved_tables(comparison).items():
-        atomic_write(folder / f"{name}.csv", table.to_csv(index=False))
+    tables = {f"{name}.csv": table for name, table in saved_tables(comparison).items()}
+    for name, table in tables.items():
+        atomic_write(folder / name, table.to_csv(index=False))
     record = {
         "command": "compare",
         "inputs": comparison.inputs,
         "versions": comparison.inputs["versions"],
-        "files": dict.fromkeys([*names, RECORD], ""),
-        "finished": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "files": listed({name: digest(folder / name) for name in tables}),
+        "finished": time_stamp(),
     }
     atomic_write(folder / RECORD, json_text(record) + "\n")
 
@@ -57,8 +51,7 @@ def read_comparison(
 ) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, Any], pd.DataFrame]:
     """Runs, problems, inputs and iterates of a comparison; see `Comparison.load`."""
     try:
-        require_file(folder / RECORD, _MAX_BYTES)
-        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        record = read_record(folder)
         if record["command"] != "compare":
             raise ComparisonError(f"{folder} was written by casswarm {record['command']}")
         inputs = dict(record["inputs"])
@@ -78,7 +71,7 @@ def read_comparison(
         ) from None
     except ComparisonError:
         raise
-    except _DAMAGED as error:
+    except DAMAGED as error:
         raise ComparisonError(f"the comparison in {folder} cannot be read: {error}") from error
     return runs, problems, inputs, iterates
 
@@ -88,5 +81,4 @@ def _table(folder: Path, name: str) -> pd.DataFrame:
     path = folder / f"{name}.csv"
     if name != "runs" and not path.exists():
         return pd.DataFrame(columns=list(COLUMNS) if name == "iterates" else [])
-    require_file(path, _MAX_BYTES)
     return read_table(path)

@@ -14,16 +14,15 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pandas as pd
 
 from .._util.documents import json_text
-from .._util.files import atomic_write, digest, remove_partial, set_aside
+from .._util.files import arrays_content, atomic_write, digest, remove_partial, set_aside
+from .._util.record import RECORD, listed, own_record, recorded_files, time_stamp
 from ..errors import FolderError
 from ..typing import Progress
 from .drawing import FigureFormat, FigureProcess, drawn_files
 from .reader import OBJECTS, ResultsReader
-from .record import RECORD, own_record, recorded_files
 from .serialization import pack
 
 if TYPE_CHECKING:
@@ -104,10 +103,7 @@ class ResultsFolder(ResultsReader):
 
     def write_objects(self, **objects: Any) -> None:
         """Save objects, which `objects` reads back; a guide without its candidates."""
-        arrays = pack(objects)
-        self.write_file(
-            OBJECTS, lambda path: np.savez_compressed(path, allow_pickle=False, **arrays)
-        )
+        self.write_file(OBJECTS, arrays_content(pack(objects)))
 
     def write_file(self, name: str, content: str | bytes | Callable[[Path], object]) -> None:
         """Write a file of text, bytes, or by a function of a path.
@@ -166,8 +162,8 @@ class ResultsFolder(ResultsReader):
             },
             "platform": platform.platform(),
             "arguments": sys.argv[1:],
-            "files": dict(sorted({**self.files, RECORD: ""}.items())),  # its own is not known
-            "finished": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+            "files": listed(self.files),
+            "finished": time_stamp(),
             "seconds": time.perf_counter() - self._started,
         }
         self.write_file(RECORD, json_text(self.record) + "\n")
@@ -176,8 +172,7 @@ class ResultsFolder(ResultsReader):
     def extend_record(self) -> None:
         """Add the files written here to the run.json of another command, which may remove them."""
         content, written = dict(own_record(self.path)), self.files.copy()
-        files = recorded_files(content) | written | {RECORD: ""}
-        content["files"] = dict(sorted(files.items()))
+        content["files"] = listed(recorded_files(content) | written)
         self.write_file(RECORD, json_text(content) + "\n")
         self.files = written  # without the record, if it is not this command's
         if self.record.get("files"):

@@ -9,17 +9,15 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
-from zipfile import BadZipFile, ZipFile
 
-import numpy as np
 import pandas as pd
 
-from .._util.files import read_table, require_file
+from .._util.files import DAMAGED, read_arrays, read_table
+from .._util.record import RECORD, read_record, recorded_files
 from .._util.text import did_you_mean
 from ..chain.monte_carlo import RunTrajectory
 from ..errors import CasswarmError, CheckpointError
 from ..guide.guide import Guide
-from .record import RECORD, read_record, recorded_files
 from .serialization import unpack
 
 if TYPE_CHECKING:
@@ -33,23 +31,6 @@ COMMANDS = ("plan", "plan-swarm", "simulate", "evaluate", "sweep", "compare")
 
 _EXAMPLE = "such as results/simulate-paper-1"
 OBJECTS = "results.npz"
-
-MAX_TABLE, MAX_OBJECTS = 2_000_000_000, 2_000_000_000
-"""Largest sizes in bytes of a table, and of the decompressed objects, that are read."""
-
-DAMAGED = (
-    ArithmeticError,
-    AttributeError,
-    EOFError,
-    LookupError,
-    MemoryError,
-    OSError,
-    RecursionError,
-    TypeError,
-    ValueError,
-    BadZipFile,
-)
-"""What damaged files raise when they are read or drawn."""
 
 
 @dataclass(eq=False)
@@ -95,7 +76,7 @@ class ResultsReader:
                 f"{expected}, {_EXAMPLE}",
                 folder=path,
             ) from None
-        except (OSError, ValueError, RecursionError) as error:
+        except DAMAGED as error:
             raise CheckpointError(f"{file} cannot be read ({error}): {expected}") from None
         command = record.get("command") if isinstance(record, dict) else None
         if command == "reproduce":
@@ -158,7 +139,6 @@ class ResultsReader:
         """The table NAME.csv, its numbers equal to the last bit."""
         file = self.path / f"{name}.csv"
         try:
-            require_file(file, MAX_TABLE)
             table = read_table(file)  # only empty cells are missing, not a policy "null"
         except FileNotFoundError:
             raise self._missing(file.name) from None
@@ -176,9 +156,7 @@ class ResultsReader:
         """The objects of `write_objects`, by name."""
         file = self.path / OBJECTS
         try:
-            _require_small(file)
-            with np.load(file, allow_pickle=False) as arrays:
-                objects: dict[str, Any] = unpack(arrays)
+            objects: dict[str, Any] = unpack(read_arrays(file))
         except FileNotFoundError:
             raise self._missing(OBJECTS) from None
         except DAMAGED as error:
@@ -278,12 +256,3 @@ class ResultsReader:
         return catalogue.simulation_figures(
             scenario, self.guide, self.table("summary"), self.paired, trajectories, run
         )
-
-
-def _require_small(file: Path) -> None:
-    """Raise an error if saved objects are large, or would be when they are decompressed."""
-    require_file(file, MAX_OBJECTS)
-    with ZipFile(file) as parts:
-        size = sum(part.file_size for part in parts.infolist())
-    if size > MAX_OBJECTS:
-        raise ValueError(f"{size:,} bytes when decompressed, more than {MAX_OBJECTS:,}")

@@ -13,7 +13,7 @@ import pytest
 from commands import casswarm
 
 from casswarm import CheckpointError
-from casswarm.results import reader, record
+from casswarm._util import files
 from casswarm.results.folder import ResultsFolder
 
 FIFO = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs fifos")
@@ -74,7 +74,7 @@ def test_fifo_in_folder_is_refused(folder, name):
 
 
 def test_objects_that_decompress_to_too_much_are_refused(folder, monkeypatch):
-    monkeypatch.setattr(reader, "MAX_OBJECTS", 100_000)
+    monkeypatch.setattr(files, "MAX_ARRAYS", 100_000)
     with zipfile.ZipFile(folder / "results.npz", "a", zipfile.ZIP_DEFLATED) as file:
         file.writestr("array999.npy", bytes(10_000_000))
     assert (folder / "results.npz").stat().st_size < 100_000
@@ -93,12 +93,9 @@ def test_array_of_declared_terabytes_is_refused(folder):
         drawn(folder)
 
 
-@pytest.mark.parametrize(
-    ("module", "name"),
-    [(record, "MAX_RECORD"), (reader, "MAX_TABLE"), (reader, "MAX_OBJECTS")],
-)
-def test_large_files_are_refused(folder, monkeypatch, module, name):
-    monkeypatch.setattr(module, name, 10)
+@pytest.mark.parametrize("name", ["MAX_JSON", "MAX_TABLE", "MAX_ARRAYS"])
+def test_large_files_are_refused(folder, monkeypatch, name):
+    monkeypatch.setattr(files, name, 10)
     with pytest.raises(CheckpointError, match="bytes, more than the limit of 10"):
         drawn(folder)
 
