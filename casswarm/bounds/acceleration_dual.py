@@ -45,6 +45,8 @@ class Evaluation(NamedTuple):
 class DualFunction:
     """Least cost of the paths of a region, with multipliers for the limits that they may violate.
 
+    theta of ``docs/global-guide.md``, equation (G8).
+
     Multipliers are vectors p(t), one for every limit on a second difference, and the multiplier of
     the distance to the target's rim, in one vector (n,). They are risks per length; the unit of
     length is s, the largest step. Limits, costs and distances are rounded outwards (`QUANTUM`).

@@ -1,4 +1,6 @@
-"""Compiled steps of the bound with limits of acceleration: docs/global-guide.md.
+"""Compiled steps of the bound with limits of acceleration.
+
+Equations (G2) to (G10) and their proof are in ``docs/global-guide.md``.
 
 Step t of a path, t = 1 .. T, has a window of nodes: row t - 1 of `windows` holds the indices of its
 first node and its number of nodes along each axis. Values at the nodes of all windows are in one
@@ -40,7 +42,11 @@ def _window_minimum(
 
 @kernel
 def _visit(values: FloatArray, costs: FloatArray, window: IntArray, tilt: FloatArray) -> None:
-    """Add to the values of a window its costs and the linear function of the node's indices."""
+    """Add to the values of a window the costs of a visit, equation (G9).
+
+    `costs` are those of lambda, and `tilt` . (i, j) is q(t) . (n - X(0)) at the node with indices
+    i, j: h q(t) is in `tilt`.
+    """
     for i in range(window[2]):
         east = tilt[0] * (window[0] + i)
         for j in range(window[3]):
@@ -58,17 +64,20 @@ def tilted_costs_to_go(
     reach: int,
     to_go: FloatArray,
 ) -> None:
-    """Least cost of a visit to every node and of all that follows.
+    """Least cost of a visit to every node and of all that follows: W_t of (G2), with (G9).
+
+    W_t(n) = lambda(n) + q(t) . (n - X(0)) + min over n' within reach of n of W_(t+1)(n'), and at
+    the last step phi(n) instead of the minimum.
 
     Parameters
     ----------
     costs : (M,)
-        Of a visit to every node; infinite where there is none.
+        lambda, of a visit to every node; infinite where there is none.
     windows, offsets : (T, 4), (T + 1,)
     tilts : (T, 2)
-        Additional cost of a visit, per node index along each axis.
+        h q(t), additional cost of a visit, per node index along each axis.
     terminal : (m,)
-        Cost of stopping at the nodes of the last window.
+        phi, cost of stopping at the nodes of the last window.
     reach : int
         Nodes by which an index changes in a step.
     to_go : (M,)
@@ -95,7 +104,7 @@ def tilted_costs_to_come(
     reach: int,
     to_come: FloatArray,
 ) -> None:
-    """Least cost of reaching every node from (0, 0), without its own cost; as before."""
+    """Least cost of reaching every node from (0, 0), without its own: F_t of (G3), with (G9)."""
     start = np.ones(4, np.int64)
     start[0] = start[1] = 0
     previous = np.zeros(1)
@@ -112,7 +121,10 @@ def tilted_costs_to_come(
 def best_path(
     to_go: FloatArray, windows: IntArray, offsets: IntArray, reach: int, path: IntArray
 ) -> float:
-    """Least cost of a path from (0, 0), and the nodes (T, 2) of one that attains it."""
+    """Least cost of a path from (0, 0), and the nodes (T, 2) of one that attains it.
+
+    It is the minimum over paths on the nodes in theta, equation (G8).
+    """
     east = north = 0
     least = np.inf
     for t in range(len(windows)):
@@ -140,7 +152,8 @@ def least_step(
 ) -> tuple[bool, FloatArray]:
     """Weights w >= 0 for which the step sum of w_i g_i is the shortest d with g_i . d >= needed_i.
 
-    Coordinate ascent on the dual problem, 1/2 w . gram w - needed . w at its least.
+    Coordinate ascent on the dual program, equation (G10): r . w - 1/2 w . gram w at its largest,
+    with r in `needed`.
 
     Parameters
     ----------

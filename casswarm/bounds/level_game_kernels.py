@@ -2,6 +2,8 @@
 
 A set of k levels, each from 0 to M - 1, is a sorted row; its rank is its position among all of them
 in colexicographic order: lower levels have lower ranks.
+
+Equations (S1) to (S4) are those of ``docs/success-bound.md``, which also lists the symbols.
 """
 
 from __future__ import annotations
@@ -18,8 +20,9 @@ from ..typing import FloatArray, IntArray
 def limit_slope(values: FloatArray, straight: float, diagonal: float) -> None:
     """Lower node values (n, m) until neighbours differ by at most `straight` or `diagonal`.
 
-    The result is the largest such function below the values. Two sweeps suffice but for rounding;
-    they are repeated until nothing changes.
+    The result is the largest such function below the values, Lambda of equation (S1): with the
+    slope L, `straight` is L h / kappa and `diagonal` sqrt(2) times as much. Two sweeps suffice but
+    for rounding; they are repeated until nothing changes.
     """
     rows, columns = values.shape
     changed = True
@@ -129,6 +132,9 @@ def best_moves(
 ) -> None:
     """Values of all sets of k levels, from those of lower levels and of fewer members.
 
+    G_k(a) is the largest of G_(k-1) without any one member and of (S4) for every move from the
+    nodes a to b, a - b in {0, ..., D}^k but 0.
+
     Parameters
     ----------
     levels : (count, k)
@@ -197,7 +203,11 @@ def _expected(
     buffers: Buffers,
     tables: FloatArray,
 ) -> float:
-    """Expected value after a joint move, with corrections."""
+    """Expected value after a joint move, with corrections: equation (S4).
+
+    The sum over the sets A of survivors of prod_A P_j prod_(not A) (1 - P_j) G(b_A), with P_j in
+    `alive`, and the correction of every member that drops.
+    """
     k, ranks, values, weights = row.shape[0], buffers.ranks, buffers.values, buffers.low
     _prepare(row, moves, buffers)
     ranks[0], weights[0] = 0, 1.0
@@ -231,7 +241,11 @@ def _correction(
     buffers: Buffers,
     tables: FloatArray,
 ) -> float:
-    """Correction for the interpolation in the level of a member that drops."""
+    """Correction for the interpolation in the level of a member that drops, as in (S4).
+
+    K_i (sum over A without i of pi_A [G(b_(A+i)) - G(b_A) - (G(b_(A+i) + e_i) - G(b_A))^+ / r])^+,
+    with 1 / r in `growth` and K_i in `margin`.
+    """
     after, values = buffers.after, buffers.values
     k = after.shape[0]
     last = i  # of the members at this level: sets in which it is one higher are sorted
@@ -256,7 +270,7 @@ def _correction(
 
 @kernel
 def _weigh_others(i: int, buffers: Buffers) -> None:
-    """Bounds on the probability of every set of survivors among the members other than i."""
+    """Bounds on the probability pi_A, as in (S4), of every set A of survivors other than i."""
     low, high, least, most = buffers.low, buffers.high, buffers.least, buffers.most
     low[0], high[0] = 1.0, 1.0
     for j in range(least.shape[0]):
@@ -282,7 +296,12 @@ def _ones(bits: int) -> int:
 
 @kernel
 def _prepare(row: IntArray, moves: Moves, buffers: Buffers) -> None:
-    """Sorted levels after a joint move, and each member's probabilities."""
+    """Sorted levels after a joint move, and each member's probabilities.
+
+    `alive` is P_q for the largest density S; `margin` is K_q = P_(q-1) gamma_q (1 - r) of (S2),
+    with P for the largest S and gamma for the least one; `least` and `most` are the ends of the
+    interval of a member's weight, which (S3) extends for drops from node 1 to 0.
+    """
     k, after, fallen = row.shape[0], buffers.after, buffers.fallen
     largest = moves.survival.shape[0] - 1
     for i in range(k):
@@ -313,7 +332,10 @@ def _prepare(row: IntArray, moves: Moves, buffers: Buffers) -> None:
 
 @kernel
 def make_decreasing(levels: IntArray, binomials: IntArray, values: FloatArray) -> None:
-    """Raise values (count,) of sets (count, k) until none increases when a level rises."""
+    """Raise values (count,) of sets (count, k) until none increases when a level rises.
+
+    The least such function above G_k: docs/success-bound.md, Fewer members.
+    """
     count, k = levels.shape
     top = levels[count - 1, 0]
     for rank in range(count - 1, -1, -1):

@@ -1,6 +1,6 @@
 """Compiled steps of the dynamic program of two members, on nodes (i1, j1, i2, j2).
 
-The formulas and their proof are in ``docs/two-members.md``.
+Equations (T1) to (T7) and their proof are in ``docs/two-members.md``.
 """
 
 from __future__ import annotations
@@ -65,7 +65,16 @@ class PairNodes(NamedTuple):
 
 @kernel
 def _member(member: MemberNodes, i: int, j: int, pair: PairNodes, k: int, m: int):  # type: ignore[no-untyped-def]
-    """Survival, an upper bound of the loss, and the risk of a member of a pair at a node."""
+    """Survival, an upper bound of the loss, and the risk of a member of a pair at a node.
+
+    With beta in `risk`, c in `share`, kappa in `collision`, and Delta in `slopes`, equation (T5),
+
+        delta = beta c - C + kappa,    C = 1/4 sum over axes of Delta beta Delta c,
+
+    and the other risk is delta + C. Returned are exp(-delta); a number above the factor
+    (1 - exp(-delta - C)) exp(theta^2 / 8) of (T4), as exp(-C) >= 1 - C; and delta. theta is the sum
+    of the `spread` of beta and of c, and larger with collisions.
+    """
     single = member.risk[i, j] * pair.share[k, m]
     covariance = 0.25 * (
         member.slopes[0, i, j] * pair.slopes[0, k, m]
@@ -92,13 +101,18 @@ def step_back(
 ) -> None:
     """Replace the values of states of two living members by those before losses are drawn.
 
+    Equation (T4): with p_i and l_i the survival and the loss of `_member`, A and A' in `alone` and
+    `floor`,
+
+        Q = p_1 p_2 max(G, A'(y_1), A'(y_2)) + p_1 l_2 A(y_1) + p_2 l_1 A(y_2).
+
     Parameters
     ----------
     first, second, pair
     offset : pair of int
         Index in `pair` of the difference of the first nodes of `first` and `second`.
     values : (n1, m1, n2, m2)
-        Upper bounds of the success probability from there on.
+        G, upper bounds of the success probability from there on; Q afterwards.
     """
     n1, m1, n2, m2 = values.shape
     for i in range(n1):
@@ -126,11 +140,15 @@ def step_forward(
 ) -> None:
     """Replace least values that a step must reach by those that states after it must have.
 
+    Equation (T7): with the symbols of `step_back`, T is replaced by
+    (T - p_1 l_2 A(y_1) - p_2 l_1 A(y_2)) exp(delta_1 + delta_2), and by 0 where that is not
+    positive, T < p_1 A(y_1) or T < p_2 A(y_2).
+
     Parameters
     ----------
     first, second, pair, offset
     needed : (n1, m1, n2, m2)
-        Negative; 0 afterwards where every value suffices.
+        -T, negative; 0 afterwards where every value suffices.
     """
     n1, m1, n2, m2 = needed.shape
     for i in range(n1):
@@ -154,7 +172,10 @@ def step_forward(
 
 @kernel
 def discard(needed: FloatArray, values: FloatArray) -> None:
-    """Set negative least values to -infinity at the nodes (count,) where they are not reached."""
+    """Set negative least values to -infinity at the nodes (count,) where they are not reached.
+
+    Left are the nodes with T <= Q: no better policy is in a cell without one.
+    """
     for node in range(len(needed)):
         if -needed[node] > values[node]:
             needed[node] = -np.inf

@@ -175,7 +175,7 @@ class PotentialFamily:
         return NodeBlock.between(first - margin, last + margin)
 
     def potential(self, slope: float = math.inf, largest: float = math.inf) -> Potential:
-        """The largest potential on the nodes with this slope and largest drop."""
+        """The largest potential on the nodes with this slope and largest drop: equation (S1)."""
         edge = slope / _CHAMFER * (self.task.step / self.reach)
         nodes = self._block.nodes
         highest = np.minimum(self._stage_costs.terminal(nodes), _HIGHEST)

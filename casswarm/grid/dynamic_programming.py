@@ -80,8 +80,9 @@ class StageCosts:
     def terminal(self, nodes: NodeBlock) -> FloatArray:
         """Cost of stopping at the nodes of a block, infinite if no adjacent cell touches the zone.
 
-        With g(x) = (||x - c||^2 - R^2) / (2 R), about the distance from the rim, it is `multiplier`
-        times g - h^2 / (4 R) near the rim and 0 deep inside: interpolated, not above 0 in the zone.
+        phi of ``docs/global-guide.md``, equation (G6): with g(x) = (||x - c||^2 - R^2) / (2 R),
+        about the distance from the rim, it is `multiplier` times g - h^2 / (4 R) near the rim and 0
+        deep inside: interpolated, not above 0 in the zone.
         """
         grid, task = self.grid, self.grid.task
         h, radius = grid.spacing, task.radius
@@ -140,6 +141,10 @@ def single_node(node: Node) -> NodeBlock:
 def costs_to_go(stage_costs: StageCosts, deadline: float = math.inf) -> Values:
     """Least cost of a visit to every node at every sample and of all that follows.
 
+    W_t of ``docs/global-guide.md``, equation (G2), with lambda in `StageCosts.nodes` and phi in
+    `StageCosts.terminal`: W_t(n) = lambda(n) + min(phi(n), min over n' within reach of
+    W_(t+1)(n')).
+
     Raises
     ------
     TimeoutError
@@ -161,7 +166,10 @@ def costs_to_go(stage_costs: StageCosts, deadline: float = math.inf) -> Values:
 
 
 def costs_to_come(stage_costs: StageCosts) -> Iterator[list[FloatArray]]:
-    """Least cost of reaching every node, without its own cost, one sample at a time."""
+    """Least cost of reaching every node, without its own cost, one sample at a time.
+
+    F_t of equation (G3): F_(t+1)(n) = min over n' within reach of (F_t(n') + lambda(n')).
+    """
     grid = stage_costs.grid
     last_values: list[FloatArray] = [np.zeros((1, 1))]
     last_blocks: tuple[NodeBlock, ...] = (single_node((0, 0)),)

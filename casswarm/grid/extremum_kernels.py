@@ -35,6 +35,9 @@ def running_extremum(
 ) -> None:
     """Least or largest of ``values[:, p-reach : p+reach+1]`` for p = first, first + 1, ...
 
+    m(p) = min of v(q) over |q - p| <= k, equation (G4) of ``docs/global-guide.md``, with k in
+    `reach`; or the maximum, as in (T3) of ``docs/two-members.md``.
+
     Parameters
     ----------
     values : (a n b,)
