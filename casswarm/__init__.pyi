@@ -1,4 +1,4 @@
-from . import figures, solvers
+from . import comparison, figures, nlp, solvers
 from .bounds.risk_bound import Certificate
 from .bounds.success_bound import SuccessBound, success_bound
 from .chain.distribution import OutcomeDistribution
@@ -90,6 +90,7 @@ __all__ = [
     "as_policy",
     "builtin_scenarios",
     "compare",
+    "comparison",
     "estimate",
     "evaluate",
     "explore",
@@ -99,6 +100,7 @@ __all__ = [
     "load_scenario",
     "make_policy",
     "make_solver",
+    "nlp",
     "optimal_value",
     "plan",
     "plan_swarm",
