@@ -1,4 +1,4 @@
-from . import figures, solvers
+from . import comparison, figures, nlp, solvers
 from .bounds.risk_bound import Certificate
 from .bounds.success_bound import SuccessBound, success_bound
 from .chain.distribution import OutcomeDistribution
@@ -91,6 +91,7 @@ __all__ = [
     "as_policy",
     "builtin_scenarios",
     "compare",
+    "comparison",
     "estimate",
     "evaluate",
     "explore",
@@ -100,6 +101,7 @@ __all__ = [
     "load_scenario",
     "make_policy",
     "make_solver",
+    "nlp",
     "optimal_value",
     "plan",
     "plan_baseline",
