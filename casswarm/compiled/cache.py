@@ -1,24 +1,22 @@
 """Files of compiled code with checksums, in folders that nobody else can write.
 
 Numba unpickles what it finds, and runs it as machine code. Here a file counts only if it begins
-with the hash of its content, the sources and Numba's version. Any other file is removed, and its
-function is compiled again.
+with the hash of its content, the sources and the versions of Numba and llvmlite. Any other file is
+removed, and its function is compiled again.
 """
 
 from __future__ import annotations
 
 import hashlib
 import logging
-import os
 import pickle
-import stat
-import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
 
+import llvmlite
 import numba
 from numba.core.caching import (
     CompileResultCacheImpl,
@@ -29,51 +27,17 @@ from numba.core.caching import (
     _SourceFileBackedLocatorMixin,
 )
 from numba.core.runtime import rtsys
-from platformdirs import user_cache_path
 
-
-def cache_folder() -> Path:
-    """Folder of generated modules: $CASSWARM_CACHE, or the user's cache folder."""
-    folder = os.environ.get("CASSWARM_CACHE")
-    return Path(folder) if folder else user_cache_path("casswarm", appauthor=False)
-
-
-@lru_cache(maxsize=64)
-def private_folder(folder: Path) -> Path:
-    """Make a folder, if it is not there, that only this user can open; return it.
-
-    Raises
-    ------
-    OSError
-        It cannot be made or written, or belongs to another user, or others may write there (which
-        Windows is not asked).
-    """
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    folder.mkdir(mode=0o700, exist_ok=True)
-    if os.name == "posix":
-        _require_private(folder)
-    tempfile.TemporaryFile(dir=folder).close()  # whether it can be written
-    return folder
-
-
-def _require_private(folder: Path) -> None:
-    status = folder.stat()
-    advice = "set CASSWARM_CACHE to a folder of your own"
-    if status.st_uid != os.geteuid():
-        raise PermissionError(f"{folder} belongs to another user (uid {status.st_uid}): {advice}")
-    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        mode = f"{stat.S_IMODE(status.st_mode):o}"
-        raise PermissionError(
-            f"other users may write in {folder} (mode {mode}): chmod go-w, or {advice}"
-        )
-
+from .folders import cache_folder, private_folder
 
 LOG = logging.getLogger(__name__)
 
 _HASH_SIZE = hashlib.sha256().digest_size
 
 
-def compiled_files(function: Callable[..., Any], stamp: bytes, kind: str = "") -> Any:
+def compiled_files(
+    function: Callable[..., Any], stamp: bytes, form: type[CompiledForm], kind: str = ""
+) -> Any:
     """Cache of a function's compiled code; an empty one if no folder can be used.
 
     Parameters
@@ -82,11 +46,13 @@ def compiled_files(function: Callable[..., Any], stamp: bytes, kind: str = "") -
         Defined in a file.
     stamp : bytes
         Hash of the other sources that its compiled code depends on.
+    form : type of CompiledForm
+        How compiled code is written to files and read from them.
     kind : str
         What distinguishes the files of several kinds of compiled code of a function.
     """
     try:
-        return _CheckedCache(function, stamp, kind)
+        return _CheckedCache(function, stamp, form, kind)
     except OSError as error:
         _warn_once(f"{error}: compiled code is for this process only")
         return NullCache()
@@ -102,7 +68,8 @@ class _CheckedFile(IndexDataCacheFile):
 
     def __init__(self, cache_path: str, filename_base: str, source_stamp: Any) -> None:
         super().__init__(cache_path, filename_base, source_stamp)
-        self._salt = repr((numba.__version__, source_stamp)).encode()
+        versions = numba.__version__, llvmlite.__version__
+        self._salt = repr((versions, source_stamp)).encode()
 
     def load(self, key: Any) -> Any:
         """Compiled code, or None if there is none or it cannot be used."""
@@ -195,26 +162,17 @@ def _folder(file: str, name: str) -> Path:
         return private_folder(cache_folder() / name)
 
 
-class _Implementation(CompileResultCacheImpl):
+class CompiledForm(CompileResultCacheImpl):
+    """Numba's form of compiled code in files, in folders of this module."""
+
     _locator_classes: ClassVar[list[type]] = [_Place]
-
-    def reduce(self, data: Any) -> Any:
-        from .linking import reduced
-
-        return reduced(super().reduce(data))
-
-    def rebuild(self, target_context: Any, payload: Any) -> Any:
-        from .linking import is_linked, linked_result
-
-        if is_linked(payload):
-            return linked_result(target_context, payload)
-        return super().rebuild(target_context, payload)
 
 
 class _CheckedCache(FunctionCache):
-    _impl_class = _Implementation
-
-    def __init__(self, function: Callable[..., Any], stamp: bytes, kind: str) -> None:
+    def __init__(
+        self, function: Callable[..., Any], stamp: bytes, form: type[CompiledForm], kind: str
+    ) -> None:
+        self._impl_class = form
         super().__init__(function)
         base, sources = kind + self._impl.filename_base, self._impl.locator.get_source_stamp()
         self._cache_file = _CheckedFile(self._cache_path, base, (sources, stamp))

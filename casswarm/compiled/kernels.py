@@ -1,14 +1,17 @@
 """Numba: the decorators of compiled functions, and generated modules of them.
 
-Compiled code is kept beside the file of a function, or in the user's cache folder where that cannot
-be used: see `casswarm.compiled.cache`. A generated module must therefore be a file that
-stays: it is written to the user's cache folder under the hash of its text.
+Numba is imported when the first of them is compiled or loaded: by `casswarm.compiled.linking`, or
+by `casswarm.compiled.plain` where a small kernel shows that the former does not work. Compiled code
+is kept beside the file of a function, or in the user's cache folder where that cannot be used: see
+`casswarm.compiled.cache`. A generated module must therefore be a file that stays: it is written to
+the user's cache folder under the hash of its text.
 """
 
 from __future__ import annotations
 
 import hashlib
 import logging
+import os
 import sys
 from collections.abc import Callable
 from functools import cached_property, lru_cache, update_wrapper
@@ -22,7 +25,7 @@ from numpy.typing import NDArray
 
 from .._util.files import atomic_write, remove_abandoned, temporary_folder
 from .._util.threads import locked_cache
-from .cache import cache_folder, private_folder
+from .folders import cache_folder, private_folder
 
 LOG = logging.getLogger(__name__)
 
@@ -50,13 +53,18 @@ from casswarm.compiled.kernels import kernel, objective, vectorized_objective
 class Kernel:
     """A function that is compiled when it is first called, from Python or from another kernel.
 
-    Numba is imported then, too. For calls from Python there is machine code with a wrapper; what
-    other kernels call is linked into them (see `casswarm.compiled.linking`).
+    For calls from Python there is machine code with a wrapper; what other kernels call is linked
+    into them (see `casswarm.compiled.linking`).
     """
 
-    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        options: dict[str, Any],
+        compiler: Callable[[], ModuleType],
+    ) -> None:
         update_wrapper(self, function)
-        self.py_func, self._options = function, _OPTIONS | options
+        self.py_func, self._options, self._compiler = function, _OPTIONS | options, compiler
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the machine code, which is compiled first where there is none."""
@@ -65,16 +73,12 @@ class Kernel:
     @cached_property
     def entry(self) -> Any:
         """Numba's dispatcher for calls from Python."""
-        from .linking import entry_dispatcher
-
-        return entry_dispatcher(self.py_func, self._options, _stamp())
+        return self._compiler().entry_dispatcher(self.py_func, self._options, _stamp())
 
     @cached_property
     def linked(self) -> Any:
         """Numba's dispatcher for calls from kernels."""
-        from .linking import linked_dispatcher
-
-        return linked_dispatcher(self.py_func, self._options, _stamp())
+        return self._compiler().linked_dispatcher(self.py_func, self._options, _stamp())
 
     @property
     def is_loaded(self) -> bool:
@@ -98,12 +102,12 @@ def kernel(function: _Function) -> _Function:
     A kernel may make views of arrays, but neither allocate nor return them: Numba does without
     reference counts then, which halves the time of small problems.
     """
-    return cast("_Function", Kernel(function, _UNCOUNTED))
+    return cast("_Function", Kernel(function, _UNCOUNTED, _compiler))
 
 
 def allocating_kernel(function: _Function) -> _Function:
     """Compile a function like `kernel`, which may also allocate and return arrays."""
-    return cast("_Function", Kernel(function, {}))
+    return cast("_Function", Kernel(function, {}, _compiler))
 
 
 def objective(function: _Function) -> _Function:
@@ -121,12 +125,57 @@ def vectorized_objective(function: _Function) -> _Function:
 
 
 def _objective(function: _Function, options: dict[str, Any]) -> _Function:
-    from numba.core.sigutils import normalize_signature
+    compiled = _compiler().callback(function, _OBJECTIVE, _OPTIONS | options, _stamp())
+    return cast("_Function", compiled)
 
-    from .callbacks import callback
 
-    signature = normalize_signature(_OBJECTIVE)
-    return cast("_Function", callback(function, signature, _OPTIONS | options, _stamp()))
+@lru_cache(maxsize=1)
+def _compiler() -> ModuleType:
+    """`linking`; or `plain` where a probe shows that Numba's inside has changed, or on request.
+
+    The environment variable CASSWARM_PLAIN_NUMBA requests it.
+    """
+    if not os.environ.get("CASSWARM_PLAIN_NUMBA"):
+        try:
+            _require_linking()
+            return _linking()
+        except Exception as error:  # any that comes of changed names, arguments and values
+            LOG.warning("kernels compile in twice the time: Numba has changed inside (%r)", error)
+    from . import plain
+
+    return plain
+
+
+def _linking() -> ModuleType:
+    from . import linking
+
+    return linking
+
+
+def _require_linking() -> None:
+    """Link a kernel with another one, and pass it an objective."""
+    square = _linking().callback(_square, _OBJECTIVE, _OPTIONS | _UNCOUNTED, _stamp())
+    found = _sum(square, np.array([3.0]))
+    if found != 10.5:
+        raise ArithmeticError(f"9 + 3 / 2 became {found}")
+
+
+def _linked(function: _Function) -> _Function:
+    return cast("_Function", Kernel(function, _UNCOUNTED, _linking))
+
+
+def _square(x: Any, p: Any, constants: Any, gradient: Any, scratch: Any) -> Any:  # noqa: ARG001
+    return x[0] * x[0]
+
+
+@_linked
+def _half(x: Any) -> Any:
+    return 0.5 * x[0]
+
+
+@_linked
+def _sum(function: Any, x: Any) -> Any:
+    return function(x, x, x, x, x) + _half(x)
 
 
 @lru_cache(maxsize=1)
@@ -135,7 +184,7 @@ def _stamp() -> bytes:
     problems = find_spec(f"{_PACKAGE.name}.problems")  # in a checkout beside the package
     folders = [_PACKAGE, *map(Path, problems.submodule_search_locations or () if problems else ())]
     files = sorted({path for folder in folders for path in folder.rglob("*_kernels.py")})
-    compilers = ("kernels.py", "linking.py", "callbacks.py")
+    compilers = ("kernels.py", "linking.py", "plain.py")
     files += [Path(__file__).with_name(name) for name in compilers]
     return hashlib.sha256(b"".join(path.read_bytes() for path in files)).digest()
 

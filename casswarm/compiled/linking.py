@@ -6,7 +6,8 @@ which for functions of many arrays take as long as the functions. Here a kernel 
 remains an intermediate representation. The kernel that Python calls is linked with all of them, and
 only then optimised and wrapped.
 
-Numba's compiler, code library and dispatcher are subclassed; Numba itself remains as it is.
+Numba's compiler, code library and dispatcher are subclassed; Numba itself remains as it is. Where
+its inside has changed, `casswarm.compiled.plain` has the same functions.
 """
 
 from __future__ import annotations
@@ -18,51 +19,19 @@ from contextlib import contextmanager
 from typing import Any, ClassVar
 
 import llvmlite.binding as llvm
-from numba.core import typed_passes, untyped_passes
+from numba.core.ccallback import CFunc
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler, DefaultPassBuilder, Flags, PassManager, compile_result
+from numba.core.compiler import Compiler, compile_result
 from numba.core.registry import CPUDispatcher
+from numba.core.sigutils import normalize_signature
+from numba.core.types import FunctionType
 from numba.core.types.misc import unliteral
+from numba.core.typing.typeof import typeof_impl
+from numba.experimental import function_type  # noqa: F401  (how kernels call a callback)
 
-from .cache import compiled_files
-
-_UNUSED = {
-    untyped_passes.DeadBranchPrune,
-    untyped_passes.InlineClosureLikes,
-    untyped_passes.InlineInlinables,
-    untyped_passes.LiteralPropagationSubPipelinePass,
-    untyped_passes.MakeFunctionToJitFunction,
-    untyped_passes.RewriteSemanticConstants,
-    untyped_passes.WithLifting,
-    typed_passes.InlineOverloads,
-    typed_passes.NopythonRewrites,
-}
-"""Passes for what kernels do not contain: closures, contexts, expressions of whole arrays. They
-take a tenth of the time."""
+from .cache import CompiledForm, compiled_files
 
 _MANGLED = "_ZN"  # how names of compiled functions begin
-
-
-class _SharedFlags(Flags):
-    """Flags of which there is one instance for equal values, so that they are compared at once.
-
-    Numba compares flags whenever it resolves an operator, for some thousand of them in a solver.
-    """
-
-    __slots__ = ()
-    __hash__ = object.__hash__
-    _instances: ClassVar[list[_SharedFlags]] = []
-
-    def __eq__(self, other: object) -> bool:
-        return self is other
-
-    def copy(self) -> _SharedFlags:
-        """The instance with these values."""
-        for flags in self._instances:
-            if flags._values == self._values:
-                return flags
-        self._instances.append(_SharedFlags(self))
-        return self._instances[-1]
 
 
 class _EntryLibrary(JITCodeLibrary):
@@ -80,24 +49,12 @@ class _EntryLibrary(JITCodeLibrary):
         self._linking_libraries = [each for each in libraries if not isinstance(each, _Linked)]
         super().finalize()
 
-    def serialize_using_object_code(self) -> tuple[str, str, Any]:
-        """Machine code and the names of its functions, without their code: nothing links them."""
-        self._ensure_finalized()
-        names = [each.name for each in self.get_defined_functions()]
-        module = llvm.parse_assembly(
-            "".join(f'define void @"{n}"() {{ ret void }}\n' for n in names)
-        )
-        return self.name, "object", (self._get_compiled_object(), module.as_bitcode())
-
 
 class _NoEnvironments:
     """A code generator without engine: only wrappers for Python use environments."""
 
-    names: ClassVar[set[str]] = set()
-
-    def set_env(self, name: str, environment: Any) -> None:  # noqa: ARG002
-        """Note an environment that is not used."""
-        self.names.add(name)
+    def set_env(self, name: str, environment: Any) -> None:
+        """Nothing is kept."""
 
 
 class _Linked(JITCodeLibrary):
@@ -150,19 +107,7 @@ def _linked(libraries: list[Any]) -> dict[_Linked, None]:
     return found
 
 
-def reduced(payload: Any) -> Any:
-    """What the cache keeps of a compile result, without environments that are not used."""
-    *rest, environments = payload
-    used = (each for each in environments if each.env_name not in _NoEnvironments.names)
-    return *rest, tuple(used)
-
-
-def is_linked(payload: Any) -> bool:
-    """Whether the cache keeps the result of a function that kernels link in."""
-    return bool(payload[0][1] == "linked")
-
-
-def linked_result(target: Any, payload: Any) -> Any:
+def _linked_result(target: Any, payload: Any) -> Any:
     """The compile result of a function that kernels link in, from what the cache keeps of it.
 
     None if it calls functions by names that they no longer have: names contain a number of the
@@ -205,14 +150,18 @@ def _undefined(library: _Linked) -> set[str]:
     return {name for name in called - defined if name.startswith(_MANGLED)}
 
 
-class KernelCompiler(Compiler):
-    """Numba's compiler without passes that kernels do not need."""
+class _Form(CompiledForm):
+    """Compiled code in files, of which that of linked functions is an intermediate one."""
 
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        """The compile result, from what the cache keeps of it."""
+        if payload[0][1] == "linked":
+            return _linked_result(target_context, payload)
+        return super().rebuild(target_context, payload)
+
+
+class _EntryCompiler(Compiler):
     library: ClassVar[type[JITCodeLibrary]] = _EntryLibrary
-
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        self.state.flags = _SharedFlags(self.state.flags)
 
     def compile_extra(self, func: Callable[..., Any]) -> Any:
         """Compile a function into a library of its own."""
@@ -222,26 +171,15 @@ class KernelCompiler(Compiler):
         self.state.library = library
         return super().compile_extra(func)
 
-    def define_pipelines(self) -> list[PassManager]:
-        """Make the passes of nopython mode, without `_UNUSED`."""
-        manager = PassManager("kernel")
-        default = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        manager.passes.extend(each for each in default.passes if each[0] not in _UNUSED)
-        manager.finalize()
-        return [manager]
 
-
-class _LinkedCompiler(KernelCompiler):
+class _LinkedCompiler(_EntryCompiler):
     library = _Linked
 
 
 class _EntryDispatcher(CPUDispatcher):
-    def _compilation_chain_init_hook(self) -> None:
-        """Nothing: arguments are arrays, numbers and tuples, not types of Numba's extensions."""
-
     def compile(self, sig: Any) -> Any:
         """Load or compile it."""
-        with without_collector():
+        with _without_collector():
             return super().compile(sig)
 
 
@@ -252,11 +190,27 @@ class _LinkedDispatcher(CPUDispatcher):
         return super().get_call_template(*plain)
 
 
+class _Callback(CFunc):
+    """A compiled function with its type at hand, which Numba's `CFunc` builds anew in each call.
+
+    That takes ten times as long as deciding a formation.
+    """
+
+    type: Any = None
+
+    def __wrapper_address__(self) -> int | None:
+        """Where Numba calls it, without comparing signatures first."""
+        return self.address
+
+
+typeof_impl.register(_Callback, lambda function, _: function.type)
+
+
 def entry_dispatcher(function: Callable[..., Any], options: dict[str, Any], stamp: bytes) -> Any:
     """Dispatcher of a function for calls from Python."""
     options = {"nopython": True, "nogil": True, "no_cfunc_wrapper": True, **options}
-    dispatcher = _EntryDispatcher(function, {}, options, KernelCompiler)
-    dispatcher._cache = compiled_files(function, stamp)
+    dispatcher = _EntryDispatcher(function, {}, options, _EntryCompiler)
+    dispatcher._cache = compiled_files(function, stamp, _Form)
     return dispatcher
 
 
@@ -266,12 +220,25 @@ def linked_dispatcher(function: Callable[..., Any], options: dict[str, Any], sta
     dispatcher = _LinkedDispatcher(
         function, {}, {"nopython": True, **wrappers, **options}, _LinkedCompiler
     )
-    dispatcher._cache = compiled_files(function, stamp, "linked.")
+    dispatcher._cache = compiled_files(function, stamp, _Form, "linked.")
     return dispatcher
 
 
+def callback(
+    function: Callable[..., Any], signature: str, options: dict[str, Any], stamp: bytes
+) -> Any:
+    """Compile a function to one that kernels take as argument, as `numba.cfunc` does."""
+    signed = normalize_signature(signature)
+    compiled: Any = _Callback(function, signed, {}, options, _EntryCompiler)
+    compiled.type = FunctionType(compiled._sig)
+    compiled._cache = compiled_files(function, stamp, _Form)
+    with _without_collector():
+        compiled.compile()
+    return compiled
+
+
 @contextmanager
-def without_collector() -> Iterator[None]:
+def _without_collector() -> Iterator[None]:
     """Compile without the garbage collector, which finds little in what is compiled."""
     enabled = gc.isenabled()
     gc.disable()

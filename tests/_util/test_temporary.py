@@ -71,9 +71,7 @@ def test_files_of_other_user_are_kept(tmp_path: Path) -> None:
 def test_compiled_code_of_killed_process_is_removed_where_code_is_generated(tmp_path: Path) -> None:
     abandoned = tmp_path / f"casswarm-{temporary._HOST}-{dead_process()}-x"
     abandoned.mkdir()
-    code = (
-        "from casswarm.compiled.kernels import generated_module\ngenerated_module('number = 3')\n"
-    )
+    code = "from casswarm.compiled import generated_module\ngenerated_module('number = 3')\n"
     environment = {"TMPDIR": str(tmp_path), "CASSWARM_CACHE": str(tmp_path / "cache")}
     subprocess.run([sys.executable, "-c", code], env=os.environ | environment, check=True)
     assert not abandoned.exists()

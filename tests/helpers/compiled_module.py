@@ -16,11 +16,12 @@ def call(function, x):
 """
 
 
-def run_compiled(cache, **environment):
+def run_compiled(cache, before="", **environment):
     """Call a kernel in a process of its own: hits of its cache and of its argument's, stderr."""
     code = (
+        f"{before}\n"
         "import numpy as np\n"
-        "from casswarm.compiled.kernels import announce, generated_module\n"
+        "from casswarm.compiled import announce, generated_module\n"
         f"module = generated_module({TEXT!r})\n"
         "announce(module.call)\n"
         "assert module.call(module.square, np.array([2.0])) == 4.0\n"

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import casswarm
-from casswarm.compiled.kernels import generated_module
+from casswarm.compiled import generated_module
 
 TEXT = """
 @kernel
@@ -101,7 +101,7 @@ def first_use(cache, name, before=""):
     """Hits of the caches of `name` and of the kernels that it calls, in a process of its own."""
     code = (
         "import numpy as np\n"
-        "from casswarm.compiled.kernels import generated_module, kernel\n"
+        "from casswarm.compiled import generated_module, kernel\n"
         f"{before}\n"
         f"module = generated_module({TEXT!r})\n"
         f"module.{name}(np.array([1.0, 2.0]))\n"

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from compiled_module import TEXT, run_compiled
 
-from casswarm.compiled.kernels import cache_folder, contiguous, generated_module
+from casswarm.compiled import cache_folder, contiguous, generated_module
 
 
 def test_generated_module_of_same_text_is_loaded_once():

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from casswarm.compiled import execute, generated_module
 from casswarm.compiled import parallel as kernel_threads
-from casswarm.compiled.kernels import generated_module
-from casswarm.compiled.parallel import execute
 
 MODULE = generated_module("""
 @kernel

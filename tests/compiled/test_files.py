@@ -7,7 +7,7 @@ import sys
 import pytest
 from compiled_module import run_compiled
 
-from casswarm.compiled.cache import private_folder
+from casswarm.compiled import private_folder
 
 HEALTHY = "1 1"
 posix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has other permissions")

@@ -1,0 +1,26 @@
+from .folders import cache_folder, private_folder
+from .kernels import (
+    Kernel,
+    allocating_kernel,
+    announce,
+    contiguous,
+    generated_module,
+    kernel,
+    objective,
+    vectorized_objective,
+)
+from .parallel import execute
+
+__all__ = [
+    "Kernel",
+    "allocating_kernel",
+    "announce",
+    "cache_folder",
+    "contiguous",
+    "execute",
+    "generated_module",
+    "kernel",
+    "objective",
+    "private_folder",
+    "vectorized_objective",
+]

@@ -1,0 +1,81 @@
+"""Kernels with Numba's public functions only: they take over where its inside has changed."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from compiled_module import run_compiled
+
+WARNING = "kernels compile in twice the time: Numba has changed inside"
+PLAIN = {"CASSWARM_PLAIN_NUMBA": "1"}
+NAME_IS_GONE = "import numba.core.caching as m; del m._CacheLocator"
+CLASS_IS_NONE = "import numba.core.codegen as m; m.JITCodeLibrary = 1"
+CLASS_DIFFERS = "import numba.core.codegen as m; m.JITCodeLibrary = int"  # fails when compiling
+DISPATCHER_DIFFERS = "import numba.core.registry as m; m.CPUDispatcher = object"
+SMALL_STUDY = """
+import casswarm as csw
+from casswarm.compiled import parallel
+
+parallel._cores = lambda: 3
+study = csw.simulate(csw.load_scenario("paper-1"), ["leader"], runs=200, save_trajectories=200)
+for each in study.trajectories["leader"]:
+    print(*(number.hex() for number in each.positions.ravel().tolist()))
+print(study.runs.to_csv())
+"""
+
+
+def of_process(code: str, **environment: str) -> tuple[str, str]:
+    """Output and messages of Python code in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout, done.stderr
+
+
+def test_plain_kernel_and_objective_are_compiled_once(tmp_path):
+    hits, messages = run_compiled(tmp_path, **PLAIN)
+    assert hits == "0 0"
+    assert "compiling once" in messages
+    assert run_compiled(tmp_path, **PLAIN) == ("1 1", "")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        NAME_IS_GONE,
+        *(
+            pytest.param(change, marks=pytest.mark.slow)
+            for change in (CLASS_IS_NONE, CLASS_DIFFERS, DISPATCHER_DIFFERS)
+        ),
+    ],
+)
+def test_plain_numba_takes_over_where_its_inside_has_changed(tmp_path, change):
+    given = {"NUMBA_CACHE_DIR": str(tmp_path / "numba")}  # of no earlier version
+    hits, messages = run_compiled(tmp_path / "ours", change, **given)
+    assert hits == "0 0"
+    assert messages.count(WARNING) == 1
+    hits, messages = run_compiled(tmp_path / "ours", change, **given)
+    assert hits == "1 1"
+    assert messages.count(WARNING) == 1
+
+
+@pytest.mark.slow
+def test_plain_numba_without_folder_compiles_for_this_process(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    hits, messages = run_compiled(tmp_path / "file", **PLAIN)
+    assert hits == "0 0"
+    assert "this process only" in messages
+
+
+@pytest.mark.slow
+def test_plain_numba_simulates_the_same_numbers(tmp_path):
+    numbers, _ = of_process(SMALL_STUDY)
+    given = {"CASSWARM_CACHE": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
+    found, messages = of_process(f"{CLASS_DIFFERS}\n{SMALL_STUDY}", **given)
+    assert WARNING in messages
+    assert found == numbers
