@@ -154,21 +154,9 @@ def _write_tables(folder: ResultsFolder, study: csw.Study) -> None:
 def _write_record(
     folder: ResultsFolder, study: csw.Study, bound: csw.SuccessBound | None, inputs: dict[str, Any]
 ) -> None:
-    guide = study.guide
-    folder.write_objects(guide=guide, trajectories=study.trajectories, success_bound=bound)
-    result = {
-        "summary": study.summary.to_dict("records"),
-        "paired": study.paired.to_dict("records"),
-        "effort": study.effort.to_dict("records"),
-        "guide": {
-            "risk": guide.risk,
-            "survival": guide.survival,
-            "risk_bound": guide.risk_bound,
-            "solution": guide.solution.as_row(),
-        },
-        "success_bound": None if bound is None else bound.as_dict(),
-    }
-    folder.write_record(result, inputs)
+    folder.write_objects(guide=study.guide, trajectories=study.trajectories, success_bound=bound)
+    proven = {"success_bound": None if bound is None else bound.as_dict()}
+    folder.write_record(study.as_dict() | proven, inputs)
 
 
 def _write_report(folder: ResultsFolder) -> None:

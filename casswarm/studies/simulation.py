@@ -169,6 +169,21 @@ class Study(Displayed):
     effort: pd.DataFrame
     trajectories: dict[str, tuple[RunTrajectory, ...]]
 
+    def as_dict(self) -> dict[str, Any]:
+        """Rows of the tables but `runs`, and the guide's values, for a JSON file."""
+        guide = self.guide
+        return {
+            "summary": self.summary.to_dict("records"),
+            "paired": self.paired.to_dict("records"),
+            "effort": self.effort.to_dict("records"),
+            "guide": {
+                "risk": guide.risk,
+                "survival": guide.survival,
+                "risk_bound": guide.risk_bound,
+                "solution": guide.solution.as_row(),
+            },
+        }
+
     def __repr__(self) -> str:
         success = ", ".join(
             f"{row['policy']} {row['success']:.4f}" for row in self.summary.to_dict("records")

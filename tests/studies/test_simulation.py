@@ -183,6 +183,13 @@ def test_study_text_shows_guide_and_policies() -> None:
     assert [line.split()[0] for line in lines[1:]] == ["policy", "leader", "straight_on"]
 
 
+def test_study_values_by_name_have_the_rows_of_tables() -> None:
+    values = reference().as_dict()
+    assert list(values) == ["summary", "paired", "effort", "guide"]
+    assert values["summary"] == reference().summary.to_dict("records")
+    assert values["guide"]["risk"] == guide().risk
+
+
 def test_study_can_be_pickled() -> None:
     assert_same_tables(pickle.loads(pickle.dumps(reference())), reference())
 
