@@ -57,6 +57,29 @@ def test_box_minimum_matches_scipy(seed: int) -> None:
     np.testing.assert_array_equal(found, expected[rows, columns])
 
 
+@given(st.integers(0, 2**32 - 1), st.integers(1, 4))
+@settings(max_examples=40, deadline=None)
+def test_blocks_of_nodes_agree_with_sets(seed: int, axes: int) -> None:
+    def nodes(block: NodeBlock) -> set[tuple[int, ...]]:
+        ranges = (range(i, j + 1) for i, j in zip(block.first, block.last, strict=True))
+        return set(itertools.product(*ranges))
+
+    rng = np.random.default_rng(seed)
+    one, other = (
+        NodeBlock(tuple(rng.integers(-3, 3, axes).tolist()), tuple(rng.integers(0, 4, axes)))
+        for _ in range(2)
+    )
+    assert nodes(one.common(other)) == nodes(one) & nodes(other)
+    assert len(nodes(one)) == one.size
+    hull = NodeBlock.hull([one, other])
+    assert nodes(one) | nodes(other) <= nodes(hull)
+    assert nodes(one) <= nodes(one.grown(2))
+    values = rng.uniform(size=one.shape)
+    embedded = box_extremum(values, one, hull, 0, largest=True)
+    np.testing.assert_array_equal(embedded[one.within(hull)], values)
+    assert np.count_nonzero(np.isfinite(embedded)) == one.size
+
+
 @given(st.integers(0, 2**32 - 1), st.floats(-3.5, 0.5))
 @settings(max_examples=80, deadline=None)
 def test_node_rates_interpolate_below_rate(seed: int, decade: float) -> None:
