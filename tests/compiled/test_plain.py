@@ -16,9 +16,10 @@ DISPATCHER_DIFFERS = "import numba.core.registry as m; m.CPUDispatcher = object"
 SMALL_STUDY = """
 import casswarm as csw
 from casswarm.compiled import parallel
+from casswarm.policies import formation_policies
 
-parallel._cores = lambda: 3
-study = csw.simulate(csw.load_scenario("paper-1"), ["leader"], runs=200, save_trajectories=200)
+parallel._cores, formation_policies._PER_THREAD = (lambda: 3), 10
+study = csw.simulate(csw.load_scenario("paper-1"), ["leader"], runs=100, save_trajectories=100)
 for each in study.trajectories["leader"]:
     print(*(number.hex() for number in each.positions.ravel().tolist()))
 print(study.runs.to_csv())
