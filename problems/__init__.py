@@ -1,1 +1,5 @@
 """The mathematics: one optimisation problem a file, symbolic, never solved here."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,5 +1,5 @@
 from .acceleration_bound import bound_with_acceleration
-from .acceleration_limits import AccelerationBound, acceleration_limits
+from .acceleration_limits import AccelerationBound, AccelerationLimits, acceleration_limits
 from .pair_bound import PairBound, PairValueFunction, pair_bound, require_pair
 from .potential import PotentialFamily
 from .risk_bound import Certificate, Level, certify
@@ -7,6 +7,7 @@ from .success_bound import SuccessBound
 
 __all__ = [
     "AccelerationBound",
+    "AccelerationLimits",
     "Certificate",
     "Level",
     "PairBound",

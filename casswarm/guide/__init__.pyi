@@ -1,4 +1,5 @@
 from .certificate import certify_guide
+from .frame import Frame
 from .guide import Candidate, Guide
 from .homotopy import GridPath, best_homotopy_classes, homotopy_signature
 from .multistart import Multistart
@@ -6,6 +7,7 @@ from .plan import initial_velocities, plan_baseline, plan_from
 
 __all__ = [
     "Candidate",
+    "Frame",
     "GridPath",
     "Guide",
     "Multistart",

@@ -4,12 +4,13 @@ from .formation_policies import (
     ConstrainedPolicy,
     LeaderFeedbackPolicy,
     LeaderPolicy,
+    applied_decision,
 )
 from .named import POLICIES, make_policy, member_guides
 from .observation import Observation
 from .parametric import ParametricPolicy
 from .planned_paths import JointPolicy, NaivePolicy, OptimalPolicy, ReplanningPolicy
-from .user import UserPolicy, as_policy
+from .user import UserPolicy, as_policy, repeated
 
 __all__ = [
     "POLICIES",
@@ -26,7 +27,9 @@ __all__ = [
     "Policy",
     "ReplanningPolicy",
     "UserPolicy",
+    "applied_decision",
     "as_policy",
     "make_policy",
     "member_guides",
+    "repeated",
 ]

@@ -16,7 +16,12 @@ from scipy.ndimage import minimum_filter
 from small_scenarios import TWO, Array, Point, patrolled, small
 
 from casswarm import Guide, Scenario, load_scenario, plan
-from casswarm.bounds import AccelerationBound, acceleration_limits, bound_with_acceleration
+from casswarm.bounds import (
+    AccelerationBound,
+    AccelerationLimits,
+    acceleration_limits,
+    bound_with_acceleration,
+)
 from casswarm.bounds.acceleration_bound import _Search
 from casswarm.bounds.acceleration_dual import DualFunction
 from casswarm.bounds.acceleration_kernels import (
@@ -25,9 +30,8 @@ from casswarm.bounds.acceleration_kernels import (
     tilted_costs_to_come,
     tilted_costs_to_go,
 )
-from casswarm.bounds.acceleration_limits import AccelerationLimits, Region
-from casswarm.grid import Relaxation
-from casswarm.grid.nodes import CellBlock
+from casswarm.bounds.acceleration_limits import Region
+from casswarm.grid import CellBlock, Relaxation
 
 
 def agent(target: Point, radars: list[Point], steps: int, **values: object) -> Scenario:

@@ -21,8 +21,7 @@ from casswarm.bounds.pair_nodes import pair_lattice
 from casswarm.bounds.pair_program import PairProgram
 from casswarm.bounds.pair_tube import viable_boxes
 from casswarm.errors import PlanningError
-from casswarm.grid.node_blocks import NodeBlock, box_extremum
-from casswarm.grid.nodes import Relaxation
+from casswarm.grid import NodeBlock, Relaxation, box_extremum
 from casswarm.joint import PlanDistribution
 
 RADARS = [(1.3, 0.7), (2.1, -0.9)]

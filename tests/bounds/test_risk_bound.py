@@ -20,15 +20,17 @@ from small_scenarios import (
 
 from casswarm import Saturation, Scenario, plan
 from casswarm.bounds import certify
-from casswarm.grid import Relaxation
-from casswarm.grid.dynamic_programming import (
+from casswarm.grid import (
+    Grid,
+    NodeBlock,
+    Relaxation,
     StageCosts,
+    box_extremum,
     costs_to_come,
     costs_to_go,
     least_cost,
+    node_count,
 )
-from casswarm.grid.node_blocks import NodeBlock, box_extremum
-from casswarm.grid.nodes import Grid, node_count
 
 
 def geometry(seed: int) -> Scenario:

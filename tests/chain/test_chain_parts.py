@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import kstest
 
-from casswarm.chain.monte_carlo import Purpose, uniforms
+from casswarm.chain import Purpose
+from casswarm.chain.monte_carlo import uniforms
 from casswarm.chain.states import distinct_states
 
 sizes = st.integers(1, 7)

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, binomtest
 
-from casswarm.chain.confidence import Paired, clopper_pearson, effective_runs, required_runs, wilson
-from casswarm.chain.stratified import Estimate
+from casswarm.chain import Estimate, Paired, required_runs, wilson
+from casswarm.chain.confidence import clopper_pearson, effective_runs
 
 
 def test_paired_interval_matches_literature() -> None:

@@ -12,11 +12,10 @@ from scipy.stats import binomtest
 from small_scenarios import Array, small, three_members
 
 import casswarm as csw
-from casswarm.chain.monte_carlo import Chain
-from casswarm.chain.transition import Lattice
+from casswarm.chain import Chain, Lattice
 from casswarm.errors import PolicyError
-from casswarm.guide.plan import initial_velocities
-from casswarm.motion.step import Motion
+from casswarm.guide import initial_velocities
+from casswarm.motion import Motion
 from casswarm.policies import Policy
 from casswarm.policies.base import SOLVER_TOL
 

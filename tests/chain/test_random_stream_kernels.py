@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from casswarm.chain import write_uniforms
 from casswarm.chain.monte_carlo import uniforms
-from casswarm.chain.random_stream_kernels import write_uniforms
 
 WORD = 2**64 - 1
 

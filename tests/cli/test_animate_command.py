@@ -17,7 +17,7 @@ from casswarm._util.figure_style import MEMBERS
 from casswarm.figures import player, save_gif
 from casswarm.figures.animation import RunFigure
 from casswarm.figures.formations import additional_agent_rates
-from casswarm.results.folder import ResultsFolder
+from casswarm.results import ResultsFolder
 
 STEPS = 4
 FRAMES = 10  # three of every step, and the last one

@@ -7,7 +7,7 @@ import pytest
 from commands import casswarm
 
 from casswarm.cli.output import WIDTH, aligned, wrapped
-from casswarm.studies.tables import count_notes, paired_texts, summary_texts
+from casswarm.studies import count_notes, paired_texts, summary_texts
 
 POLICIES = ("--policy", "constrained-feedback", "--policy", "leader-feedback")
 GRID = ("--set", "formation.rho=0.05,0.1", "--set", "hazard.alpha_1=0.5,1")

@@ -8,8 +8,7 @@ from commands import PNG, casswarm
 from PIL import Image
 from reproduced import CHECKED_IN, checked_in
 
-from casswarm.reproduction import TABLES, Reproduction, page
-from casswarm.reproduction.reproduce import FIGURES
+from casswarm.reproduction import FIGURES, TABLES, Reproduction, page
 
 QUICK = ("table-1", "geometry", "infeasible", "interpretations")
 PARTS = ("table-1", "geometry", "table-2", "infeasible", "interpretations", "figures")

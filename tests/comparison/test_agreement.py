@@ -12,10 +12,8 @@ import pandas as pd
 import pytest
 
 import casswarm as csw
-from casswarm.comparison import Comparison
-from casswarm.comparison.report import make_report
+from casswarm.comparison import Comparison, Tolerances, make_report, verify
 from casswarm.comparison.run import environment
-from casswarm.comparison.verification import Tolerances, verify
 
 PROBLEMS = [f"p{number}" for number in range(8)]
 

@@ -11,16 +11,16 @@ from faulty_solvers import SlowAtFirst
 from known_problems import active_box, hs_1, hs_35, nearest_in_box
 
 import casswarm as csw
-from casswarm.comparison import Problem, make_problems
-from casswarm.comparison.report import make_report
-from casswarm.comparison.verification import (
+from casswarm.comparison import (
+    Problem,
     Tolerances,
-    by_problem,
     costs,
-    failures,
+    make_problems,
+    make_report,
     summary,
     verify,
 )
+from casswarm.comparison.verification import by_problem, failures
 from casswarm.errors import ComparisonError, SolverError
 from casswarm.formation import ProjectedGradient
 from casswarm.solvers import Ipopt

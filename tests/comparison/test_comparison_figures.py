@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from casswarm.comparison.profiles import (
+from casswarm.comparison import (
     data_bands,
     data_profile,
     pairwise_profiles,
     pairwise_wins,
     performance_bands,
     performance_profile,
+    rank_solvers,
 )
-from casswarm.comparison.ranking import rank_solvers
 from casswarm.figures import band_chart, pair_chart, profile_chart, ranking_chart, win_chart
 
 

@@ -9,14 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from casswarm.comparison.profiles import (
-    data_profile,
-    fraction_at,
-    pairwise_profiles,
-    pairwise_wins,
-    performance_profile,
-    shifted_geometric_mean,
-)
+from casswarm.comparison import data_profile, pairwise_profiles, pairwise_wins, performance_profile
+from casswarm.comparison.profiles import fraction_at, shifted_geometric_mean
 
 INF = np.inf
 BY_HAND = pd.DataFrame(

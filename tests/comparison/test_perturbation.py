@@ -13,9 +13,7 @@ from known_problems import KNOWN, nearest_in_box, planar
 
 from casswarm.comparison import Problem
 from casswarm.comparison.perturbation import ProblemCopy, Reformulation, problem_copies
-from casswarm.nlp.program import Instances
-from casswarm.nlp.residuals import kkt_residuals
-from casswarm.nlp.solution import Status
+from casswarm.nlp import Instances, Status, kkt_residuals
 from casswarm.solvers import Answer, Ipopt
 
 CASES = [make() for make in KNOWN]

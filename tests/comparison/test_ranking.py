@@ -6,16 +6,21 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from casswarm.comparison import make_problems
-from casswarm.comparison.profiles import (
+from casswarm.comparison import (
+    Tolerances,
+    costs,
     data_bands,
     data_profile,
+    make_problems,
     performance_bands,
     performance_profile,
-    quality_profile,
+    rank_solvers,
+    summary,
+    verify,
 )
-from casswarm.comparison.ranking import rank_solvers, ranking, sampling_units, sensitivity, strata
-from casswarm.comparison.verification import Tolerances, by_solver, costs, summary, verify
+from casswarm.comparison.profiles import quality_profile
+from casswarm.comparison.ranking import ranking, sampling_units, sensitivity, strata
+from casswarm.comparison.verification import by_solver
 
 INF = np.inf
 NAMES = [f"p{k}" for k in range(12)]

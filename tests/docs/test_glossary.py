@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import casswarm
-from casswarm.policies.named import POLICIES
+from casswarm.policies import POLICIES
 
 ROOT = Path(__file__).resolve().parents[2]
 TERMS = set(re.findall(r"`([^`]+)`", (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")))

@@ -24,7 +24,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.text import Text
 from PIL import Image
 
-from casswarm.chain.monte_carlo import RunTrajectory
+from casswarm.chain import RunTrajectory
 from casswarm.figures import (
     THEMES,
     arrival_chart,

@@ -8,7 +8,7 @@ from figure_cases import GUIDE, RUN, SCENARIO, trajectory
 from matplotlib.axes import Axes
 
 from casswarm import Hazard
-from casswarm.chain.monte_carlo import RunTrajectory
+from casswarm.chain import RunTrajectory
 from casswarm.figures import formation_chart
 from casswarm.figures.formations import (
     additional_agent_rates,

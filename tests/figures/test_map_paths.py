@@ -13,7 +13,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.quiver import Quiver
 
 from casswarm._util.figure_style import MEMBERS
-from casswarm.chain.monte_carlo import RunTrajectory
+from casswarm.chain import RunTrajectory
 from casswarm.figures import cost_to_go_map, formation_chart, joint_map, swarm_map, theme
 from casswarm.figures.animation import between
 from casswarm.figures.base_map import LabelPlaces

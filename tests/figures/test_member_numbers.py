@@ -7,7 +7,8 @@ from figure_cases import DISTRIBUTIONS, GUIDE, RUN, SCENARIO
 from matplotlib.figure import Figure
 
 from casswarm.figures import formation_chart, joint_map, swarm_map
-from casswarm.studies.tables import member_table, trajectory_table
+from casswarm.studies import trajectory_table
+from casswarm.studies.tables import member_table
 
 LOST = "1"  # the second member of `RUN` is lost
 

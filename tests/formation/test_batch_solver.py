@@ -10,12 +10,18 @@ import pytest
 
 import casswarm as csw
 from casswarm.errors import SolverError
-from casswarm.formation import Auto, SpectralProjectedGradient
-from casswarm.formation.objective import CompiledObjective, formation_objective, formation_program
+from casswarm.formation import (
+    Auto,
+    CompiledObjective,
+    SpectralProjectedGradient,
+    corridor_formation,
+    formation_program,
+    leader_formation,
+)
+from casswarm.formation.objective import formation_objective
 from casswarm.formation.search_kernels import minimise_batch
-from casswarm.formation.task import corridor_formation, leader_formation
 from casswarm.hazard import KernelHazard, regular
-from casswarm.motion.step import Motion, Step
+from casswarm.motion import Motion, Step
 from casswarm.solvers import Ipopt
 
 MOTION = Motion(v_max=2.0, a_max=0.5, dt=0.33)

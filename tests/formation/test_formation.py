@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from small_scenarios import Array, rate_by_hand
 
 from casswarm import Saturation, SaturationCollision, Status, load_scenario, make_solver
-from casswarm.formation.task import Formation, corridor_formation, leader_formation
-from casswarm.motion.step import Motion, Step
-from casswarm.problems.formation import formation_nlp
+from casswarm.formation import Formation, corridor_formation, leader_formation
+from casswarm.motion import Motion, Step
+from casswarm.problems import formation_nlp
 
 RADARS = ((3.0, 2.0), (1.0, 3.0))
 HAZARD, COLLIDING = Saturation(RADARS), SaturationCollision(RADARS)

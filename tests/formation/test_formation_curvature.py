@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import casswarm as csw
-from casswarm.formation.objective import CompiledObjective, formation_program
+from casswarm.formation import CompiledObjective, formation_program
 from casswarm.formation.spectral_kernels import LARGE_SWARM
 
 RADARS = ((4.4, 4.6), (4.5, 3.0))

@@ -10,14 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import casswarm as csw
-from casswarm.formation import Auto, SpectralProjectedGradient
-from casswarm.formation.state_kernels import decide_states
-from casswarm.formation.task import FormationTask, or_none
+from casswarm.formation import (
+    Auto,
+    FormationTask,
+    SpectralProjectedGradient,
+    decide_states,
+    or_none,
+)
 from casswarm.hazard import Hazard
-from casswarm.motion.planar import PlanarSets
-from casswarm.motion.step import Motion, Step
-from casswarm.policies import Decision
-from casswarm.policies.formation_policies import applied_decision, formation_decision
+from casswarm.motion import Motion, PlanarSets, Step
+from casswarm.policies import Decision, applied_decision
+from casswarm.policies.formation_policies import formation_decision
 
 RADARS = ((4.4, 4.6), (4.5, 3.0))
 HAZARDS = {

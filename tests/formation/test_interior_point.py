@@ -12,12 +12,12 @@ from small_scenarios import Array, rate_by_hand
 from window_cases import COLLIDING, DT, HAZARD, RADARS, both, leaders_of, window
 
 from casswarm import make_solver
-from casswarm.formation.horizon import leader_mpc_formation, path_limits
-from casswarm.formation.horizon_method import InteriorPoint
+from casswarm.formation import InteriorPoint, leader_mpc_formation
+from casswarm.formation.horizon import path_limits
 from casswarm.formation.nearest_trajectories import nearest_trajectories
-from casswarm.motion.step import Motion, Step
-from casswarm.nlp.residuals import kkt_residuals
-from casswarm.policies.formation_policies import applied_decision
+from casswarm.motion import Motion, Step
+from casswarm.nlp import kkt_residuals
+from casswarm.policies import applied_decision
 
 # --- the program
 

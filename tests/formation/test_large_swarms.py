@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 import casswarm as csw
-from casswarm.formation import Auto, SpectralProjectedGradient
+from casswarm.formation import Auto, SpectralProjectedGradient, corridor_formation
 from casswarm.formation.spectral_kernels import invert_blocks, precondition
-from casswarm.formation.task import corridor_formation
-from casswarm.motion.step import Motion, Step
+from casswarm.motion import Motion, Step
 from casswarm.solvers import Ipopt
 
 MOTION = Motion(v_max=2.0, a_max=0.5, dt=0.33)

@@ -7,7 +7,7 @@ from small_scenarios import DT, Array
 
 from casswarm import Saturation
 from casswarm.formation import LEADER_SELECTION
-from casswarm.motion.step import Motion, Step
+from casswarm.motion import Motion, Step
 
 HAZARD = Saturation(((2.0, 2.0),))
 

@@ -12,12 +12,17 @@ from window_cases import COLLIDING, DT, GOAL, HAZARD, MOTION, RADARS, RHO, both,
 
 import casswarm as csw
 from casswarm import Saturation, make_solver
-from casswarm.formation.horizon import MARGIN, corridor_mpc_formation, leader_mpc_formation
-from casswarm.formation.horizon_method import InteriorPoint
-from casswarm.formation.task import Formation, corridor_formation, leader_formation
-from casswarm.motion.step import Step
-from casswarm.policies import make_policy
-from casswarm.policies.formation_policies import applied_decision
+from casswarm.formation import (
+    Formation,
+    InteriorPoint,
+    corridor_formation,
+    corridor_mpc_formation,
+    leader_formation,
+    leader_mpc_formation,
+)
+from casswarm.formation.horizon import MARGIN
+from casswarm.motion import Step
+from casswarm.policies import applied_decision, make_policy
 
 
 def paths_of(problem: Formation, data: Step) -> Array:

@@ -13,8 +13,7 @@ from known_problems import hs_35, nearest_in_box, planar
 
 from casswarm.errors import SolverError
 from casswarm.formation import ProjectedGradient
-from casswarm.nlp.program import Nlp
-from casswarm.nlp.solution import Status
+from casswarm.nlp import Nlp, Status
 from casswarm.solvers import Ipopt
 
 FAR = np.full((1, 2), 50.0)

@@ -14,10 +14,8 @@ from hypothesis import strategies as st
 from small_scenarios import DT, V_MAX, patrolled, small
 
 from casswarm import PlanningError, Scenario, load_scenario, plan
-from casswarm.grid import CostToGoMap, ValueFunction
-from casswarm.grid.dynamic_programming import StageCosts, rounding
-from casswarm.grid.node_blocks import box_extremum
-from casswarm.guide.plan import plan_from
+from casswarm.grid import CostToGoMap, StageCosts, ValueFunction, box_extremum, rounding
+from casswarm.guide import plan_from
 
 SCENARIO = small(
     [(0.0, 0.0)], (5.0, 3.0), [(2.0, 2.0), (3.5, 0.5)], 14, guide__acceleration_limited=False

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from small_scenarios import Array, single_agent_rate_by_hand
 
 from casswarm import Candidate, Guide, Residuals, Saturation, Solution, Status, load_scenario, plan
-from casswarm.guide.homotopy import homotopy_signature
-from casswarm.motion.kinematics import integrate
-from casswarm.nlp.program import Instances, Nlp
-from casswarm.problems.guide import (
+from casswarm.guide import homotopy_signature
+from casswarm.motion import integrate
+from casswarm.nlp import Instances, Nlp
+from casswarm.problems import (
     GuideTask,
     guide_instance,
     guide_nlp,

@@ -23,7 +23,7 @@ from casswarm import (
     plan_baseline,
 )
 from casswarm.guide import plan_from
-from casswarm.nlp.program import Instances, Nlp
+from casswarm.nlp import Instances, Nlp
 from casswarm.solvers import Answer, Ipopt, Solver
 
 MEMBER = [(0.0, 0.0)]

@@ -9,7 +9,7 @@ import pytest
 from commands import casswarm
 
 from casswarm import PlanningError, ValueFunction, load_scenario, plan
-from casswarm.guide.multistart import Multistart
+from casswarm.guide import Multistart
 
 SCENARIO = load_scenario("paper-1").with_values({"guide.arrival": "any"})
 

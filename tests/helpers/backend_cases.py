@@ -7,11 +7,10 @@ from functools import cache
 import numpy as np
 
 from casswarm import Scenario, load_scenario
-from casswarm.formation.task import Formation, corridor_formation, leader_formation
-from casswarm.motion.kinematics import resample
-from casswarm.motion.step import Motion, Step
-from casswarm.nlp.program import Instances, Nlp
-from casswarm.problems.guide import GuideTask, guide_instance, guide_nlp
+from casswarm.formation import Formation, corridor_formation, leader_formation
+from casswarm.motion import Motion, Step, resample
+from casswarm.nlp import Instances, Nlp
+from casswarm.problems import GuideTask, guide_instance, guide_nlp
 
 Case = tuple[Nlp, Instances]
 COLLISIONS = {"hazard.kind": "saturation+collision", "hazard.beta_1": 0.2, "hazard.beta_2": 6.0}

@@ -11,9 +11,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from casswarm.motion.planar import PlanarSets
-from casswarm.nlp.program import Instances, Nlp
-from casswarm.nlp.solution import Status
+from casswarm.motion import PlanarSets
+from casswarm.nlp import Instances, Nlp, Status
 from casswarm.solvers import Answer, Ipopt, Solver
 
 FAULTS = (

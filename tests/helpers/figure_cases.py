@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from small_scenarios import DT, three_members
 
 from casswarm import Guide, OutcomeDistribution, Residuals, Solution, Status
-from casswarm.chain.monte_carlo import RunTrajectory
+from casswarm.chain import RunTrajectory
 from casswarm.figures import THEMES
 
 SCENARIO = three_members()

@@ -3,8 +3,8 @@
 import numpy as np
 
 from casswarm import load_scenario
-from casswarm.formation.task import Formation, corridor_formation, leader_formation
-from casswarm.motion.step import Motion, Step
+from casswarm.formation import Formation, corridor_formation, leader_formation
+from casswarm.motion import Motion, Step
 
 
 def formations(name: str, count: int) -> list[Formation]:

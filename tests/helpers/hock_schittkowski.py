@@ -16,7 +16,7 @@ from typing import Any
 import casadi as ca
 from known_problems import INF, hs_1, hs_6, hs_7, hs_21, hs_35, hs_71, known
 
-from casswarm.nlp.program import Instances, Nlp
+from casswarm.nlp import Instances, Nlp
 
 SQRT2, SQRT3, SQRT7 = math.sqrt(2), math.sqrt(3), math.sqrt(7)
 FREE = (-INF, INF)

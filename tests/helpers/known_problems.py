@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from casswarm.motion.planar import PlanarSets
-from casswarm.nlp.program import Instances, Nlp
+from casswarm.motion import PlanarSets
+from casswarm.nlp import Instances, Nlp
 
 Array = NDArray[np.float64]
 INF = math.inf

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from casswarm.motion.planar import PlanarSets
+from casswarm.motion import PlanarSets
 
 Array = NDArray[np.float64]
 INF = np.inf

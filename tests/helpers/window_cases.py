@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from casswarm import Saturation, SaturationCollision
-from casswarm.formation.horizon import corridor_mpc_formation, leader_mpc_formation
-from casswarm.formation.task import Formation
-from casswarm.motion.step import Motion, Step
+from casswarm.formation import Formation, corridor_mpc_formation, leader_mpc_formation
+from casswarm.motion import Motion, Step
 
 RADARS = ((3.0, 2.0), (1.0, 3.0))
 HAZARD, COLLIDING = Saturation(RADARS), SaturationCollision(RADARS)

@@ -7,9 +7,9 @@ import pytest
 from small_scenarios import small
 
 import casswarm as csw
+from casswarm.joint import SwarmOutcome
 from casswarm.joint.search import coarse_task, coarsened, distinct, refined
-from casswarm.joint.swarm_plan import SwarmOutcome
-from casswarm.problems.joint_instances import JointTask
+from casswarm.problems import JointTask
 
 
 def outcome(velocities: np.ndarray, arrivals: np.ndarray) -> SwarmOutcome:

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 import casswarm as csw
-from casswarm.motion.step import Motion
+from casswarm.motion import Motion
 from casswarm.nlp import LagrangianHessian
-from casswarm.problems.joint import JointForm, joint_nlp
-from casswarm.problems.joint_instances import JointTask, joint_instances
+from casswarm.problems import JointForm, JointTask, joint_instances, joint_nlp
 
 SETTINGS = {
     "swarm.positions": [[0.0, 0.0], [0.5, 0.0], [0.0, 0.4]],

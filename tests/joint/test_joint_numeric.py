@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 import casswarm as csw
 from casswarm.compiled import parallel as kernel_threads
 from casswarm.joint.numeric import joint_program
-from casswarm.nlp.program import Instances, Nlp
-from casswarm.problems.joint import JointForm
-from casswarm.problems.joint_instances import JointTask, joint_instances
+from casswarm.nlp import Instances, Nlp
+from casswarm.problems import JointForm, JointTask, joint_instances
 from casswarm.solvers.interior_point.derivatives import CasadiProblems, NumericDerivatives
 from casswarm.solvers.interior_point.factors import shifts_to_try
 

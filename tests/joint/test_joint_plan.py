@@ -24,11 +24,10 @@ from casswarm import (
     simulate,
 )
 from casswarm.errors import PolicyError
-from casswarm.guide.plan import initial_velocities
+from casswarm.guide import initial_velocities
 from casswarm.joint import PlanDistribution
 from casswarm.policies import JointPolicy
-from casswarm.problems.joint import JointForm, joint_nlp
-from casswarm.problems.joint_instances import JointTask, joint_instances
+from casswarm.problems import JointForm, JointTask, joint_instances, joint_nlp
 
 RADARS = [(1.0, 0.9), (2.2, -0.8)]
 

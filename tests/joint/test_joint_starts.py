@@ -13,7 +13,7 @@ from casswarm.joint import InitialGuess, PlanDistribution
 from casswarm.joint.distribution import prescribed_costs
 from casswarm.joint.initial_guesses import changes
 from casswarm.joint.screening import Family, screened, tracked_positions
-from casswarm.problems.joint_instances import JointTask
+from casswarm.problems import JointTask
 
 RADARS = [(1.0, 0.9), (2.2, -0.8)]
 

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from small_scenarios import Array, image, small
 
 from casswarm import Scenario, SwarmPlan, plan_swarm
-from casswarm.guide.frame import SYMMETRIES, Frame
-from casswarm.guide.homotopy import homotopy_signature
+from casswarm.guide import Frame, homotopy_signature
+from casswarm.guide.frame import SYMMETRIES
+from casswarm.joint import InitialGuess
 from casswarm.joint.initial_guesses import Guesses
-from casswarm.joint.screening import InitialGuess
-from casswarm.problems.joint_instances import JointTask
+from casswarm.problems import JointTask
 
 RADARS = [(1.0, 0.9), (2.2, -0.8)]
 VELOCITY = (1.0, 0.2)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from casswarm.problems.subsets import subsets
+from casswarm.problems import subsets
 
 
 def probability(before: int, after: int, lost: np.ndarray, n: int) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from casswarm.motion.kinematics import integrate, remaining_distance, resample
+from casswarm.motion import integrate, remaining_distance, resample
 
 START, GOAL = np.array([1.0, 2.0]), np.array([9.0, 8.0])  # ten apart
 

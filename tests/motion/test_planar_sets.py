@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from planar_cases import INF, Array, random_cases, scale
 
-from casswarm.motion import planar_kernels
-from casswarm.motion.planar import PlanarSets
+from casswarm.motion import PlanarSets, planar_kernels
 from casswarm.motion.planar_kernels import ROUNDING
 
 

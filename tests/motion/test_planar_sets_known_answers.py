@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from planar_cases import INF, PLANE, Array, random_cases, scale, single
 
-from casswarm.motion.planar import PlanarSets
+from casswarm.motion import PlanarSets
 from casswarm.motion.planar_kernels import ROUNDING
 
 

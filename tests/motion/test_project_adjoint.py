@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from casswarm.motion.step import Motion
+from casswarm.motion import Motion
 
 MOTION = Motion(v_max=2.0, a_max=0.5, dt=0.33)
 STEP = 1e-6

@@ -22,9 +22,8 @@ from known_problems import (
     planar,
 )
 
-from casswarm.nlp.program import Instances, Nlp
-from casswarm.nlp.residuals import ACTIVE, kkt_residuals
-from casswarm.nlp.solution import Residuals
+from casswarm.nlp import Instances, Nlp, Residuals, kkt_residuals
+from casswarm.nlp.residuals import ACTIVE
 from casswarm.solvers import Ipopt
 
 each = pytest.mark.parametrize("problem", KNOWN, ids=lambda problem: problem.__name__)

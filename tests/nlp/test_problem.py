@@ -12,9 +12,9 @@ import pytest
 
 from casswarm.errors import SolverError
 from casswarm.hazard import Saturation, SaturationCollision
-from casswarm.motion.planar import PlanarSets
-from casswarm.nlp.program import Instances, Nlp
-from casswarm.problems.formation import formation_nlp
+from casswarm.motion import PlanarSets
+from casswarm.nlp import Instances, Nlp
+from casswarm.problems import formation_nlp
 
 RADARS = ((4.4, 4.6), (4.5, 3.0))
 

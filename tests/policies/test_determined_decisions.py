@@ -8,10 +8,16 @@ import pytest
 from numpy.testing import assert_allclose
 
 from casswarm import Guide, Policy, Scenario, evaluate, load_scenario, make_policy, plan
-from casswarm.formation import Auto, SpectralProjectedGradient
-from casswarm.formation.horizon_method import InteriorPoint
-from casswarm.formation.task import FOLLOWER_WEIGHT, Formation, corridor_formation, leader_formation
-from casswarm.motion.step import Motion, Step
+from casswarm.formation import (
+    Auto,
+    Formation,
+    InteriorPoint,
+    SpectralProjectedGradient,
+    corridor_formation,
+    leader_formation,
+)
+from casswarm.formation.task import FOLLOWER_WEIGHT
+from casswarm.motion import Motion, Step
 
 
 @cache

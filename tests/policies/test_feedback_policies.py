@@ -20,8 +20,8 @@ from small_scenarios import DT, Array, single_agent_rate_by_hand, small
 
 from casswarm import Scenario, evaluate, make_policy, plan, simulate
 from casswarm.grid import ValueFunction
-from casswarm.guide.plan import plan_from
-from casswarm.motion.planar import PlanarSets
+from casswarm.guide import plan_from
+from casswarm.motion import PlanarSets
 from casswarm.policies.formation_policies import FeedbackPolicy
 
 RADARS = [(2.0, 1.2), (3.0, -1.0)]

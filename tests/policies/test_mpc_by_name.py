@@ -17,9 +17,8 @@ import casswarm as csw
 from casswarm import make_solver
 from casswarm.errors import PolicyError, SolverError
 from casswarm.figures import mpc_chart
-from casswarm.formation.horizon_method import InteriorPoint
-from casswarm.formation.task import corridor_formation
-from casswarm.motion.step import Step
+from casswarm.formation import InteriorPoint, corridor_formation
+from casswarm.motion import Step
 from casswarm.policies import LeaderPolicy, make_policy
 
 # --- custom rates, solvers, pickling, names

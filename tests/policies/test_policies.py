@@ -23,8 +23,8 @@ from casswarm import (
     plan,
     simulate,
 )
-from casswarm.guide.plan import initial_velocities
-from casswarm.nlp.program import Instances, Nlp
+from casswarm.guide import initial_velocities
+from casswarm.nlp import Instances, Nlp
 from casswarm.policies import POLICIES, member_guides
 from casswarm.solvers import Answer, Ipopt, Solver
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from small_scenarios import DT, Array, small
 
 import casswarm as csw
-from casswarm.policies.user import repeated
+from casswarm.policies import repeated
 
 Flags = NDArray[np.bool_]
 CENTER = np.array([3.0, 0.0])

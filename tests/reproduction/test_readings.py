@@ -12,7 +12,7 @@ from casswarm.reproduction.success_tables import (
     readings,
     sensitivity,
 )
-from casswarm.studies.simulation import PAPER_POLICIES
+from casswarm.studies import PAPER_POLICIES
 
 FIRST = csw.load_scenario("paper-1")
 

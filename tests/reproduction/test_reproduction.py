@@ -18,7 +18,7 @@ from casswarm.figures import (
     table_2_chart,
 )
 from casswarm.formation import ProjectedGradient
-from casswarm.nlp.program import Instances
+from casswarm.nlp import Instances
 from casswarm.policies import member_guides
 from casswarm.reproduction import (
     FIGURES,

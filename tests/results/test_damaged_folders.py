@@ -14,7 +14,7 @@ from commands import casswarm
 
 from casswarm import CheckpointError
 from casswarm._util import files
-from casswarm.results.folder import ResultsFolder
+from casswarm.results import ResultsFolder
 
 FIFO = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs fifos")
 

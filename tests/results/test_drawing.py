@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from casswarm.results.drawing import FigureFormat, FigureProcess, drawn_files
+from casswarm.results import FigureFormat
+from casswarm.results.drawing import FigureProcess, drawn_files
 
 SMALL = FigureFormat(dpi=40)
 

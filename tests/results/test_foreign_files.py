@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from casswarm.results.folder import ResultsFolder
+from casswarm.results import ResultsFolder
 
 
 def written(path: Path, names: tuple[str, ...], content: str, command: str = "plan") -> None:

@@ -13,9 +13,8 @@ from browser import opened, references
 from commands import casswarm
 
 from casswarm import CheckpointError, load_scenario
-from casswarm.results.folder import ResultsFolder
-from casswarm.results.reports import simulation_page
-from casswarm.studies.tables import paired_texts, summary_texts
+from casswarm.results import ResultsFolder, simulation_page
+from casswarm.studies import paired_texts, summary_texts
 
 SETTING = "formation.rho=0.04"
 COMMAND = ("simulate", "single-agent", "--runs", "60", "--seed", "3", "--set", SETTING)

@@ -18,8 +18,8 @@ from small_scenarios import small
 import casswarm as csw
 from casswarm.comparison import Problem
 from casswarm.errors import CheckpointError, SolverError
-from casswarm.formation.objective import CompiledObjective, formation_program
-from casswarm.nlp.solution import Status
+from casswarm.formation import CompiledObjective, formation_program
+from casswarm.nlp import Status
 from casswarm.policies import formation_policies as formation
 from casswarm.solvers import Ipopt, Isolated
 

@@ -12,8 +12,7 @@ from hock_schittkowski import STATEMENTS, published
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from casswarm.nlp.program import Instances, Nlp
-from casswarm.nlp.solution import Status
+from casswarm.nlp import Instances, Nlp, Status
 from casswarm.solvers import FilterInteriorPoint, Ipopt
 from casswarm.solvers.interior_point.compiled_derivatives import numeric_problems, program_tapes
 from casswarm.solvers.interior_point.derivatives import CasadiProblems, RowProblems

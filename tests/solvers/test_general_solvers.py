@@ -15,9 +15,8 @@ from backend_cases import FORMATIONS, Case, formation, guide
 from hock_schittkowski import NUMBERS, published
 from known_problems import KNOWN, planar
 
-from casswarm.motion.planar import PlanarSets
-from casswarm.nlp.program import Instances
-from casswarm.nlp.solution import Solution, Status
+from casswarm.motion import PlanarSets
+from casswarm.nlp import Instances, Solution, Status
 from casswarm.solvers import SOLVERS, make_solver
 from casswarm.solvers.casadi_plugins import NO_STATUS, _compiled
 

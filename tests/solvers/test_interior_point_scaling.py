@@ -11,7 +11,7 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from casswarm._util.threads import one_blas_thread
-from casswarm.nlp.program import Instances, Nlp
+from casswarm.nlp import Instances, Nlp
 from casswarm.solvers import FilterInteriorPoint
 
 SOLVER = FilterInteriorPoint()

@@ -22,8 +22,7 @@ from known_problems import (
     nearest_in_box,
 )
 
-from casswarm.nlp.program import Nlp
-from casswarm.nlp.solution import Solution, Status
+from casswarm.nlp import Nlp, Solution, Status
 from casswarm.solvers import Ipopt
 from casswarm.solvers import casadi_plugins as casadi_nlpsol
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from more_hock_schittkowski import MORE, published_more
 
-from casswarm.nlp.program import Instances
+from casswarm.nlp import Instances
 from casswarm.solvers import FilterInteriorPoint, Ipopt
 
 HIGH_ORDER = {46: 1e-5, 49: 1e-5}

@@ -15,9 +15,7 @@ import pytest
 from known_problems import hs_35, hs_71
 
 from casswarm.errors import SolverError
-from casswarm.nlp import LagrangianHessian
-from casswarm.nlp.program import Instances, Nlp
-from casswarm.nlp.solution import Status
+from casswarm.nlp import Instances, LagrangianHessian, Nlp, Status
 from casswarm.solvers import Pounce, make_solver
 from casswarm.solvers import external as pounce
 

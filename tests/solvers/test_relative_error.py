@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from known_problems import INF, KNOWN, Known, hs_35, known
 
-from casswarm.nlp.residuals import relative_error
+from casswarm.nlp import relative_error
 
 UNITS = st.sampled_from([1e-6, 1e-2, 1.0, 32.0, 1e5])
 

@@ -19,8 +19,7 @@ from backend_cases import Case, formation, guide
 from known_problems import active_box
 
 from casswarm.errors import SolverError
-from casswarm.nlp.program import Instances, Nlp
-from casswarm.nlp.solution import Residuals, Status
+from casswarm.nlp import Instances, Nlp, Residuals, Status
 from casswarm.solvers import SOLVERS, Answer, Solver, make_solver
 from casswarm.solvers.base import failed
 

@@ -14,8 +14,7 @@ from known_problems import active_box, hs_35, nearest_in_box
 
 from casswarm.errors import SolverError
 from casswarm.formation import ProjectedGradient
-from casswarm.nlp.program import Instances, Nlp
-from casswarm.nlp.solution import Residuals, Solution, Status
+from casswarm.nlp import Instances, Nlp, Residuals, Solution, Status
 from casswarm.solvers import SOLVERS, Answer, Ipopt, Solver, make_solver
 from casswarm.solvers.base import VIOLATION
 

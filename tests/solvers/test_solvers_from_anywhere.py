@@ -13,7 +13,7 @@ from known_problems import hs_1, hs_35, hs_71
 from scipy.optimize import OptimizeResult, minimize
 
 from casswarm.errors import SolverError
-from casswarm.nlp.solution import Status
+from casswarm.nlp import Status
 from casswarm.solvers import Ipopt, Minimize, NlpSol
 from casswarm.typing import FloatArray
 

@@ -12,8 +12,7 @@ from hock_schittkowski import published
 from known_problems import hs_35, hs_71
 
 from casswarm.errors import SolverError
-from casswarm.nlp.program import Instances, Nlp
-from casswarm.nlp.solution import Status
+from casswarm.nlp import Instances, Nlp, Status
 from casswarm.solvers import Unopy, make_solver
 from casswarm.solvers import external as unopy
 

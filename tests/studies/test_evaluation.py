@@ -8,14 +8,12 @@ import pytest
 from scipy.stats import binom, binomtest
 
 import casswarm as csw
+from casswarm.chain import Chain, ExpansionOptions, StateSpaceExpansion, sample_residual
 from casswarm.chain.confidence import clopper_pearson
-from casswarm.chain.exact import ExpansionOptions, StateSpaceExpansion
-from casswarm.chain.monte_carlo import Chain
-from casswarm.chain.stratified import sample_residual
 from casswarm.errors import PolicyError
-from casswarm.motion.step import Motion
+from casswarm.motion import Motion
 from casswarm.policies import as_policy
-from casswarm.studies.evaluation import evaluate
+from casswarm.studies import evaluate
 
 PAPER = csw.load_scenario("paper-1")
 SMALL = PAPER.with_values(

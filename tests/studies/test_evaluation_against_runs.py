@@ -5,8 +5,7 @@ from scipy.stats import binomtest
 
 import casswarm as csw
 from casswarm.policies import POLICIES
-from casswarm.studies.evaluation import evaluate
-from casswarm.studies.simulation import PAPER_POLICIES
+from casswarm.studies import PAPER_POLICIES, evaluate
 
 ANY_SIZE = [policy for policy in POLICIES if policy != "optimal"]  # which is for two members
 PAIRS = [("paper-1", policy) for policy in ANY_SIZE]

@@ -15,9 +15,9 @@ from casswarm.errors import PlanningError, PolicyError, SolverError
 from casswarm.formation import Auto, SpectralProjectedGradient
 from casswarm.formation.objective import formation_objective
 from casswarm.formation.search_kernels import CONVERGED
-from casswarm.guide.plan import plan_from
+from casswarm.guide import plan_from
 from casswarm.hazard import KernelHazard
-from casswarm.nlp.solution import Status
+from casswarm.nlp import Status
 from casswarm.solvers import Answer, Solver
 
 PAPER = csw.load_scenario("paper-1")

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 import casswarm as csw
-from casswarm.comparison import make_problems
-from casswarm.comparison.report import _families, make_report
+from casswarm.comparison import make_problems, make_report
+from casswarm.comparison.report import _families
 
 X = ca.SX.sym("x", 2)
 

@@ -9,7 +9,7 @@ import pytest
 from small_scenarios import three_members
 
 from casswarm import Guide, Scenario, estimate, plan, simulate, sweep
-from casswarm.chain.confidence import required_runs
+from casswarm.chain import required_runs
 from casswarm.comparison import compare
 from casswarm.reproduction import reproduce
 from casswarm.studies.simulation import runs_needed

@@ -18,7 +18,7 @@ from small_scenarios import DT, Array, three_members
 
 import casswarm.studies.simulation
 from casswarm import Guide, PolicyError, Scenario, Study, plan, simulate
-from casswarm.chain.confidence import wilson
+from casswarm.chain import wilson
 from casswarm.studies.tables import summarise
 
 Flags = NDArray[np.bool_]

@@ -1,0 +1,25 @@
+from .formation import formation_nlp
+from .guide import (
+    GuideTask,
+    guide_instance,
+    guide_nlp,
+    penalised_guide_instance,
+    penalised_guide_nlp,
+)
+from .joint import JointForm, joint_nlp
+from .joint_instances import JointTask, joint_instances
+from .subsets import subsets
+
+__all__ = [
+    "GuideTask",
+    "JointForm",
+    "JointTask",
+    "formation_nlp",
+    "guide_instance",
+    "guide_nlp",
+    "joint_instances",
+    "joint_nlp",
+    "penalised_guide_instance",
+    "penalised_guide_nlp",
+    "subsets",
+]
