@@ -8,18 +8,17 @@ rounds of decreasing thresholds, until the residual mass is within tolerance (``
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..compiled.kernels import contiguous
 from ..policies.base import Policy
 from ..typing import BoolArray, FloatArray, Progress
 from .distribution import OutcomeDistribution
-from .states import Frontier, States
-from .transition import Lattice, Transition, transition
+from .outcome_kernels import Totals
+from .states import Frontier, States, outcomes
+from .transition import Lattice, transition
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -32,7 +31,6 @@ MAX_FACTOR = 8.0  # between the thresholds of successive rounds
 PRUNING_FACTOR = 1e-3  # outcomes less probable than this, in thresholds, are pruned
 BATCH = 1 << 16  # members solved at once: bounds memory
 MAX_BYTES = 1 << 28  # of the states of the frontier
-OUTCOME_BYTES = 1 << 26  # of the buffer of outcomes: bounds memory
 
 
 @dataclass(frozen=True)
@@ -147,7 +145,7 @@ class StateSpaceExpansion:
         for step in range(self.scenario.n_steps):
             if not self.frontier.batches[step]:
                 continue
-            pool = States.concatenate(self.frontier.pop(step)).aggregated()
+            pool, _ = States.concatenate(self.frontier.pop(step)).aggregated()
             selected = self._selected(pool.weights, threshold)
             self.frontier.add(step, pool[~selected])
             rows = np.flatnonzero(selected)
@@ -182,58 +180,24 @@ class StateSpaceExpansion:
         self.solved += len(states)
         self.infeasible += float(states.weights @ move.counts["infeasible"])
         self.failures += float(states.weights @ move.counts["solver_failures"])
-        pruned, added = np.zeros(len(states)), 0
-        for batch in self._outcomes(step, states, move, self._cutoff(threshold), pruned):
-            if len(batch):
-                self.frontier.add(step + 1, batch.aggregated())
-                added += len(batch)
+        totals = Totals.zeros(*states.alive.shape)._replace(
+            population=self.population[step + 1], members=self.members
+        )
+        added, limits = 0, (self._cutoff(threshold), self.options.max_pruned_fraction)
+        for batch in outcomes(move.step(states), totals, *limits):
+            self.arrival[step + 1] += totals.arrival[0]
+            self.survivors += totals.survivors
+            self.ended[step + 1] += totals.survivors
+            copies = (array.copy() for array in batch)
+            self.frontier.add(step + 1, move.following(*copies).aggregated()[0])
+            added += len(batch.masses)
             if added > self._max_stored:
                 self.pruned += self.frontier.prune(self._max_stored)
                 added = 0
+        pruned = totals.pruned
         if (pruned < 0).any():
             self.unsplit.add(step, states[pruned < 0])
         self.pruned[step] += pruned[pruned > 0].sum()
-
-    def _outcomes(
-        self, step: int, states: States, move: Transition, cutoff: float, pruned: FloatArray
-    ) -> Iterator[States]:
-        """Yield the states after a step in which the run goes on, in batches of `OUTCOME_BYTES`.
-
-        Absorbed runs are added to the statistics. The mass that was pruned from every state is
-        written to `pruned` (S,): outcomes less probable than `cutoff`, or too many for the buffer.
-        It is -1 where it would exceed `max_pruned_fraction`; the state is then not split.
-        """
-        from . import state_kernels  # Numba takes a second to import
-
-        n = self.scenario.n
-        capacity = min(OUTCOME_BYTES // (33 * n + 8), len(states) << min(n, 20))
-        outcomes = state_kernels.Outcomes(
-            np.empty(capacity, np.int64), np.empty((capacity, n), bool), np.empty(capacity)
-        )
-        data = state_kernels.Step(
-            contiguous(states.weights),
-            contiguous(move.survival),
-            contiguous(states.alive),
-            contiguous(move.inside),
-        )
-        first, population = 0, self.population[step + 1]
-        while first < len(states):
-            survivors = np.zeros(n + 1)
-            totals = state_kernels.Totals(population, survivors, self.members, pruned)
-            first, filled, arrival = state_kernels.split(
-                first, data, cutoff, self.options.max_pruned_fraction, outcomes, totals
-            )
-            self.arrival[step + 1] += arrival
-            self.survivors += survivors
-            self.ended[step + 1] += survivors
-            origin, alive = outcomes.parents[:filled], outcomes.survived[:filled].copy()
-            living = alive[..., None]
-            yield States(
-                np.where(living, move.positions[origin], 0.0),
-                np.where(living, move.velocities[origin], 0.0),
-                alive,
-                outcomes.masses[:filled].copy(),
-            )
 
     def _cutoff(self, threshold: float) -> float:
         """Mass below which an outcome is pruned."""

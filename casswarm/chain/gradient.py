@@ -16,13 +16,13 @@ import casadi as ca
 import numpy as np
 
 from .._util.threads import locked_cache
-from ..compiled.kernels import contiguous
 from ..hazard import Hazard
 from ..policies.functions import BatchFunction
 from ..policies.parametric import ParametricPolicy
 from ..typing import BoolArray, FloatArray, IntArray
 from . import gradient_kernels as kernels
-from .states import States, distinct_states
+from .outcome_kernels import Outcomes, Step, Totals
+from .states import States, outcomes
 from .transition import Lattice, Transition, transition
 
 if TYPE_CHECKING:
@@ -68,20 +68,17 @@ class FollowedStep:
     ----------
     states : States
     move : Transition
-    moves : Moves
+    step : Step
     arrival_slopes : (S, n, 2)
         Derivatives of the probabilities of absorption with respect to X(t+1).
-    outcomes : Outcomes
-    children : (K,) int
-        Index among the states of the next step, -1 where an outcome is not followed.
+    edges : Edges
     """
 
     states: States
     move: Transition
-    moves: kernels.Moves
+    step: Step
     arrival_slopes: FloatArray
-    outcomes: kernels.Outcomes
-    children: IntArray
+    edges: kernels.Edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,35 +143,34 @@ def _advance(
 
     At most `share` is left out unless more than `limit` states would be followed.
     """
-    moves = kernels.Moves(
-        contiguous(states.weights),
-        contiguous(move.survival),
-        contiguous(absorption[0]),
-        contiguous(states.alive),
-        contiguous(move.inside),
-    )
+    step = move.step(states, absorption[0])
+    probable, left_out = _probable_outcomes(step, _BEFORE_MERGING * share, _PER_STATE * limit)
+    following, children = move.following(*probable).aggregated()
+    kept, dropped = _kept(following.weights, share - left_out, limit)
+    children = np.where(kept, np.cumsum(kept) - 1, -1)[children]
+    starts = np.searchsorted(probable.parents, np.arange(len(states) + 1))
+    edges = kernels.Edges(starts, probable.survived, children)
+    followed = FollowedStep(states, move, step, absorption[1], edges)
+    return followed, following[kept], left_out + dropped
+
+
+def _probable_outcomes(step: Step, share: float, limit: int) -> tuple[Outcomes, float]:
+    """Outcomes in which the run goes on, as `_kept` chooses them, and the mass of the others."""
     counts, sums = np.zeros(kernels.BINS, np.int64), np.zeros(kernels.BINS)
-    kernels.count_outcomes(moves, counts, sums)
-    last, left_out = _last_bin(counts, sums, _BEFORE_MERGING * share, _PER_STATE * limit)
-    size, n = int(counts[: last + 1].sum()), states.alive.shape[1]
-    outcomes = kernels.Outcomes(
-        np.empty(len(states) + 1, np.int64),
-        np.empty(size, np.int64),
-        np.empty(size, np.int64),
-        np.empty((size, n), bool),
-        np.empty(size),
-    )
-    kernels.follow(moves, last, outcomes)
-    living = outcomes.survived[..., None]
-    positions = np.where(living, move.positions[outcomes.parents], 0.0)
-    velocities = np.where(living, move.velocities[outcomes.parents], 0.0)
-    first, children = distinct_states(positions, velocities, outcomes.survived)
-    masses = np.bincount(children, outcomes.masses, len(first)).astype(float)
-    kept, dropped = _kept(masses, share - left_out, limit)
-    first, numbers = first[kept], np.where(kept, np.cumsum(kept) - 1, -1)
-    following = States(positions[first], velocities[first], outcomes.survived[first], masses[kept])
-    step = FollowedStep(states, move, moves, absorption[1], outcomes, numbers[children])
-    return step, following, left_out + dropped
+    number, totals = 0, Totals.zeros(*step.alive.shape)
+    for batch in outcomes(step, totals):
+        kernels.count_masses(batch.masses, counts, sums)
+        number += 1
+    last, left_out = _last_bin(counts, sums, share, limit)
+    # more than a batch would take too much memory: they are enumerated once more
+    batches = [batch] if number == 1 else outcomes(step, totals, kernels.least_mass(last))
+    chosen = []
+    for batch in batches:
+        rows = np.flatnonzero(_flags(batch.masses, last))
+        chosen.append(Outcomes(*(array.take(rows, axis=0) for array in batch)))
+    if len(chosen) > 1:
+        chosen = [Outcomes(*map(np.concatenate, zip(*chosen, strict=True)))]
+    return chosen[0], left_out
 
 
 def _kept(masses: FloatArray, share: float, limit: int) -> tuple[BoolArray, float]:
@@ -182,9 +178,14 @@ def _kept(masses: FloatArray, share: float, limit: int) -> tuple[BoolArray, floa
     counts, sums = np.zeros(kernels.BINS, np.int64), np.zeros(kernels.BINS)
     kernels.count_masses(masses, counts, sums)
     last, left_out = _last_bin(counts, sums, share, limit)
-    kept = np.empty(len(masses), bool)
-    kernels.flag_masses(masses, last, kept)
-    return kept, left_out
+    return _flags(masses, last), left_out
+
+
+def _flags(masses: FloatArray, last: int) -> BoolArray:
+    """Which masses are in bins up to `last`."""
+    flags = np.empty(len(masses), bool)
+    kernels.flag_masses(masses, last, flags)
+    return flags
 
 
 def _last_bin(counts: IntArray, sums: FloatArray, share: float, limit: int) -> tuple[int, float]:
@@ -226,7 +227,7 @@ def _backward(
     shape = states.positions.shape
     by = kernels.Adjoints(*np.zeros((2, *shape[:2])), *np.zeros((2, *shape)))
     before = kernels.Values(*np.empty((2, len(states))), *np.empty((2, 0, 0, 2)))
-    kernels.backward(followed.moves, followed.outcomes, followed.children, after, before, by)
+    kernels.backward(followed.step, move.inside, followed.edges, after, before, by)
     to_rates = -dt * move.survival * by.survival
     to_positions = by.positions + by.arrival[..., None] * followed.arrival_slopes
     to_positions += rates_adjoint(scenario.hazard, move.positions, states.alive, to_rates)

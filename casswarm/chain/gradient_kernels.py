@@ -1,8 +1,7 @@
-"""Outcomes of a step, which of them are followed, and the derivatives of the states before it.
+"""Masses of outcomes by size, and the derivatives of the states before a step.
 
-Each of k living members is destroyed, or survives and moves on, or survives and is absorbed by the
-target. A run goes on if nobody is absorbed and somebody survives: these are 2^k - 1 outcomes, whose
-numbers have bit j set if the j-th living member survives.
+Of k living members there are 2^k - 1 outcomes in which the run goes on; the number of each has bit
+j set if the j-th living member survives.
 """
 
 from __future__ import annotations
@@ -15,49 +14,27 @@ from numpy.typing import NDArray
 
 from ..compiled.kernels import allocating_kernel, kernel
 from ..typing import BoolArray, FloatArray, IntArray
+from .outcome_kernels import Step
 
 BINS = 4400
 """Number of bins of masses: bin b has those from 2^(-(b + 1) / 4), exclusively, to 2^(-b / 4)."""
 
 
-class Moves(NamedTuple):
-    """S states of n members and how they move, before survival is drawn.
-
-    Parameters
-    ----------
-    weights : (S,)
-        Probability of every state.
-    survival, arrival : (S, n)
-        Probability that a member survives, and that it is absorbed if it does.
-    alive, inside : (S, n)
-        Whether a member is alive before the step, and in the target after it.
-    """
-
-    weights: FloatArray
-    survival: FloatArray
-    arrival: FloatArray
-    alive: BoolArray
-    inside: BoolArray
-
-
-class Outcomes(NamedTuple):
-    """K outcomes that are followed, in the order of their states.
+class Edges(NamedTuple):
+    """K outcomes of S states in which the run goes on, in the order of their states.
 
     Parameters
     ----------
     starts : (S+1,)
         Range of every state's outcomes.
-    parents, numbers : (K,)
-        State, and number of the outcome.
     survived : (K, n)
-    masses : (K,)
+    children : (K,)
+        State after the step that an outcome leads to; -1 if it is not followed.
     """
 
     starts: IntArray
-    parents: IntArray
-    numbers: IntArray
     survived: BoolArray
-    masses: FloatArray
+    children: IntArray
 
 
 class Values(NamedTuple):
@@ -99,31 +76,9 @@ def mass_bin(mass: float) -> int:
     return min(BINS - 1, max(0, math.floor(-4.0 * math.log2(mass))))
 
 
-@kernel
-def spread(moves: Moves, s: int, masses: FloatArray) -> int:
-    """Write the masses of the outcomes of state s in which nobody is absorbed; their number 2^k."""
-    size = 1
-    masses[0] = moves.weights[s]
-    for i in range(moves.alive.shape[1]):
-        if moves.alive[s, i]:
-            p = moves.survival[s, i]
-            for o in range(size):
-                masses[size + o] = masses[o] * (p * (1.0 - moves.arrival[s, i]))
-                masses[o] *= 1.0 - p
-            size *= 2
-    return size
-
-
-@allocating_kernel
-def count_outcomes(moves: Moves, counts: IntArray, sums: FloatArray) -> None:
-    """Add the outcomes in which the run goes on to the numbers and masses (`BINS`,) of all bins."""
-    masses = np.empty(1 << moves.alive.shape[1])
-    for s in range(moves.weights.size):
-        for o in range(1, spread(moves, s, masses)):
-            if masses[o] > 0.0:
-                b = mass_bin(masses[o])
-                counts[b] += 1
-                sums[b] += masses[o]
+def least_mass(last: int) -> float:
+    """A mass below those in bins up to `last`, by no more than rounding."""
+    return float((1.0 - 1e-12) * 2.0 ** (-(last + 1) / 4))
 
 
 @allocating_kernel
@@ -142,27 +97,6 @@ def flag_masses(masses: FloatArray, last: int, flags: BoolArray) -> None:
         flags[k] = mass_bin(masses[k]) <= last
 
 
-@allocating_kernel
-def follow(moves: Moves, last: int, outcomes: Outcomes) -> None:
-    """Write the outcomes in which the run goes on and whose masses are in bins up to `last`."""
-    n = moves.alive.shape[1]
-    masses, filled = np.empty(1 << n), 0
-    for s in range(moves.weights.size):
-        outcomes.starts[s] = filled
-        for o in range(1, spread(moves, s, masses)):
-            if masses[o] > 0.0 and mass_bin(masses[o]) <= last:
-                outcomes.parents[filled], outcomes.numbers[filled] = s, o
-                outcomes.masses[filled] = masses[o]
-                bit = 0
-                for i in range(n):
-                    outcomes.survived[filled, i] = False
-                    if moves.alive[s, i]:
-                        outcomes.survived[filled, i] = (o >> bit) & 1 == 1
-                        bit += 1
-                filled += 1
-    outcomes.starts[moves.weights.size] = filled
-
-
 class Scratch(NamedTuple):
     """Of the state whose outcomes are folded; see `fold`.
 
@@ -174,6 +108,8 @@ class Scratch(NamedTuple):
         Probability that each survives and moves on, is destroyed, and is absorbed.
     levels, weights : (n+1, 2^n)
         Values and probabilities of the outcomes of the members up to each.
+    numbers : (2^n,)
+        Numbers of the outcomes that are followed.
     """
 
     members: IntArray
@@ -182,18 +118,19 @@ class Scratch(NamedTuple):
     absorbed: FloatArray
     levels: FloatArray
     weights: FloatArray
+    numbers: IntArray
 
 
 @kernel
-def weigh(moves: Moves, arrival: NDArray[Any], s: int, scratch: Scratch) -> int:
+def weigh(step: Step, arrival: NDArray[Any], s: int, scratch: Scratch) -> int:
     """Write the members of state s and what happens to each; their number k.
 
     `arrival` (S, n) has the probabilities that members are absorbed if they survive.
     """
     k = 0
-    for i in range(moves.alive.shape[1]):
-        if moves.alive[s, i]:
-            p, a = moves.survival[s, i], arrival[s, i]
+    for i in range(step.alive.shape[1]):
+        if step.alive[s, i]:
+            p, a = step.survival[s, i], arrival[s, i]
             scratch.members[k] = i
             scratch.stays[k], scratch.leaves[k] = p * (1.0 - a), 1.0 - p
             scratch.absorbed[k] = p * a
@@ -238,18 +175,31 @@ def unfold(k: int, arrival: FloatArray, s: int, scratch: Scratch, by: Adjoints) 
         by.arrival[s, i] = (1.0 - scratch.leaves[j]) * (others - to_stay)
 
 
+@kernel
+def number_outcomes(edges: Edges, s: int, k: int, scratch: Scratch) -> int:
+    """Write the numbers of the outcomes of state s, which has k members; return how many."""
+    start, stop = edges.starts[s], edges.starts[s + 1]
+    for c in range(start, stop):
+        number = 0
+        for j in range(k):
+            number |= np.int64(edges.survived[c, scratch.members[j]]) << j
+        scratch.numbers[c - start] = number
+    return stop - start
+
+
 @allocating_kernel
 def backward(
-    moves: Moves, outcomes: Outcomes, children: IntArray, after: Values, to: Values, by: Adjoints
+    step: Step, inside: BoolArray, edges: Edges, after: Values, to: Values, by: Adjoints
 ) -> None:
     """Write the values of states before a step, and the derivatives with respect to their moves.
 
     Parameters
     ----------
-    moves, outcomes : Moves, Outcomes
-        Of S states, K outcomes.
-    children : (K,)
-        State after the step that an outcome leads to; -1 if it is not followed.
+    step : Step
+        S states.
+    inside : (S, n)
+        Members that are in the target after the step.
+    edges : Edges
     after : Values
         Of the states after the step.
     to : Values
@@ -257,7 +207,7 @@ def backward(
     by : Adjoints
         Zeros; written.
     """
-    n = moves.alive.shape[1]
+    n = step.alive.shape[1]
     scratch = Scratch(
         np.empty(n, np.int64),
         np.empty(n),
@@ -265,27 +215,28 @@ def backward(
         np.empty(n),
         np.zeros((n + 1, 1 << n)),
         np.empty((n + 1, 1 << n)),
+        np.empty(1 << n, np.int64),
     )
-    for s in range(moves.weights.size):
-        outcomes_of_state = range(outcomes.starts[s], outcomes.starts[s + 1])
-        k = weigh(moves, moves.inside, s, scratch)
+    for s in range(step.weights.size):
+        k, start, numbers = weigh(step, inside, s, scratch), edges.starts[s], scratch.numbers
+        children = edges.children[start : start + number_outcomes(edges, s, k, scratch)]
         leaf = scratch.levels[k]
         leaf[: 1 << k] = 0.0
-        for c in outcomes_of_state:
+        for c in range(children.size):
             if children[c] >= 0:
-                leaf[outcomes.numbers[c]] = after.success[children[c]]
+                leaf[numbers[c]] = after.success[children[c]]
         to.success[s] = fold(k, scratch)
-        weigh(moves, moves.arrival, s, scratch)
-        for c in outcomes_of_state:
+        weigh(step, step.arrival, s, scratch)
+        for c in range(children.size):
             if children[c] >= 0:
-                leaf[outcomes.numbers[c]] = after.objective[children[c]]
+                leaf[numbers[c]] = after.objective[children[c]]
         to.objective[s] = fold(k, scratch)
-        unfold(k, moves.arrival, s, scratch, by)
-        for c in outcomes_of_state:
+        unfold(k, step.arrival, s, scratch, by)
+        for c in range(children.size):
             if children[c] >= 0:
-                weight, child = scratch.weights[k, outcomes.numbers[c]], children[c]
+                weight, child = scratch.weights[k, numbers[c]], children[c]
                 for i in range(n):
-                    if outcomes.survived[c, i]:
+                    if edges.survived[start + c, i]:
                         for axis in range(2):
                             by.positions[s, i, axis] += weight * after.positions[child, i, axis]
                             by.velocities[s, i, axis] += weight * after.velocities[child, i, axis]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..policies.base import Policy, policy_call
 from ..typing import BoolArray, FloatArray, IntArray, Progress
-from .states import States, distinct_states, distinct_survivors
+from .states import States, distinct_survivors
 from .transition import COUNTS, Lattice, Transition, transition
 
 if TYPE_CHECKING:
@@ -341,8 +341,7 @@ class _RunBatch:
 
     def set_table(self, table: States) -> None:
         """Identify equal states of a table, in which `row` is the place of the running runs."""
-        first, inverse = distinct_states(table.positions, table.previous_velocities, table.alive)
-        self.table = table[first]
+        self.table, inverse = table.aggregated()
         self.row[self.running] = inverse[self.row[self.running]]
 
     def advance(self, chain: Chain, policy: Policy, step: int, draws: FloatArray) -> None:
@@ -366,15 +365,8 @@ class _RunBatch:
         runs_on = alive.any(axis=1) & ~arrived
         self.running[active] = runs_on[child]
         self.row[active] = (np.cumsum(runs_on) - 1)[child]
-        parent, living = parent[runs_on], alive[runs_on, :, None]
-        self.set_table(
-            States(
-                np.where(living, move.positions[parent], 0.0),
-                np.where(living, move.velocities[parent], 0.0),
-                alive[runs_on],
-                np.ones(len(parent)),
-            )
-        )
+        weights = np.ones(int(runs_on.sum()))
+        self.set_table(move.following(parent[runs_on], alive[runs_on], weights))
 
     def record(
         self, policy: Policy, step: int, active: IntArray, move: Transition, alive: BoolArray

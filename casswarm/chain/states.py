@@ -1,8 +1,9 @@
-"""Batches of states with probabilities, the frontier of them, and the aggregation of equal ones."""
+"""Batches of states with probabilities: split by survivors, aggregated, and kept in a frontier."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -10,9 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..typing import BoolArray, FloatArray, IntArray
+from .outcome_kernels import Outcomes, Step, Totals, group, split, write_survivors
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
+
+OUTCOME_BYTES = 1 << 26  # of a buffer of outcomes: bounds memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,15 +67,21 @@ class States:
         """Sum of the weights."""
         return float(self.weights.sum())
 
-    def aggregated(self) -> States:
-        """Identify states that are equal to the last bit."""
-        if len(self) < 2:
-            return self
+    def aggregated(self) -> tuple[States, IntArray]:
+        """Identify states that are equal to the last bit.
+
+        Returns
+        -------
+        states : States
+            The D distinct ones, in the order of their first occurrences.
+        inverse : (S,) int
+            Index, among the D, of every state.
+        """
         first, inverse = distinct_states(self.positions, self.previous_velocities, self.alive)
         if len(first) == len(self):
-            return self
+            return self, inverse
         weights = np.bincount(inverse, self.weights, len(first)).astype(np.float64)
-        return replace(self[first], weights=weights)
+        return replace(self[first], weights=weights), inverse
 
 
 class Frontier:
@@ -132,6 +142,38 @@ class Frontier:
         return pruned
 
 
+def outcomes(
+    step: Step, totals: Totals, cutoff: float = 0.0, max_pruned_fraction: float = math.inf
+) -> Iterator[Outcomes]:
+    """Yield the outcomes in which the run goes on, in batches of `OUTCOME_BYTES`.
+
+    Parameters
+    ----------
+    step : Step
+        States before the step.
+    totals : Totals
+        The other outcomes are added to them; `arrival` and `survivors` are those of a batch.
+    cutoff : float
+        Outcomes less probable than this are pruned, and so are those too many for the buffer.
+    max_pruned_fraction : float
+        Largest fraction of a state's probability that may be pruned; a state that would lose more
+        is not split.
+
+    Yields
+    ------
+    Outcomes
+        Views of a buffer, which the next batch overwrites.
+    """
+    count, n = step.alive.shape
+    size = min(OUTCOME_BYTES // (33 * n + 8), count << min(n, 20))
+    buffer = Outcomes(np.empty(size, np.int64), np.empty((size, n), bool), np.empty(size))
+    first = 0
+    while first < count:
+        totals.arrival[:], totals.survivors[:] = 0.0, 0.0
+        first, filled = split(first, step, cutoff, max_pruned_fraction, buffer, totals)
+        yield Outcomes(*(array[:filled] for array in buffer))
+
+
 def distinct_states(*arrays: NDArray[np.generic]) -> tuple[IntArray, IntArray]:
     """Distinct rows of arrays with a common first axis, compared bit by bit.
 
@@ -167,16 +209,12 @@ def distinct_survivors(
     survival : (D, n)
         Members with draw < survival survive.
     """
-    from .state_kernels import write_survivors  # Numba takes a second to import
-
     words = np.zeros((len(runs), 1 + -(-survival.shape[1] // 64)), np.uint64)
     write_survivors(runs, rows, draws, survival, words)
     return _distinct(words)
 
 
 def _distinct(words: NDArray[np.uint64]) -> tuple[IntArray, IntArray]:
-    from .state_kernels import group
-
     count = len(words)
     slots = np.full(1 << (2 * count).bit_length(), -1)
     first, inverse = np.empty(count, np.int64), np.empty(count, np.int64)

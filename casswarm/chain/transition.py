@@ -25,11 +25,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._util.numbers import SPEED_TOL
+from ..compiled.kernels import contiguous
 from ..errors import PolicyError
 from ..motion.planar import PlanarSets
 from ..motion.step import Motion
 from ..policies.base import Policy, checked_velocities
 from ..typing import BoolArray, FloatArray, IntArray
+from .outcome_kernels import Step
 from .states import States
 
 if TYPE_CHECKING:
@@ -191,6 +193,31 @@ class Transition:
     survival: FloatArray
     inside: BoolArray
     counts: dict[str, IntArray]
+
+    def step(self, states: States, absorption: FloatArray | None = None) -> Step:
+        """The step of states as kernels take it.
+
+        Parameters
+        ----------
+        states : States
+            The B states.
+        absorption : (B, n), optional
+            Probability that a surviving member is absorbed, by default 1 in the target zone.
+        """
+        if absorption is None:
+            absorption = self.inside.astype(float)
+        arrays = states.weights, self.survival, absorption, states.alive
+        return Step(*(contiguous(array) for array in arrays))
+
+    def following(self, parents: IntArray, survived: BoolArray, weights: FloatArray) -> States:
+        """States (K,) after the step: of which state, who survived it, and with which weight."""
+        living = survived[..., None]
+        return States(
+            np.where(living, self.positions[parents], 0.0),
+            np.where(living, self.velocities[parents], 0.0),
+            survived,
+            weights,
+        )
 
 
 def transition(

@@ -1,4 +1,8 @@
-"""Survivors of a step, outcome by outcome, and groups of equal states."""
+"""Survivors of a step, outcome by outcome, and groups of equal states.
+
+Each of the living members is destroyed, or survives and moves on, or survives and is absorbed by
+the target. A run goes on if nobody is absorbed and somebody survives.
+"""
 
 from __future__ import annotations
 
@@ -12,25 +16,34 @@ from ..typing import BoolArray, FloatArray, IntArray
 
 
 class Step(NamedTuple):
-    """S states before a step.
+    """S states of n members and how they move, before survival is drawn.
 
     Parameters
     ----------
     weights : (S,)
-    survival : (S, n)
-        Every member's probability of surviving the step.
-    alive, inside : (S, n)
-        Whether a member is alive before it, and inside the target after it.
+        Probability of every state.
+    survival, arrival : (S, n)
+        Probability that a member survives the step, and that it is absorbed if it does.
+    alive : (S, n)
+        Whether a member is alive before it.
     """
 
     weights: FloatArray
     survival: FloatArray
+    arrival: FloatArray
     alive: BoolArray
-    inside: BoolArray
 
 
 class Outcomes(NamedTuple):
-    """Buffer of outcomes in which the run goes on: parent state, survivors (n,) and mass."""
+    """Outcomes in which the run goes on, in the order of their states.
+
+    Parameters
+    ----------
+    parents : (K,)
+        State before the step.
+    survived : (K, n)
+    masses : (K,)
+    """
 
     parents: IntArray
     survived: BoolArray
@@ -48,6 +61,8 @@ class Totals(NamedTuple):
         The same of absorbed runs.
     members : (n,)
         Mass of the absorbed runs that a member survives.
+    arrival : (1,)
+        Mass of the runs that are absorbed by an arrival.
     pruned : (S,)
         Mass that was pruned from every state; -1 where the state was not split.
     """
@@ -55,7 +70,13 @@ class Totals(NamedTuple):
     population: FloatArray
     survivors: FloatArray
     members: FloatArray
+    arrival: FloatArray
     pruned: FloatArray
+
+    @classmethod
+    def zeros(cls, states: int, n: int) -> Totals:
+        """Totals of S states of n members before anything is added."""
+        return cls(*np.zeros((2, n + 1)), np.zeros(n), np.zeros(1), np.zeros(states))
 
 
 class Search(NamedTuple):
@@ -69,6 +90,8 @@ class Search(NamedTuple):
         Next branch at every depth: 0 survives, 1 is destroyed, 2 both done.
     mass, bound : (n+1,)
         Mass of the partial outcome, and largest probability of completing it.
+    survivors, stays : (n+1,)
+        Number of survivors of the partial outcome, and probability that none of them is absorbed.
     survived : (n,)
     counts : (3, n+1)
         `Totals.population`, `survivors` and `members` of this state.
@@ -78,6 +101,8 @@ class Search(NamedTuple):
     branch: IntArray
     mass: FloatArray
     bound: FloatArray
+    survivors: IntArray
+    stays: FloatArray
     survived: BoolArray
     counts: FloatArray
 
@@ -97,26 +122,23 @@ def begin(step: Step, state: int, search: Search) -> int:
         bound[d] = bound[d + 1] * max(p, 1.0 - p)
     search.counts[:] = 0.0
     search.mass[0], search.branch[0] = step.weights[state], 0
+    search.survivors[0], search.stays[0] = 0, 1.0
     return k
 
 
 @kernel
-def count(step: Step, state: int, mass: float, search: Search) -> tuple[int, bool, bool]:
-    """Count an outcome: (number of survivors, whether the run ends, whether it arrives)."""
-    survived, counts = search.survived, search.counts
-    survivors, arrives = 0, False
-    for i in range(survived.size):
-        if survived[i]:
-            survivors += 1
-            arrives = arrives or step.inside[state, i]
-    counts[0, survivors] += mass
-    ends = arrives or survivors == 0
-    if ends:
-        counts[1, survivors] += mass
-        for i in range(survived.size):
-            if survived[i]:
-                counts[2, i] += mass
-    return survivors, ends, arrives
+def count(d: int, search: Search) -> tuple[float, float]:
+    """Count the outcome at depth d: (mass that goes on, mass that arrives)."""
+    mass, survivors, stays = search.mass[d], search.survivors[d], search.stays[d]
+    search.counts[0, survivors] += mass
+    arriving = mass * (1.0 - stays)
+    ending = arriving if survivors > 0 else mass
+    if ending > 0.0:
+        search.counts[1, survivors] += ending
+        for i in range(search.survived.size):
+            if search.survived[i]:
+                search.counts[2, i] += ending
+    return mass * stays if survivors > 0 else 0.0, arriving
 
 
 @kernel
@@ -129,17 +151,16 @@ def enumerate_outcomes(
     arrived, pruned, d = 0.0, 0.0, 0
     while d >= 0:
         if d == k:
-            survivors, ends, arrives = count(step, state, masses[d], search)
-            if arrives:
-                arrived += masses[d]
-            if not ends and filled < capacity:
-                outcomes.parents[filled], outcomes.masses[filled] = state, masses[d]
+            going, arriving = count(d, search)
+            arrived += arriving
+            if going > 0.0 and filled < capacity:
+                outcomes.parents[filled], outcomes.masses[filled] = state, going
                 for i in range(n):
                     outcomes.survived[filled, i] = search.survived[i]
                 filled += 1
-            elif not ends:
-                search.counts[0, survivors] -= masses[d]
-                pruned += masses[d]
+            elif going > 0.0:
+                search.counts[0, search.survivors[d]] -= going
+                pruned += going
             d -= 1
             continue
         branch, i = branches[d], members[d]
@@ -155,6 +176,9 @@ def enumerate_outcomes(
         if mass * search.bound[d + 1] < cutoff or (filled == capacity and d + 1 < k):
             pruned += mass
             continue
+        stays = 1.0 - step.arrival[state, i] if branch == 0 else 1.0
+        search.survivors[d + 1] = search.survivors[d] + (1 - branch)
+        search.stays[d + 1] = search.stays[d] * stays
         d += 1
         masses[d], branches[d] = mass, 0
     return filled, arrived, pruned
@@ -168,8 +192,8 @@ def split(
     max_pruned_fraction: float,
     outcomes: Outcomes,
     totals: Totals,
-) -> tuple[int, int, float]:
-    """Split states from `first` on by survivors: (next state, outcomes stored, mass arrived).
+) -> tuple[int, int]:
+    """Split states from `first` on by survivors: (next state, outcomes stored).
 
     Outcomes in which the run goes on are written to the buffer until it is full; absorbed runs are
     added to `totals`. Outcomes are enumerated depth first over the living members, and pruned where
@@ -182,30 +206,32 @@ def split(
         np.empty(n + 1, np.int64),
         np.empty(n + 1),
         np.empty(n + 1),
+        np.empty(n + 1, np.int64),
+        np.empty(n + 1),
         np.zeros(n, np.bool_),
         np.empty((3, n + 1)),
     )
-    filled, arrival = 0, 0.0
+    filled = 0
     for state in range(first, step.weights.size):
         start, living = filled, 0
         for i in range(n):
             living += step.alive[state, i]
         # a state that may not fit is left for the next call, whose buffer is empty
         if start > 0 and capacity - start < min(1 << min(living, 20), capacity // 4):
-            return state, start, arrival
+            return state, start
         filled, arrived, pruned = enumerate_outcomes(step, state, cutoff, outcomes, filled, search)
         if pruned > max_pruned_fraction * step.weights[state]:
             totals.pruned[state] = -1.0
             filled = start
             continue
         totals.pruned[state] = pruned
-        arrival += arrived
+        totals.arrival[0] += arrived
         for i in range(n + 1):
             totals.population[i] += search.counts[0, i]
             totals.survivors[i] += search.counts[1, i]
             if i < n:
                 totals.members[i] += search.counts[2, i]
-    return step.weights.size, filled, arrival
+    return step.weights.size, filled
 
 
 @kernel
