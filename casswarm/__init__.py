@@ -24,7 +24,7 @@ if not (_FOLDER / "problems").exists() and (_FOLDER.parent / "problems").exists(
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 _user_code.install()  # first of all, since what is unpickled may refer to them
-_display.RENDERER = f"{__name__}.results.display"
+_display.RENDERER = f"{__name__}.results.notebook_display"
 
 for _name, _target, _before in (
     ("auto", "auto:Auto", "interior-point"),

@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import PlanningError
 from ..grid.node_blocks import NodeBlock
 from ..grid.nodes import Relaxation
-from ..scenario.files import require_scenario
+from ..scenario.scenario_files import require_scenario
 from ..typing import FloatArray
 from .pair_nodes import best_multiplier
 from .pair_program import Arrays, PairProgram

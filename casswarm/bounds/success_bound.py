@@ -22,16 +22,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._util.numbers import rounded_up
-from ..grid.dynamic_programming import (
-    StageCosts,
-    costs_to_go,
-    least_cost,
-    rounding,
-    trace,
-)
+from ..grid.dynamic_programming import StageCosts, costs_to_go, least_cost, rounding, trace
 from ..grid.node_blocks import NodeBlock, extremum_within_reach
 from ..grid.nodes import Grid, Relaxation, bilinear, node_count
-from ..scenario.files import require_scenario
+from ..scenario.scenario_files import require_scenario
 from ..typing import FloatArray
 from .level_game import Effort, game_bound
 from .risk_bound import arrival_multiplier

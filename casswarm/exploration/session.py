@@ -13,7 +13,7 @@ from ..errors import CasswarmError, PlanningError
 from ..guide.guide import Guide
 from ..policies.named import require_policy_name
 from ..scenario import Scenario
-from ..scenario.files import require_scenario, save_scenario
+from ..scenario.scenario_files import require_scenario, save_scenario
 from ..scenario.variations import with_parameters
 from ..studies.simulation import Study
 from .answers import Answer, Question

@@ -1,7 +1,7 @@
 from .animation import animate, player, save_gif
 from .formations import formation_chart
+from .image_files import save
 from .maps import comparison_map, cost_to_go_map, guide_map, joint_map, swarm_map
-from .output import save
 from .paper import convergence_chart, infeasible_chart, sensitivity_chart, table_2_chart
 from .solver_charts import (
     band_chart,

@@ -9,14 +9,14 @@ from typing import ClassVar
 import numpy as np
 from typing_extensions import override
 
-from ..formation.horizon_method import InteriorPoint
-from ..formation.objective import CompiledObjective
-from ..formation.spectral import BatchRun, BatchSolver, SpectralProjectedGradient
 from ..nlp.program import Instances, Nlp
 from ..nlp.solution import BatchSolution
 from ..solvers.base import Answer, Capabilities, Iterates, Solver
 from ..solvers.casadi_plugins import Ipopt
 from ..typing import FloatArray
+from .horizon_method import InteriorPoint
+from .objective import CompiledObjective
+from .spectral import BatchRun, BatchSolver, SpectralProjectedGradient
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from ..typing import BoolArray, FloatArray, IntArray
 from .objective import CompiledObjective, formation_program
 
 if TYPE_CHECKING:
-    from ..formation.state_kernels import StateProblem, States, Terms
+    from .state_kernels import StateProblem, States, Terms
 
 
 FOLLOWER_WEIGHT = 0.01
@@ -95,7 +95,7 @@ class FormationTask:
     @property
     def states(self) -> States:
         """The states as kernels take them."""
-        from ..formation.state_kernels import States  # Numba takes a second to import
+        from .state_kernels import States  # Numba takes a second to import
 
         step, goals = self.step, np.empty((len(self.leaders), 2))
         goals[:] = step.goal[:, 0]
@@ -108,7 +108,7 @@ class FormationTask:
     @property
     def terms(self) -> Terms:
         """What the problems have in common."""
-        from ..formation.state_kernels import Terms  # Numba takes a second to import
+        from .state_kernels import Terms  # Numba takes a second to import
 
         motion, hazard = self.step.motion, self.step.hazard
         return Terms(
@@ -132,7 +132,7 @@ class FormationTask:
         ValueError
             A number is not finite, or a member's limits of motion allow no velocity.
         """
-        from ..formation.state_kernels import StateProblem, write_problems
+        from .state_kernels import StateProblem, write_problems
 
         batch, n = self.step.alive.shape
         problems = StateProblem(
@@ -216,7 +216,7 @@ def _step_scale(task: FormationTask, p: FloatArray) -> FloatArray:
     """`formation_scale` of one step; by the compiled objective if there is one, to the last bit."""
     (batch, n), compiled = task.step.alive.shape, task.nlp.attached(CompiledObjective)
     if compiled is not None:
-        from ..formation.state_kernels import isolated_rates
+        from .state_kernels import isolated_rates
 
         rates = np.empty(batch)
         alive = contiguous(task.step.alive)

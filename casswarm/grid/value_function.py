@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import PlanningError
-from ..scenario.files import require_scenario
+from ..scenario.scenario_files import require_scenario
 from ..typing import BoolArray, FloatArray
 from .dynamic_programming import StageCosts, Values, costs_to_go, rounding
 from .node_blocks import NodeBlock, box_extremum

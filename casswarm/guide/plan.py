@@ -17,7 +17,7 @@ from ..bounds.risk_bound import GAP
 from ..errors import PlanningError, SolverError
 from ..formation import ProjectedGradient
 from ..problems.guide import GuideTask
-from ..scenario.files import require_scenario
+from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver, make_solver
 from ..typing import FloatArray, Progress, Search
 from .certificate import certify_guide

@@ -1,6 +1,6 @@
-from .distribution import MAX_EXACT, PlanDistribution
 from .initial_guesses import INITIAL_GUESSES
 from .optimize import alternative_plan, plan_swarm
+from .plan_distribution import MAX_EXACT, PlanDistribution
 from .replan import PlanTree
 from .screening import InitialGuess
 from .solve import JointProblem

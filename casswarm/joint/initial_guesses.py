@@ -17,7 +17,7 @@ from ..motion.kinematics import integrate, resample
 from ..problems.joint_instances import JointTask
 from ..problems.subsets import subsets
 from ..typing import FloatArray, IntArray
-from .distribution import MAX_EXACT
+from .plan_distribution import MAX_EXACT
 from .screening import (
     Family,
     InitialGuess,

@@ -12,7 +12,7 @@ from ..grid.nodes import UNIT
 from ..hazard import Hazard, KernelHazard
 from ..hazard.kernel_hazard import lowered_kernels
 from ..typing import BoolArray, FloatArray, IntArray, Interval
-from .distribution import PlanDistribution
+from .plan_distribution import PlanDistribution
 
 if TYPE_CHECKING:
     from ..scenario import Scenario

@@ -21,12 +21,12 @@ from ..guide.plan import initial_velocities, plan
 from ..motion.kinematics import integrate
 from ..problems.joint import OBJECTIVES, JointForm
 from ..problems.joint_instances import JointTask
-from ..scenario.files import require_scenario
+from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver, make_solver
 from ..typing import FloatArray, Objective, Progress
-from .distribution import PlanDistribution
 from .initial_guesses import INITIAL_GUESSES
 from .likely_sets import MAX_MEMBERS, likely_sets
+from .plan_distribution import PlanDistribution
 from .screening import InitialGuess, delayed, track
 from .search import JointSearch
 from .solve import STAGED, JointProblem, first_arrivals, stage_solver

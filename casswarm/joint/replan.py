@@ -18,7 +18,7 @@ from ..problems.joint import JointForm
 from ..problems.joint_instances import JointTask
 from ..solvers import Solver
 from ..typing import FloatArray
-from .distribution import MAX_EXACT, PlanDistribution
+from .plan_distribution import MAX_EXACT, PlanDistribution
 from .screening import InitialGuess
 from .solve import JointProblem, first_arrivals, stage_solver
 from .swarm_plan import SwarmPlan

@@ -10,7 +10,7 @@ import numpy as np
 from ..motion.kinematics import integrate, remaining_distance
 from ..problems.joint_instances import JointTask
 from ..typing import FloatArray, IntArray
-from .distribution import MAX_EXACT, prescribed_costs
+from .plan_distribution import MAX_EXACT, prescribed_costs
 
 if TYPE_CHECKING:
     from ..scenario import Scenario

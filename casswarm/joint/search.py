@@ -14,8 +14,8 @@ from ..problems.joint import JointForm
 from ..problems.joint_instances import JointTask
 from ..solvers import Solver
 from ..typing import FloatArray, Progress
-from .distribution import MAX_EXACT
 from .initial_guesses import Guesses
+from .plan_distribution import MAX_EXACT
 from .screening import InitialGuess, padded
 from .solve import JointProblem, stage_solver
 from .swarm_plan import SwarmOutcome

@@ -18,8 +18,8 @@ from ..problems.joint_instances import JointTask, joint_instances
 from ..solvers import FilterInteriorPoint, Ipopt, Solver
 from ..solvers.interior_point.derivatives import NumericDerivatives
 from ..typing import FloatArray, IntArray
-from .distribution import MAX_EXACT, PlanDistribution
 from .numeric import joint_program
+from .plan_distribution import MAX_EXACT, PlanDistribution
 from .screening import InitialGuess, track
 from .swarm_plan import DISTANCE_TOL, SwarmOutcome, least_distance
 

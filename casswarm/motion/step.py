@@ -44,7 +44,7 @@ class Motion:
 
     def sets(self, previous_velocities: FloatArray) -> PlanarSets:
         """Sets of velocities (..., 2) allowed after `previous_velocities` (..., 2)."""
-        from .step_kernels import motion_sets  # Numba takes a second to import
+        from .limit_kernels import motion_sets  # Numba takes a second to import
 
         rows = np.empty((*previous_velocities.shape[:-1], 10))
         flat = contiguous(previous_velocities.reshape(-1, 2).astype(float))
@@ -93,7 +93,7 @@ class Motion:
         to_commanded, to_previous : (..., 2)
             Derivatives with respect to `commanded` and `previous_velocities`.
         """
-        from .step_kernels import project_adjoint  # Numba takes a second to import
+        from .limit_kernels import project_adjoint  # Numba takes a second to import
 
         given = (commanded, previous_velocities, projected, seeds)
         p, c, q, s = (contiguous(array.reshape(-1, 2)) for array in given)

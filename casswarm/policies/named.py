@@ -15,7 +15,7 @@ from ..guide.guide import Guide
 from ..guide.plan import guide_solver, initial_velocities, plan, plan_from
 from ..joint import PlanTree, plan_swarm
 from ..motion.step import Motion
-from ..scenario.files import require_scenario
+from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver, make_solver
 from ..typing import LeaderSelection
 from .base import Policy

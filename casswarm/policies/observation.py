@@ -129,10 +129,7 @@ class Observation:
             X(t) and V(t-1).
         alive : (B, n) bool
         """
-        from .observation_kernels import (
-            Frame,  # Numba takes a second to import
-            write_observations,
-        )
+        from .observation_kernels import Frame, write_observations
 
         observations = np.empty((*alive.shape, self.size), self.dtype)
         each = np.full(len(alive), steps) if np.ndim(steps) == 0 else np.asarray(steps)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .._util.text import counted
 from .._util.user_code import limited_time
 from ..errors import PolicyCallError, PolicyError
-from ..scenario.files import require_scenario
+from ..scenario.scenario_files import require_scenario
 from ..typing import BoolArray, FloatArray
 from .base import Decision, Policy, checked_velocities, is_own, policy_call
 from .observation import Observation

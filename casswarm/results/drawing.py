@@ -32,7 +32,7 @@ class FigureFormat(NamedTuple):
     def file_content(self, draw: Callable[[], Figure]) -> bytes:
         """Content of the file of a figure, drawn in the theme of this width."""
         from ..figures import theme
-        from ..figures.output import file_content
+        from ..figures.image_files import file_content
 
         with theme(self.width):
             return file_content(draw(), self.suffix, self.dpi)

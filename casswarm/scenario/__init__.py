@@ -1,7 +1,7 @@
 """Scenarios: the swarm, its target and its hazards, and the files that describe them."""
 
-from .files import builtin_scenarios, load_scenario, save_scenario
 from .model import Scenario
+from .scenario_files import builtin_scenarios, load_scenario, save_scenario
 from .sections import FormationOptions, GuideOptions, HazardTable, Swarm, Target, Time
 
 __all__ = [

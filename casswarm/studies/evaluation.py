@@ -20,7 +20,7 @@ from ..guide.guide import Guide
 from ..guide.plan import initial_velocities, plan
 from ..policies import make_policy
 from ..policies.user import repeated
-from ..scenario.files import require_scenario
+from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver, make_solver
 from ..typing import FloatArray, Interval, Progress
 from .inputs import policy_list, policy_name, resolve_policy, study_guide

@@ -14,7 +14,7 @@ from ..errors import PolicyError
 from ..guide.guide import Guide
 from ..guide.plan import initial_velocities, plan
 from ..policies.parametric import ParametricPolicy
-from ..scenario.files import require_scenario
+from ..scenario.scenario_files import require_scenario
 from ..typing import FloatArray, Interval
 
 if TYPE_CHECKING:

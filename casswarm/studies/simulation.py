@@ -23,7 +23,7 @@ from ..chain.monte_carlo import Chain, Purpose, Runs, RunTrajectory
 from ..guide.guide import Guide
 from ..guide.plan import initial_velocities
 from ..policies.base import Policy
-from ..scenario.files import require_scenario
+from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver, make_solver
 from ..typing import Progress
 from .inputs import policy_list, resolve_policy, study_guide, study_inputs

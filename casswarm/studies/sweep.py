@@ -26,7 +26,7 @@ from ..errors import CasswarmError, ScenarioError
 from ..guide.guide import Guide
 from ..guide.plan import guide_solver, plan
 from ..policies.base import Policy
-from ..scenario.files import require_scenario
+from ..scenario.scenario_files import require_scenario
 from ..scenario.variations import DERIVED, whole_numbers, with_parameters
 from ..solvers import make_solver
 from ..typing import Progress

@@ -4,7 +4,7 @@ import importlib
 
 PLACES = {
     "bound": ("casswarm.bounds.success_bound", "_bound"),
-    "figures": ("casswarm.figures.output", "file_content"),
+    "figures": ("casswarm.figures.image_files", "file_content"),
     "map": ("casswarm.grid.value_function", "costs_to_go"),
 }
 ERRORS = {

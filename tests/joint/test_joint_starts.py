@@ -10,8 +10,8 @@ from small_scenarios import small
 
 from casswarm import Scenario, plan_swarm
 from casswarm.joint import InitialGuess, PlanDistribution
-from casswarm.joint.distribution import prescribed_costs
 from casswarm.joint.initial_guesses import changes
+from casswarm.joint.plan_distribution import prescribed_costs
 from casswarm.joint.screening import Family, screened, tracked_positions
 from casswarm.problems import JointTask
 

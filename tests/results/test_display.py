@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 import casswarm as csw
 from casswarm._util.display import Displayed
 from casswarm.figures import THEMES
-from casswarm.results.display import html, picture, view
+from casswarm.results.notebook_display import html, picture, view
 
 RESULTS = {
     "Scenario": lambda scenario, guide: scenario,

@@ -10,7 +10,7 @@ import pytest
 from commands import casswarm
 
 from casswarm import ScenarioError, load_scenario
-from casswarm.scenario.files import MAX_BYTES, MAX_KEY_PARTS
+from casswarm.scenario.scenario_files import MAX_BYTES, MAX_KEY_PARTS
 
 POSIX = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs fifos and devices")
 
