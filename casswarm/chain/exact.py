@@ -16,7 +16,7 @@ import numpy as np
 from ..policies.base import Policy
 from ..typing import BoolArray, FloatArray, Progress
 from .distribution import OutcomeDistribution
-from .outcome_kernels import Totals
+from .outcome_kernels import Outcomes, Totals
 from .states import Frontier, States, outcomes
 from .transition import Lattice, transition
 
@@ -188,7 +188,7 @@ class StateSpaceExpansion:
             self.arrival[step + 1] += totals.arrival[0]
             self.survivors += totals.survivors
             self.ended[step + 1] += totals.survivors
-            copies = (array.copy() for array in batch)
+            copies = Outcomes._make(array.copy() for array in batch)
             self.frontier.add(step + 1, move.following(*copies).aggregated()[0])
             added += len(batch.masses)
             if added > self._max_stored:

@@ -167,9 +167,9 @@ def _probable_outcomes(step: Step, share: float, limit: int) -> tuple[Outcomes, 
     chosen = []
     for batch in batches:
         rows = np.flatnonzero(_flags(batch.masses, last))
-        chosen.append(Outcomes(*(array.take(rows, axis=0) for array in batch)))
+        chosen.append(Outcomes._make(array.take(rows, axis=0) for array in batch))
     if len(chosen) > 1:
-        chosen = [Outcomes(*map(np.concatenate, zip(*chosen, strict=True)))]
+        chosen = [Outcomes._make(map(np.concatenate, zip(*chosen, strict=True)))]
     return chosen[0], left_out
 
 

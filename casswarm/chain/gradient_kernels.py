@@ -182,9 +182,9 @@ def number_outcomes(edges: Edges, s: int, k: int, scratch: Scratch) -> int:
     for c in range(start, stop):
         number = 0
         for j in range(k):
-            number |= np.int64(edges.survived[c, scratch.members[j]]) << j
+            number |= int(edges.survived[c, scratch.members[j]]) << j
         scratch.numbers[c - start] = number
-    return stop - start
+    return int(stop - start)
 
 
 @allocating_kernel

@@ -76,7 +76,8 @@ class Totals(NamedTuple):
     @classmethod
     def zeros(cls, states: int, n: int) -> Totals:
         """Totals of S states of n members before anything is added."""
-        return cls(*np.zeros((2, n + 1)), np.zeros(n), np.zeros(1), np.zeros(states))
+        sizes = n + 1, n + 1, n, 1, states
+        return cls._make(np.zeros(size) for size in sizes)
 
 
 class Search(NamedTuple):

@@ -171,7 +171,7 @@ def outcomes(
     while first < count:
         totals.arrival[:], totals.survivors[:] = 0.0, 0.0
         first, filled = split(first, step, cutoff, max_pruned_fraction, buffer, totals)
-        yield Outcomes(*(array[:filled] for array in buffer))
+        yield Outcomes._make(array[:filled] for array in buffer)
 
 
 def distinct_states(*arrays: NDArray[np.generic]) -> tuple[IntArray, IntArray]:

@@ -207,7 +207,7 @@ class Transition:
         if absorption is None:
             absorption = self.inside.astype(float)
         arrays = states.weights, self.survival, absorption, states.alive
-        return Step(*(contiguous(array) for array in arrays))
+        return Step._make(contiguous(array) for array in arrays)
 
     def following(self, parents: IntArray, survived: BoolArray, weights: FloatArray) -> States:
         """States (K,) after the step: of which state, who survived it, and with which weight."""
