@@ -213,31 +213,49 @@ def floors() -> dict[str, int]:
     return {name: level[name] for name in sorted(level, key=lambda each: -level[each]) if name}
 
 
+def steps() -> list[tuple[str, str]]:
+    """Imports between rooms that do not follow from others, without what every room uses."""
+    everywhere = {"", "__main__", "_util", "errors", "typing"}
+    between: dict[str, set[str]] = defaultdict(set)
+    for name, others in graph().items():
+        between[room(name)] |= {room(other) for other in others} - {room(name)} - everywhere
+    below: dict[str, set[str]] = {}
+    for name in reversed(floors()):
+        below[name] = between[name].union(*(below.get(other, set()) for other in between[name]))
+    return [
+        (name, other)
+        for name, others in sorted(between.items())
+        for other in sorted(others)
+        if name not in everywhere and not any(other in below[each] for each in others)
+    ]
+
+
 def draw(target: Path) -> None:
-    """Draw the rooms by floors, and an arrow for every pair of which one imports the other."""
+    """Draw the rooms by floors, with the imports of `steps`."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
+    pairs = steps()
     rows: dict[int, list[str]] = defaultdict(list)
     for name, floor in floors().items():
-        rows[floor].append(name)
+        if any(name in pair for pair in pairs):
+            rows[floor].append(name)
     place = {
-        name: (k - (len(names) - 1) / 2, floor)
+        name: ((k - (len(names) - 1) / 2) * 1.4 + 0.3 * (floor % 3 - 1), floor)
         for floor, names in rows.items()
         for k, name in enumerate(sorted(names))
     }
-    figure, axes = plt.subplots(figsize=(9, 11))
-    pairs = {(room(a), room(b)) for a, others in graph().items() for b in others}
-    for upper, lower in sorted(pairs):
-        if upper != lower and upper in place and lower in place:
-            style = {"arrowstyle": "->", "color": "0.75", "connectionstyle": "arc3,rad=0.12"}
-            axes.annotate("", place[lower], place[upper], arrowprops=style)
+    figure, axes = plt.subplots(figsize=(7, 10))
+    for upper, lower in pairs:
+        style = {"arrowstyle": "->", "color": "0.45", "shrinkA": 12, "shrinkB": 14}
+        axes.annotate("", place[lower], place[upper], arrowprops=style)
     for name, (x, y) in place.items():
         box = {"boxstyle": "round", "facecolor": "white", "edgecolor": "0.3"}
         axes.text(x, y, name, ha="center", va="center", bbox=box)
-    axes.set(xlim=(-2.2, 2.2), ylim=(0.4, max(rows) + 0.6), title="Rooms, and what each imports")
+    axes.set(xlim=(-2.2, 2.2), ylim=(min(rows) - 0.6, max(rows) + 0.6))
+    axes.set_title("Rooms by floors, and their imports that do not follow from others")
     axes.set_axis_off()
     figure.savefig(target, bbox_inches="tight")
 
