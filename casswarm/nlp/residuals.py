@@ -67,11 +67,12 @@ def relative_error(
     The least tau for which, in Euclidean norms,
 
     - no row is violated by a distance of more than tau L, to first order;
-    - |grad f + J' lam| <= tau G;
-    - every row that is farther than tau L from its bound has |lam_i| |grad c_i| <= tau G.
+    - ``|grad f + J' lam| <= tau G``;
+    - every row that is farther than tau L from its bound has
+      ``|lam_i| |grad c_i| <= tau G``.
 
-    L is the largest component of x and of x - reference, and G the larger of |grad f| at x and at
-    the reference. The error does not change with the units of f, of any constraint, or of x as a
+    L is the largest component of x and of x - reference, and G the larger norm of grad f at x and
+    at the reference. The error does not change with the units of f, of any constraint, or of x as a
     whole. It follows the test of E. D. Dolan, J. J. More and T. S. Munson, Optimality measures for
     performance profiles, SIAM J. Optim. 16 (2006) 891-909, in that approximately active constraints
     replace a measure of complementarity; L and G are casswarm's choice.

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from casswarm.errors import HazardError
 from casswarm.hazard.codegen import lower, lower_source
-from casswarm.nlp import OPERATIONS, operation_name
+from casswarm.nlp.operations import OPERATIONS, operation_name
 
 # what leads to each operation, and the inputs that it is defined for
 UNARY: dict[int, tuple[Callable[[Any], Any], tuple[float, float]]] = {

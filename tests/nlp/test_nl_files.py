@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from casswarm.errors import ProblemError
-from casswarm.nlp import OPERATIONS as WRITTEN
 from casswarm.nlp import Instances, Nlp, nl_text, read_nl
 from casswarm.nlp.nl_operators import BINARY, LISTS, UNARY
+from casswarm.nlp.operations import OPERATIONS as WRITTEN
 
 HEADER = (
     "g3 1 1 0\t# problem small",
