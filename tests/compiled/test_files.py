@@ -70,7 +70,7 @@ def test_damaged_file_in_numba_cache_dir_is_replaced(tmp_path):
     given = {"NUMBA_CACHE_DIR": str(tmp_path / "numba")}
     run_compiled(tmp_path / "casswarm", **given)
     damaged = list((tmp_path / "numba").rglob("*.nb?"))
-    assert len(damaged) == 4
+    assert len(damaged) >= 4  # an index and machine code of the module's two kernels, at least
     for path in damaged:
         path.write_bytes(b"")
     assert run_compiled(tmp_path / "casswarm", **given) == ("0 0", "")
@@ -142,8 +142,8 @@ def test_pycache_that_others_can_write_is_not_used(cache):
 def test_numba_cache_dir_that_others_can_write_is_refused(tmp_path):
     given = {"NUMBA_CACHE_DIR": str(tmp_path / "numba")}
     run_compiled(tmp_path / "casswarm", **given)
-    (folder,) = (tmp_path / "numba").iterdir()
-    folder.chmod(0o777)
+    for folder in (tmp_path / "numba").iterdir():
+        folder.chmod(0o777)
     hits, messages = run_compiled(tmp_path / "casswarm", **given)
     assert hits == "0 0"
     assert "NUMBA_CACHE_DIR is not used" in messages
