@@ -23,12 +23,11 @@ import numpy as np
 
 from .._util.threads import locked_cache
 from ..compiled.parallel import execute
-from ..hazard import Hazard, KernelHazard
+from ..hazard import Hazard, KernelHazard, LocalRates, blocked, set_rates, unblocked
 from ..nlp.program import Nlp
 from ..problems.joint import CERTAIN, TINY, JointForm, joint_nlp
 from ..solvers.interior_point.derivatives import NumericDerivatives
 from ..typing import FloatArray, IntArray
-from .rates import LocalRates, blocked, set_rates, unblocked
 
 if TYPE_CHECKING:
     from .derivative_kernels import Derivatives

@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..grid.nodes import UNIT
-from ..hazard import KernelHazard
 from ..problems.joint_instances import terminal_costs
 from ..problems.subsets import subsets
 from ..typing import BoolArray, FloatArray, IntArray, Interval
-from .rates import blocked, set_rates, unblocked
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -141,12 +139,7 @@ def loss_probabilities(scenario: Scenario, positions: FloatArray) -> FloatArray:
     after, hazard = positions[..., 1:, :, :], scenario.hazard
     n = after.shape[-2]
     members, points = subsets(n).members, after.reshape(-1, n, 2)
-    if isinstance(hazard, KernelHazard):
-        rates = unblocked(set_rates(hazard, blocked(points)), len(points)) * members
-    else:
-        states = np.repeat(points, len(members), axis=0)
-        rates = hazard.rates(states, np.tile(members, (len(points), 1)))
-    lost = -np.expm1(-scenario.time.dt * rates)
+    lost = -np.expm1(-scenario.time.dt * hazard.set_rates(points, members))
     return np.asarray(lost.reshape(*after.shape[:-2], len(members), n))
 
 
