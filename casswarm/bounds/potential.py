@@ -20,8 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from ..grid.dynamic_programming import StageCosts, rounding
-from ..grid.node_blocks import NodeBlock, box_extremum
-from ..grid.nodes import UNIT, CellBlock, Grid, Relaxation, bilinear
+from ..grid.nodes import UNIT, CellBlock, Grid, NodeBlock, Relaxation, bilinear, box_extremum
 from ..hazard.rate_bounds import LeastRate
 from ..typing import FloatArray
 from .level_game_kernels import limit_slope

@@ -23,8 +23,7 @@ import numpy as np
 
 from .._util.numbers import rounded_up
 from ..grid.dynamic_programming import StageCosts, costs_to_go, least_cost, rounding, trace
-from ..grid.node_blocks import NodeBlock, extremum_within_reach
-from ..grid.nodes import Grid, Relaxation, bilinear, node_count
+from ..grid.nodes import Grid, NodeBlock, Relaxation, bilinear, extremum_within_reach, node_count
 from ..scenario.scenario_files import require_scenario
 from ..typing import FloatArray
 from .level_game import Effort, game_bound

@@ -16,8 +16,7 @@ from ..errors import PlanningError
 from ..scenario.scenario_files import require_scenario
 from ..typing import BoolArray, FloatArray
 from .dynamic_programming import StageCosts, Values, costs_to_go, rounding
-from .node_blocks import NodeBlock, box_extremum
-from .nodes import ANYWHERE, Grid, Relaxation, bilinear, node_count
+from .nodes import ANYWHERE, Grid, NodeBlock, Relaxation, bilinear, box_extremum, node_count
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
