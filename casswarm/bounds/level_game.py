@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
