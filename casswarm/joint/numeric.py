@@ -301,7 +301,7 @@ class JointPoints:
 
     def _swept(self, rates: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Probabilities of losses in blocks, F_0 (b, m), masses and functions (b, T, m)."""
-        from .recursion_kernels import recursion
+        from .set_kernels import recursion
 
         lost = -np.expm1(-self._clock[:, None, None] * rates)
         batch, steps = self.constraints.changes.shape[:2]

@@ -167,7 +167,7 @@ def prescribed_costs(
     steps = lost.shape[1]
     arriving = np.arange(1, steps + 1)[:, None] == arrivals[:, None]  # (B, N, n)
     costs, ended, last = terminal_costs(objective, n, arriving)
-    from .recursion_kernels import recursion
+    from .set_kernels import recursion
 
     shape = len(lost), steps, 2**n
     continues, costs = (np.array(np.broadcast_to(part, shape), float) for part in (~ended, costs))
