@@ -26,11 +26,8 @@ from .acceleration_limits import (
 )
 from .refinement import Clock, refined
 
-FIRST_NODES = 200_000
-"""Maximum number of nodes of the first regions, if their cells can be chosen so."""
-
-MAX_NODES = 5_000_000
-"""Maximum number of nodes of a region."""
+FIRST_NODES = 200_000  # maximum of the first regions, if their cells can be chosen so
+MAX_NODES = 5_000_000  # maximum of a region
 
 _FINE_CELLS = 20_000  # of a region, up to which cells are halved before it is divided
 _FIRST, _LATER = 4, 60  # iterations of an ascent
@@ -354,22 +351,11 @@ def bound_with_acceleration(
 ) -> AccelerationBound:
     """Bound on the risk of the paths of a relaxation that obey limits of acceleration, too.
 
-    Parameters
-    ----------
-    task : Relaxation
-        With the radius in which paths are to end; its hazard must provide
-        `single_agent_rates_below`.
-    limits : AccelerationLimits
-    best : float
-        Risk of a known path; the bound is at most `best`. Any positive number is valid.
-    gap : float
-        Value of (best - bound) / best at which to stop.
-    deadline : float
-        A time of `time.monotonic`; a step of the proof that has begun is completed.
-    known : float
-        A lower bound on the risk of the paths without limits of acceleration.
-    first_nodes : int
-        Maximum number of nodes of the first regions, if their cells can be chosen so.
+    The task's radius is that in which paths are to end, and its hazard provides
+    `single_agent_rates_below`. `best` is the risk of a known path, which the bound does not exceed;
+    any positive number is valid. `known` is a lower bound without limits of acceleration. It ends
+    at a `gap` (best - bound) / best, or at the `deadline`, a time of `time.monotonic`; a step that
+    has begun is completed.
     """
     started = time.monotonic()
     scale = float(floored(np.asarray(best), best))

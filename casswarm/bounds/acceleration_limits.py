@@ -33,21 +33,11 @@ def floored(values: FloatArray, scale: float) -> FloatArray:
 
 
 class AccelerationLimits(NamedTuple):
-    """Limits on second differences of positions.
+    """Limits on second differences of positions."""
 
-    Parameters
-    ----------
-    later : float
-        Bound on |X(t+1) - 2 X(t) + X(t-1)|, t >= 1.
-    first : float
-        Bound on |X(1) - X(0) - `displacement`|; infinite if the first velocity is free.
-    displacement : (2,)
-        dt V(-1).
-    """
-
-    later: float
-    first: float
-    displacement: FloatArray
+    later: float  # bound on |X(t+1) - 2 X(t) + X(t-1)|, t >= 1
+    first: float  # bound on |X(1) - X(0) - displacement|; infinite if the first velocity is free
+    displacement: FloatArray  # (2,), dt V(-1)
 
     def in_steps(self, step: float) -> AccelerationLimits:
         """The limits in units of the length `step`, rounded outwards to multiples of `QUANTUM`."""

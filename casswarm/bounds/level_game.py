@@ -24,7 +24,7 @@ import numpy as np
 
 from ..grid.nodes import UNIT, Relaxation
 from ..typing import FloatArray
-from .level_game_kernels import Buffers, Moves, best_moves, fill_levels, make_decreasing
+from .level_game_kernels import Buffers, Moves, Tables, best_moves, fill_levels, make_decreasing
 from .potential import Potential, PotentialFamily
 from .refinement import Clock, refined
 
@@ -89,12 +89,12 @@ class LevelGame:
             parts = [
                 np.where(at[:, 0] == 0, arrived, v) for at, v in zip(rows[1:], known, strict=True)
             ]
-            tables = np.concatenate([values[0], *parts])
             offsets = np.cumsum([0, *map(len, values)])
+            tables = Tables(np.concatenate([values[0], *parts]), offsets, self._binomials)
             moves, buffers = self._moves(alive), Buffers.of(alive)
             for corrected in (False, True):
-                best_moves(rows[-1], moves, self._binomials, offsets, corrected, buffers, tables)
-            values.append(tables[offsets[-1] :])
+                best_moves(rows[-1], moves, corrected, buffers, tables)
+            values.append(tables.values[offsets[-1] :])
             if alive < self.members:  # which are interpolated otherwise: see `_least_slopes`
                 make_decreasing(rows[-1], self._binomials, values[-1])
         return values

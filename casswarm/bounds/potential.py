@@ -20,25 +20,23 @@ from functools import cached_property
 import numpy as np
 
 from ..grid.dynamic_programming import StageCosts, rounding
-from ..grid.nodes import UNIT, CellBlock, Grid, NodeBlock, Relaxation, bilinear, box_extremum
+from ..grid.nodes import UNIT, CellBlock, Grid, NodeBlock, Relaxation, box_extremum, multilinear
 from ..hazard.rate_bounds import LeastRate
 from ..typing import FloatArray
 from .level_game_kernels import limit_slope
 
-MAX_NODES = 1_000_000
-"""Default maximum number of nodes of a potential, over all steps."""
+MAX_NODES = 1_000_000  # default maximum of nodes of a potential, over all steps
 
 _MAX_REACH = 16
 _CHAMFER = math.sqrt(4 - 2 * math.sqrt(2)) * (1 + 1e-12)
-"""Largest ratio of the length of a path along straight and diagonal edges to the distance."""
+"""kappa: at most so many times the distance is a path along straight and diagonal edges."""
 
-_HIGHEST = 64.0
-"""Levels are cut off here: exp(-64) is below the rounding errors of a probability."""
+_HIGHEST = 64.0  # levels are cut off here: exp(-64) is below the rounding of a probability
 
 
 @dataclass(frozen=True, eq=False)
 class Potential:
-    """Levels on a rectangle of grid nodes; in between bilinear, and constant outwards.
+    """Levels on a rectangle of grid nodes; in between multilinear, and constant outwards.
 
     `slack` bounds their rounding errors: (P1) and (P2) hold for w_t - slack (N + 1 - t) / (N + 1).
     """
@@ -63,7 +61,7 @@ class Potential:
         last = np.array(self.values[0].shape) - 1
         nodes = np.clip(nodes, 0.0, last)
         cells = np.minimum(np.floor(nodes).astype(int), last - 1)
-        return bilinear(self.values[step], cells, nodes - cells) - self.slack
+        return multilinear(self.values[step], cells, nodes - cells) - self.slack
 
     @cached_property
     def start_levels(self) -> FloatArray:
@@ -76,17 +74,10 @@ class Potential:
 
 
 class PotentialFamily:
-    """The potentials of a scenario on one grid, by slope.
+    """The potentials of members at `starts` (n, 2) on one grid, by slope.
 
-    Parameters
-    ----------
-    task : Relaxation
-        Whose hazard provides lower bounds of single-agent rates.
-    starts : (n, 2)
-    max_nodes : int
-        Maximum number of nodes over all steps, if the coarsest grid has no more.
-    multiplier : float
-        Of arrival, as of `StageCosts`.
+    The task's hazard provides lower bounds of single-agent rates, the grid has at most `max_nodes`
+    nodes over all steps unless the coarsest has more, and the multiplier is as of `StageCosts`.
     """
 
     def __init__(
