@@ -28,12 +28,7 @@ def homotopy_signature(positions: FloatArray, radars: FloatArray) -> str:
     """Side on which a path passes every radar: L if it has the radar on its left, R on its right.
 
     The side is the sign of the angle that the path sweeps as seen from the radar, which
-    distinguishes a path that goes around a radar from one that turns before it.
-
-    Parameters
-    ----------
-    positions : (T+1, 2)
-    radars : (k, 2)
+    distinguishes a path (T+1, 2) that goes around a radar from one that turns before it.
     """
     offset = positions[None] - radars[:, None]
     angle = np.unwrap(np.arctan2(offset[..., 1], offset[..., 0]), axis=1)
@@ -43,20 +38,11 @@ def homotopy_signature(positions: FloatArray, radars: FloatArray) -> str:
 
 @dataclass(frozen=True, eq=False)
 class GridPath:
-    """A path on the grid, without acceleration limits.
+    """A path on the grid, without acceleration limits, to the target's rim or next to it."""
 
-    Parameters
-    ----------
-    positions : (j+1, 2)
-        From the start, every `stride` time steps, to the target's rim or next to it.
-    stride : int
-    homotopy : str
-        See `homotopy_signature`.
-    """
-
-    positions: FloatArray
+    positions: FloatArray  # (j+1, 2), from the start, every `stride` time steps
     stride: int
-    homotopy: str
+    homotopy: str  # see `homotopy_signature`
 
     @property
     def arrival(self) -> int:
@@ -96,11 +82,10 @@ def _paths(stage_costs: StageCosts) -> Iterator[list[Node]]:
     waypoints = []
     quarters = (0.25, 0.5, 0.75)
     for sample in sorted({max(1, round(part * (len(best) - 1))) for part in quarters}):
-        blocks = stage_costs.grid.nodes[sample - 1]
-        for nodes, come, go in zip(blocks, to_come[sample - 1], to_go[sample - 1], strict=True):
-            for risk, node in _local_minima(come + go):
-                index = (nodes.first[0] + node[0], nodes.first[1] + node[1])
-                waypoints.append((risk, sample, index))
+        at = sample - 1
+        for nodes, come, go in zip(stage_costs.grid.nodes[at], to_come[at], to_go[at], strict=True):
+            for risk, (i, j) in _local_minima(come + go):
+                waypoints.append((risk, sample, (nodes.first[0] + i, nodes.first[1] + j)))
     for _, sample, node in sorted(waypoints)[:_MAX_TRACED]:
         first_part = trace_back(stage_costs, to_come, node, sample)
         yield first_part + trace(stage_costs, to_go, node, sample)

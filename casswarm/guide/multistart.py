@@ -35,34 +35,23 @@ LOG = logging.getLogger(__name__)
 STRAIGHT, GRID_PATH = "straight", "grid path"
 """Names of starts: along the straight line, and along a grid path where there are no radars."""
 
-COARSE_STEPS = 8
-"""Arrival steps tried first, evenly spaced; the intervals next to the best are then bisected."""
-
-MAX_CLASSES = 4
-"""Homotopy classes, in order of risk, from which a global search starts."""
-
-LONG_HORIZON = 100
-"""Number of steps above which a global search uses fewer starts, because solves take longer."""
-
-LONG_SOLVE = 1000
-"""Number of steps from which every solve is reported; those of general solvers always are."""
-
-REFINE_WITHIN = 1.1
-"""Refine the arrival time of homotopy classes whose risk is within this factor of the best."""
-
-SCALED_RISK = 100.0
-"""Scaled risk of an initial path in another homotopy class than the straight line's: with a smaller
-objective, the barrier of an interior-point method may push the path out of its class."""
-
-NEARLY, ROUNDING = 1e-5, 1e-9
-"""Paths that miss the target by less than `NEARLY` (relative to its radius) are projected to
-`ROUNDING` inside it."""
-
-MAX_NEARBY_CLASSES = 3
-"""Homotopy classes of a neighbour's guide, in order of risk, that a search near it starts from."""
-
 InitialPath = Callable[[int, float], FloatArray]
 """Velocities (steps, 2) of an initial path, for a number of steps and dt."""
+
+_COARSE_STEPS = 8  # arrival steps tried first; the intervals next to the best are then bisected
+_MAX_CLASSES = 4  # homotopy classes, in order of risk, from which a global search starts
+_MAX_NEARBY_CLASSES = 3  # those of a neighbour's guide that a search near it starts from
+_LONG_HORIZON = 100  # steps above which there are fewer starts, because solves take longer
+_LONG_SOLVE = 1000  # steps from which every solve is reported, as of general solvers always
+_REFINE_WITHIN = 1.1  # of the best risk: homotopy classes whose arrival time is refined
+
+# With a smaller objective, the barrier of an interior-point method may push an initial path out of
+# another homotopy class than the straight line's.
+_SCALED_RISK = 100.0
+
+# Paths that miss the target by less than the first, relative to its radius, are projected inside it
+# by the second.
+_NEARLY, _ROUNDING = 1e-5, 1e-9
 
 
 def solve_by(deadline: float, solver: Solver, nlp: Nlp, instance: Instances) -> Solution:
@@ -115,15 +104,8 @@ def preference(candidate: Candidate) -> tuple[bool, bool, float, str, float]:
 class Multistart:
     """Solves of one agent's guide problem, from several starts and for several arrival steps.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    task : GuideTask
-    solver : Solver
-    progress : Progress, optional
-    deadline : float
-        Time of `time.monotonic` after which no solve starts; solvers that can limit their time end
-        by then.
+    No solve starts after the deadline, a time of `time.monotonic`; solvers that can limit their
+    time end by then.
     """
 
     scenario: Scenario
@@ -142,10 +124,10 @@ class Multistart:
         starts: dict[str, InitialPath] = {STRAIGHT: self._straight}
         steps = {STRAIGHT: self._coarse_steps()}
         if search == "global" and not self.expired:
-            is_long = self.scenario.n_steps > LONG_HORIZON
+            is_long = self.scenario.n_steps > _LONG_HORIZON
             relaxation = Relaxation.from_scenario(self.scenario, self.task.start)
             relaxation = replace(relaxation, radius=self.task.radius)
-            for path in best_homotopy_classes(relaxation, 2 if is_long else MAX_CLASSES):
+            for path in best_homotopy_classes(relaxation, 2 if is_long else _MAX_CLASSES):
                 starts[_name(path)] = path.velocities
                 steps[_name(path)] = self._steps_near(path.arrival)
             steps[STRAIGHT] = self._coarse_steps(1 if is_long else 3)
@@ -168,7 +150,7 @@ class Multistart:
         """Outcomes of starts along another agent's guide and its other homotopy classes."""
         feasible = self._feasible_steps()
         outcomes: list[Candidate] = []
-        for neighbour in guide.best_per_homotopy_class()[:MAX_NEARBY_CLASSES]:
+        for neighbour in guide.best_per_homotopy_class()[:_MAX_NEARBY_CLASSES]:
             path = integrate(guide.positions[0], neighbour.velocities, self.task.dt)
             nearby = {neighbour.arrival + shift for shift in (-1, 0, 1)}
             steps = sorted(nearby.intersection(feasible)) or feasible[-1:]
@@ -195,7 +177,7 @@ class Multistart:
     def _report_solve(self, name: str, arrival: int, number: str) -> None:
         """Report a solve that may take more than a second: not one by Ipopt of a usual length."""
         steps = self.scenario.n_steps
-        if steps >= LONG_SOLVE or self.solver.name != Ipopt.name:
+        if steps >= _LONG_SOLVE or self.solver.name != Ipopt.name:
             detail = f", solve {number} by {self.solver.name}, {arrival} of at most {steps} steps"
             self._report(name, detail)
 
@@ -220,10 +202,10 @@ class Multistart:
             yield self._candidate(name, arrival, velocities, solution)
 
     def _scale(self, velocities: FloatArray) -> float:
-        """Factor by which the risk of an initial path becomes `SCALED_RISK`."""
+        """Factor by which the risk of an initial path becomes `_SCALED_RISK`."""
         positions = integrate(self.task.start, velocities, self.task.dt)
         risk = float(self.task.dt * self.scenario.hazard.single_agent_rates(positions[1:]).sum())
-        return SCALED_RISK / risk if 0 < risk < np.inf else 1.0
+        return _SCALED_RISK / risk if 0 < risk < np.inf else 1.0
 
     def _refine(self, name: str, start: InitialPath, outcomes: list[Candidate]) -> None:
         """Bisect the intervals of arrival steps next to the best one, and extend `outcomes`.
@@ -250,7 +232,9 @@ class Multistart:
         chosen: dict[str, str] = {}
         for name in sorted(best, key=lambda start: preference(best[start])):
             chosen.setdefault(best[name].homotopy, name)
-        limit = REFINE_WITHIN * min((candidate.risk for candidate in best.values()), default=np.inf)
+        limit = _REFINE_WITHIN * min(
+            (candidate.risk for candidate in best.values()), default=np.inf
+        )
         return [name for name in chosen.values() if best[name].risk <= limit][:2] or [STRAIGHT]
 
     def _candidate(
@@ -279,8 +263,8 @@ class Multistart:
         velocities = np.clip(velocities, -task.v_max, task.v_max)
         offset = integrate(task.start, velocities, task.dt)[-1] - task.center
         distance = float(np.hypot(*offset))
-        missing = distance - (1 - ROUNDING) * radius
-        if not ROUNDING * radius < missing <= NEARLY * radius:
+        missing = distance - (1 - _ROUNDING) * radius
+        if not _ROUNDING * radius < missing <= _NEARLY * radius:
             return velocities
         correction = -missing / distance * offset / task.dt  # summed over the steps
         slack = task.v_max - velocities * np.sign(correction)
@@ -297,7 +281,7 @@ class Multistart:
         goal = self.task.center + shrink * offset
         return resample(np.stack([self.task.start, goal]), steps, dt)
 
-    def _coarse_steps(self, count: int = COARSE_STEPS) -> list[int]:
+    def _coarse_steps(self, count: int = _COARSE_STEPS) -> list[int]:
         """At most `count` arrival steps, evenly spaced from the first feasible one to the last."""
         feasible = self._feasible_steps()
         indices = np.linspace(0, len(feasible) - 1, min(count, len(feasible))).round()
@@ -308,7 +292,7 @@ class Multistart:
         feasible = self._feasible_steps()
         nearest = min(feasible, key=lambda step: abs(step - arrival))
         steps = {nearest, feasible[-1]}
-        if self.scenario.n_steps <= LONG_HORIZON:
+        if self.scenario.n_steps <= _LONG_HORIZON:
             steps |= {nearest - 1, nearest + 1}
         return sorted(steps.intersection(feasible))
 
