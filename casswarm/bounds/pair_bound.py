@@ -14,8 +14,7 @@ from ..grid.nodes import NodeBlock, Relaxation, multilinear
 from ..scenario import Scenario
 from ..scenario.scenario_files import require_scenario
 from ..typing import FloatArray
-from .pair_program import Arrays, PairProgram, best_multiplier
-from .pair_tube import Tube, gathered
+from .pair_program import Arrays, PairProgram, Tube, best_multiplier, gathered
 from .refinement import Clock, refined
 
 MAX_NODES = 100_000_000  # default maximum of joint nodes of a grid, over all steps: 8 bytes each

@@ -20,7 +20,7 @@ from ..grid.dynamic_programming import (
 )
 from ..grid.nodes import Grid, NodeBlock, Relaxation, corners, extremum_within_reach
 from ..typing import FloatArray
-from .acceleration_limits import AccelerationBound
+from .acceleration_bound import AccelerationBound
 from .refinement import Clock, refined
 
 GAP = 0.01  # default relative gap at which a certificate is good enough
