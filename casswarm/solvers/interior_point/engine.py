@@ -85,7 +85,9 @@ def _iterate(
         stuck = ~(ended | moved)
         if stuck.any():
             stuck &= ~iterates.widen(stuck)
-        failed = stuck & ~(options.restoration & (iterates.violation > options.violation))
+        failed = stuck & ~(
+            options.restoration & (iterates.violation > options.constraint_tolerance)
+        )
         results.end(rows[failed], Status.FAILED, "the line search found no better point")
         ended, stuck = ended | failed, stuck & ~failed
     if not (ended | stuck).any():

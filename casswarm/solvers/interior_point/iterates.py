@@ -192,8 +192,8 @@ class Options:
     ----------
     tolerance : float
         Of the optimality conditions, relative to large multipliers.
-    violation : float
-        Of the constraints, absolute.
+    constraint_tolerance : float
+        Largest violation of the constraints, absolute.
     mu_init, bound_push : float
         Initial barrier parameter, and relative distance by which x0 is moved inside its bounds.
     max_iter : int
@@ -204,7 +204,7 @@ class Options:
     """
 
     tolerance: float
-    violation: float
+    constraint_tolerance: float
     mu_init: float
     bound_push: float
     max_iter: int
@@ -386,7 +386,7 @@ class Results:
     def conclude(self, iterates: Iterates, residuals: Residuals, options: Options) -> BoolArray:
         """Note which iterates are solutions, or not finite; return which (b,)."""
         error, violation = residuals.error(0.0), residuals.violation
-        solved = (error <= options.tolerance) & (violation <= options.violation)
+        solved = (error <= options.tolerance) & (violation <= options.constraint_tolerance)
         self.end(iterates.rows[solved], Status.SOLVED, "solved")
         broken = ~np.isfinite(error)
         self.end(iterates.rows[broken], Status.FAILED, "a function or derivative is not finite")
