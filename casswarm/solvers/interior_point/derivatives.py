@@ -202,7 +202,7 @@ class Functions:
         """CasADi's functions."""
         x, p, lam_g = (ca.MX.sym("v", size) for size in nlp.sizes)
         weights = ca.MX.sym("weights", 1 + nlp.sizes[2])
-        f, g = nlp.evaluate(x, p)
+        values = [ca.densify(each) for each in nlp.evaluate(x, p)]
         first = [ca.densify(nlp.gradient(x, p)[1]), nlp.jacobian(x, p)]
         own, lam_f = nlp.attached(LagrangianHessian), ca.MX.sym("lam_f")
         if own is None:
@@ -212,11 +212,11 @@ class Functions:
             second = second.expand() if nlp.unroll else second
         else:
             second = own.function
-        upper = second(x, p, weights[0], weights[1:])
+        hessian = second(x, p, weights[0], weights[1:])
         return cls(
-            Calls.of([x, p], [ca.densify(f), ca.densify(g)]),
+            Calls.of([x, p], values),
             Calls.of([x, p], first),
-            Calls.of([x, p, weights], [upper]),
+            Calls.of([x, p, weights], [hessian]),
             None,
         )
 
@@ -271,7 +271,8 @@ class FunctionLinearisation(Linearisation):
 
     @override
     def times(self, vectors: FloatArray) -> FloatArray:
-        return self._product(*self._functions.first.patterns[1], vectors, self._n_rows)
+        rows, columns = self._functions.first.patterns[1]
+        return self._product(rows, columns, vectors, self._n_rows)
 
     @override
     def transposed_times(self, vectors: FloatArray) -> FloatArray:
@@ -289,7 +290,7 @@ class FunctionLinearisation(Linearisation):
 
     @property
     def _n_rows(self) -> int:
-        return self._functions.values.patterns[1].shape[1]
+        return int(self._functions.values.patterns[1].shape[1])
 
     @override
     def row_sizes(self) -> FloatArray:
