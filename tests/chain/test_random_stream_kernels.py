@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from casswarm.chain import write_uniforms
-from casswarm.chain.monte_carlo import uniforms
+from casswarm.chain import uniforms
 
 WORD = 2**64 - 1
 
