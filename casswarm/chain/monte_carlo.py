@@ -53,9 +53,9 @@ def uniforms(
 
     A counter-based generator (Philox-4x64) whose key is the seed in one word, and the purpose and
     the step in the other, with a fixed block of counters for every run. Different (seed, purpose,
-    step) are different keys, so no two streams are the same. A number depends only on the seed, the purpose, the step, the run, the member and the
-    number of members: it is the same under every policy (common random numbers), for every
-    horizon, in every batch, on every worker.
+    step) are different keys, so no two streams are the same. A number depends only on the seed, the
+    purpose, the step, the run, the member and the number of members: it is the same under every
+    policy (common random numbers), for every horizon, in every batch, on every worker.
 
     Parameters
     ----------
