@@ -270,9 +270,9 @@ class StateSpaceExpansion:
             probable, pruned = _probable_outcomes(step, _BEFORE_MERGING * share, _PER_STATE * limit)
             following, children = move.following(*probable).aggregated()
             masses = _Masses()
-            masses.add(following.weights)
+            bins = masses.add(following.weights)
             last, dropped = masses.last(share - pruned, limit)
-            kept = masses.bins(following.weights) <= last
+            kept = bins <= last
             children = np.where(kept, np.cumsum(kept) - 1, -1)[children]
             starts = np.searchsorted(probable.parents, np.arange(len(states) + 1))
             layers.append(Layer(states, move, step, Edges(starts, probable.survived, children)))
@@ -323,6 +323,12 @@ def _next_threshold(
     return threshold / max(1.2, float(min(factor, budget, MAX_FACTOR)))
 
 
+def _bins(masses: FloatArray) -> IntArray:
+    """Bins of masses: bin b has those from 2^(-(b + 1) / 4), exclusively, to 2^(-b / 4)."""
+    bins = np.floor(-4.0 * np.log2(masses)).astype(np.int64)
+    return np.minimum(np.maximum(bins, 0), _BINS - 1)
+
+
 class _Masses:
     """Numbers and sums of positive masses by bins.
 
@@ -332,16 +338,12 @@ class _Masses:
     def __init__(self) -> None:
         self.counts, self.sums = np.zeros(_BINS, np.int64), np.zeros(_BINS)
 
-    @staticmethod
-    def bins(masses: FloatArray) -> IntArray:
-        """Bins of masses: bin b has those from 2^(-(b + 1) / 4), exclusively, to 2^(-b / 4)."""
-        return np.clip(np.floor(-4.0 * np.log2(masses)), 0, _BINS - 1).astype(np.int64)
-
-    def add(self, masses: FloatArray) -> None:
-        """Add masses, one after the other."""
-        bins = self.bins(masses)
-        np.add.at(self.counts, bins, 1)
+    def add(self, masses: FloatArray) -> IntArray:
+        """Add masses, one after the other, and return their bins: see `_bins`."""
+        bins = _bins(masses)
+        self.counts += np.bincount(bins, minlength=_BINS)
         np.add.at(self.sums, bins, masses)
+        return bins
 
     def last(self, share: float, limit: int) -> tuple[int, float]:
         """Last bin that is followed, and the mass in all bins after it.
@@ -365,7 +367,7 @@ def _probable_outcomes(step: Step, share: float, limit: int) -> tuple[Outcomes, 
     least = (1.0 - 1e-12) * 2.0 ** (-(last + 1) / 4)  # below bin `last` by no more than rounding
     chosen = []
     for again in [batch] if number == 1 else outcomes(step, totals, least):
-        rows = np.flatnonzero(_Masses.bins(again.masses) <= last)
+        rows = np.flatnonzero(_bins(again.masses) <= last)
         chosen.append([array.take(rows, axis=0) for array in again])
     return Outcomes._make(map(np.concatenate, zip(*chosen, strict=True))), left_out
 
