@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError
 from typing import Any
 
 import casadi as ca
@@ -60,7 +61,10 @@ def test_tables_have_every_name_of_the_package() -> None:
 
 
 def test_missing_package_is_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(unopy, "find_spec", lambda _: None)
+    def missing(name: str) -> str:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(unopy, "version", missing)
     with pytest.raises(SolverError, match=r"'unopy' cannot run here: .*casswarm\[unopy\]"):
         make_solver("unopy")
     case = published(71)
