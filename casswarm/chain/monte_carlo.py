@@ -188,36 +188,16 @@ _TRAJECTORY_ARRAYS = ("positions", "alive", "leaders")
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """Outcomes of R runs, an entry each.
+    """Outcomes of R runs, an entry each."""
 
-    Parameters
-    ----------
-    first : int
-        Index of the first run.
-    arrival : (R,) int
-        The step of the first arrival of a living member, -1 where there is none.
-    survivors : (R,) int
-        Members alive at the end of the run.
-    steps : (R,) int
-        Length of the run.
-    counts : dict of name to (R,) int
-        Sums of the counts of `COUNTS` over the steps of the run.
-    states : int
-        Number of distinct states in which the policy was evaluated.
-    seconds : float
-        Time that the computation took.
-    trajectories : tuple of RunTrajectory
-        Trajectories of the first runs.
-    """
-
-    first: int
-    arrival: IntArray
-    survivors: IntArray
-    steps: IntArray
-    counts: dict[str, IntArray]
-    states: int
-    seconds: float
-    trajectories: tuple[RunTrajectory, ...]
+    first: int  # index of the first run
+    arrival: IntArray  # (R,) step of the first arrival of a living member, -1 where there is none
+    survivors: IntArray  # (R,) members alive at the end of the run
+    steps: IntArray  # (R,) length of the run
+    counts: dict[str, IntArray]  # (R,) sums of the counts of `COUNTS` over the steps of the run
+    states: int  # number of distinct states in which the policy was evaluated
+    seconds: float  # time that the computation took
+    trajectories: tuple[RunTrajectory, ...]  # of the first runs
 
     @property
     def end(self) -> int:
@@ -328,15 +308,7 @@ class Chain:
 
 
 class _RunBatch:
-    """Runs that advance together.
-
-    Parameters
-    ----------
-    initial : States
-    starts : (2, R) int
-        The row among `initial`, and the step, from which every run starts.
-    save_trajectories : int
-    """
+    """Runs that advance together, each from a row of `initial` and a step: `starts` (2, R)."""
 
     def __init__(self, initial: States, starts: IntArray, save_trajectories: int = 0) -> None:
         self.started = time.perf_counter()

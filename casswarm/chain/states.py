@@ -71,19 +71,12 @@ class Search(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """S states and their probabilities; the entries of the destroyed are zero.
+    """S states and their probabilities; the entries of the destroyed are zero."""
 
-    Parameters
-    ----------
-    positions, previous_velocities : (S, n, 2)
-    alive : (S, n) bool
-    weights : (S,)
-    """
-
-    positions: FloatArray
-    previous_velocities: FloatArray
-    alive: BoolArray
-    weights: FloatArray
+    positions: FloatArray  # (S, n, 2)
+    previous_velocities: FloatArray  # (S, n, 2)
+    alive: BoolArray  # (S, n)
+    weights: FloatArray  # (S,)
 
     @classmethod
     def initial(cls, scenario: Scenario, initial_velocities: FloatArray, copies: int = 1) -> States:
@@ -118,15 +111,7 @@ class States:
         return float(self.weights.sum())
 
     def aggregated(self) -> tuple[States, IntArray]:
-        """Identify states that are equal to the last bit.
-
-        Returns
-        -------
-        states : States
-            The D distinct ones, in the order of their first occurrences.
-        inverse : (S,) int
-            Index, among the D, of every state.
-        """
+        """Distinct states, in the order of their first occurrences, and the index of each (S,)."""
         first, inverse = distinct_states(self.positions, self.previous_velocities, self.alive)
         if len(first) == len(self):
             return self, inverse
@@ -135,13 +120,7 @@ class States:
 
 
 class Frontier:
-    """States that an enumeration has not expanded yet: batches for every step 0..N.
-
-    Parameters
-    ----------
-    steps : int
-        N.
-    """
+    """States that an enumeration has not expanded yet: batches for every step 0..N."""
 
     def __init__(self, steps: int) -> None:
         self.batches: list[list[States]] = [[] for _ in range(steps + 1)]
@@ -172,10 +151,7 @@ class Frontier:
     def prune(self, max_states: int) -> FloatArray:
         """Remove the least probable states if there are more than `max_states`; half remain.
 
-        Returns
-        -------
-        (N+1,)
-            Mass removed from every step.
+        Returns the mass (N+1,) removed from every step.
         """
         pruned = np.zeros(len(self.batches))
         count = len(self)

@@ -28,15 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class PosedStudy:
-    """A scenario, its guide, and the policies that a study runs.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    guide : Guide
-    policies : list of Policy
-    progress : Progress, optional
-    """
+    """A scenario, its guide, and the policies that a study runs."""
 
     scenario: Scenario
     guide: Guide
@@ -128,16 +120,7 @@ def policy_name(policy: str | Policy) -> str:
 def study_inputs(
     study: str, scenario: Scenario, policies: Sequence[str | Policy], **values: Any
 ) -> dict[str, Any]:
-    """Inputs of a study as JSON values, with hashes of the code of the user that it calls.
-
-    Parameters
-    ----------
-    study : str
-    scenario : Scenario
-    policies : sequence of str or Policy
-    **values
-        Further inputs.
-    """
+    """Inputs of a study as JSON values, with hashes of the code of the user that it calls."""
     hazard = scenario.hazard
     code = {"hazard": hazard.function if isinstance(hazard, CustomHazard) else type(hazard)}
     for policy in policies:
