@@ -156,10 +156,14 @@ class SolverError(CasswarmError, ValueError):
 class ProblemError(CasswarmError, ValueError):
     """An optimisation problem that cannot be posed, or read from a file or written to one.
 
-    The attribute `file` is the path, where there is one.
+    The attribute `problem` is its name, `start` that of an initial guess, and `file` the path and
+    `line` the number of its line, where there are such.
     """
 
+    problem: str | None = None
+    start: str | None = None
     file: Path | None = None
+    line: int | None = None
 
 
 class PlanningError(CasswarmError, RuntimeError):
@@ -180,10 +184,14 @@ class PlanningError(CasswarmError, RuntimeError):
 class ComparisonError(CasswarmError, ValueError):
     """A comparison of solvers that is misconfigured, or a folder that holds another one.
 
-    The attributes `family`, `scenario` and `policy` say which problems cannot be posed.
+    The attributes `family`, `scenario` and `policy` say which problems cannot be posed; `problem`,
+    `start` and `solver` are names of what is unknown or repeated.
     """
 
     family: str | None = None
+    problem: str | None = None
+    start: str | None = None
+    solver: str | None = None
     scenario: str | None = None
     policy: str | None = None
     folder: Path | None = None

@@ -31,7 +31,7 @@ from .options import (
 from .output import aligned_table, open_folder, progress_report, say
 
 if TYPE_CHECKING:
-    from ..comparison.agreement import Agreement
+    from ..comparison import Agreement
     from ..comparison.report import Report
     from ..results.folder import ResultsFolder
 

@@ -20,6 +20,8 @@ from casswarm.envs import SwarmVectorEnv
 ROOT = Path(__file__).resolve().parents[1]
 SCENARIO = csw.load_scenario("paper-1")
 RADARS = ((0.0, 0.0),)
+X = ca.SX.sym("x", 2)
+BOWL = {"x": X, "f": ca.sumsqr(X)}
 SATURATION: dict[str, Any] = {"alpha_1": 4.0, "alpha_2": 3.0, "alpha_3": 4.0}
 
 
@@ -232,6 +234,41 @@ REFUSALS: dict[str, tuple[Callable[[], object], type[errors.CasswarmError], dict
         lambda: csw.formation_problems(SCENARIO, ["joint"]),
         errors.ComparisonError,
         {"policy": "joint"},
+    ),
+    "start that is no number": (
+        lambda: csw.Problem.from_casadi(BOWL, "bowl", x0=[1, np.nan]),
+        errors.ProblemError,
+        {"problem": "bowl", "start": "given", "key": "x0"},
+    ),
+    "bounds that cross": (
+        lambda: csw.Problem.from_casadi(BOWL, "bowl", lbx=2, ubx=1),
+        errors.ProblemError,
+        {"problem": "bowl", "value": (2.0, 1.0)},
+    ),
+    "start of another size": (
+        lambda: csw.Problem.from_casadi(BOWL, "bowl", x0=[1, 2, 3]),
+        errors.ProblemError,
+        {"problem": "bowl", "key": "x0", "value": 3, "expected": 2},
+    ),
+    "options of a solver that is made": (
+        lambda: csw.make_solver(csw.solvers.Ipopt(), max_iter=3),
+        errors.SolverError,
+        {"solver": "ipopt", "option": "max_iter"},
+    ),
+    "solvers of the same name": (
+        lambda: csw.compare([], [csw.solvers.Ipopt(), csw.solvers.Ipopt(max_iter=3)]),
+        errors.ComparisonError,
+        {"solver": "ipopt"},
+    ),
+    "copies of a problem": (
+        lambda: csw.compare([], "ipopt", copies=-1),
+        errors.ComparisonError,
+        {"key": "copies", "value": -1},
+    ),
+    "tolerance below zero": (
+        lambda: csw.Tolerances(objective=-1),
+        errors.ComparisonError,
+        {"key": "objective", "value": -1},
     ),
 }
 

@@ -1,5 +1,3 @@
-from .agreement import Agreement
-from .convergence import Convergence
 from .families import FAMILIES, Family, make_problems, register_problems
 from .problem import Problem, read_problems
 from .profiles import (
@@ -10,9 +8,9 @@ from .profiles import (
     performance_bands,
     performance_profile,
 )
-from .ranking import rank_solvers
+from .ranking import Agreement, rank_solvers
 from .report import make_report
-from .result import Comparison
+from .result import Comparison, Convergence
 from .run import DEFAULT, compare
 from .verification import Tolerances, costs, summary, verify
 

@@ -259,7 +259,7 @@ def gap_chart(
     ----------
     iterates : DataFrame
         Columns solver, iteration, seconds, gap and feasible: see
-        `casswarm.comparison.convergence.Convergence`.
+        `casswarm.comparison.Convergence`.
     title : str
     order : sequence of str
         All solvers, so that each has the same style in all figures.

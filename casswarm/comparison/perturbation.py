@@ -39,27 +39,13 @@ SCALE_EXPONENT = 2
 
 @dataclass(frozen=True, eq=False)
 class Reformulation:
-    """Order and units of variables and constraints, and the unit of the objective.
+    """Order and units of variables and constraints, and the unit of the objective."""
 
-    Parameters
-    ----------
-    variables : (nx,) int
-        Position in the original of every variable of the copy.
-    constraints : (ng,) int
-        The same of the constraints.
-    x_scale : (nx,)
-        Factors s of the original's variables.
-    g_scale : (ng,)
-        Factors r of the original's constraints.
-    f_scale : float
-        Factor w of the objective.
-    """
-
-    variables: IntArray
-    constraints: IntArray
-    x_scale: FloatArray
-    g_scale: FloatArray
-    f_scale: float
+    variables: IntArray  # (nx,), their positions in the original
+    constraints: IntArray  # (ng,)
+    x_scale: FloatArray  # s, (nx,), in the original's order
+    g_scale: FloatArray  # r, (ng,)
+    f_scale: float  # w
 
     @classmethod
     def random(cls, nlp: Nlp, rng: np.random.Generator) -> Reformulation:
@@ -123,22 +109,10 @@ class Reformulation:
 
 @dataclass(frozen=True, eq=False)
 class ProblemCopy:
-    """A problem as it is posed to solvers.
+    """A problem as it is posed to solvers, and what maps answers back if its variables differ."""
 
-    Parameters
-    ----------
-    problem : Problem
-        The original, on which answers are verified.
-    number : int
-        0 for the original itself.
-    nlp : Nlp
-    starts : mapping of str to Instances
-    reformulation : Reformulation, optional
-        What maps answers back; None if the variables are those of the original.
-    """
-
-    problem: Problem
-    number: int
+    problem: Problem  # the original, on which answers are verified
+    number: int  # 0 for the original itself
     nlp: Nlp
     starts: Mapping[str, Instances]
     reformulation: Reformulation | None = None

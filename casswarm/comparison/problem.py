@@ -54,7 +54,10 @@ class Problem:
             if len(instances) != 1:
                 raise ComparisonError(
                     f"problem {self.name!r} has {len(instances)} instances as its {start} start; "
-                    "expected one"
+                    "expected one",
+                    problem=self.name,
+                    start=start,
+                    value=len(instances),
                 )
 
     @classmethod
@@ -138,7 +141,8 @@ class Problem:
         try:
             require_solvable(program, {START: instance}, name or path.stem)
         except ProblemError as error:
-            raise ProblemError(f"{path}: {error}", file=path) from error
+            message, values = f"{path}: {error}", {**vars(error), "file": path}
+            raise ProblemError(message, **values) from error
         return cls(name or path.stem, family, program, {START: instance})
 
     @classmethod
@@ -217,7 +221,8 @@ class Problem:
         start = next(iter(self.starts)) if start is None else start
         if start not in self.starts:
             known = ", ".join(self.starts)
-            raise ProblemError(f"problem {self.name!r} has no start {start!r}; it has {known}")
+            message = f"problem {self.name!r} has no start {start!r}; it has {known}"
+            raise ProblemError(message, problem=self.name, start=start, allowed=known)
         atomic_write(Path(path), nl_text(self.nlp, self.starts[start]))
 
     def __repr__(self) -> str:

@@ -48,19 +48,7 @@ RESAMPLES = 2000
 
 
 def cluster_means(values: ArrayLike, clusters: ArrayLike) -> FloatArray:
-    """Mean over the rows of every cluster.
-
-    Parameters
-    ----------
-    values : (N, ...)
-    clusters : (N,)
-        Label of every row's cluster.
-
-    Returns
-    -------
-    (C, ...)
-        In the order in which the clusters appear.
-    """
+    """Mean (C, ...) over the rows (N, ...) of every cluster, in the order in which they appear."""
     array = np.asarray(values, dtype=float)
     _, first, member, sizes = np.unique(
         np.asarray(clusters), return_index=True, return_inverse=True, return_counts=True
@@ -84,23 +72,9 @@ def resampled_means(
     sqrt(f / chi2) with a random chi2 of f degrees of freedom (Satterthwaite): so it is distributed
     as Student's t instead of normally, since the variance is estimated from few clusters.
 
-    Parameters
-    ----------
-    values : (C, K)
-        A row per cluster: see `cluster_means`.
-    strata : (C,), optional
-        Label of every cluster's stratum, each of at least two clusters; by default one for all.
-        Strata keep their sizes in every resample.
-    resamples, seed : int
-
-    Returns
-    -------
-    (resamples, K)
-
-    Raises
-    ------
-    ValueError
-        A stratum of a single cluster.
+    Of values (C, K), a row per cluster, they are (resamples, K). Strata (C,) keep their sizes in
+    every resample; each has at least two clusters, or a ValueError is raised. By default there is
+    one for all.
     """
     array = np.asarray(values, dtype=float)
     labels = np.zeros(len(array)) if strata is None else np.asarray(strata)
@@ -126,20 +100,8 @@ def fraction_band(fractions: ArrayLike, level: float = LEVEL) -> tuple[FloatArra
 
     With z the normal quantile of the level, z^2 / 2 clusters of zeros and as many of ones are added
     (about two of each at 95 %); the band is z standard errors of the mean of all of them. Of
-    fractions that are 0 or 1 it is the interval of Agresti and Coull.
-
-    Parameters
-    ----------
-    fractions : (C, K)
-        A row per cluster, each between 0 and 1, such as whether its runs are below K points of a
-        profile.
-    level : float
-        Between 0 and 1.
-
-    Returns
-    -------
-    low, high : (K,)
-        Monotone if the rows are.
+    fractions (C, K) that are 0 or 1, a row per cluster, it is the interval of Agresti and Coull.
+    Its ends (K,) are monotone if the rows are.
     """
     array = np.asarray(fractions, dtype=float)
     z = NormalDist().inv_cdf((1 + level) / 2)
@@ -157,18 +119,10 @@ def ranks(scores: ArrayLike) -> FloatArray:
 
 
 def rank_probabilities(resampled: ArrayLike) -> FloatArray:
-    """How often each of S solvers has each rank.
+    """How often each of S solvers has each rank, by scores (R, S) in R resamples, the least first.
 
-    Parameters
-    ----------
-    resampled : (R, S)
-        Scores in R resamples, such as `resampled_means`; the least is the best.
-
-    Returns
-    -------
-    (S, S)
-        Row s, column k: fraction of the resamples in which solver s has rank k + 1. Solvers with
-        equal scores share their ranks. Rows and columns sum to one.
+    Row s, column k of the result (S, S) is the fraction of the resamples in which solver s has rank
+    k + 1. Solvers with equal scores share their ranks. Rows and columns sum to one.
     """
     less, equal = _order(np.asarray(resampled, dtype=float))
     place = np.arange(less.shape[1])
@@ -273,20 +227,10 @@ def data_bands(costs: pd.DataFrame, units: ArrayLike = 1.0) -> tuple[pd.DataFram
 def quality_profile(times: pd.DataFrame, qualities: pd.DataFrame) -> pd.DataFrame:
     """Quality of the objectives that are reached within a time, for problems with many minima.
 
-    Parameters
-    ----------
-    times : DataFrame
-        Time at which each solver has its answer, infinite if it has none; a row per problem, a
-        column per solver.
-    qualities : DataFrame
-        Quality of these answers between 0 and 1, such as 1 - gap to the best known objective; rows
-        and columns as in `times`.
-
-    Returns
-    -------
-    DataFrame
-        Index seconds, a column per solver: mean over the problems of the quality of the answer, 0
-        before there is one.
+    Rows are problems and columns solvers: the times at which they have their answers, infinite if
+    there is none, and the qualities of these, between 0 and 1, such as 1 - gap to the best known
+    objective. The index of the result is the time; its values are means over the problems, of 0
+    before there is an answer.
     """
     values = _checked(times)
     weights = np.where(np.isfinite(values), qualities[times.columns].to_numpy(dtype=float), 0.0)

@@ -1,23 +1,109 @@
-"""The result of a comparison of solvers."""
+"""The result of a comparison of solvers: its tables, convergence on a problem, and its folder."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import pandas as pd
 
 from .._util.display import Displayed
+from .._util.documents import json_text
+from .._util.files import DAMAGED, atomic_write, digest, read_table
+from .._util.record import RECORD, listed, read_record, time_stamp
 from .._util.text import counted, did_you_mean
-from ..errors import ComparisonError
-from .agreement import Agreement, agreement
-from .convergence import COLUMNS, Convergence, convergence
+from ..errors import ComparisonError, SolverError
+from ..nlp.program import Instances, Nlp
+from ..solvers import Isolated
+from ..typing import FloatArray
+from .problem import Problem
 from .profiles import performance_profile
-from .ranking import ranking
-from .saving import read_comparison, write_comparison
-from .verification import Tolerances, costs, summary
+from .ranking import Agreement, agreement, ranking
+from .verification import Tolerances, costs, gap_unit, summary
+
+NOT_REPORTED = "reports no iterates"
+"""Why a solver that took part has no convergence history."""
+
+NOT_RECORDED = "not recorded: a solve takes more than half of the time limit"
+
+COLUMNS = ("family", "problem", "start", "solver", "iteration", "seconds", "objective", "violation")
+"""Columns of the table of all iterates: see `iterate_rows`."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Convergence(Displayed):
+    """How the solvers approached the best known objective of a problem; `plot` draws it.
+
+    Parameters
+    ----------
+    problem, start : str
+    best_objective : float
+        The smallest objective of any feasible answer to the problem; NaN if there is none.
+    iterates : DataFrame
+        A row per iterate, by solver. Columns: solver; iteration; seconds; objective; violation, the
+        largest of a bound or constraint, absolute; feasible, whether that is within the tolerance;
+        gap, the distance of the objective from the best known one, relative as in
+        `casswarm.comparison.verification.verify`. An infeasible iterate can be below it.
+    missing : dict
+        Solvers without iterates, and why.
+    solvers : tuple of str
+        All that were compared, in order.
+    """
+
+    problem: str
+    start: str
+    best_objective: float
+    iterates: pd.DataFrame = field(repr=False)
+    missing: dict[str, str]
+    solvers: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        solvers = ", ".join(self.iterates["solver"].unique()) or "no solver"
+        return f"<Convergence on {self.problem}, {self.start} start, of {solvers}>"
+
+
+def iterate_columns(
+    problem: Problem, start: str, solver: Isolated, solve_seconds: float
+) -> dict[str, list[float]]:
+    """Iterates of a solver, from a solve of their own that is not timed; empty if it reports none.
+
+    Columns: iteration, from 0; seconds; objective and violation, recomputed from the problem for
+    all solvers alike. Since recording takes time, and the projected gradient method is recorded in
+    a slower loop than it is timed in, seconds are those of the recorded solve times a factor: the
+    last iterate is at `solve_seconds`.
+    """
+    nlp, instance = problem.nlp, problem.starts[start]
+    iterates = None
+    with suppress(SolverError):
+        iterates = solver.iterates(nlp, instance)
+    if iterates is None:
+        return {}
+    objective, violation = _evaluated(nlp, instance, iterates.x)
+    last = iterates.seconds[-1]
+    factor = solve_seconds / last if last > 0 else 1.0
+    return {
+        "iteration": iterates.numbers.tolist(),
+        "seconds": (factor * iterates.seconds).tolist(),
+        "objective": objective.tolist(),
+        "violation": violation.tolist(),
+    }
+
+
+def iterate_table(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
+    """Table of the iterates in rows of `benchmark`, which they are removed from."""
+    tables = [pd.DataFrame(columns=list(COLUMNS))]
+    for row in rows:
+        columns = row.pop("iterates", {})
+        if columns:
+            keys = {key: row[key] for key in COLUMNS if key in row and key not in columns}
+            tables.append(pd.DataFrame({**keys, **columns})[list(COLUMNS)])
+    return pd.concat(tables[1:] or tables, ignore_index=True)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -37,7 +123,7 @@ class Comparison(Displayed):
     iterates : DataFrame
         A row per recorded iterate of the runs on the problems themselves, not their copies. Columns
         family, problem, start, solver, and those of
-        `casswarm.comparison.convergence.iterate_columns`.
+        `casswarm.comparison.result.iterate_columns`.
     """
 
     runs: pd.DataFrame
@@ -89,7 +175,8 @@ class Comparison(Displayed):
         for column, value in (("family", family), ("start", start)):
             known = self.runs[column].unique().tolist()
             if value is not None and value not in known:
-                raise ComparisonError(f"{column} {value!r} is unknown{did_you_mean(value, known)}")
+                unknown = f"{column} {value!r} is unknown{did_you_mean(value, known)}"
+                raise ComparisonError(unknown, **{column: value})
         family = self.runs["family"].iloc[0] if family is None else family
         part = self.runs[self.runs["family"] == family]
         start = part["start"].iloc[0] if start is None else start
@@ -114,7 +201,7 @@ class Comparison(Displayed):
         ComparisonError
             No such problem, or no such start.
         """
-        return convergence(self, problem, start)
+        return _convergence(self, problem, start)
 
     def agreement(self, other: Comparison) -> Agreement:
         """Whether another comparison ranks the solvers within this one's error bars.
@@ -143,7 +230,19 @@ class Comparison(Displayed):
         Writes run.json with the inputs and the date, and tables as CSV files, as ``casswarm
         compare`` does.
         """
-        write_comparison(self, Path(folder))
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        tables = {f"{name}.csv": table for name, table in saved_tables(self).items()}
+        for name, table in tables.items():
+            atomic_write(folder / name, table.to_csv(index=False))
+        record = {
+            "command": "compare",
+            "inputs": self.inputs,
+            "versions": self.inputs["versions"],
+            "files": listed({name: digest(folder / name) for name in tables}),
+            "finished": time_stamp(),
+        }
+        atomic_write(folder / RECORD, json_text(record) + "\n")
 
     @classmethod
     def load(cls, folder: str | Path) -> Comparison:
@@ -154,7 +253,7 @@ class Comparison(Displayed):
         ComparisonError
             The folder holds none, or a damaged one.
         """
-        return cls(*read_comparison(Path(folder)))
+        return _read(Path(folder))
 
     def __repr__(self) -> str:
         solvers, problems = len(self.inputs["solvers"]), self.runs["problem"].nunique()
@@ -166,3 +265,117 @@ class Comparison(Displayed):
 
     def __str__(self) -> str:
         return self.summary.to_string(index=False)
+
+
+def _convergence(comparison: Comparison, problem: str | None, start: str | None) -> Convergence:
+    """Convergence on a problem; None stands for the first problem or start."""
+    runs, iterates = comparison.runs, comparison.iterates
+    known = runs["problem"].unique().tolist()
+    if problem is None:
+        problem = str(iterates["problem"].iloc[0] if len(iterates) else known[0])
+    if problem not in known:
+        raise ComparisonError(
+            f"problem {problem!r} is unknown{did_you_mean(problem, known)}", problem=problem
+        )
+    part = runs[(runs["problem"] == problem) & runs["applicable"] & (runs["copy"] == 0)]
+    starts = part["start"].unique().tolist()
+    start = starts[0] if start is None else start
+    if start not in starts:
+        raise ComparisonError(
+            f"start {start!r} is unknown{did_you_mean(start, starts)}", start=start
+        )
+    part = part[part["start"] == start].set_index("solver")
+    best = float(part["best_objective"].iloc[0])
+    unit = float(gap_unit(part["best_objective"], part["objective_scale"]).iloc[0])
+    mine = iterates[(iterates["problem"] == problem) & (iterates["start"] == start)]
+    table = mine.drop(columns=["family", "problem", "start"]).assign(
+        feasible=mine["violation"] <= comparison.tolerances.violation,
+        gap=(mine["objective"] - best).abs() / unit,
+    )
+    slow = part["solve_seconds"] > longest(float(comparison.inputs["time_limit"]))
+    missing = {
+        solver: NOT_RECORDED if slow[solver] else NOT_REPORTED
+        for solver in part.index.difference(pd.Index(table["solver"]), sort=False)
+    }
+    solvers = tuple(comparison.inputs["solvers"])
+    return Convergence(problem, start, best, table.reset_index(drop=True), missing, solvers)
+
+
+def longest(time_limit: float) -> float:
+    """Seconds of a solve up to which it is repeated to record its iterates."""
+    return time_limit / 2
+
+
+def typical_problem(comparison: Comparison, family: str, start: str) -> str | None:
+    """Problem of a family whose recorded solves have the median number of iterations in total.
+
+    None if no iterate is recorded.
+    """
+    table = comparison.iterates
+    part = table[(table["family"] == family) & (table["start"] == start)]
+    last = part.groupby(["problem", "solver"], sort=False)["iteration"].max()
+    totals = last.groupby("problem", sort=False).sum().sort_values(kind="stable")
+    return str(totals.index[(len(totals) - 1) // 2]) if len(totals) else None
+
+
+def _evaluated(nlp: Nlp, instance: Instances, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Objective and largest violation at points (K, nx)."""
+    f, g = nlp.evaluate(x.T, instance.p[0])
+    values = np.hstack([x, np.asarray(g).T.reshape(len(x), -1)])
+    lower = np.concatenate([instance.lbx[0], instance.lbg[0]])
+    upper = np.concatenate([instance.ubx[0], instance.ubg[0]])
+    violations = np.maximum(lower - values, values - upper)
+    return np.asarray(f).ravel(), np.maximum(violations.max(axis=1, initial=0.0), 0.0)
+
+
+_TEXTS = ("message", "violated_row", "reason")
+"""Columns of texts that can be empty."""
+
+
+def saved_tables(comparison: Comparison) -> dict[str, pd.DataFrame]:
+    """Tables that a comparison is restored from, by the names of their files."""
+    return {
+        "runs": comparison.runs,
+        "traits": comparison.problems,
+        "iterates": comparison.iterates,
+    }
+
+
+def _read(folder: Path) -> Comparison:
+    """The comparison in a folder."""
+    try:
+        record = read_record(folder)
+        if record["command"] != "compare":
+            command = record["command"]
+            raise ComparisonError(f"{folder} was written by casswarm {command}", folder=folder)
+        inputs = dict(record["inputs"])
+        runs = _table(folder, "runs")
+        for name in runs.columns.intersection(list(_TEXTS)):
+            runs[name] = ["" if pd.isna(text) else text for text in runs[name]]
+        missing = {"family", "problem", "start", "solver", "solved"} - set(runs)
+        if missing or "time_limit" not in inputs:
+            lacking = ", ".join(sorted(missing)) or "time_limit"
+            raise ComparisonError(f"{folder} lacks {lacking}", folder=folder)
+        problems, iterates = _table(folder, "traits"), _table(folder, "iterates")
+        if problems.empty:  # not saved, so their sizes are unknown
+            problems = runs[["family", "problem"]].drop_duplicates(ignore_index=True)
+            problems = problems.assign(variables=math.nan, constraints=math.nan)
+    except FileNotFoundError as error:
+        raise ComparisonError(
+            f"{folder} holds no comparison: it has no {Path(str(error.filename)).name}",
+            folder=folder,
+        ) from None
+    except ComparisonError:
+        raise
+    except DAMAGED as error:
+        message = f"the comparison in {folder} cannot be read: {error}"
+        raise ComparisonError(message, folder=folder) from error
+    return Comparison(runs, problems, inputs, iterates)
+
+
+def _table(folder: Path, name: str) -> pd.DataFrame:
+    """A table; empty if it has no rows, or is of iterates or traits that were not saved."""
+    path = folder / f"{name}.csv"
+    if name != "runs" and not path.exists():
+        return pd.DataFrame(columns=list(COLUMNS) if name == "iterates" else [])
+    return read_table(path)

@@ -33,11 +33,10 @@ from ..nlp.residuals import relative_error
 from ..solvers import SOLVERS, Answer, Isolated, Solver, make_solver
 from ..solvers import __name__ as solver_room
 from ..typing import Progress
-from .convergence import iterate_columns, iterate_table, longest
 from .families import FAMILIES, make_problems
 from .perturbation import ProblemCopy, is_structured, problem_copies
 from .problem import Problem
-from .result import Comparison
+from .result import Comparison, iterate_columns, iterate_table, longest
 from .verification import NOT_APPLICABLE, Tolerances, verify
 
 _LIBRARIES = ("casswarm", "casadi", "numpy", "scipy", "numba")
@@ -109,7 +108,7 @@ def benchmark(
     `casswarm.nlp.residuals.relative_error`; iterations; evaluations; build_seconds;
     solve_seconds, the median of `solves` solves, and time_ratio, the slowest over the fastest;
     objective_scale; gradient_seconds, the time of an evaluation of objective and gradient; and
-    iterates, from `casswarm.comparison.convergence.iterate_columns`, empty if they are not to be
+    iterates, from `casswarm.comparison.result.iterate_columns`, empty if they are not to be
     recorded, for perturbed copies, and where a solve takes long.
     """
     problem, posed = copy.problem, copy.starts[start]
@@ -272,9 +271,11 @@ def compare(
     time_limit, progress, checkpoint, if_exists = values
     seed, progress = require_seed(seed), reporter(progress)
     if not time_limit > 0:
-        raise ComparisonError(f"time_limit = {time_limit!r}; allowed: above zero")
+        message = f"time_limit = {time_limit!r}; allowed: above zero"
+        raise ComparisonError(message, key="time_limit", value=time_limit)
     if not isinstance(copies, Integral) or copies < 0:
-        raise ComparisonError(f"copies = {copies!r}; allowed: whole numbers from 0")
+        message = f"copies = {copies!r}; allowed: whole numbers from 0"
+        raise ComparisonError(message, key="copies", value=copies)
     listed = [problems] if isinstance(problems, str | Problem) else list(problems)
     limited = {label: _limited(s, time_limit) for label, s in _solvers(solvers).items()}
     posed = _problems(listed, count, seed, progress)
@@ -323,7 +324,9 @@ def _require_applicable(rows: Sequence[Mapping[str, Any]]) -> None:
         first = rows[0]
         raise ComparisonError(
             "none of the solvers is applicable to any of the problems; "
-            f"{first['solver']}: {first['message']}"
+            f"{first['solver']}: {first['message']}",
+            solver=first["solver"],
+            problem=first["problem"],
         )
 
 
@@ -422,6 +425,7 @@ def _problems(
 def _require_distinct(kind: str, names: Sequence[str], advice: str = "") -> None:
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
-        raise ComparisonError(f"{kind}s of the same name: {', '.join(repeated)}{advice}")
+        message = f"{kind}s of the same name: {', '.join(repeated)}{advice}"
+        raise ComparisonError(message, **{kind: repeated[0]})
     if not names:
-        raise ComparisonError(f"no {kind} given")
+        raise ComparisonError(f"no {kind} given", key=f"{kind}s")

@@ -59,7 +59,8 @@ class Tolerances:
         for field in fields(self):
             value = getattr(self, field.name)
             if not value > 0:
-                raise ComparisonError(f"tolerance {field.name} = {value!r}; allowed: above zero")
+                message = f"tolerance {field.name} = {value!r}; allowed: above zero"
+                raise ComparisonError(message, key=field.name, value=value)
 
 
 def verify(runs: pd.DataFrame, tolerances: Tolerances) -> pd.DataFrame:

@@ -18,7 +18,7 @@ from .._util.threads import one_at_a_time
 from .._util.user_code import USER_ERRORS, failure_text
 from ..errors import ProblemError
 from ..typing import FloatArray
-from .conversion import START, require_solvable
+from .conversion import START, refusal, require_solvable
 from .program import Instances, LagrangianHessian, Nlp
 
 
@@ -318,13 +318,12 @@ def from_pycutest(problem: Any, parameters: Mapping[str, Any], name: str | None)
     if isinstance(problem, str):
         problem = _imported(problem, {"sifParams": dict(parameters) or None})
     elif parameters:
-        raise ProblemError(f"parameters {', '.join(parameters)} are for the name of a problem")
+        names = ", ".join(parameters)
+        raise ProblemError(f"parameters {names} are for the name of a problem", key=names)
     _require_attributes(problem, ("obj", "vartype", "bl", "bu", "x0"), "a problem of PyCUTEst")
     name = name or problem.name
     if np.any(problem.vartype):
-        raise ProblemError(
-            f"problem {name!r} has integer variables; only continuous ones are supported"
-        )
+        raise refusal(name, " has integer variables; only continuous ones are supported")
     rows = (problem.cl, problem.cu) if problem.m else ((), ())
     return _posed(PyCutestBox(problem), name, (problem.x0, problem.bl, problem.bu, *rows))
 
@@ -341,13 +340,11 @@ def from_s2mpj(problem: Any, name: str | None) -> Posed:
     _require_attributes(problem, names, "an instance of a problem's class in S2MPJ, such as HS71()")
     name = name or problem.name
     if not problem.pbclass.startswith("C-"):
-        raise ProblemError(
-            f"problem {name!r} has the class {problem.pbclass}, with integer variables; "
-            "only continuous ones are supported"
-        )
+        reason = "with integer variables; only continuous ones are supported"
+        raise refusal(name, f" has the class {problem.pbclass}, {reason}", value=problem.pbclass)
     orders = [getattr(problem, "objderlvl", 2), *getattr(problem, "conderlvl", [2])]
     if min(orders) < 2:
-        raise ProblemError(f"problem {name!r} has no exact second derivatives")
+        raise refusal(name, " has no exact second derivatives")
     rows = (problem.clower, problem.cupper) if problem.m else ((), ())
     return _posed(S2mpjBox(problem), name, (problem.x0, problem.xlower, problem.xupper, *rows))
 
@@ -373,23 +370,24 @@ def _imported(name: str, options: dict[str, Any]) -> Any:
     try:
         import pycutest
     except ImportError as error:  # of it, or of CUTEst, which it looks for
-        raise ProblemError(
-            f"problem {name!r} needs PyCUTEst, with CUTEst and a Fortran compiler: {error}"
-        ) from error
+        reason = " needs PyCUTEst, with CUTEst and a Fortran compiler"
+        raise refusal(name, f"{reason}: {error}") from error
     except USER_ERRORS as error:
-        raise ProblemError(f"PyCUTEst cannot be imported: {failure_text(error)}") from error
+        message = f"PyCUTEst cannot be imported: {failure_text(error)}"
+        raise ProblemError(message, problem=name) from error
     try:
         return pycutest.import_problem(name, **options)
     except USER_ERRORS as error:
         raise ProblemError(
-            f"PyCUTEst cannot import the problem {name!r}: {failure_text(error)}"
+            f"PyCUTEst cannot import the problem {name!r}: {failure_text(error)}", problem=name
         ) from error
 
 
 def _require_attributes(problem: Any, names: tuple[str, ...], what: str) -> None:
     missing = [name for name in names if not hasattr(problem, name)]
     if missing:
-        raise ProblemError(f"{problem!r} is not {what}: it has no attribute {missing[0]}")
+        message = f"{problem!r} is not {what}: it has no attribute {missing[0]}"
+        raise ProblemError(message, value=repr(problem), key=missing[0])
 
 
 def _dense(matrix: Any) -> FloatArray:

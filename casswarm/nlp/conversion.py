@@ -23,6 +23,11 @@ _EXPRESSIONS = ("x", "p", "f", "g")
 _DEFAULTS = {"x0": 0.0, "p": 0.0, "lbx": -np.inf, "ubx": np.inf, "lbg": -np.inf, "ubg": np.inf}
 
 
+def refusal(name: str, reason: str, **values: Any) -> ProblemError:
+    """Error about the problem of a name."""
+    return ProblemError(f"problem {name!r}{reason}", problem=name, **values)
+
+
 def from_dictionary(
     nlp: Mapping[str, Any], arguments: Mapping[str, Any], name: str
 ) -> tuple[Nlp, dict[str, Instances]]:
@@ -37,19 +42,19 @@ def from_dictionary(
     _require_known(name, arguments, _DEFAULTS)
     kind = type(nlp.get("x"))
     if kind not in (ca.SX, ca.MX):
-        raise ProblemError(f"problem {name!r}: x has to be symbols of CasADi, of SX or MX")
+        raise refusal(name, ": x has to be symbols of CasADi, of SX or MX", key="x")
     for key, value in nlp.items():
         if isinstance(value, ca.SX | ca.MX) and type(value) is not kind:
             names = type(value).__name__, kind.__name__
-            raise ProblemError(f"problem {name!r}: {key} is of {names[0]}, but x of {names[1]}")
+            raise refusal(name, f": {key} is of {names[0]}, but x of {names[1]}", key=key)
     try:
         x, p, f, g = (ca.vec(kind(nlp.get(key, kind(0, 1)))) for key in _EXPRESSIONS)
         program = Nlp.from_expressions(name, x, p, f if "f" in nlp else kind(0), g)
     except (RuntimeError, NotImplementedError, TypeError) as error:
-        raise ProblemError(f"problem {name!r} cannot be built: {_reason(error)}") from error
+        raise refusal(name, f" cannot be built: {_reason(error)}") from error
     if not program.objective.is_scalar():
         count = program.objective.numel()
-        raise ProblemError(f"problem {name!r}: f has {count} entries; expected a scalar")
+        raise refusal(name, f": f has {count} entries; expected a scalar", key="f", value=count)
     return program, _starts(program, arguments, name)
 
 
@@ -64,9 +69,7 @@ def from_stack(opti: ca.Opti, name: str) -> tuple[Nlp, dict[str, Instances]]:
     advanced = opti.advanced
     for symbol in ca.symvar(opti.x):
         if advanced.get_meta(symbol).domain != ca.OPTI_DOMAIN_REAL:
-            raise ProblemError(
-                f"problem {name!r} has integer variables; only continuous ones are supported"
-            )
+            raise refusal(name, " has integer variables; only continuous ones are supported")
     try:
         numbers = {
             "x0": opti.debug.value(opti.x, opti.initial()),
@@ -75,7 +78,7 @@ def from_stack(opti: ca.Opti, name: str) -> tuple[Nlp, dict[str, Instances]]:
             "ubg": opti.debug.value(opti.ubg),
         }
     except RuntimeError as error:
-        raise ProblemError(f"problem {name!r} cannot be built: {_reason(error)}") from error
+        raise refusal(name, f" cannot be built: {_reason(error)}") from error
     expressions = {"x": opti.x, "p": opti.p, "f": ca.MX(opti.f), "g": opti.g}
     return from_dictionary(expressions, numbers, name)
 
@@ -90,31 +93,32 @@ def require_solvable(nlp: Nlp, starts: Mapping[str, Instances], name: str) -> No
         for key in _DEFAULTS:
             wrong = np.flatnonzero(np.isnan(getattr(instance, key)[0]))
             if len(wrong):
-                raise ProblemError(f"problem {name!r}: {key}[{wrong[0]}] is not a number")
+                raise refusal(name, f": {key}[{wrong[0]}] is not a number", start=start, key=key)
         for low, high in (("lbx", "ubx"), ("lbg", "ubg")):
             lower, upper = getattr(instance, low)[0], getattr(instance, high)[0]
             crossed = np.flatnonzero((lower > upper) | (lower == np.inf) | (upper == -np.inf))
             if len(crossed):
                 i = crossed[0]
-                raise ProblemError(
-                    f"problem {name!r}: nothing is between {low}[{i}] = {lower[i]:g} and "
-                    f"{high}[{i}] = {upper[i]:g}"
-                )
+                bounds = f"{low}[{i}] = {lower[i]:g} and {high}[{i}] = {upper[i]:g}"
+                between = float(lower[i]), float(upper[i])
+                raise refusal(name, f": nothing is between {bounds}", start=start, value=between)
         if not nlp.sizes[0]:
-            raise ProblemError(f"problem {name!r} has no variables")
+            raise refusal(name, " has no variables")
         if not (instance.lbx < instance.ubx).any():
-            raise ProblemError(f"problem {name!r} has no free variable: lbx = ubx everywhere")
-        _require_finite(nlp, instance, f"problem {name!r}, {start} start")
+            raise refusal(name, " has no free variable: lbx = ubx everywhere")
+        _require_finite(nlp, instance, name, start)
 
 
-def _require_finite(nlp: Nlp, instance: Instances, where: str) -> None:
+def _require_finite(nlp: Nlp, instance: Instances, problem: str, start: str) -> None:
+    where = f", {start} start: "
     if not np.isfinite(instance.x0).all():
-        raise ProblemError(f"{where}: x0 is not finite")
+        raise refusal(problem, f"{where}x0 is not finite", start=start, key="x0")
     values = nlp.evaluate(instance.x0[0], instance.p[0])
     names = chain(["the objective"], nlp.row_names)
     for name, value in zip(names, np.asarray(ca.vertcat(*values)).ravel(), strict=True):
         if not np.isfinite(value):
-            raise ProblemError(f"{where}: {name} is {value:g} at x0, and has to be finite")
+            reason = f"{where}{name} is {value:g} at x0, and has to be finite"
+            raise refusal(problem, reason, start=start, key=name, value=float(value))
 
 
 def _starts(nlp: Nlp, arguments: Mapping[str, Any], name: str) -> dict[str, Instances]:
@@ -122,14 +126,12 @@ def _starts(nlp: Nlp, arguments: Mapping[str, Any], name: str) -> dict[str, Inst
     guesses = arguments.get("x0", _DEFAULTS["x0"])
     guesses = guesses if isinstance(guesses, Mapping) else {START: guesses}
     if not guesses:
-        raise ProblemError(f"problem {name!r} has no initial guess: x0 is empty")
+        raise refusal(name, " has no initial guess: x0 is empty", key="x0")
     variables, parameters, constraints = nlp.sizes
     if constraints and not {"lbg", "ubg"} & arguments.keys():
-        raise ProblemError(
-            f"problem {name!r} has constraints g without bounds; give lbg, ubg or both"
-        )
+        raise refusal(name, " has constraints g without bounds; give lbg, ubg or both", key="g")
     if parameters and "p" not in arguments:
-        raise ProblemError(f"problem {name!r} has parameters without values; give p")
+        raise refusal(name, " has parameters without values; give p", key="p")
     sizes = {"p": parameters, "lbx": variables, "ubx": variables}
     sizes |= {"lbg": constraints, "ubg": constraints}
     vectors = {
@@ -156,18 +158,18 @@ def _vector(name: str, key: str, value: Any, size: int) -> FloatArray:
     try:
         entries = np.asarray(ca.densify(ca.DM(value))).ravel(order="F")
     except (NotImplementedError, RuntimeError, TypeError) as error:
-        raise ProblemError(f"problem {name!r}: {key} = {value!r} are no numbers") from error
+        reason = f": {key} = {value!r} are no numbers"
+        raise refusal(name, reason, key=key, value=repr(value)) from error
     if len(entries) not in (1, size):
-        raise ProblemError(
-            f"problem {name!r}: {key} has {len(entries)} entries; expected one or {size}"
-        )
+        reason = f": {key} has {len(entries)} entries; expected one or {size}"
+        raise refusal(name, reason, key=key, value=len(entries), expected=size)
     return np.array(np.broadcast_to(entries, size)[None])
 
 
 def _require_known(name: str, given: Mapping[str, Any], known: Any) -> None:
     for key in given:
         if key not in known:
-            raise ProblemError(f"problem {name!r}: {key!r} is unknown{did_you_mean(key, known)}")
+            raise refusal(name, f": {key!r} is unknown{did_you_mean(key, known)}", key=key)
 
 
 def _reason(error: Exception) -> str:

@@ -24,17 +24,7 @@ MAX_BYTES = 2**27
 
 
 class Lines:
-    """The lines of a file, one after the other, without comments.
-
-    Parameters
-    ----------
-    path : Path
-
-    Raises
-    ------
-    ProblemError
-        The file cannot be read, is larger than `MAX_BYTES`, or is not text.
-    """
+    """The lines of a file of text, of at most `MAX_BYTES`, one after the other without comments."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.number = path, 0
@@ -97,7 +87,8 @@ class Lines:
     def refusal(self, reason: str) -> ProblemError:
         """Error that names the file, the line and the reason."""
         where = f", line {self.number}" if self.number else ""
-        return ProblemError(f"{self.path}{where}: the file {reason}", file=self.path)
+        message = f"{self.path}{where}: the file {reason}"
+        return ProblemError(message, file=self.path, line=self.number or None)
 
 
 _LINES = 10  # of a header
@@ -105,20 +96,13 @@ _LINES = 10  # of a header
 
 @dataclass(frozen=True)
 class Header:
-    """Sizes of a problem with continuous variables and at most one objective.
-
-    Parameters
-    ----------
-    variables, constraints, objectives : int
-    jacobian, gradient : int
-        Numbers of entries of the Jacobian of g and of the gradient of f.
-    """
+    """Sizes of a problem with continuous variables and at most one objective."""
 
     variables: int
     constraints: int
     objectives: int
-    jacobian: int
-    gradient: int
+    jacobian: int  # entries of the Jacobian of g
+    gradient: int  # entries of the gradient of f
 
 
 def read_header(lines: Lines) -> Header:

@@ -73,26 +73,14 @@ class _Terms:
 
 
 class _Body(NamedTuple):
-    """Objective and constraints: nonlinear expressions and linear terms.
-
-    Parameters
-    ----------
-    x : SX
-        The variables.
-    nonlinear : SX (1 + ng,)
-        Of the objective and every row of g; the constant term of linear ones.
-    jacobian, gradient : _Terms
-    rows, columns : int
-        Numbers of rows and variables up to the last one that is nonlinear.
-    nonlinear_objective : bool
-    """
+    """Objective and constraints: nonlinear expressions and linear terms."""
 
     x: Expr
-    nonlinear: Expr
+    nonlinear: Expr  # (1 + ng,), of f and every row of g; the constant term of linear ones
     jacobian: _Terms
     gradient: _Terms
-    rows: int
-    columns: int
+    rows: int  # up to the last one that is nonlinear
+    columns: int  # the same of the variables
     nonlinear_objective: bool
 
     @classmethod
@@ -104,7 +92,8 @@ class _Body(NamedTuple):
             reason = str(error).strip().splitlines()[-1]
             raise ProblemError(
                 f"{nlp.name} cannot be written as .nl: it has an operation that is not one of "
-                f"scalars ({reason})"
+                f"scalars ({reason})",
+                problem=nlp.name,
             ) from error
         function = ca.Function("nl", [x], [ca.densify(values)])
         # that of the derivatives lacks the variables of steps, such as those of x > 1
@@ -243,7 +232,8 @@ def _written(function: Expr, name: str) -> tuple[list[list[str]], list[list[str]
             continue
         if operation == ca.OP_CONST:
             if not np.isfinite(constant):
-                raise ProblemError(f"{name} cannot be written as .nl: it has the number {constant}")
+                message = f"{name} cannot be written as .nl: it has the number {constant}"
+                raise ProblemError(message, problem=name, value=constant)
             node = _Node([f"n{_number(constant)}"])
         elif operation == ca.OP_INPUT:
             node = _Node([f"v{read[1]}"])
@@ -253,7 +243,9 @@ def _written(function: Expr, name: str) -> tuple[list[list[str]], list[list[str]
         else:
             raise ProblemError(
                 f"{name} cannot be written as .nl: it has CasADi's {operation_name(operation)}, "
-                "which the format does not have"
+                "which the format does not have",
+                problem=name,
+                key=operation_name(operation),
             )
         values[written[0]] = node
     shared = [node for node in shared if node.uses > 1]

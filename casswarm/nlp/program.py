@@ -212,7 +212,8 @@ def _restore(
 
 def _pack(blocks: Mapping[str, Expr], arrays: Mapping[str, ArrayLike]) -> FloatArray:
     if blocks.keys() != arrays.keys():
-        raise SolverError(f"blocks = {sorted(arrays)}; expected: {sorted(blocks)}")
+        message = f"blocks = {sorted(arrays)}; expected: {sorted(blocks)}"
+        raise SolverError(message, key="blocks", value=sorted(arrays), expected=sorted(blocks))
     values = {name: np.asarray(array, dtype=float) for name, array in arrays.items()}
     batch = max((a.shape[0] for a in values.values() if a.ndim == 3), default=1)
     columns = []
@@ -222,7 +223,10 @@ def _pack(blocks: Mapping[str, Expr], arrays: Mapping[str, ArrayLike]) -> FloatA
             columns.append(np.broadcast_to(values[name], shape).reshape(batch, symbol.numel()))
         except ValueError:
             raise SolverError(
-                f"block {name!r} has shape {values[name].shape}; expected {shape}"
+                f"block {name!r} has shape {values[name].shape}; expected {shape}",
+                key=name,
+                shape=values[name].shape,
+                expected=shape,
             ) from None
     return np.concatenate(columns, axis=1) if columns else np.empty((batch, 0))
 

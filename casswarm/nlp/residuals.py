@@ -114,20 +114,11 @@ def relative_error(
 
 
 class _Point(NamedTuple):
-    """The functions of a problem at a point; rows are the bounds on x, then g.
+    """The functions of a problem at a point; rows are the bounds on x, then g."""
 
-    Parameters
-    ----------
-    gradient : (nx,)
-        Of the objective.
-    columns : (nx, nx + ng)
-        Gradients of the rows.
-    values, lower, upper : (nx + ng,)
-    """
-
-    gradient: FloatArray
-    columns: sparse.csc_array
-    values: FloatArray
+    gradient: FloatArray  # of the objective, (nx,)
+    columns: sparse.csc_array  # gradients of the rows, (nx, nx + ng)
+    values: FloatArray  # of the rows, (nx + ng,)
     lower: FloatArray
     upper: FloatArray
 

@@ -16,8 +16,7 @@ from .._util.figure_style import add_legend, single_panel, themed
 from .._util.numbers import rounded_up
 from .._util.text import counted
 from ..chain.distribution import OutcomeDistribution
-from ..comparison import Comparison
-from ..comparison.convergence import Convergence
+from ..comparison import Comparison, Convergence
 from ..figures import (
     arrival_chart,
     gap_chart,
@@ -183,7 +182,7 @@ def _(result: Comparison) -> View:
 
 @picture.register
 def _(result: Comparison, _: Scenario | None) -> Figure:
-    from ..comparison.report_figures import overview
+    from ..comparison.report import overview
 
     return overview(result)()
 

@@ -237,7 +237,7 @@ class ResultsReader:
 
         if self.command == "compare":
             from ..comparison import Comparison
-            from ..comparison.report_figures import figures
+            from ..comparison.report import figures
 
             inputs, no_problems = dict(self.part("inputs")), pd.DataFrame()  # for no figure
             more = {"iterates": self.table("iterates")} if self.has_table("iterates") else {}

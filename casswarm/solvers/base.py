@@ -344,7 +344,9 @@ class Solver(ABC):
                 return failed(instances, message)
             return [self._run_each(nlp, instances[i : i + 1])[0] for i in range(len(instances))]
         if len(answers) != len(instances):
-            raise SolverError(f"{self.name} gave {len(answers)} answers for {len(instances)} tasks")
+            message = f"{self.name} gave {len(answers)} answers for {len(instances)} tasks"
+            counts = {"value": len(answers), "expected": len(instances)}
+            raise SolverError(message, solver=self.name, **counts)
         return answers
 
 

@@ -196,7 +196,8 @@ class _Worker:
             refusal = self._ask(b"", _START_SECONDS)
         except (OSError, AssertionError, ChildEndedError) as error:
             raise SolverError(
-                f"no process could be started for {self._solver.name} ({error}): {_GUARD}"
+                f"no process could be started for {self._solver.name} ({error}): {_GUARD}",
+                solver=self._solver.name,
             ) from error
         if refusal is not None:
             self.end()
@@ -240,7 +241,8 @@ def _pickled(what: str, value: Nlp | Solver) -> bytes:
     except Exception as error:  # any that a user's class raises
         raise SolverError(
             f"{what} cannot be sent to another process ({error_text(error)}): it holds something "
-            "that does not pickle"
+            "that does not pickle",
+            value=what,
         ) from error
 
 

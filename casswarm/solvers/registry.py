@@ -137,7 +137,8 @@ def make_solver(solver: str | Solver, **options: Any) -> Solver:
 
     if isinstance(solver, Solver):
         if options:
-            raise SolverError(f"solver options apply to names of solvers; got {solver!r}")
+            message = f"solver options apply to names of solvers; got {solver!r}"
+            raise SolverError(message, solver=solver.name, option=next(iter(options)))
         return solver
     if solver in UNSUPPORTED:
         raise SolverError(

@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import minimize
 
 import casswarm as csw
-from casswarm.comparison.convergence import NOT_REPORTED
+from casswarm.comparison.result import NOT_REPORTED
 from casswarm.solvers import Solver
 from casswarm.solvers.base import IterateLog, Iterates
 
