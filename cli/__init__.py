@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import click
 
-from .. import __version__
 from .animate import animate
 from .compare import compare
 from .evaluate import evaluate
@@ -41,7 +40,7 @@ from .sweep import sweep
     ],
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-@click.version_option(__version__, prog_name="casswarm")
+@click.version_option(package_name="casswarm", prog_name="casswarm")
 def main() -> None:
     """Guide a swarm of agents through a field of hazards to a target.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -192,6 +191,8 @@ def executor(execution: StudyOptions) -> Iterator[Any]:
         from dask.distributed import Client
     except ImportError as error:
         raise WrongInput("--dask needs Dask: pip install 'casswarm[dask]'") from error
+    import asyncio
+
     try:
         asyncio.run(_answer(execution.dask))  # a client that cannot connect says so at length
         client = Client(execution.dask, timeout=10, set_as_default=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -79,6 +78,8 @@ def explore(exploring: ExploreOptions) -> None:
 
 def _opened(address: str) -> bool:
     """Open a page in a browser with windows; False if there is none."""
+    import webbrowser
+
     try:
         browser = webbrowser.get()
     except webbrowser.Error:

@@ -14,8 +14,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from .._util.interrupts import limited_time
 from .._util.text import counted
-from .._util.user_code import limited_time
 from ..errors import PolicyCallError, PolicyError
 from ..scenario.scenario_files import require_scenario
 from ..typing import BoolArray, FloatArray
