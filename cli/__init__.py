@@ -8,18 +8,14 @@ from __future__ import annotations
 
 import click
 
-from .animate import animate
 from .compare import compare
 from .evaluate import evaluate
-from .explore import explore
-from .log import show_log
-from .plan import plan
-from .plan_swarm import plan_swarm
-from .plot import plot
+from .lists import scenarios, solvers
+from .output import show_log
+from .plan import plan, plan_swarm
 from .reproduce import reproduce
-from .scenarios import scenarios
+from .show import animate, explore, plot
 from .simulate import simulate
-from .solvers import solvers
 from .sweep import sweep
 
 
