@@ -1,63 +1,208 @@
-"""Bounds from level games: which potential and which grid of levels, for any number of members.
-
-Every choice here gives a valid bound; it is guided by the value of the game in which all members
-always have the same level and drop as far as they can, which is nearly optimal.
-
-The level game: an upper bound on the success of every policy from the members' levels.
+"""The level game: an upper bound on the success of every policy from the members' levels.
 
 A member's level is the value of a potential at its position, a lower bound on the single-agent risk
 that is left to it. In the game the members' levels are all that counts: whoever wants to lower its
 own by delta is exposed to a single-agent risk of at least delta, with less protection from members
 whose levels stay behind, because they are far away. The value of the game bounds the success of
 every policy; the proof, with that of the interpolation, is in ``docs/success-bound.md``.
+
+Any potential and grid of levels give a valid bound. Their choice is guided by the value of the game
+in which all members always have the same level and drop as far as they can, which is nearly
+optimal.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-import time
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
 
-from ..grid.nodes import UNIT, Relaxation
-from ..hazard import Hazard
-from ..typing import FloatArray, IntArray
-from .level_game_kernels import Buffers, Moves, best_moves, fill_levels, make_decreasing
-from .potential import Potential, PotentialFamily
+from ..grid.dynamic_programming import StageCosts, rounding
+from ..grid.nodes import UNIT, CellBlock, Grid, NodeBlock, Relaxation, box_extremum, multilinear
+from ..hazard.rate_bounds import LeastRate
+from ..typing import FloatArray
+from .level_game_kernels import (
+    Buffers,
+    Moves,
+    Tables,
+    best_moves,
+    fill_levels,
+    limit_slope,
+    make_decreasing,
+)
+from .refinement import Clock, refined
 
-_UNITS = 16
-"""Units of density of a neighbour."""
+MAX_NODES = 1_000_000  # default maximum of nodes of a potential, over all steps
+
+_MAX_REACH = 16
+_CHAMFER = math.sqrt(4 - 2 * math.sqrt(2)) * (1 + 1e-12)
+"""kappa: at most so many times the distance is a path along straight and diagonal edges."""
+
+_GROUP = 6  # members of a game
+_COARSE_NODES = 1_000_000  # of the potentials that are compared
+_LARGEST = np.geomspace(0.06, 0.5, 18)  # drops that are compared, relative to the mean level
+_SLOPES = (2.0, 4.0, 8.0, 16.0)  # relative to the mean slope between the members and the target
+_LOST_LEVEL = 0.01  # relative loss of level for a small slope
+_CELLS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64)
+_STAGE = 30.0  # ratio of work of one stage and the one before
+_FIRST_WORK = 1e6
+_LATE = "the time limit is reached"
+_UNITS = 16  # of density of a neighbour
+_HIGHEST = 64.0  # levels are cut off here: exp(-64) is below the rounding of a probability
+
+
+@dataclass(frozen=True, eq=False)
+class Potential:
+    """Levels on a rectangle of grid nodes; in between bilinear, and constant outwards.
+
+    A potential w_t, t = 0, ..., N, satisfies, for all positions x and all x' within reach of x,
+
+        (P1)  w_t(x) <= dt b(x') + w_(t+1)(x'),    b the single-agent rate;
+        (P2)  w_t(x) <= 0 in the target;
+        (P3)  |x - y|^2 >= (|w_t(x) - w_t(y)| / L)^2 - h^2 / 2;
+        (P4)  w_t(x) - w_(t+1)(x') <= d.
+
+    w_t(x) is the *level* of a member at x, L the *slope*, and d the *largest drop* of a step. The
+    largest function with (P1) and (P2) is the value function. Derived in ``docs/success-bound.md``.
+    `slack` bounds their rounding errors: (P1) and (P2) hold for w_t - slack (N + 1 - t) / (N + 1).
+    """
+
+    task: Relaxation  # its start is node (0, 0)
+    starts: FloatArray = field(repr=False)  # (n, 2), initial positions of the members
+    reach: int  # k, nodes by which a coordinate changes in a step: the spacing is h = s / k
+    low: tuple[int, ...]  # index of the first node
+    values: tuple[FloatArray, ...] = field(repr=False)  # (nx, ny), for steps 0 to N
+    slope: float  # L, infinite without a limit
+    largest: float  # d, infinite without a limit
+    slack: float
+
+    @property
+    def spacing(self) -> float:
+        """h, the side of a cell."""
+        return self.task.step / self.reach
+
+    def levels(self, step: int, positions: FloatArray) -> FloatArray:
+        """Lower bounds (B,) of the levels at positions (B, 2) at a step, rounding included."""
+        nodes = (positions - self.task.start) / self.spacing - self.low
+        last = np.array(self.values[0].shape) - 1
+        nodes = np.clip(nodes, 0.0, last)
+        cells = np.minimum(np.floor(nodes).astype(int), last - 1)
+        return multilinear(self.values[step], cells, nodes - cells) - self.slack
+
+    @cached_property
+    def start_levels(self) -> FloatArray:
+        """Levels (n,) of the members at step 0."""
+        return self.levels(0, self.starts)
+
+    def least_squared_distance(self, gaps: FloatArray) -> FloatArray:
+        """Least squared distance of two members whose levels differ by at least `gaps`."""
+        return np.maximum(0.0, (gaps / self.slope) ** 2 - 0.5 * self.spacing**2)
+
+
+class PotentialFamily:
+    """The potentials of members at `starts` (n, 2) on one grid, by slope.
+
+    The task's hazard provides lower bounds of single-agent rates, the grid has at most `max_nodes`
+    nodes over all steps unless the coarsest has more, and the multiplier is as of `StageCosts`.
+    """
+
+    def __init__(
+        self,
+        task: Relaxation,
+        starts: FloatArray,
+        max_nodes: int = MAX_NODES,
+        multiplier: float = 0.0,
+    ) -> None:
+        # node values that are not negative, whatever the hazard: see `Relaxation.rates_below`
+        self.task = replace(task, least=LeastRate(np.zeros(1), np.ones(1)))
+        self.starts, self.multiplier = starts, multiplier
+        self.reach = 1
+        while self.reach < _MAX_REACH and self._count(2 * self.reach) <= max_nodes:
+            self.reach *= 2
+
+    @cached_property
+    def _block(self) -> CellBlock:
+        return CellBlock.full(self._rectangle(self.reach))
+
+    @cached_property
+    def _stage_costs(self) -> StageCosts:
+        return StageCosts(Grid(self.task, 1, self.reach, ((self._block,),)), True, self.multiplier)
+
+    @cached_property
+    def _costs(self) -> FloatArray:
+        """Lower bounds of the single-agent risk of a step to every node."""
+        costs = self._stage_costs.nodes[0][0] * (1 - 1e-9)
+        costs[[0, -1]] = 0.0  # what is outside counts as at the edge
+        costs[:, [0, -1]] = 0.0
+        return np.asarray(costs)
+
+    @cached_property
+    def _slack(self) -> float:
+        stage_costs = self._stage_costs
+        per_path = rounding(stage_costs, _HIGHEST, interpolated=True)
+        largest = _HIGHEST + stage_costs.max_terminal
+        return per_path + 64 * UNIT * (self.task.steps + 1) * largest
+
+    @property
+    def size(self) -> int:
+        """Number of nodes over all steps."""
+        return self._count(self.reach)
+
+    def _count(self, reach: int) -> int:
+        return self._rectangle(reach).size * self.task.steps
+
+    def _rectangle(self, reach: int) -> NodeBlock:
+        """Nodes of the positions on paths from the starts to the target, and of a margin."""
+        task = self.task
+        spacing = task.step / reach
+        near = self.starts[task.reachable(self.starts, task.steps)]
+        offsets = ((near if len(near) else self.starts[:1]) - task.start) / spacing
+        low, high = np.floor(offsets.min(axis=0)), np.ceil(offsets.max(axis=0))
+        center, radius = (task.center - task.start) / spacing, task.radius / spacing
+        ahead = reach * np.arange(1, task.steps + 1)[:, None]
+        back = ahead[::-1] - reach
+        first = np.maximum(np.floor(center - radius) - back, low - ahead).min(axis=0)
+        last = np.minimum(np.ceil(center + radius) + back, high + ahead).max(axis=0)
+        margin = 2 * reach  # that leaving and coming back does not pay where a slope limits levels
+        return NodeBlock.between(np.minimum(first, low) - margin, np.maximum(last, high) + margin)
+
+    def potential(self, slope: float = math.inf, largest: float = math.inf) -> Potential:
+        """The largest potential on the nodes with this slope and largest drop: equation (S1)."""
+        edge = slope / _CHAMFER * (self.task.step / self.reach)
+        nodes = self._block.nodes
+        highest = np.minimum(self._stage_costs.terminal(nodes), _HIGHEST)
+        costs = np.minimum(self._costs, largest)
+        values: list[FloatArray] = []
+        for _ in range(self.task.steps + 1):
+            level = highest.copy()
+            if values:
+                after = box_extremum(values[-1] + costs, nodes, nodes, self.reach)
+                np.minimum(level, after, out=level)
+            if math.isfinite(slope):
+                limit_slope(level, edge, math.sqrt(2) * edge)
+            values.append(level)
+        return Potential(
+            *(self.task, self.starts, self.reach, nodes.first, tuple(values[::-1])),
+            *(slope, largest, self._slack),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class LevelGame:
     """The level game of a potential whose levels fall by at most `potential.largest` in a step.
 
-    Parameters
-    ----------
-    potential : Potential
-        With a finite slope and largest drop.
-    cells : int
-        Number of levels of the grid by which a level can fall in a step.
-    players : tuple of int
-        Members whose success counts, which can all reach the target; the others protect them at no
-        distance all the time.
+    The success of the `players` counts, who can all reach the target; the other members protect
+    them at no distance all the time.
     """
 
-    potential: Potential
-    cells: int
+    potential: Potential  # with a finite slope and largest drop
+    cells: int  # D, number of levels of the grid by which a level can fall in a step
     players: tuple[int, ...]
-
-    @property
-    def hazard(self) -> Hazard:
-        """Whose rates count."""
-        return self.potential.task.hazard
 
     @cached_property
     def starts(self) -> FloatArray:
@@ -80,18 +225,11 @@ class LevelGame:
         """M, the number of levels; higher ones count as the last."""
         return max(2, math.ceil(float(self.starts.max()) / self.spacing) + 1)
 
-    @property
-    def work(self) -> float:
-        """Number of values that are looked up, about."""
-        return look_ups(self.members, self.size, self.cells)
-
     def value(self) -> float:
         """Upper bound on the success probability of every policy."""
         if self.members == 0:
             return 0.0
-        if (self.starts <= 0).any():
-            return 1.0
-        if self._least_slopes[-1] <= 0:  # drops may cost nothing
+        if (self.starts <= 0).any() or self._least_slopes[-1] <= 0:  # drops may cost nothing
             return 1.0
         steps = self.potential.task.steps
         highest = max(1.0, float(self.node_values[-1].max()))
@@ -107,13 +245,16 @@ class LevelGame:
             rows.append(np.zeros((count, alive), np.int64))
             fill_levels(rows[-1])
             arrived = max(1.0, float(values[-1].max()))
-            known = [values[0], *map(_with_arrived, values[1:], rows[1:], repeat(arrived))]
-            tables = np.concatenate([*known, _with_arrived(np.zeros(count), rows[-1], arrived)])
-            offsets = np.cumsum([0, *map(len, known)])
-            moves, buffers = self._moves(alive), self._buffers(alive)
+            known = [*values[1:], np.zeros(count)]
+            parts = [
+                np.where(at[:, 0] == 0, arrived, v) for at, v in zip(rows[1:], known, strict=True)
+            ]
+            offsets = np.cumsum([0, *map(len, values)])
+            tables = Tables(np.concatenate([values[0], *parts]), offsets, self._binomials)
+            moves, buffers = self._moves(alive), Buffers.of(alive)
             for corrected in (False, True):
-                best_moves(rows[-1], moves, self._binomials, offsets, corrected, buffers, tables)
-            values.append(tables[offsets[-1] :])
+                best_moves(rows[-1], moves, corrected, buffers, tables)
+            values.append(tables.values[offsets[-1] :])
             if alive < self.members:  # which are interpolated otherwise: see `_least_slopes`
                 make_decreasing(rows[-1], self._binomials, values[-1])
         return values
@@ -124,16 +265,6 @@ class LevelGame:
         return np.array(
             [[math.comb(i, j) for j in range(n + 2)] for i in range(self.size + n + 1)], np.int64
         )
-
-    @staticmethod
-    def _buffers(alive: int) -> Buffers:
-        drops, after, fallen, ranks = (
-            np.zeros(count, np.int64) for count in (alive, alive, alive, 1 << alive)
-        )
-        least, most, margin, probability = (np.zeros(alive) for _ in range(4))
-        values, low, high = (np.zeros(1 << alive) for _ in range(3))
-        by_member = drops, after, fallen, probability, least, most, margin
-        return Buffers(*by_member, ranks, values, low, high)
 
     @cached_property
     def _least_slopes(self) -> FloatArray:
@@ -146,7 +277,7 @@ class LevelGame:
         dt, total = self.potential.task.dt, alive + len(self.potential.starts) - self.members
         densities: FloatArray = total - alive + np.arange(_UNITS * (alive - 1) + 1) / _UNITS
         rates = np.arange(self.cells + 1, dtype=float) * (self.spacing / dt)
-        least = self.hazard.least_rates(total, densities, rates)
+        least = self.potential.task.hazard.least_rates(total, densities, rates)
         assert least is not None
         least[:, 0] = 0.0
         return dt * least
@@ -160,7 +291,7 @@ class LevelGame:
         surplus = np.exp(rises.max(axis=1))
         behind = np.arange(self.size + 2, dtype=float) * self.spacing
         squared = self.potential.least_squared_distance(behind)
-        density = np.where(squared > 0, self.hazard.density_bound(squared), 1.0)
+        density = np.where(squared > 0, self.potential.task.hazard.density_bound(squared), 1.0)
         density = _UNITS * np.minimum(density, 1.0)
         return Moves(np.exp(-risks), steepness, surplus, math.exp(slope), density)
 
@@ -183,11 +314,6 @@ class LevelGame:
         return total
 
 
-def _with_arrived(values: FloatArray, rows: IntArray, arrived: float) -> FloatArray:
-    """Values of sets of levels `rows`, `arrived` for those with a member at level 0."""
-    return np.where(rows[:, 0] == 0, arrived, values)
-
-
 def look_ups(members: int, size: int, cells: int) -> float:
     """Number of values that `LevelGame.value` looks up for states of all members, about.
 
@@ -197,28 +323,11 @@ def look_ups(members: int, size: int, cells: int) -> float:
     return math.comb(size + members - 1, members) * (cells + 1.0) ** members * of_move
 
 
-_GROUP = 6  # members of a game
-_COARSE_NODES = 1_000_000  # of the potentials that are compared
-_LARGEST = np.geomspace(0.06, 0.5, 18)  # drops that are compared, relative to the mean level
-_SLOPES = (2.0, 4.0, 8.0, 16.0)  # relative to the mean slope between the members and the target
-_LOST_LEVEL = 0.01  # relative loss of level for a small slope
-_CELLS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64)
-_STAGE = 30.0  # ratio of work of one stage and the one before
-_FIRST_WORK = 1e6
-
-
 class GameBound(NamedTuple):
-    """A bound on the success probability of every policy.
-
-    Parameters
-    ----------
-    value : float
-    limited : bool
-        Whether the time limit made it weaker.
-    """
+    """A bound on the success probability of every policy."""
 
     value: float
-    limited: bool
+    limited: bool  # whether the time limit made it weaker
 
 
 class Choice(NamedTuple):
@@ -229,24 +338,12 @@ class Choice(NamedTuple):
 
 
 class Effort(NamedTuple):
-    """How much to compute; see `success_bound`.
+    """How much to compute; see `success_bound`."""
 
-    Parameters
-    ----------
-    max_nodes : int
-        Maximum number of nodes of a potential, over all steps.
-    max_work : float
-        Largest number of values that a game looks up, about; finite.
-    accuracy : float
-        Refine until the bound on the probability of failure rises by less, relatively.
-    deadline : float
-        Time of `time.monotonic`; no game is begun that is expected to end later.
-    """
-
-    max_nodes: int
-    max_work: float
-    accuracy: float
-    deadline: float
+    max_nodes: int  # of a potential, over all steps
+    max_work: float  # largest number of values that a game looks up, about; finite
+    accuracy: float  # of the bound on failure: refine until it rises by less, relatively
+    deadline: float  # of `time.monotonic`; no game is begun that is expected to end later
 
 
 def game_bound(
@@ -254,14 +351,7 @@ def game_bound(
 ) -> GameBound:
     """The least bound of level games of increasing work; 1 if even the smallest needs too much.
 
-    Parameters
-    ----------
-    task : Relaxation
-    starts : (n, 2)
-        Initial positions.
-    multiplier : float
-        Of arrival, as of `StageCosts`.
-    effort : Effort
+    `starts` (n, 2) are the initial positions, and the multiplier is as of `StageCosts`.
     """
     nearly = replace(task, radius=task.radius * (1 + 1e-9))
     reachable = nearly.reachable(starts, task.steps)
@@ -269,23 +359,29 @@ def game_bound(
     if not reachable.any() or fine.size > effort.max_nodes:
         return GameBound(1.0, limited=False)
     coarse = PotentialFamily(task, starts, min(_COARSE_NODES, effort.max_nodes), multiplier)
-    groups = _groups(np.flatnonzero(reachable))
+    values, reason = refined(_values(fine, coarse, reachable, effort), _LATE)
+    return GameBound(min(values, default=1.0), reason == _LATE)
+
+
+def _values(
+    fine: PotentialFamily, coarse: PotentialFamily, reachable: np.ndarray, effort: Effort
+) -> Generator[float, None, str]:
+    """Values of games of increasing work; why there is no other one."""
+    task, groups = fine.task, _groups(np.flatnonzero(reachable))
     slope = _slope(coarse, reachable)
     levels = _start_levels(coarse, slope, reachable)
-    best, used, seconds = 1.0, 0.0, 0.0
+    clock, best, used = Clock(effort.deadline), 1.0, 0.0
     for work in _stages(effort.max_work):
-        choice = _choose(task, len(starts), len(groups[0]), levels, work)
+        choice = _choose(task, len(fine.starts), len(groups[0]), levels, work)
         if choice is None:
             continue
-        begun = time.monotonic()
-        if begun + (seconds * work / used if used else 0.0) > effort.deadline:
-            return GameBound(best, limited=True)
+        clock.begin(work / used if used else 0.0)
         value = _product(fine.potential(slope, choice.largest), groups, choice.cells)
-        seconds, used = time.monotonic() - begun, work
-        improved, best = best - value, min(best, value)
+        yield value
+        improved, best, used = best - value, min(best, value), work
         if value < 1.0 and improved < effort.accuracy * (1.0 - value):
-            break
-    return GameBound(best, limited=False)
+            return "the bound on failure hardly rises"
+    return "the largest work is reached"
 
 
 def _stages(max_work: float) -> Iterator[float]:
@@ -359,15 +455,13 @@ def _together(task: Relaxation, members: int, level: float, largest: float) -> f
         transition = np.zeros((members + 1, members + 1))
         transition[0, 0] = 1.0
         for alive in range(1, members + 1):
-            least = task.hazard.least_rates(
-                alive, np.array([alive - 1.0]), np.array([drop / task.dt])
-            )
+            density, rate = np.array([alive - 1.0]), np.array([drop / task.dt])
+            least = task.hazard.least_rates(alive, density, rate)
             assert least is not None
             survival = math.exp(-task.dt * float(least[0, 0]))
             for left in range(alive + 1):
-                lost = alive - left
-                weight = math.comb(alive, left) * survival**left * (1.0 - survival) ** lost
-                transition[alive, left] = weight
+                weight = math.comb(alive, left) * survival**left
+                transition[alive, left] = weight * (1.0 - survival) ** (alive - left)
         for _ in range(repeated):
             value = transition @ value
     return float(value[-1])

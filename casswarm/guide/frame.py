@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..scenario import Scenario
 from ..scenario.sections import CONSTANTS
 from ..typing import FloatArray, IntArray, Progress
 
 if TYPE_CHECKING:
     from ..problems.guide import GuideTask
-    from ..scenario import Scenario
     from .guide import Candidate, Guide
 
 _TURN, _MIRROR = np.array([[0.0, -1.0], [1.0, 0.0]]), np.diag([1.0, -1.0])
@@ -42,18 +42,10 @@ _MIRRORED = str.maketrans("LR", "RL")
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Axes and an order of members.
+    """Axes and an order of members."""
 
-    Parameters
-    ----------
-    matrix : (2, 2)
-        One of `SYMMETRIES`, from the scenario's axes to those of the frame.
-    order : (n,) int
-        Member of the scenario for every member in the frame.
-    """
-
-    matrix: FloatArray
-    order: IntArray
+    matrix: FloatArray  # (2, 2), of `SYMMETRIES`: from the scenario's axes to those of the frame
+    order: IntArray  # (n,), member of the scenario for every member in the frame
 
     @classmethod
     def of_scenario(cls, scenario: Scenario, velocity: FloatArray) -> Frame:
