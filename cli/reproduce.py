@@ -86,8 +86,7 @@ def reproduce(selection: ReproduceOptions) -> None:
 
 
 def _text(reproduction: Reproduction) -> str:
-    from ..reproduction.paper_report import table_for_people
-    from ..reproduction.reproduce import TABLES
+    from ..reproduction.reproduce import TABLES, table_for_people
 
     texts = []
     for name in ("table-1", "table-2", "empty-sets", "beyond", "readings"):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from .._util.record import differences
+from .._util.files import differences
 from .._util.text import counted
 from ..errors import ComparisonError
 from .ranking import rankings_by_criterion

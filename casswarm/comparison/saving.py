@@ -9,8 +9,16 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from .._util.documents import json_text
-from .._util.files import DAMAGED, atomic_write, digest, read_table
-from .._util.record import RECORD, listed, read_record, time_stamp
+from .._util.files import (
+    DAMAGED,
+    RECORD,
+    atomic_write,
+    digest,
+    listed,
+    read_record,
+    read_table,
+    time_stamp,
+)
 from ..errors import ComparisonError
 from .convergence import COLUMNS
 
