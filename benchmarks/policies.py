@@ -152,7 +152,7 @@ def markdown_row(measured: dict[str, Any]) -> str:
 def write(path: Path, table: pd.DataFrame, options: dict[str, Any]) -> None:
     """Write policies.csv, policies.png, README.md and run.json, the record of how."""
     folder = ResultsFolder.create(COMMAND, None, path, FigureFormat(dpi=130))
-    folder.write_table("policies", table.round(6))
+    folder.write_tables(policies=table.round(6))
     folder.write_figures({"policies": partial(success_chart, table)})
     folder.write_file("README.md", README)
     folder.write_record({}, options | {"runs": RUNS, "decision_runs": 1000, "seed": 0})
@@ -169,7 +169,7 @@ def renew_bounds(path: Path) -> None:
     bounds = {name: upper_bound(scenario) for name, scenario in cases().items()}
     table["bound"] = table["scenario"].map(bounds)
     folder = ResultsFolder.create(COMMAND, None, path, FigureFormat(dpi=130))
-    folder.write_table("policies", table)
+    folder.write_tables(policies=table)
     folder.write_figures({"policies": partial(success_chart, table)})
 
 

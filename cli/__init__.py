@@ -8,19 +8,14 @@ from __future__ import annotations
 
 import click
 
-from .. import __version__
-from .animate import animate
 from .compare import compare
 from .evaluate import evaluate
-from .explore import explore
-from .log import show_log
-from .plan import plan
-from .plan_swarm import plan_swarm
-from .plot import plot
+from .lists import scenarios, solvers
+from .output import show_log
+from .plan import plan, plan_swarm
 from .reproduce import reproduce
-from .scenarios import scenarios
+from .show import animate, explore, plot
 from .simulate import simulate
-from .solvers import solvers
 from .sweep import sweep
 
 
@@ -41,7 +36,7 @@ from .sweep import sweep
     ],
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-@click.version_option(__version__, prog_name="casswarm")
+@click.version_option(package_name="casswarm", prog_name="casswarm")
 def main() -> None:
     """Guide a swarm of agents through a field of hazards to a target.
 

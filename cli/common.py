@@ -1,14 +1,13 @@
-"""What commands share: errors, scenarios with changed values, policies by name, executors."""
+"""What commands share: errors, work, scenarios with changed values, policies by name, executors."""
 
 from __future__ import annotations
 
-import asyncio
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -26,8 +25,14 @@ from ..errors import (
     SolverError,
     WorkerError,
 )
-from .options import PolicyOptions, ScenarioInput, StudyOptions
-from .output import say
+from .options import PolicyOptions, ResultOptions, ScenarioInput, StudyOptions
+from .output import ProgressReport, open_folder, print_result, progress_report, say
+
+if TYPE_CHECKING:
+    from ..results.catalogue import FigureCatalogue
+    from ..results.folder import ResultsFolder
+
+T = TypeVar("T")
 
 
 class Failure(click.ClickException):
@@ -65,26 +70,25 @@ class SavedWork:
 
     def advice(self, text: str) -> str:
         """End of a message: that work is saved, and how to continue; empty if none is."""
-        if self.folder is None:
-            return ""
         from .._util.checkpoint import has_records
 
-        if not has_records(self.folder, self.since):
+        if self.folder is None or not has_records(self.folder, self.since):
             return ""
         return f"; finished work is saved in {self.folder}: {text}"
 
 
 @contextmanager
-def reported_errors() -> Iterator[SavedWork]:
+def reported_errors(resume: str = "continue with --resume") -> Iterator[SavedWork]:
     """Turn the library's errors into messages and exit codes.
 
-    Yields a record for a study that saves its work, which the messages then mention.
+    Yields a record for a study that saves its work, which the messages then mention; `resume` says
+    how it is continued.
     """
     saved = SavedWork()
     try:
         yield saved
     except KeyboardInterrupt as error:
-        raise Failure(f"interrupted{saved.advice('continue with --resume')}") from error
+        raise Failure(f"interrupted{saved.advice(resume)}") from error
     except FolderError as error:
         full = error.__cause__ is not None  # else it is not writable at all
         raise Failure(f"{error}{saved.advice(_FREE) if full else ''}") from error
@@ -96,6 +100,103 @@ def reported_errors() -> Iterator[SavedWork]:
         if error.filename is None and error.errno is None:
             raise
         raise Failure(f"{error}{saved.advice(_FREE)}") from error
+
+
+class Work:
+    """The work of a command: its folder, its progress, and its end.
+
+    The tables are written first: what fails after them costs no results, and is reported when the
+    result is printed.
+
+    Parameters
+    ----------
+    output : ResultOptions
+    saved : SavedWork
+    progress : ProgressReport, optional
+    """
+
+    folder: ResultsFolder
+
+    def __init__(
+        self,
+        output: ResultOptions,
+        saved: SavedWork,
+        progress: ProgressReport | None,
+    ) -> None:
+        self._output, self._saved, self.progress = output, saved, progress
+        self._failures: list[str] = []
+        self._interrupted, self._undrawn = False, True
+
+    def open(
+        self, command: str, scenario: csw.Scenario | None = None, since: float | None = None
+    ) -> ResultsFolder:
+        """Folder for the results; since a time of `time.time` on, what fails mentions it."""
+        self.folder = open_folder(command, scenario, self._output.out, self._output)
+        if since is not None:
+            self._saved.folder, self._saved.since = self.folder.path, since
+        return self.folder
+
+    def say(self, text: str) -> None:
+        """Print a line of progress on standard error."""
+        say(text, self._output.quiet)
+
+    def prepare_figures(self) -> None:
+        """Start the process that helps to draw, during the work that comes before."""
+        if not self._output.no_figures:
+            self.folder.prepare_figures()
+
+    def attempt(self, what: str, compute: Callable[[], T]) -> T | None:
+        """Result of a computation; None if it fails, and after Ctrl-C, which `finish` reports."""
+        if self._interrupted:
+            return None
+        if self.progress is not None:
+            self.progress.watch(what)
+        try:
+            return compute()
+        except KeyboardInterrupt:
+            self._interrupted = True
+            self._failures.append(f"interrupted during {what}")
+        except Exception as error:
+            reason = " ".join(str(error).split())
+            kind = type(error).__name__
+            self._failures.append(f"{what} failed ({f'{kind}: {reason}' if reason else kind})")
+        return None
+
+    def draw(self, catalogue: Callable[[], FigureCatalogue] | None = None) -> None:
+        """Draw the figures, after the record is written, and add their files to it.
+
+        Does nothing with --no-figures.
+        """
+        if self._output.no_figures:
+            return
+
+        def drawn() -> bool:
+            self.folder.write_figures(None if catalogue is None else catalogue(), self.progress)
+            return True
+
+        self._undrawn = self.attempt("drawing", drawn) is None
+        self.folder.extend_record()
+
+    def report(self) -> None:
+        """Write the page of the results."""
+        self.attempt("the report", self.folder.write_report)
+
+    def finish(self, text: str) -> None:
+        """Print the result, and raise a Failure if something failed after the work."""
+        print_result(self.folder, text, self._output)
+        if self._failures:
+            advice = f"; casswarm plot {self.folder.path} draws the figures"
+            raise Failure(
+                f"{'; '.join(self._failures)}: the tables and run.json in {self.folder.path} are "
+                f"complete{advice if self._undrawn else ''}"
+            )
+
+
+@contextmanager
+def work(output: ResultOptions, resume: str = "continue with --resume") -> Iterator[Work]:
+    """Work with errors and progress reported; `resume` says how an interrupted study goes on."""
+    with reported_errors(resume) as saved, progress_report(output.quiet) as progress:
+        yield Work(output, saved, progress)
 
 
 def load(common: ScenarioInput, values: Mapping[str, Any] | None = None) -> csw.Scenario:
@@ -174,14 +275,6 @@ def _user_object(name: str) -> Any:
     return load_code(name, here if module_file(name, here) else None)
 
 
-async def _answer(address: str) -> None:
-    """Connect to a Dask scheduler, or raise an error of the network."""
-    from distributed.comm.core import connect
-
-    connection = await connect(address, timeout=10)
-    await connection.close()
-
-
 @contextmanager
 def executor(execution: StudyOptions) -> Iterator[Any]:
     """Number of worker processes, or an executor of a Dask cluster."""
@@ -190,10 +283,16 @@ def executor(execution: StudyOptions) -> Iterator[Any]:
         return
     try:
         from dask.distributed import Client
+        from distributed.comm.core import connect
     except ImportError as error:
         raise WrongInput("--dask needs Dask: pip install 'casswarm[dask]'") from error
+    import asyncio
+
+    async def answer() -> None:
+        await (await connect(execution.dask, timeout=10)).close()
+
     try:
-        asyncio.run(_answer(execution.dask))  # a client that cannot connect says so at length
+        asyncio.run(answer())  # a client that cannot connect says so at length
         client = Client(execution.dask, timeout=10, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise Failure(f"no Dask scheduler answers at {execution.dask}: {error}") from error

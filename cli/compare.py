@@ -13,22 +13,22 @@ import click
 import casswarm as csw
 
 from .._util.text import counted
-from . import completion
-from .common import Failure, named_solver, reported_errors
-from .ending import Ending
+from .common import named_solver, work
 from .options import (
-    DrawingOptions,
-    Number,
-    OutputOptions,
+    COUNT,
+    POSITIVE,
+    ResultOptions,
     allow_code_option,
-    argument,
     option,
     options,
     out_option,
+    policy_option,
     refuse,
+    scenario_argument,
     seed_option,
+    solver_option,
 )
-from .output import aligned_table, open_folder, progress_report, say
+from .output import aligned_table, say
 
 if TYPE_CHECKING:
     from ..comparison import Agreement
@@ -75,87 +75,63 @@ def comparison_text(comparison: csw.Comparison) -> str:
     return "\n\n".join(texts)
 
 
-_CONTINUE = "repeat the same command to continue"
-
-
 @dataclass(frozen=True)
-class CompareOutput(OutputOptions):
+class CompareOutput(ResultOptions):
     """What is written and printed."""
 
-    out: Path | None = out_option("Folder for the results. [default: results/compare]")
+    out: Path | None = out_option("[default: results/compare]")
 
 
 @dataclass(frozen=True)
 class CompareOptions:
     """Problems and solvers."""
 
-    scenarios: tuple[str, ...] = argument(
-        nargs=-1, metavar="[SCENARIO]...", shell_complete=completion.scenarios
-    )
+    scenarios: tuple[str, ...] = scenario_argument(metavar="[SCENARIO]...")
     families: tuple[str, ...] = option(
-        "--family",
-        multiple=True,
-        metavar="NAME",
-        help="Family of random problems: guides, formations, or quick for a short comparison. "
+        "Family of random problems: guides, formations, or quick for a short comparison. "
         "Repeatable. [default: guides and formations, if no other problems are given]",
+        "--family",
+        metavar="NAME",
     )
     problems: tuple[Path, ...] = option(
-        "--problems",
-        multiple=True,
-        metavar="PATH",
-        type=click.Path(path_type=Path),
-        help="File in AMPL's .nl format, or folder of such files. Repeatable.",
+        "File in AMPL's .nl format, or folder of such files. Repeatable.", metavar="PATH"
     )
-    policies: tuple[str, ...] = option(
-        "--policy",
-        multiple=True,
-        metavar="NAME",
-        shell_complete=completion.policies,
-        help="Policy whose formation problems in the scenarios are solved. Repeatable. "
-        "[default: leader, constrained]",
+    policies: tuple[str, ...] = policy_option(
+        "Policy whose formation problems in the scenarios are solved. Repeatable. "
+        "[default: leader, constrained]"
     )
-    solvers: tuple[str, ...] = option(
-        "--solver",
-        multiple=True,
+    solvers: tuple[str, ...] = solver_option(
+        "Solver to compare; casswarm solvers lists them. Your own as module:Class. Repeatable. "
+        "[default: all]",
         metavar="NAME",
-        shell_complete=completion.solvers,
-        help="Solver to compare; casswarm solvers lists them. Your own as module:Class. "
-        "Repeatable. [default: all]",
     )
     count: int | None = option(
-        "--count",
-        type=click.IntRange(1),
-        help="Number of problems of every kind in a family, or of guides and of states for every "
-        "policy of a scenario. [default: 3, of quick 1]",
+        "Number of problems of every kind in a family, or of guides and of states for every policy "
+        "of a scenario. [default: 3, of quick 1]",
+        type=COUNT,
     )
     copies: int = option(
-        "--copies",
+        "Number of perturbed copies of every problem: other initial guesses, orders and units, on "
+        "which a result should not depend. The time grows with 1 + COPIES.",
         type=click.IntRange(0),
         default=0,
-        help="Number of perturbed copies of every problem: other initial guesses, orders and "
-        "units, on which a result should not depend. The time grows with 1 + COPIES.",
     )
     seed: int = seed_option()
     time_limit: float = option(
-        "--time-limit",
-        type=Number(0, min_open=True),
-        default=2.0,
-        help="Time limit for building and solving a problem once, in seconds; a slower solver is "
+        "Time limit for building and solving a problem once, in seconds; a slower solver is "
         "stopped. What its process does only once, such as imports and compilation, does not "
         "count: a small problem is solved first, untimed.",
+        type=POSITIVE,
+        default=2.0,
     )
     no_iterates: bool = option(
-        "--no-iterates",
-        is_flag=True,
-        help="Do not solve every problem once more, untimed, to record the iterates of solvers "
-        "that report them.",
+        "Do not solve every problem once more, untimed, to record the iterates of solvers that "
+        "report them."
     )
     against: Path | None = option(
-        "--against",
+        "Say whether the ranking agrees with that of an earlier comparison in this folder, within "
+        "the error bars of both.",
         metavar="FOLDER",
-        type=click.Path(path_type=Path),
-        help="Say whether the ranking agrees with that of an earlier comparison in this folder, "
-        "within the error bars of both.",
     )
     allow_code: bool = allow_code_option()
 
@@ -168,7 +144,7 @@ class CompareOptions:
 
 @click.command()
 @options
-def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOptions) -> None:
+def compare(selection: CompareOptions, output: CompareOutput) -> None:
     """Compare solvers on problems from real runs, or on your own.
 
     The problems are those that planning and simulating the SCENARIOs pose to their solver, those of
@@ -197,44 +173,39 @@ def compare(selection: CompareOptions, output: CompareOutput, figures: DrawingOp
       casswarm compare --problems my-problems/ --solver ipopt --solver slsqp
       casswarm compare --out results/compare-again --against results/compare
     """
-    with reported_errors() as saved, progress_report(output.quiet) as progress:
+    with work(output, resume="repeat the same command to continue") as job:
         earlier = None if selection.against is None else csw.Comparison.load(selection.against)
-        folder = open_folder("compare", None, output.out, figures)
-        _require_another(selection.against, folder)
-        saved.folder = folder.path
-        try:
-            solvers = list(map(named_solver, selection.solvers)) or None
-            comparison = csw.compare(
-                _problems(selection, output.quiet),
-                solvers,
-                count=selection.count,
-                copies=selection.copies,
-                seed=selection.seed,
-                time_limit=selection.time_limit,
-                record_iterates=not selection.no_iterates,
-                checkpoint=folder.path,
-                if_exists="resume",
-                progress=progress,
+        folder = job.open("compare", since=0.0)
+        if selection.against and selection.against.resolve() == folder.path.resolve():
+            raise csw.ComparisonError(
+                f"--against {selection.against} is the folder of the results: choose another with "
+                "--out"
             )
-        except KeyboardInterrupt:
-            raise Failure(f"interrupted{saved.advice(_CONTINUE)}") from None
-        if not figures.no_figures:
-            folder.prepare_figures()
+        solvers = list(map(named_solver, selection.solvers)) or None
+        comparison = csw.compare(
+            _problems(selection, output.quiet),
+            solvers,
+            count=selection.count,
+            copies=selection.copies,
+            seed=selection.seed,
+            time_limit=selection.time_limit,
+            record_iterates=not selection.no_iterates,
+            checkpoint=folder.path,
+            if_exists="resume",
+            progress=job.progress,
+        )
+        job.prepare_figures()
         _write_tables(folder, comparison)
-        ending = Ending(folder, output, progress)
         text = comparison_text(comparison)
         if earlier is not None:
-            agreement = ending.attempt(
-                "agreement", partial(_agreement, folder, comparison, earlier)
-            )
+            agreement = job.attempt("agreement", partial(_agreement, folder, comparison, earlier))
             text += f"\n\n{selection.against}: {agreement}" if agreement else ""
-        report = None
-        if not figures.no_figures:
-            report = ending.attempt("the report", partial(_report, comparison))
-        if report is not None:
-            ending.draw(lambda: dict(report.figures))
-            ending.attempt("the report", partial(_write_pages, folder, report))
-        ending.finish(text)
+        if not output.no_figures:
+            report = job.attempt("the report", partial(_report, comparison))
+            if report is not None:
+                job.draw(lambda: dict(report.figures))
+                job.attempt("the report", partial(_write_pages, folder, report))
+        job.finish(text)
 
 
 def _problems(selection: CompareOptions, quiet: bool) -> list[str | csw.Problem]:
@@ -253,20 +224,12 @@ def _problems(selection: CompareOptions, quiet: bool) -> list[str | csw.Problem]
     return posed or list(DEFAULT)
 
 
-def _require_another(path: Path | None, folder: ResultsFolder) -> None:
-    """Raise ComparisonError if a folder is that of the results."""
-    if path is not None and path.resolve() == folder.path.resolve():
-        raise csw.ComparisonError(
-            f"--against {path} is the folder of the results: choose another with --out"
-        )
-
-
 def _agreement(
     folder: ResultsFolder, comparison: csw.Comparison, earlier: csw.Comparison
 ) -> Agreement:
     """Whether both agree; written as a table, and added to the record."""
     agreement = comparison.agreement(earlier)
-    folder.write_table("agreement", agreement.table)
+    folder.write_tables(agreement=agreement.table)
     result = {
         "agrees": agreement.agrees,
         "summary": agreement.summary.to_dict("records"),
@@ -281,13 +244,9 @@ def _write_tables(folder: ResultsFolder, comparison: csw.Comparison) -> None:
     from ..comparison.report import report_tables
 
     tables = report_tables(comparison)
-    for name, table in tables.items():
-        folder.write_table(name, table)
-    result = {
-        "summary": tables["summary"].to_dict("records"),
-        "ranking": tables["ranking"].to_dict("records"),
-        "failures": tables["failures"].to_dict("records"),
-    }
+    folder.write_tables(**tables)
+    names = ("summary", "ranking", "failures")
+    result = {name: tables[name].to_dict("records") for name in names}
     folder.write_record(result, comparison.inputs)
 
 

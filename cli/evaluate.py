@@ -10,9 +10,9 @@ import click
 
 import casswarm as csw
 
-from .common import load, named_policies, reported_errors
-from .ending import Ending
+from .common import load, named_policies, work
 from .options import (
+    COUNT,
     CommonOptions,
     ExactOptions,
     PolicyOptions,
@@ -21,7 +21,7 @@ from .options import (
     refuse,
     seed_option,
 )
-from .output import aligned_table, open_folder, progress_report, say
+from .output import aligned_table
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
@@ -32,10 +32,9 @@ class EstimateOptions:
     """How the rest of a distribution is sampled."""
 
     runs: int | None = option(
-        "--runs",
-        type=click.IntRange(1),
-        help="Estimate the probability that enumeration leaves from this number of runs: a 95 % "
+        "Estimate the probability that enumeration leaves from this number of runs: a 95 % "
         "confidence interval within the bounds. For large swarms.",
+        type=COUNT,
     )
     seed: int = seed_option()
 
@@ -65,21 +64,21 @@ def evaluate(
     """
     if sampling.runs is None:
         refuse("nothing is sampled without --runs", "seed")
-    with reported_errors(), progress_report(common.quiet) as progress:
+    with work(common) as job:
         chosen = load(common)
         from ..guide.plan import guide_solver
 
         chosen_policies = named_policies(policies)
-        folder = open_folder("evaluate", chosen, common.out, common)
-        if not common.no_figures:
-            folder.prepare_figures()
-        solver = guide_solver(policies.solver)
-        guide = csw.plan(chosen, solver, certify=False, progress=progress)
+        folder = job.open("evaluate", chosen)
+        job.prepare_figures()
+        guide = csw.plan(
+            chosen, guide_solver(policies.solver), certify=False, progress=job.progress
+        )
         shared: dict[str, Any] = {**asdict(exact), "guide": guide, "solver": policies.solver}
-        shared["progress"] = progress
+        shared["progress"] = job.progress
         distributions, estimates = [], []
         for policy in chosen_policies:
-            say(f"evaluating {getattr(policy, 'name', policy)}", common.quiet)
+            job.say(f"evaluating {getattr(policy, 'name', policy)}")
             if sampling.runs is None:
                 distributions.append(csw.evaluate(chosen, policy, **shared))
             else:
@@ -88,14 +87,14 @@ def evaluate(
                 )
                 distributions.append(estimates[-1].enumerated)
         result = _write_tables(folder, distributions, estimates)
-        ending = Ending(folder, common, progress)
-        bound = ending.attempt("the success bound", partial(csw.success_bound, chosen))
+        bound = job.attempt("the success bound", partial(csw.success_bound, chosen))
         result["success_bound"] = None if bound is None else bound.as_dict()
-        inputs = {**asdict(exact), **asdict(sampling), "solver": policies.solver}
-        folder.write_record(result, inputs)
-        ending.draw()
+        folder.write_record(
+            result, {**asdict(exact), **asdict(sampling), "solver": policies.solver}
+        )
+        job.draw()
         text = "\n".join(map(str, estimates)) if estimates else _text(chosen, distributions)
-        ending.finish(text if bound is None else f"{text}\n\n{bound}")
+        job.finish(text if bound is None else f"{text}\n\n{bound}")
 
 
 def _write_tables(
@@ -107,18 +106,20 @@ def _write_tables(
     from ..studies import tables
 
     table = tables.distribution_table(distributions)
-    result: dict[str, Any] = {"distributions": table.to_dict("records")}
-    if estimates:
-        estimated = tables.estimate_table(estimates)
-        folder.write_table("estimates", estimated)
-        result["estimates"] = estimated.to_dict("records")
+    estimated = {"estimates": tables.estimate_table(estimates)} if estimates else {}
+    folder.write_tables(**estimated)
     folder.write_objects(distributions=distributions)
-    folder.write_table("distributions", table)
-    folder.write_table("arrival", tables.arrival_table(distributions))
-    folder.write_table("survivors", tables.survivor_table(distributions))
-    folder.write_table("members", tables.member_table(distributions))
-    folder.write_table("population", tables.population_table(distributions))
-    return result
+    folder.write_tables(
+        distributions=table,
+        arrival=tables.arrival_table(distributions),
+        survivors=tables.survivor_table(distributions),
+        members=tables.member_table(distributions),
+        population=tables.population_table(distributions),
+    )
+    return {
+        name: each.to_dict("records")
+        for name, each in {"distributions": table, **estimated}.items()
+    }
 
 
 def _text(scenario: csw.Scenario, distributions: list[csw.OutcomeDistribution]) -> str:
@@ -126,28 +127,20 @@ def _text(scenario: csw.Scenario, distributions: list[csw.OutcomeDistribution]) 
 
     rows = [
         {
-            "policy": distribution.policy,
-            "success, bounds": "{:.6f} to {:.6f}".format(*distribution.success),
-            "survivors": "{:.3f} to {:.3f}".format(*distribution.survivors_mean),
-            "states": f"{distribution.states}",
+            "policy": each.policy,
+            "success, bounds": "{:.6f} to {:.6f}".format(*each.success),
+            "survivors": "{:.3f} to {:.3f}".format(*each.survivors_mean),
+            "states": f"{each.states}",
         }
-        for distribution in distributions
+        for each in distributions
     ]
     counts = [
-        {
-            "policy": distribution.policy,
-            "infeasible": distribution.infeasible,
-            "solver_failures": distribution.failures,
-        }
-        for distribution in distributions
+        {"policy": each.policy, "infeasible": each.infeasible, "solver_failures": each.failures}
+        for each in distributions
     ]
     notes = count_notes(counts, "per run on average")
-    notes += [
-        f"{distribution.policy}: {distribution.advice}"
-        for distribution in distributions
-        if not distribution.complete
-    ]
-    spacing = max(distribution.aggregation_tol for distribution in distributions)
+    notes += [f"{each.policy}: {each.advice}" for each in distributions if not each.complete]
+    spacing = max(each.aggregation_tol for each in distributions)
     if spacing > 0:
         notes.append(
             f"motion is rounded to a lattice of spacing {spacing:.2g}: the bounds are those of the "

@@ -1,6 +1,4 @@
-"""Options of the commands that evaluate policies: accuracy, workers, checkpoints.
-
-Options that several commands share: records of fields, each declared once.
+"""Options: records of fields, each declared once, and what the shell completes.
 
 A command gets its arguments and options as records instead of as twenty parameters::
 
@@ -13,17 +11,49 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields
-from functools import partial, wraps
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, fields, is_dataclass
+from functools import wraps
 from pathlib import Path
-from typing import Any, Literal, get_type_hints
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import click
+from click import Context, Parameter
 from click.core import ParameterSource
+from click.shell_completion import CompletionItem
+
+import casswarm as csw
 
 from .._util.numbers import MAX_SEED
-from . import completion
+
+
+def complete_scenario(_: Context, __: Parameter, incomplete: str) -> list[CompletionItem]:
+    """Built-in scenarios, and files, which shells complete themselves."""
+    return [*_matching(csw.builtin_scenarios(), incomplete), CompletionItem(incomplete, "file")]
+
+
+def complete_policy(_: Context, __: Parameter, incomplete: str) -> list[CompletionItem]:
+    """Policies by name."""
+    from ..policies.named import POLICIES
+
+    return _matching(POLICIES, incomplete)
+
+
+def complete_solver(_: Context, __: Parameter, incomplete: str) -> list[CompletionItem]:
+    """Solvers by name."""
+    return _matching(csw.solvers.SOLVERS, incomplete)
+
+
+def complete_results(_: Context, __: Parameter, incomplete: str) -> list[CompletionItem]:
+    """Results folders below results/, and other folders, which shells complete themselves."""
+    records = sorted(Path("results").glob("*/run.json"))
+    found = _matching((record.parent.as_posix() for record in records), incomplete)
+    return [*found, CompletionItem(incomplete, "dir")]
+
+
+def _matching(names: Iterable[str], incomplete: str) -> list[CompletionItem]:
+    return [CompletionItem(name) for name in names if name.startswith(incomplete)]
 
 
 class Number(click.FloatRange):
@@ -35,9 +65,7 @@ class Number(click.FloatRange):
         super().__init__(low, high, **settings)
         self.infinite = infinite
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
+    def convert(self, value: Any, param: Parameter | None, ctx: Context | None) -> float:
         """Number that a text means."""
         number = float(super().convert(value, param, ctx))
         if math.isnan(number) or (math.isinf(number) and not self.infinite):
@@ -45,21 +73,33 @@ class Number(click.FloatRange):
         return number
 
 
+POSITIVE = Number(0, min_open=True)
+COUNT = click.IntRange(1)
+FOLDER = click.Path(file_okay=False, path_type=Path)
+
 Command = Callable[..., Any]
 
 
 def argument(**settings: Any) -> Any:
     """Field of a record that a command-line argument sets; `settings` are click's."""
-    return field(metadata={"declare": partial(click.argument, **settings)})
+    return field(metadata={"settings": settings})
 
 
-def option(*flags: str, **settings: Any) -> Any:
-    """Field of a record that a command-line option sets; `settings` are click's.
+def option(text: str, *flags: str, **settings: Any) -> Any:
+    """Field of a record that a command-line option sets.
 
-    The help shows the default if one is given.
+    Parameters
+    ----------
+    text : str
+        Its help, which also shows the default if one is given.
+    *flags : str
+        By default --NAME, of the field.
+    **settings
+        Click's. What they leave open follows from the field's type: bool is a switch, a tuple is
+        repeatable, a Literal is a choice.
     """
-    settings = {"show_default": settings.get("default") is not None, **settings}
-    return field(metadata={"declare": partial(click.option, *flags, **settings)})
+    shown = {"help": text, "show_default": settings.get("default") is not None}
+    return field(metadata={"flags": flags, "settings": shown | settings})
 
 
 def options(command: Command) -> Command:
@@ -67,19 +107,40 @@ def options(command: Command) -> Command:
 
     The help shows the options in the order of the records.
     """
-    records = get_type_hints(command)
-    del records["return"]
+    hints = get_type_hints(command)
+    records: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
 
-    @wraps(command)
     def parsed(**values: Any) -> Any:
         for name, record in records.items():
             values[name] = record(**{item.name: values.pop(item.name) for item in fields(record)})
         return command(**values)
 
-    declared = [item for record in records.values() for item in fields(record)]
-    for item in reversed(declared):
-        parsed = item.metadata["declare"](item.name)(parsed)
-    return parsed
+    declared: Command = wraps(command)(parsed)
+    for record in reversed(records.values()):
+        types = get_type_hints(record)
+        for item in reversed(fields(record)):
+            declared = _declaration(item.name, types[item.name], **item.metadata)(declared)
+    return declared
+
+
+def _declaration(
+    name: str, kind: Any, settings: dict[str, Any], flags: tuple[str, ...] | None = None
+) -> Callable[[Command], Command]:
+    """Click's decorator of a field, None as `flags` for an argument."""
+    if NoneType in get_args(kind):
+        kind = next(part for part in get_args(kind) if part is not NoneType)
+    implied: dict[str, Any] = {}
+    if get_origin(kind) is tuple:
+        kind, implied = get_args(kind)[0], {"nargs": -1} if flags is None else {"multiple": True}
+    if get_origin(kind) is Literal:
+        implied["type"] = click.Choice(get_args(kind))
+    elif kind is Path:
+        implied["type"] = click.Path(path_type=Path)
+    elif kind is bool and "/" not in "".join(flags or ()):
+        implied["is_flag"] = True
+    if flags is None:
+        return click.argument(name, **implied | settings)
+    return click.option(*flags or [f"--{name.replace('_', '-')}"], name, **implied | settings)
 
 
 def refuse(reason: str, *names: str) -> None:
@@ -99,28 +160,41 @@ def refuse(reason: str, *names: str) -> None:
         raise click.UsageError(f"{', '.join(given)} {verb} not apply: {reason}")
 
 
-def out_option(text: str, **settings: Any) -> Any:
+def out_option(text: str = "[default: results/COMMAND-SCENARIO]") -> Any:
     """Field of the folder that results are written to."""
-    return option("--out", type=click.Path(file_okay=False, path_type=Path), help=text, **settings)
+    return option(f"Folder for the results. {text}", "--out", type=FOLDER)
 
 
 def seed_option() -> Any:
     """Field of the random seed."""
-    return option("--seed", type=click.IntRange(0, MAX_SEED), default=0, help="Random seed.")
+    return option("Random seed.", type=click.IntRange(0, MAX_SEED), default=0)
 
 
 def quiet_option() -> Any:
     """Field of the switch that silences progress."""
-    return option("--quiet", is_flag=True, help="Print no progress.")
+    return option("Print no progress.")
+
+
+def policy_option(text: str, **settings: Any) -> Any:
+    """Field of names of policies."""
+    return option(text, "--policy", metavar="NAME", shell_complete=complete_policy, **settings)
+
+
+def solver_option(text: str, **settings: Any) -> Any:
+    """Field of names of solvers."""
+    return option(text, "--solver", shell_complete=complete_solver, **settings)
+
+
+def scenario_argument(**settings: Any) -> Any:
+    """Field of scenarios."""
+    return argument(shell_complete=complete_scenario, **settings)
 
 
 def allow_code_option() -> Any:
     """Field of the consent to run what a scenario names."""
     return option(
-        "--allow-code",
-        is_flag=True,
-        help="Import and run the function that the scenario names as its hazard. Only for files "
-        "that you trust.",
+        "Import and run the function that the scenario names as its hazard. Only for files that "
+        "you trust."
     )
 
 
@@ -128,8 +202,8 @@ def allow_code_option() -> Any:
 class OutputOptions:
     """What a command writes and prints."""
 
-    out: Path | None = out_option("Folder for the results. [default: results/COMMAND-SCENARIO]")
-    as_json: bool = option("--json", is_flag=True, help="Print the result as JSON.")
+    out: Path | None = out_option()
+    as_json: bool = option("Print the result as JSON.", "--json")
     quiet: bool = quiet_option()
 
 
@@ -137,44 +211,28 @@ class OutputOptions:
 class ScenarioInput:
     """The scenario and its values."""
 
-    scenario: str = argument(shell_complete=completion.scenarios)
+    scenario: str = scenario_argument()
     settings: tuple[str, ...] = option(
+        "Set a value of the scenario, such as --set formation.rho=0.1, written as in a scenario "
+        "file. Repeatable.",
         "--set",
-        multiple=True,
         metavar="KEY=VALUE",
-        help="Set a value of the scenario, such as --set formation.rho=0.1, written as in a "
-        "scenario file. Repeatable.",
     )
     allow_code: bool = allow_code_option()
-
-
-@dataclass(frozen=True)
-class ScenarioOptions(ScenarioInput, OutputOptions):
-    """The scenario, and what is written and printed."""
 
 
 @dataclass(frozen=True)
 class FigureOptions:
     """How figures are drawn."""
 
-    format: str = option(
-        "--format",
-        type=click.Choice(["png", "pdf", "svg"]),
-        default="png",
-        help="File format of the figures.",
-    )
+    format: Literal["png", "pdf", "svg"] = option("File format of the figures.", default="png")
     width: Literal["column", "page", "slide"] = option(
-        "--width",
-        type=click.Choice(["column", "page", "slide"]),
+        "Width of the figures: a journal column (3.5 in), a page (7.16 in) or a slide (10 in, "
+        "large letters).",
         default="page",
-        help="Width of the figures: a journal column (3.5 in), a page (7.16 in) or a slide "
-        "(10 in, large letters).",
     )
     dpi: int = option(
-        "--dpi",
-        type=click.IntRange(30, 1200),
-        default=200,
-        help="Resolution of PNG figures, in dots per inch.",
+        "Resolution of PNG figures, in dots per inch.", type=click.IntRange(30, 1200), default=200
     )
 
 
@@ -182,9 +240,7 @@ class FigureOptions:
 class DrawingOptions(FigureOptions):
     """Whether figures are drawn, and how."""
 
-    no_figures: bool = option(
-        "--no-figures", is_flag=True, help="Draw no figures; casswarm plot draws them later."
-    )
+    no_figures: bool = option("Draw no figures; casswarm plot draws them later.")
 
     def __post_init__(self) -> None:
         if self.no_figures:
@@ -192,8 +248,13 @@ class DrawingOptions(FigureOptions):
 
 
 @dataclass(frozen=True)
-class CommonOptions(DrawingOptions, ScenarioOptions):
-    """Options of every command on a scenario."""
+class ResultOptions(DrawingOptions, OutputOptions):
+    """Options of every command that writes a results folder."""
+
+
+@dataclass(frozen=True)
+class CommonOptions(ResultOptions, ScenarioInput, OutputOptions):
+    """Options of every command on a scenario that writes a results folder."""
 
 
 @dataclass(frozen=True)
@@ -201,9 +262,7 @@ class VerboseOptions:
     """How much is said."""
 
     verbose: bool = option(
-        "--verbose",
-        is_flag=True,
-        help="Print Ipopt's iterations and all log messages, with the names of their loggers.",
+        "Print Ipopt's iterations and all log messages, with the names of their loggers."
     )
 
     def __post_init__(self) -> None:
@@ -215,12 +274,8 @@ class VerboseOptions:
 class SavedRunOptions:
     """A results folder, and which of its runs is shown."""
 
-    folder: Path = argument(
-        type=click.Path(path_type=Path), metavar="DIR", shell_complete=completion.results
-    )
-    run: int = option(
-        "--run", type=click.IntRange(0), default=0, help="Index of the saved run to show."
-    )
+    folder: Path = argument(metavar="DIR", shell_complete=complete_results)
+    run: int = option("Index of the saved run to show.", type=click.IntRange(0), default=0)
     allow_code: bool = allow_code_option()
 
 
@@ -228,29 +283,22 @@ class SavedRunOptions:
 class PolicyOptions:
     """Policies, and what solves their problems."""
 
-    policies: tuple[str, ...] = option(
-        "--policy",
-        multiple=True,
-        metavar="NAME",
-        shell_complete=completion.policies,
-        help="Policy to run: naive, constrained, leader, constrained-feedback, leader-feedback, "
-        "joint, joint-replanning, optimal (for two members), leader-mpc-H or constrained-mpc-H "
-        "with a horizon of H steps, or your own as module:function. Repeatable. "
-        "[default: naive, constrained, leader]",
+    policies: tuple[str, ...] = policy_option(
+        "Policy to run: naive, constrained, leader, constrained-feedback, leader-feedback, joint, "
+        "joint-replanning, optimal (for two members), leader-mpc-H or constrained-mpc-H with a "
+        "horizon of H steps, or your own as module:function. Repeatable. "
+        "[default: naive, constrained, leader]"
     )
     policy_time_limit: float | None = option(
-        "--policy-time-limit",
-        type=Number(0, min_open=True),
+        "Time limit for a call of your own policies, in seconds. On a Dask cluster and on Windows "
+        "a call is not interrupted, but fails when it ends. [default: none]",
+        type=POSITIVE,
         metavar="SECONDS",
-        help="Time limit for a call of your own policies, in seconds. On a Dask cluster and on "
-        "Windows a call is not interrupted, but fails when it ends. [default: none]",
     )
-    solver: str = option(
-        "--solver",
+    solver: str = solver_option(
+        "Solver of the formation problems; casswarm solvers lists them. With projected-gradient, "
+        "the paper's method, the guides are planned by it, too.",
         default="auto",
-        shell_complete=completion.solvers,
-        help="Solver of the formation problems; casswarm solvers lists them. With "
-        "projected-gradient, the paper's method, the guides are planned by it, too.",
     )
 
     def __post_init__(self) -> None:
@@ -262,17 +310,13 @@ class PolicyOptions:
 class GuideOptions:
     """How the guide is planned."""
 
-    search: str | None = option(
-        "--search",
-        type=click.Choice(["local", "global"]),
-        help="Optimize the guide from the straight line only, or also from the best path of every "
-        "homotopy class. [default: set by the scenario]",
+    search: Literal["local", "global"] | None = option(
+        "Optimize the guide from the straight line only, or also from the best path of every "
+        "homotopy class. [default: set by the scenario]"
     )
-    arrival: str | None = option(
-        "--arrival",
-        type=click.Choice(["any", "horizon"]),
-        help="Choose the guide's best arrival step, or arrive at the last step. "
-        "[default: set by the scenario]",
+    arrival: Literal["any", "horizon"] | None = option(
+        "Choose the guide's best arrival step, or arrive at the last step. "
+        "[default: set by the scenario]"
     )
 
     @property
@@ -286,23 +330,18 @@ class ExactOptions:
     """How far outcome distributions are enumerated."""
 
     tolerance: float = option(
-        "--tolerance",
-        type=Number(0, 1, max_open=True),
-        default=1e-3,
-        help="Width of the probability bounds.",
+        "Width of the probability bounds.", type=Number(0, 1, max_open=True), default=1e-3
     )
     max_states: int | None = option(
-        "--max-states",
-        type=click.IntRange(1),
-        help="Maximum number of states to enumerate; bounds may be wider than the tolerance. "
+        "Maximum number of states to enumerate; bounds may be wider than the tolerance. "
         "[default: 1000000, or 10000 with more than 12 members]",
+        type=COUNT,
     )
     aggregation_tol: float | None = option(
-        "--aggregation-tol",
-        type=Number(0),
-        help="Round the members' motion to a lattice of at most this spacing, so that nearly equal "
+        "Round the members' motion to a lattice of at most this spacing, so that nearly equal "
         "states coincide; 0 rounds nothing. The bounds are those of the policy with rounded "
         "commands. [default: 1.2e-7 v_max dt, the accuracy of solvers]",
+        type=Number(0),
     )
 
 
@@ -311,25 +350,15 @@ class StudyOptions:
     """Workers and checkpoints of a study."""
 
     workers: int = option(
-        "--workers",
-        type=click.IntRange(1),
-        default=1,
-        help="Number of worker processes (does not affect results).",
+        "Number of worker processes (does not affect results).", type=COUNT, default=1
     )
     dask: str | None = option(
-        "--dask",
-        metavar="ADDRESS",
-        help="Run on the Dask cluster at this address, such as tcp://127.0.0.1:8786. "
+        "Run on the Dask cluster at this address, such as tcp://127.0.0.1:8786. "
         "Needs the extra: pip install 'casswarm[dask]'.",
+        metavar="ADDRESS",
     )
-    resume: bool = option(
-        "--resume",
-        is_flag=True,
-        help="Resume an interrupted study with the same inputs from its folder.",
-    )
-    overwrite: bool = option(
-        "--overwrite", is_flag=True, help="Discard an unfinished study and start over."
-    )
+    resume: bool = option("Resume an interrupted study with the same inputs from its folder.")
+    overwrite: bool = option("Discard an unfinished study and start over.")
 
     def __post_init__(self) -> None:
         if self.resume and self.overwrite:

@@ -1,7 +1,8 @@
-"""Progress of commands on standard error: what is done, how much of it, and for how long."""
+"""What commands print: results, and on standard error progress and log messages."""
 
 from __future__ import annotations
 
+import logging
 import sys
 import textwrap
 import threading
@@ -79,11 +80,9 @@ def open_folder(
     return ResultsFolder.create(command, scenario, out, figure_format)
 
 
-def print_result(
-    folder: ResultsFolder, content: Mapping[str, Any], text: str, output: OutputOptions
-) -> None:
+def print_result(folder: ResultsFolder, text: str, output: OutputOptions) -> None:
     """Print the result, as text or as JSON, and which files were written."""
-    click.echo(json_text(content) if output.as_json else wrapped(text))
+    click.echo(json_text(folder.record) if output.as_json else wrapped(text))
     say(folder.summary(), output.quiet)
 
 
@@ -151,3 +150,21 @@ def progress_report(quiet: bool) -> Iterator[ProgressReport | None]:
         return
     with ProgressReport().running() as report:
         yield report
+
+
+class _Printable(logging.Formatter):
+    """Messages without characters that a terminal would obey."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Text of a record."""
+        return printable(super().format(record))
+
+
+def show_log(verbose: bool = False) -> None:
+    """Print log messages on standard error; if verbose, all of them, with their loggers' names."""
+    log = logging.getLogger("casswarm")
+    log.setLevel(logging.DEBUG if verbose else logging.INFO)
+    if not log.handlers:
+        log.addHandler(logging.StreamHandler())  # standard error
+    for handler in log.handlers:
+        handler.setFormatter(_Printable("%(name)s: %(message)s" if verbose else None))

@@ -1,24 +1,33 @@
-"""casswarm plan."""
+"""casswarm plan and casswarm plan-swarm."""
 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import nullcontext, redirect_stdout
+from dataclasses import asdict, dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
 import casswarm as csw
 
 from .._util.text import counted
-from . import completion
-from .common import WrongInput, load, reported_errors
-from .ending import Ending
-from .log import show_log, shown_solvers
-from .options import CommonOptions, GuideOptions, Number, VerboseOptions, option, options, refuse
-from .output import open_folder, progress_report
+from .common import WrongInput, load, work
+from .options import (
+    CommonOptions,
+    GuideOptions,
+    Number,
+    VerboseOptions,
+    option,
+    options,
+    refuse,
+    seed_option,
+    solver_option,
+)
+from .output import aligned_table, show_log
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
@@ -114,9 +123,9 @@ class PlanOptions(GuideOptions):
     """Which guide is planned."""
 
     acceleration_limited: bool | None = option(
+        "Limit the guide's acceleration to a_max. [default: set by the scenario]",
         "--acceleration-limited/--no-acceleration-limited",
         default=None,
-        help="Limit the guide's acceleration to a_max. [default: set by the scenario]",
     )
 
 
@@ -124,33 +133,29 @@ class PlanOptions(GuideOptions):
 class SolveOptions:
     """What solves the problem, and how the lower bound on the risk is computed."""
 
-    solver: str = option(
-        "--solver",
+    solver: str = solver_option(
+        "Solver of the guide problem; casswarm solvers lists them. With projected-gradient the "
+        "paper's penalised form is solved.",
         default="ipopt",
-        shell_complete=completion.solvers,
-        help="Solver of the guide problem; casswarm solvers lists them. With projected-gradient "
-        "the paper's penalised form is solved.",
     )
     certify: bool = option(
+        "Compute a lower bound on the risk of any guide. [default: certify]",
         "--certify/--no-certify",
         default=True,
         show_default=False,  # said in the help, by the flag's name
-        help="Compute a lower bound on the risk of any guide. [default: certify]",
     )
     gap: float = option(
-        "--gap",
+        "Stop tightening the bound at this relative gap to the best known risk.",
         type=Number(0.0, 1.0, min_open=True, max_open=True),
         default=0.01,
-        help="Stop tightening the bound at this relative gap to the best known risk.",
     )
     time_limit: float | None = option(
-        "--time-limit",
-        type=Number(0.0, min_open=True, infinite=True),
-        help="Time limit for planning as a whole, in seconds: a search that takes longer ends with "
-        "the best guide so far, and the bound takes what is left; --map may take as long again. "
+        "Time limit for planning as a whole, in seconds: a search that takes longer ends with the "
+        "best guide so far, and the bound takes what is left; --map may take as long again. "
         "[default: none for the search and the map, 10 for the bound]",
+        type=Number(0.0, min_open=True, infinite=True),
     )
-    with_map: bool = option("--map", is_flag=True, help="Also plot the cost-to-go map.")
+    with_map: bool = option("Also plot the cost-to-go map.", "--map")
 
 
 @click.command()
@@ -183,14 +188,16 @@ def plan(
             "the paper's projected gradient starts from the straight line, arrives at the last "
             "step and ignores a_max: --search, --arrival and --acceleration-limited do not apply"
         )
-    with reported_errors(), progress_report(common.quiet) as progress:
+    with work(common) as job:
         chosen = load(common, planning.values)
-        folder = open_folder("plan", chosen, common.out, common)
+        folder = job.open("plan", chosen)
         if solving.with_map:
-            _require_possible_map(chosen)
+            from ..grid import value_grid
+
+            value_grid(chosen)  # raises, before the work, if the map would need too many nodes
         show_log(output.verbose)
         speaks = output.verbose and solving.solver == "ipopt"
-        with shown_solvers(output.verbose):
+        with redirect_stdout(sys.stderr) if output.verbose else nullcontext():
             guide = csw.plan(
                 chosen,
                 solving.solver,
@@ -198,27 +205,34 @@ def plan(
                 gap=solving.gap,
                 time_limit=solving.time_limit,
                 solver_options={"print_level": 5} if speaks else None,
-                progress=progress,
+                progress=job.progress,
             )
         _write_guide(folder, guide, solving.solver)
-        ending, baseline, costs = Ending(folder, common, progress), None, None
+        baseline, costs = None, None
         if reference:
             search = partial(csw.plan_baseline, chosen, guide, time_limit=solving.time_limit)
-            baseline = ending.attempt("the global search for comparison", search)
+            baseline = job.attempt("the global search for comparison", search)
         if solving.with_map:
             build = partial(csw.CostToGoMap.from_scenario, chosen, [guide.positions])
-            costs = ending.attempt("the map", partial(build, time_limit=solving.time_limit))
+            costs = job.attempt("the map", partial(build, time_limit=solving.time_limit))
         objects = partial(_write_objects, folder, guide, baseline, costs)
-        ending.attempt("writing what the figures need", objects)
-        ending.draw()
-        ending.finish(plan_text(chosen, guide, baseline))
+        job.attempt("writing what the figures need", objects)
+        job.draw()
+        job.finish(plan_text(chosen, guide, baseline))
 
 
-def _require_possible_map(scenario: csw.Scenario) -> None:
-    """Raise a PlanningError, before the work, if the map would need too many nodes."""
-    from ..grid import value_grid
+def _write_guide(folder: ResultsFolder, guide: csw.Guide, solver: str) -> None:
+    """Write the guide: tables, objects and record."""
+    from ..studies import tables
 
-    value_grid(scenario)
+    paths = guide.best_paths()
+    folder.write_tables(
+        guide=tables.guide_table(guide),
+        candidates=tables.candidate_table(guide),
+        paths=tables.path_table({"path": paths}),
+    )
+    folder.write_objects(guide=guide, others=list(paths.values()))
+    folder.write_record(guide.as_dict(), {"solver": solver})
 
 
 def _write_objects(
@@ -233,20 +247,150 @@ def _write_objects(
     paths = guide.best_paths()
     guides = {} if baseline is None else {"projected gradient": guide, "global search": baseline}
     if guides:
-        compared = {name: compared.positions for name, compared in guides.items()}
-        folder.write_table("paths", tables.path_table({"path": paths, "baseline": compared}))
-        folder.write_table("comparison", tables.guide_comparison_table(guides))
+        compared = {name: each.positions for name, each in guides.items()}
+        folder.write_tables(
+            paths=tables.path_table({"path": paths, "baseline": compared}),
+            comparison=tables.guide_comparison_table(guides),
+        )
     others = list(paths.values())
     folder.write_objects(guide=guide, others=others, baselines=guides, costs=costs)
 
 
-def _write_guide(folder: ResultsFolder, guide: csw.Guide, solver: str) -> None:
-    """Write the guide: tables, objects and record."""
-    from ..studies import tables
+_RUNS = 2000  # that estimate the success of a swarm too large for an exact distribution
 
-    folder.write_table("guide", tables.guide_table(guide))
-    folder.write_table("candidates", tables.candidate_table(guide))
-    paths = guide.best_paths()
-    folder.write_table("paths", tables.path_table({"path": paths}))
-    folder.write_objects(guide=guide, others=list(paths.values()))
-    folder.write_record(guide.as_dict(), {"solver": solver})
+
+@dataclass(frozen=True)
+class SwarmPlanOptions:
+    """How the swarm is planned."""
+
+    objective: Literal["success", "arrivals", "survivors"] = option(
+        "Maximise the probability that at least one member arrives, the mean number of arrivals, "
+        "or the mean number of survivors.",
+        default="success",
+    )
+    solver: str = solver_option("Solver.", default="auto")
+    seed: int = seed_option()
+    min_distance: float | None = option(
+        "Minimum distance between any two members.", type=Number(0.0, min_open=True)
+    )
+    time_limit: float | None = option(
+        "Start no further initial guess after this time, in seconds. [default: none]",
+        type=Number(0.0, min_open=True, infinite=True),
+    )
+
+
+@click.command("plan-swarm")
+@options
+def plan_swarm(common: CommonOptions, planning: SwarmPlanOptions) -> None:
+    """Plan the paths of all members jointly.
+
+    Finds the open-loop plan of greatest success. Prints the plan's success probability and a bound
+    that no policy can exceed. Writes joint.csv (a row per step and member), outcomes.csv (the
+    outcome of every initial guess), joint.png and run.json; casswarm plot draws the figure again.
+
+    \b
+    Examples:
+      casswarm plan-swarm paper-1
+      casswarm plan-swarm paper-2 --min-distance 0.1
+      casswarm plan-swarm paper-1 --objective survivors --time-limit 60
+    """
+    with work(common) as job:
+        chosen = load(common)
+        from ..policies import JointPolicy
+        from ..studies.tables import joint_table, outcome_table
+
+        folder = job.open("plan-swarm", chosen)
+        # for the initial velocities
+        guide = csw.plan(chosen, certify=False, progress=job.progress)
+        found = csw.plan_swarm(chosen, **asdict(planning), guide=guide, progress=job.progress)
+        folder.write_tables(joint=joint_table(found), outcomes=outcome_table(found))
+        sampled = None
+        if found.distribution is None:
+            job.say(f"simulating: {_RUNS} runs")
+            policy = JointPolicy.from_plan(found)
+            estimated = partial(csw.estimate, chosen, policy, _RUNS, planning.seed)
+            sampled = job.attempt("the estimate", partial(estimated, tolerance=1e-4, guide=guide))
+        _write_swarm(folder, found, sampled, asdict(planning))
+        job.draw()
+        job.finish(_swarm_text(chosen, found, sampled))
+
+
+def _write_swarm(
+    folder: ResultsFolder,
+    plan: csw.SwarmPlan,
+    sampled: csw.Estimate | None,
+    inputs: dict[str, Any],
+) -> None:
+    from ..studies.tables import estimate_table
+
+    distribution = plan.distribution
+    if distribution is not None:
+        success = f"{1 - distribution.failure:.6g}"
+    elif sampled is None:
+        success = "not estimated"
+    else:
+        success = "{:.4f} to {:.4f} ({:.0%})".format(*sampled.success, sampled.level)
+    bound = str(plan.bound) if plan.bound is not None and plan.bound.certified else ""
+    survival = getattr(distribution, "survival", None)
+    folder.write_objects(positions=plan.positions, survival=survival, success=success, bound=bound)
+    result: dict[str, Any] = {
+        "objective": plan.objective,
+        "value": plan.value,
+        "success": plan.success,
+        **{
+            name: getattr(distribution, name, None)
+            for name in ("failure", "arrivals_mean", "survivors_mean")
+        },
+        "estimate": None if sampled is None else estimate_table([sampled]).to_dict("records")[0],
+        "success_bound": None if plan.bound is None else plan.bound.as_dict(),
+        "arrivals": plan.arrivals,
+        "least_distance": plan.least_distance,
+        "solution": plan.solution.as_row(),
+        "outcomes": [outcome.as_row() for outcome in plan.outcomes],
+        **{
+            name: getattr(plan, name)
+            for name in ("positions", "velocities", "initial_velocities", "seconds")
+        },
+    }
+    folder.write_record(result, inputs)
+
+
+def _swarm_text(scenario: csw.Scenario, plan: csw.SwarmPlan, sampled: csw.Estimate | None) -> str:
+    lines = [
+        f"{scenario.name}: {counted(scenario.n, 'member')}, {counted(scenario.n_steps, 'step')} of "
+        f"{scenario.time.dt:g}",
+        str(plan),
+    ]
+    if plan.success is not None and plan.distribution is not None:
+        low, high = plan.success
+        lines.append(
+            f"exact success probability from {low:.12f} to {high:.12f}; on average "
+            f"{plan.distribution.survivors_mean:.3f} members alive and "
+            f"{plan.distribution.arrivals_mean:.3f} in the target at the end of a run"
+        )
+    if sampled is not None:
+        lines.append(str(sampled))
+    if scenario.n > 1:
+        lines.append(f"minimum distance between two members: {plan.least_distance:.4g}")
+    guesses = [
+        {
+            "initial guess": outcome.start,
+            plan.objective: f"{outcome.value:.6f}",
+            "status": str(outcome.solution.status),
+            "iterations": f"{outcome.solution.iterations}",
+            "violation": f"{outcome.solution.residuals.violation:.1e}",
+            "seconds": f"{outcome.seconds:.2f}",
+        }
+        for outcome in plan.outcomes
+    ]
+    alive = None if plan.distribution is None else plan.distribution.survival[-1]
+    members = [
+        {
+            "member": f"{member}",
+            "arrival step": f"{step}" if step else "never",
+            "alive at the end": "-" if alive is None else f"{alive[member]:.4f}",
+        }
+        for member, step in enumerate(plan.arrivals)
+    ]
+    lines += [f"{plan.solution}", "", aligned_table(guesses), "", aligned_table(members)]
+    return "\n".join(lines)

@@ -10,46 +10,38 @@ from typing import TYPE_CHECKING
 import click
 
 from .._util.text import did_you_mean
-from .common import WrongInput, reported_errors
-from .options import DrawingOptions, OutputOptions, option, options, out_option, seed_option
-from .output import aligned_table, open_folder, print_result, say
+from .common import WrongInput, work
+from .options import COUNT, OutputOptions, ResultOptions, option, options, out_option, seed_option
+from .output import aligned_table
 
 if TYPE_CHECKING:
     from ..reproduction import Reproduction
 
 
 @dataclass(frozen=True)
-class ReproduceOutput(OutputOptions):
-    """What is written and printed."""
-
-    out: Path | None = out_option("Folder for the results. [default: results/reproduce]")
-
-
-@dataclass(frozen=True)
-class ReproduceOptions:
-    """What is reproduced."""
-
+class _Selection(OutputOptions):
     runs: int = option(
-        "--runs",
-        type=click.IntRange(1),
+        "Number of runs that sample what exact distributions leave open in Table II.",
+        type=COUNT,
         default=2000,
-        help="Number of runs that sample what exact distributions leave open in Table II.",
     )
     only: tuple[str, ...] = option(
-        "--only",
-        multiple=True,
+        "Reproduce only this table, such as table-2, or only the figures: figures. Repeatable.",
         metavar="NAME",
-        help="Reproduce only this table, such as table-2, or only the figures: figures. "
-        "Repeatable.",
     )
     seed: int = seed_option()
 
 
+@dataclass(frozen=True)
+class ReproduceOptions(ResultOptions, _Selection):
+    """What is reproduced, written and printed."""
+
+    out: Path | None = out_option("[default: results/reproduce]")
+
+
 @click.command()
 @options
-def reproduce(
-    output: ReproduceOutput, selection: ReproduceOptions, figures: DrawingOptions
-) -> None:
+def reproduce(selection: ReproduceOptions) -> None:
     """Reproduce the paper's tables and figures.
 
     Takes a few minutes. Prints Tables I and II and the results beyond the paper. Writes a CSV file
@@ -62,10 +54,10 @@ def reproduce(
       casswarm reproduce --out my-folder --format pdf --width column
       casswarm reproduce --only table-2 --only figures --out my-folder
     """
-    if figures.no_figures and "figures" in selection.only:
+    if selection.no_figures and "figures" in selection.only:
         raise WrongInput("--only figures and --no-figures: give one of them")
-    with reported_errors():
-        folder = open_folder("reproduce", None, output.out, figures)
+    with work(selection) as job:
+        folder = job.open("reproduce")
         from ..reproduction import page
         from ..reproduction import reproduce as run
         from ..reproduction.reproduce import DRAWN, TABLES
@@ -78,25 +70,23 @@ def reproduce(
         reproduction = run(
             selection.runs,
             selection.seed,
-            lambda task: say(f"{time.perf_counter() - started:5.0f} s  {task}", output.quiet),
-            selection.only or (tuple(TABLES) if figures.no_figures else None),
+            lambda task: job.say(f"{time.perf_counter() - started:5.0f} s  {task}"),
+            selection.only or (tuple(TABLES) if selection.no_figures else None),
         )
-        for name, table in reproduction.tables.items():
-            folder.write_table(name, table)
+        folder.write_tables(**reproduction.tables)
         result = {name: table.to_dict("records") for name, table in reproduction.tables.items()}
         inputs = {"runs": selection.runs, "only": list(selection.only), "seed": selection.seed}
         folder.write_record(result, inputs)
-        if not figures.no_figures:
+        if not selection.no_figures:
             folder.write_figures(reproduction.figures)
         if reproduction.complete:
-            folder.write_file("README.md", page(reproduction, figures.format))
+            folder.write_file("README.md", page(reproduction, selection.format))
         folder.extend_record()
-    print_result(folder, folder.record, _text(reproduction), output)
+        job.finish(_text(reproduction))
 
 
 def _text(reproduction: Reproduction) -> str:
-    from ..reproduction.paper_report import table_for_people
-    from ..reproduction.reproduce import TABLES
+    from ..reproduction.reproduce import TABLES, table_for_people
 
     texts = []
     for name in ("table-1", "table-2", "empty-sets", "beyond", "readings"):

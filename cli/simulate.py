@@ -11,9 +11,9 @@ import click
 import casswarm as csw
 
 from .._util.text import counted
-from .common import WrongInput, executor, load, named_policies, reported_errors
-from .ending import Ending
+from .common import WrongInput, executor, load, named_policies, work
 from .options import (
+    COUNT,
     CommonOptions,
     GuideOptions,
     Number,
@@ -24,7 +24,7 @@ from .options import (
     refuse,
     seed_option,
 )
-from .output import aligned_table, open_folder, progress_report, say
+from .output import aligned_table
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
@@ -34,23 +34,17 @@ if TYPE_CHECKING:
 class SimulateOptions:
     """What is simulated and saved."""
 
-    runs: int | None = option(
-        "--runs", type=click.IntRange(1), help="Number of runs per policy. [default: 1000]"
-    )
+    runs: int | None = option("Number of runs per policy. [default: 1000]", type=COUNT)
     half_width: float | None = option(
-        "--half-width",
+        "Choose the number of runs for intervals of about this half-width, from a pilot study of "
+        "1000 runs.",
         type=Number(0, 0.5, min_open=True, max_open=True),
-        help="Choose the number of runs for intervals of about this half-width, from a pilot "
-        "study of 1000 runs.",
     )
     seed: int = seed_option()
     save_trajectories: int = option(
-        "--save-trajectories",
-        type=click.IntRange(1),
-        default=5,
-        help="Number of runs per policy whose trajectories are saved.",
+        "Number of runs per policy whose trajectories are saved.", type=COUNT, default=5
     )
-    report: bool = option("--report", is_flag=True, help="Also write a self-contained report.html.")
+    report: bool = option("Also write a self-contained report.html.")
 
 
 @click.command()
@@ -90,23 +84,21 @@ def simulate(
         )
     if sampling.report and common.no_figures:
         raise WrongInput("--report and --no-figures: give one of them, the report shows figures")
-    with reported_errors() as saved, progress_report(common.quiet) as progress:
+    with work(common) as job:
         chosen = load(common, planning.values)
         from ..guide.plan import guide_solver
 
         chosen_policies = named_policies(policies)
-        folder = open_folder("simulate", chosen, common.out, common)
-        if not common.no_figures:
-            folder.prepare_figures()
-        saved.folder, saved.since = folder.path, execution.saved_since
-        guide = csw.plan(chosen, guide_solver(policies.solver), progress=progress)
+        folder = job.open("simulate", chosen, execution.saved_since)
+        job.prepare_figures()
+        guide = csw.plan(chosen, guide_solver(policies.solver), progress=job.progress)
         shared: dict[str, Any] = {"guide": guide, "solver": policies.solver}
         runs = sampling.runs or 1000
         if sampling.half_width is not None:
             runs = csw.runs_needed(
                 chosen, chosen_policies, sampling.half_width, sampling.seed, **shared
             )
-            say(f"pilot study: {counted(runs, 'run')} per policy needed", common.quiet)
+            job.say(f"pilot study: {counted(runs, 'run')} per policy needed")
         with executor(execution) as workers:
             study = csw.simulate(
                 chosen,
@@ -115,7 +107,7 @@ def simulate(
                 sampling.seed,
                 workers,
                 save_trajectories=sampling.save_trajectories,
-                progress=progress,
+                progress=job.progress,
                 checkpoint=folder.path,
                 if_exists=execution.if_exists,
                 **shared,
@@ -130,40 +122,29 @@ def simulate(
             "solver": policies.solver,
         }
         _write_tables(folder, study)
-        ending = Ending(folder, common, progress)
-        bound = ending.attempt("the success bound", partial(csw.success_bound, chosen))
-        _write_record(folder, study, bound, inputs)
-        ending.draw()
+        bound = job.attempt("the success bound", partial(csw.success_bound, chosen))
+        folder.write_objects(
+            guide=study.guide, trajectories=study.trajectories, success_bound=bound
+        )
+        proven = {"success_bound": None if bound is None else bound.as_dict()}
+        folder.write_record(study.as_dict() | proven, inputs)
+        job.draw()
         if sampling.report:
-            say("writing the report", common.quiet)
-            ending.attempt("the report", partial(_write_report, folder))
-        ending.finish(_text(study) if bound is None else f"{_text(study)}\n\n{bound}")
+            job.say("writing the report")
+            job.report()
+        job.finish(_text(study) if bound is None else f"{_text(study)}\n\n{bound}")
 
 
 def _write_tables(folder: ResultsFolder, study: csw.Study) -> None:
     from ..studies.tables import guide_table, trajectory_table
 
-    folder.write_table("summary", study.summary)
-    if len(study.paired):
-        folder.write_table("paired", study.paired)
-    folder.write_table("runs", study.runs)
-    folder.write_table("guide", guide_table(study.guide))
-    folder.write_table("trajectories", trajectory_table(study.trajectories))
-
-
-def _write_record(
-    folder: ResultsFolder, study: csw.Study, bound: csw.SuccessBound | None, inputs: dict[str, Any]
-) -> None:
-    folder.write_objects(guide=study.guide, trajectories=study.trajectories, success_bound=bound)
-    proven = {"success_bound": None if bound is None else bound.as_dict()}
-    folder.write_record(study.as_dict() | proven, inputs)
-
-
-def _write_report(folder: ResultsFolder) -> None:
-    from ..results.reports import simulation_page
-
-    folder.write_file("report.html", simulation_page(folder))
-    folder.extend_record()
+    folder.write_tables(
+        summary=study.summary,
+        **{"paired": study.paired} if len(study.paired) else {},
+        runs=study.runs,
+        guide=guide_table(study.guide),
+        trajectories=trajectory_table(study.trajectories),
+    )
 
 
 def _text(study: csw.Study) -> str:

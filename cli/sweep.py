@@ -6,17 +6,16 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 import casswarm as csw
 
 from .._util.text import counted
-from .common import Failure, WrongInput, executor, named_policies, reported_errors
-from .ending import Ending
+from .common import Failure, WrongInput, executor, named_policies, work
 from .options import (
+    COUNT,
     CommonOptions,
     ExactOptions,
     PolicyOptions,
@@ -26,10 +25,7 @@ from .options import (
     refuse,
     seed_option,
 )
-from .output import aligned, open_folder, progress_report
-
-if TYPE_CHECKING:
-    from ..results.folder import ResultsFolder
+from .output import aligned
 
 _MAX_COUNT = 1000  # values of a range
 
@@ -39,16 +35,13 @@ class GridOptions(CommonOptions):
     """Common options, where --set lists values."""
 
     settings: tuple[str, ...] = option(
-        "--set",
-        multiple=True,
-        metavar="KEY=VALUES",
-        help="Sweep over these values of a parameter: V1,V2,..., START:STOP:COUNT or "
+        "Sweep over these values of a parameter: V1,V2,..., START:STOP:COUNT or "
         "START:STOP:COUNT:log. Repeatable.",
+        "--set",
+        metavar="KEY=VALUES",
     )
     report: bool = option(
-        "--report",
-        is_flag=True,
-        help="Also write a self-contained report.html, with sliders over the sweep points.",
+        "Also write a self-contained report.html, with sliders over the sweep points."
     )
 
 
@@ -56,14 +49,8 @@ class GridOptions(CommonOptions):
 class MethodOptions:
     """Exact or sampled probabilities."""
 
-    exact: bool = option(
-        "--exact", is_flag=True, help="Compute exact probabilities, as casswarm evaluate. [default]"
-    )
-    runs: int | None = option(
-        "--runs",
-        type=click.IntRange(1),
-        help="Simulate this number of runs per sweep point instead.",
-    )
+    exact: bool = option("Compute exact probabilities, as casswarm evaluate. [default]")
+    runs: int | None = option("Simulate this number of runs per sweep point instead.", type=COUNT)
     seed: int = seed_option()
 
 
@@ -100,11 +87,10 @@ def sweep(
     else:
         refuse("nothing is enumerated with --runs", "tolerance", "max_states", "aggregation_tol")
     grid = _grid(common.settings)
-    with reported_errors() as saved, progress_report(common.quiet) as progress:
+    with work(common) as job:
         chosen = csw.load_scenario(common.scenario, allow_code=common.allow_code)
         chosen_policies = named_policies(policies)
-        folder = open_folder("sweep", chosen, common.out, common)
-        saved.folder, saved.since = folder.path, execution.saved_since
+        folder = job.open("sweep", chosen, execution.saved_since)
         settings: dict[str, Any] = {"runs": method.runs, "seed": method.seed, **asdict(accuracy)}
         settings["solver"] = policies.solver
         with executor(execution) as workers:
@@ -116,7 +102,7 @@ def sweep(
                 workers=workers,
                 checkpoint=folder.path,
                 if_exists=execution.if_exists,
-                progress=progress,
+                progress=job.progress,
             )
         inputs = {
             "settings": grid,
@@ -124,12 +110,14 @@ def sweep(
             **settings,
             "workers": execution.workers,
         }
-        _write(folder, result, inputs)
-        ending = Ending(folder, common, progress)
-        ending.draw()
+        folder.write_tables(sweep=result.table, effort=result.effort)
+        folder.write_objects(keys=list(result.keys))
+        points = result.table.to_dict("records")
+        folder.write_record({"failures": result.failures, "sweep": points}, inputs)
+        job.draw()
         if common.report:
-            ending.attempt("the report", partial(_write_report, folder))
-        ending.finish(_text(result))
+            job.report()
+        job.finish(_text(result))
     if result.failures == len(result.table):
         raise Failure("every sweep point failed; the reasons are above and in sweep.csv")
 
@@ -205,21 +193,6 @@ def _whole_range(start: float, stop: float, count: int) -> str:
     first, last = math.ceil(min(start, stop)), math.floor(max(start, stop))
     counts = [k for k in range(2, _MAX_COUNT + 1) if (last - first) % (k - 1) == 0]
     return f"{first}:{last}:{min(counts, key=lambda k: abs(k - count))}"
-
-
-def _write(folder: ResultsFolder, result: csw.Sweep, inputs: dict[str, Any]) -> None:
-    folder.write_table("sweep", result.table)
-    folder.write_table("effort", result.effort)
-    folder.write_objects(keys=list(result.keys))
-    points = result.table.to_dict("records")
-    folder.write_record({"failures": result.failures, "sweep": points}, inputs)
-
-
-def _write_report(folder: ResultsFolder) -> None:
-    from ..results.reports import sweep_page
-
-    folder.write_file("report.html", sweep_page(folder))
-    folder.extend_record()
 
 
 def _text(result: csw.Sweep) -> str:

@@ -28,7 +28,7 @@ from casswarm.reproduction.gradient_convergence import (
     formation_convergence,
     guide_convergence,
 )
-from casswarm.reproduction.paper_report import table_2_text
+from casswarm.reproduction.reproduce import table_2_text
 
 first, second = csw.load_scenario("paper-1"), csw.load_scenario("paper-2")
 paper = reproduce(only=["table-1", "geometry", "table-2", "infeasible", "figures"])

@@ -33,9 +33,9 @@ import pandas as pd
 
 import casswarm as csw
 from casswarm.reproduction import PAPER_SUCCESS
-from casswarm.reproduction.paper_tables import paper_interval
-from casswarm.reproduction.success_tables import (
+from casswarm.reproduction.paper_tables import (
     geometry_changes,
+    paper_interval,
     table_2_of_reading,
     table_2_with_ipopt,
 )

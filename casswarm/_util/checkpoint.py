@@ -25,12 +25,12 @@ from .files import (
     DAMAGED,
     arrays_content,
     atomic_write,
+    differences,
     is_partial,
     is_regular,
     read_arrays,
     read_json,
 )
-from .record import differences
 
 IfExists = Literal["error", "resume", "overwrite"]
 """What to do with a folder that holds a study: see `Checkpoint`."""

@@ -1,9 +1,11 @@
-"""Handling of Ctrl-C around compiled code and child processes."""
+"""Signals: Ctrl-C around compiled code and child processes, and a limit of time."""
 
 from __future__ import annotations
 
+import math
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -71,3 +73,50 @@ def blocked() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+class _Expired(BaseException):
+    """The alarm: no `except Exception` of the interrupted code stops it."""
+
+
+@contextmanager
+def limited_time(seconds: float) -> Iterator[None]:
+    """Raise TimeoutError if the block takes longer than a number of seconds.
+
+    The block is interrupted on the main thread of a process, by a signal, wherever it executes
+    Python code; compiled code ends first. In other threads, such as those of a Dask worker, and on
+    Windows nothing can interrupt it: the error is raised when it has ended.
+    """
+    started = time.monotonic()
+    main = threading.current_thread() is threading.main_thread()
+    if main and seconds < math.inf and hasattr(signal, "setitimer"):
+        with _alarm(seconds):
+            yield
+    else:
+        yield
+    if time.monotonic() - started > seconds:
+        raise TimeoutError
+
+
+@contextmanager
+def _alarm(seconds: float) -> Iterator[None]:
+    """Interrupt the block after some seconds, by TimeoutError; an earlier timer goes on after."""
+    active, started = True, time.monotonic()
+
+    def expire(*_: object) -> None:
+        if active:
+            raise _Expired
+
+    handler = signal.signal(signal.SIGALRM, expire)
+    earlier, interval = signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    except _Expired:
+        raise TimeoutError from None
+    finally:
+        active = False
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, handler)
+        if earlier:
+            left = max(earlier - (time.monotonic() - started), 1e-6)
+            signal.setitimer(signal.ITIMER_REAL, left, interval)

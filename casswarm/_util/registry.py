@@ -11,6 +11,13 @@ from typing import TypeVar
 
 Value = TypeVar("Value")
 
+_ANNOUNCED: list[tuple[str, str, str, str | None]] = []
+
+
+def announce(kind: str, name: str, target: str, before: str | None = None) -> None:
+    """Add an entry to the registry of a kind, when that is made, after its own entries."""
+    _ANNOUNCED.append((kind, name, target, before))
+
 
 class Registry(Mapping[str, Value]):
     """Objects by name, imported when they are looked up, in the order of registration.
@@ -21,11 +28,15 @@ class Registry(Mapping[str, Value]):
         What they are, in messages.
     error : callable
         The error of a message and a name.
+    **targets : str
+        Its own entries; then follow those of `announce`.
     """
 
-    def __init__(self, kind: str, error: Callable[[str, str], Exception]) -> None:
-        self._kind, self._error = kind, error
-        self.targets: dict[str, str] = {}
+    def __init__(self, kind: str, error: Callable[[str, str], Exception], **targets: str) -> None:
+        self._kind, self._error, self.targets = kind, error, targets
+        for place, name, target, before in _ANNOUNCED:
+            if place == kind:
+                self.add(name, target, before)
 
     def __getitem__(self, name: str) -> Value:
         module, _, attribute = self.targets[name].partition(":")

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from .._util.record import differences
+from .._util.files import differences
 from .._util.text import counted
 from ..errors import ComparisonError
 from ..typing import FloatArray

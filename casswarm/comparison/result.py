@@ -15,8 +15,16 @@ import pandas as pd
 
 from .._util.display import Displayed
 from .._util.documents import json_text
-from .._util.files import DAMAGED, atomic_write, digest, read_table
-from .._util.record import RECORD, listed, read_record, time_stamp
+from .._util.files import (
+    DAMAGED,
+    RECORD,
+    atomic_write,
+    digest,
+    listed,
+    read_record,
+    read_table,
+    time_stamp,
+)
 from .._util.text import counted, did_you_mean
 from ..errors import ComparisonError, SolverError
 from ..nlp.program import Instances, Nlp

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
+from .._util.interrupts import limited_time
 from .._util.text import counted
-from .._util.user_code import limited_time
 from ..errors import PolicyError
 from ..scenario.scenario_files import require_scenario
 from ..typing import BoolArray, FloatArray

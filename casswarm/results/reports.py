@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
@@ -13,7 +13,9 @@ from .._util.documents import figure_uri, json_text, render
 from ..figures import theme
 from ..studies.tables import count_notes, paired_texts, summary_texts
 from . import catalogue
-from .folder import ResultsFolder
+
+if TYPE_CHECKING:
+    from .folder import ResultsFolder
 
 
 def simulation_page(folder: ResultsFolder) -> str:
@@ -95,3 +97,7 @@ def sweep_page(folder: ResultsFolder) -> str:
         command=f"casswarm {shlex.join(map(str, record['arguments']))}",
         version=record["versions"]["casswarm"],
     )
+
+
+PAGES = {"simulate": simulation_page, "sweep": sweep_page}
+"""Pages by the command that writes them."""

@@ -50,8 +50,21 @@ UNSUPPORTED: dict[str, str] = {
 members and the guide of paper-1; correct is the published (or Ipopt's) objective to 1e-6."""
 
 
+_OWN = {
+    "interior-point": "interior_point.solver:FilterInteriorPoint",
+    "ipopt": "casadi_plugins:Ipopt",
+    "pounce": "external:Pounce",
+    "sqp": "casadi_plugins:Sqp",
+    "uno": "casadi_plugins:Uno",
+    "unopy": "external:Unopy",
+    "sleqp": "casadi_plugins:Sleqp",
+    "alpaqa": "casadi_plugins:Alpaqa",
+    "slsqp": "scipy:Slsqp",
+}
 SOLVERS: Registry[type[Solver]] = Registry(
-    "solver", lambda message, name: SolverError(message, solver=name)
+    "solver",
+    lambda message, name: SolverError(message, solver=name),
+    **{name: f"{__package__}.{target}" for name, target in _OWN.items()},
 )
 """Every solver by the name that `make_solver` and the command line take."""
 
@@ -93,20 +106,6 @@ def registered_class(kind: str) -> type[Solver]:
         if target.endswith(f":{kind}"):
             return SOLVERS[name]
     raise AttributeError(f"no solver of the class {kind!r} is registered")
-
-
-for _name, _target in {
-    "interior-point": "interior_point.solver:FilterInteriorPoint",
-    "ipopt": "casadi_plugins:Ipopt",
-    "pounce": "external:Pounce",
-    "sqp": "casadi_plugins:Sqp",
-    "uno": "casadi_plugins:Uno",
-    "unopy": "external:Unopy",
-    "sleqp": "casadi_plugins:Sleqp",
-    "alpaqa": "casadi_plugins:Alpaqa",
-    "slsqp": "scipy:Slsqp",
-}.items():
-    register_solver(_name, f"{__package__}.{_target}")
 
 
 def make_solver(solver: str | Solver, **options: Any) -> Solver:

@@ -67,39 +67,6 @@ def test_version_option_prints_installed_version(tmp_path):
     assert __version__ in casswarm(tmp_path, "--version").stdout
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("plan", "papr-1"), "did you mean 'paper-1'"),
-        (("plan", "paper-1", "--set", "swarm.vmax=1"), "swarm.v_max"),
-        (("plan", "paper-1", "--set", "formation.rho"), "KEY=VALUE"),
-        (("plan", "paper-1", "--set", "time.dt=-1"), "time.dt"),
-        (("plan", "paper-1", "--solver", "ipop"), "did you mean 'ipopt'"),
-        (("plan", "paper-1", "--search", "everywhere"), "everywhere"),
-        (("plan", "paper-1", "--set", "target.center=[80.0, 65.0]"), "reach"),
-        (("plan", "paper-1", "--joint"), "--joint"),
-        (("simulate", "paper-1", "--policy", "leeder"), "did you mean 'leader'"),
-        (("simulate", "paper-1", "--policy", "leader", "--policy", "leader"), "repeated"),
-        (("simulate", "paper-1", "--policy", "nowhere:policy"), "cannot import the module"),
-        (("simulate", "paper-1", "--runs", "0"), "0"),
-        (("simulate", "paper-1", "--runs", "9", "--half-width", "0.1"), "give one of them"),
-        (("simulate", "paper-1", "--seed", str(2**64)), "0<=x<=18446744073709551615"),
-        (("simulate", "paper-1", "--solver", "newton"), "projected-gradient"),
-        (("evaluate", "paper-1", "--tolerance", "1"), "--tolerance"),
-        (("sweep", "paper-1"), "nothing to sweep"),
-        (("sweep", "paper-1", "--set", "n=1", "--exact", "--runs", "2"), "give one of them"),
-        (("scenarios", "show", "nowhere.toml"), "nowhere.toml"),
-        (("plan",), "SCENARIO"),
-        (("fly", "paper-1"), "No such command"),
-    ],
-)
-def test_wrong_input_is_explained_with_exit_code_2(tmp_path, arguments, message):
-    done = casswarm(tmp_path, *arguments, code=2)
-    assert message in done.stderr
-    assert not done.stdout
-    assert not (tmp_path / "results").exists()
-
-
 def test_unwritable_folder_fails_with_exit_code_1(tmp_path):
     (tmp_path / "file").write_text("in the way")
     done = casswarm(tmp_path, "plan", "paper-1", "--out", "file/results", code=1)

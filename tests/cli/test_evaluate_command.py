@@ -31,23 +31,15 @@ def test_evaluate_with_few_states_gives_advice(tmp_path):
 
 @pytest.mark.slow
 def test_evaluate_with_runs_samples_residual_mass(tmp_path):
-    done = casswarm(
-        tmp_path,
-        "evaluate",
-        "paper-1",
-        "--policy",
-        "leader",
-        "--max-states",
-        100,
-        "--runs",
-        50,
-    )
+    options = ("--policy", "leader", "--max-states", 100, "--runs", 50)
+    done = casswarm(tmp_path, "evaluate", "paper-1", *options)
     assert "with 95% confidence; proven bounds:" in " ".join(done.stdout.split())
     estimate = pd.read_csv(tmp_path / "results" / "evaluate-paper-1" / "estimates.csv").iloc[0]
     assert estimate["enumerated_low"] <= estimate["success_low"] < estimate["success_high"]
     assert estimate["success_high"] <= estimate["enumerated_high"]
 
 
-def test_evaluate_large_swarm_with_zero_tolerance_is_refused(tmp_path):
-    done = casswarm(tmp_path, "evaluate", "large-swarm", "--tolerance", 0, code=2)
-    assert "give a larger tolerance" in done.stderr
+def test_lattice_on_which_members_cannot_move_is_refused(tmp_path):
+    done = casswarm(tmp_path, "evaluate", "single-agent", "--aggregation-tol", "1", code=2)
+    assert "aggregation_tol = 1; allowed: 0, or from" in done.stderr
+    assert "Traceback" not in done.stderr

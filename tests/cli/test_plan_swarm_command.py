@@ -66,15 +66,6 @@ def test_evaluate_and_simulate_print_the_success_bound(tmp_path: Path) -> None:
         assert bound["bound"] <= float(printed_bound[1]) <= bound["bound"] + 1e-4
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--gap", "0.1"), "No such option"),
-        (("--min-distance", "2"), "members start 0.412311 apart; choose a smaller distance"),
-        (("--objective", "arrival"), "arrivals"),
-    ],
-)
-def test_plan_swarm_with_wrong_input_is_explained(
-    tmp_path: Path, arguments: tuple[str, ...], message: str
-) -> None:
-    assert message in casswarm(tmp_path, "plan-swarm", *PAIR, *arguments, code=2).stderr
+def test_plan_swarm_with_too_large_distance_is_explained(tmp_path: Path) -> None:
+    done = casswarm(tmp_path, "plan-swarm", *PAIR, "--min-distance", "2", code=2)
+    assert "members start 0.412311 apart; choose a smaller distance" in done.stderr

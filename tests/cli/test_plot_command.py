@@ -15,7 +15,7 @@ from PIL import Image
 from casswarm import CheckpointError, evaluate, load_scenario, plan, simulate
 from casswarm.figures import save
 from casswarm.results import ResultsFolder
-from casswarm.results.serialization import pack
+from casswarm.results.folder import pack
 from casswarm.studies.tables import distribution_table
 
 RESULTS = Path("results")

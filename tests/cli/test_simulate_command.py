@@ -143,3 +143,14 @@ def test_named_solver_is_used(tmp_path):
     options = ("--runs", 3, "--policy", "leader", "--solver", "spectral", "--json")
     done = casswarm(tmp_path, "simulate", "paper-1", *options)
     assert json.loads(done.stdout)["inputs"]["solver"] == "spectral"
+
+
+@pytest.mark.parametrize(
+    "address",
+    ["foo", pytest.param("tcp://127.0.0.1:9", marks=pytest.mark.slow)],  # it waits ten seconds
+)
+def test_dask_address_without_scheduler_is_one_line(tmp_path, address):
+    options = ("--runs", 3, "--policy", "naive", "--quiet", "--dask", address)
+    done = casswarm(tmp_path, "simulate", "single-agent", *options, code=1)
+    assert done.stderr.startswith(f"Error: no Dask scheduler answers at {address}: ")
+    assert done.stderr.count("\n") == 1

@@ -4,7 +4,7 @@ import pytest
 from reproduced import checked_in
 
 import casswarm as csw
-from casswarm.reproduction.success_tables import (
+from casswarm.reproduction.paper_tables import (
     READINGS,
     Reading,
     geometry_changes,

@@ -35,15 +35,15 @@ from casswarm.reproduction.gradient_convergence import (
     iterates,
     whole_swarm,
 )
-from casswarm.reproduction.paper_tables import geometry
-from casswarm.reproduction.reproduce import representative_run
-from casswarm.reproduction.success_tables import (
+from casswarm.reproduction.paper_tables import (
     POLICIES,
     beyond,
+    geometry,
     infeasible_steps,
     table_2,
     variants,
 )
+from casswarm.reproduction.reproduce import representative_run
 
 FIRST, SECOND = csw.load_scenario("paper-1"), csw.load_scenario("paper-2")
 
