@@ -14,12 +14,10 @@ import numpy as np
 
 from ..typing import BoolArray, FloatArray
 from .codegen import lowered_derivatives, lowered_kernels
+from .rate_kernels import LANES
 
 if TYPE_CHECKING:
     from .kernel_hazard import KernelHazard
-
-LANES = 32
-"""Positions of the swarm in a block, for which an operation is done before the next one."""
 
 _CHUNK_PAIRS = 1 << 19  # pairs evaluated at once: a few arrays of 4 MiB
 

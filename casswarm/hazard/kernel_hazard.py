@@ -25,8 +25,9 @@ from .._util.text import counted
 from .._util.threads import locked_cache
 from ..errors import HazardError
 from ..typing import BoolArray, Expr, FloatArray
-from .array_rates import LANES, blocked, set_rates, state_rates, unblocked
+from .array_rates import blocked, set_rates, state_rates, unblocked
 from .base import Hazard, checked_radars
+from .rate_kernels import LANES
 
 
 def regular(squared_distance: Expr, core_radius: Expr = CORE_RADIUS) -> Expr:

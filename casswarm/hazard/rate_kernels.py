@@ -18,6 +18,9 @@ Parameters: TypeAlias = tuple[float, ...]
 Two: TypeAlias = tuple[float, float]
 Three: TypeAlias = tuple[float, float, float]
 
+LANES = 32
+"""Positions of the swarm in a block, for which an operation is done before the next one."""
+
 COLLIDES = True
 """Stands for whether members collide."""
 

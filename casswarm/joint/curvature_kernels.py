@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled.kernels import allocating_kernel, kernel
-from ..hazard.array_rates import LANES
+from ..hazard.rate_kernels import LANES
 from ..typing import FloatArray, IntArray
 
 
