@@ -1,18 +1,30 @@
-"""Lower bounds on the risk of guides with limited acceleration, by branch and bound."""
+"""Lower bounds on the risk of guides with limited acceleration: multipliers, branch and bound."""
 
 from __future__ import annotations
 
 import heapq
 import itertools
+import math
 import time
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from ..grid.nodes import Relaxation, node_count
-from ..typing import FloatArray
-from .acceleration_dual import DualFunction, ascend
-from .acceleration_limits import AccelerationBound, AccelerationLimits, Region, floored
+from ..grid.dynamic_programming import StageCosts, rounding
+from ..grid.nodes import Relaxation, corners, node_count
+from ..typing import BoolArray, FloatArray, IntArray
+from .acceleration_kernels import best_path, least_step, tilted_costs_to_come, tilted_costs_to_go
+from .acceleration_limits import (
+    AccelerationBound,
+    AccelerationLimits,
+    Region,
+    floored,
+    power_of_two,
+)
+from .refinement import Clock, refined
 
 FIRST_NODES = 200_000
 """Maximum number of nodes of the first regions, if their cells can be chosen so."""
@@ -24,6 +36,233 @@ _FINE_CELLS = 20_000  # of a region, up to which cells are halved before it is d
 _FIRST, _LATER = 4, 60  # iterations of an ascent
 _MAX_REACH = 2**20
 _DISCARD = 0.5  # of the requested gap: distance of the risk above which paths are discarded
+
+_CUTS = 60  # linear models of the dual function
+_AHEAD = 0.1  # of the distance from the threshold to the best known risk: first level
+_SHORTEN, _NO_GAIN = 0.6, 0.01  # of a level that cannot be reached; when to stop
+_LONGEST = 1e4  # squared length of a step, relative to that of the multipliers
+
+
+class Evaluation(NamedTuple):
+    """The dual function at some multipliers."""
+
+    value: float  # below the risk of every path in the region; infinite if there is none
+    slope: FloatArray  # (n,), of the value with respect to the multipliers
+    path: IntArray  # (T, 2), node indices of the path of least cost
+
+
+@dataclass(frozen=True, eq=False)
+class DualFunction:
+    """Least cost of the paths of a region, with multipliers for the limits that they may violate.
+
+    theta of ``docs/global-guide.md``, equation (G8).
+
+    Multipliers are vectors p(t), one for every limit on a second difference, and the multiplier of
+    the distance to the target's rim, in one vector (n,). They are risks per length; the unit of
+    length is s, the largest step. Limits, costs and distances are rounded outwards (`QUANTUM`).
+    """
+
+    region: Region
+    limits: AccelerationLimits
+    scale: float  # a risk that is about the least one
+
+    @cached_property
+    def _limits(self) -> AccelerationLimits:
+        return self.limits.in_steps(self.region.task.step)
+
+    @property
+    def _spacing(self) -> float:
+        return 1.0 / self.region.reach
+
+    @property
+    def count(self) -> int:
+        """n, the number of multipliers."""
+        return 2 * len(self._bounds) + 1
+
+    @cached_property
+    def _bounds(self) -> FloatArray:
+        """The limits on the second differences at the steps 0 or 1 to T - 1."""
+        later = np.full(self.region.task.steps - 1, self._limits.later)
+        return later if self._free else np.concatenate([[self._limits.first], later])
+
+    @property
+    def _free(self) -> bool:
+        """Whether the first velocity is free."""
+        return math.isinf(self._limits.first)
+
+    @cached_property
+    def _stage_costs(self) -> StageCosts:
+        return StageCosts(self.region.grid, multiplier=1.0)
+
+    @cached_property
+    def _windows(self) -> IntArray:
+        return np.array([sum(block.nodes, ()) for block in self.region.blocks], np.int64)
+
+    @cached_property
+    def _offsets(self) -> IntArray:
+        sizes = self._windows[:, 2] * self._windows[:, 3]
+        return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+
+    @cached_property
+    def _costs(self) -> FloatArray:
+        costs = np.concatenate([costs.ravel() for (costs,) in self._stage_costs.nodes])
+        return floored(costs, self.scale)
+
+    @cached_property
+    def _rim(self) -> FloatArray:
+        """Distance from the target's rim at the nodes of the last step, infinite away from it."""
+        rim = self._stage_costs.terminal(self.region.blocks[-1].nodes).ravel()
+        return floored(rim / self.region.task.step, 1.0)
+
+    @cached_property
+    def _to_go(self) -> FloatArray:
+        return np.empty(self._offsets[-1])
+
+    def _prices(self, multipliers: FloatArray) -> FloatArray:
+        """p(t) at the steps t = 0 .. T + 1, (T + 2, 2): zero where there is no limit."""
+        prices = np.zeros((self.region.task.steps + 2, 2))
+        prices[-2 - len(self._bounds) : -2] = multipliers[:-1].reshape(-1, 2)
+        return prices
+
+    def _tilts(self, multipliers: FloatArray) -> FloatArray:
+        prices = self._prices(multipliers)
+        return self._spacing * (prices[:-2] - 2 * prices[1:-1] + prices[2:])
+
+    def _constant(self, multipliers: FloatArray) -> float:
+        """Most by which the tilted cost of a path within the limits exceeds its risk."""
+        prices = multipliers[:-1].reshape(-1, 2)
+        constant = float(self._bounds @ np.hypot(*prices.T))
+        return constant if self._free else constant + float(prices[0] @ self._limits.displacement)
+
+    def _slack(self, multipliers: FloatArray, threshold: float) -> float:
+        """Bound on the rounding error of costs of at most about `threshold`, a power of two."""
+        windows, prices = self._windows, np.abs(self._prices(multipliers))
+        far = np.maximum(np.abs(windows[:, :2]), np.abs(windows[:, :2] + windows[:, 2:]))
+        weights = prices[:-2] + 2 * prices[1:-1] + prices[2:]
+        tilt = self._spacing * float((weights * far).sum())
+        size = threshold + 3 * tilt + abs(self._constant(multipliers))
+        size += float(self._bounds.sum() * prices.max(initial=0.0))
+        multiplier = multipliers[-1] / self.region.task.step
+        return 8 * power_of_two(rounding(replace(self._stage_costs, multiplier=multiplier), size))
+
+    def _solve(self, multipliers: FloatArray) -> None:
+        ends = np.isfinite(self._rim)
+        terminal = np.where(ends, multipliers[-1] * np.where(ends, self._rim, 0.0), np.inf)
+        tilts, windows, offsets = self._tilts(multipliers), self._windows, self._offsets
+        reach = self.region.reach
+        tilted_costs_to_go(self._costs, windows, offsets, tilts, terminal, reach, self._to_go)
+
+    def __call__(self, multipliers: FloatArray) -> Evaluation:
+        """The dual function at multipliers (n,), of which the last is at least 0."""
+        self._solve(multipliers)
+        path = np.zeros((self.region.task.steps, 2), np.int64)
+        least = best_path(self._to_go, self._windows, self._offsets, self.region.reach, path)
+        if np.isinf(least):
+            return Evaluation(math.inf, np.zeros(self.count), path)
+        value = least - self._constant(multipliers)
+        value -= self._slack(multipliers, max(self.scale, abs(value)))
+        return Evaluation(value, self._slope(multipliers, path), path)
+
+    def _slope(self, multipliers: FloatArray, path: IntArray) -> FloatArray:
+        positions = self._spacing * np.vstack([[0, 0], path])
+        differences = np.diff(positions, 2, axis=0)
+        if not self._free:
+            differences = np.vstack([positions[1] - self._limits.displacement, differences])
+        prices = multipliers[:-1].reshape(-1, 2)
+        length, actual = np.hypot(*prices.T)[:, None], np.hypot(*differences.T)[:, None]
+        bounds = self._bounds[:, None]
+        at_zero = differences * (1 - np.minimum(1, bounds / np.maximum(actual, 1e-300)))
+        unit = prices / np.where(length > 0, length, 1.0)
+        slope = np.where(length > 0, differences - bounds * unit, at_zero)
+        last = path[-1] - self._windows[-1, :2]
+        return np.append(slope.ravel(), self._rim[last[0] * self._windows[-1, 3] + last[1]])
+
+    def kept(self, multipliers: FloatArray, threshold: float) -> Region | None:
+        """The part of the region that holds all its paths of less risk than `threshold`."""
+        self._solve(multipliers)
+        through, tilts, reach = (
+            np.empty_like(self._to_go),
+            self._tilts(multipliers),
+            self.region.reach,
+        )
+        tilted_costs_to_come(self._costs, self._windows, self._offsets, tilts, reach, through)
+        through += self._to_go
+        limit = threshold + self._constant(multipliers) + self._slack(multipliers, threshold)
+        return self.region.restricted(self._masks(through <= limit))
+
+    def _masks(self, nodes: BoolArray) -> Iterator[BoolArray]:
+        for step, block in enumerate(self.region.blocks):
+            inside = nodes[self._offsets[step] : self._offsets[step + 1]].reshape(block.nodes.shape)
+            yield block.cells & np.any(list(corners(inside)), axis=0)
+
+
+class Ascent(NamedTuple):
+    """Outcome of an ascent."""
+
+    value: float  # below the risk of every path in the region
+    multipliers: FloatArray  # (n,)
+    paths: FloatArray  # (m, T, 2), the last paths of least cost, in nodes
+
+
+def ascend(
+    dual: DualFunction,
+    multipliers: FloatArray,
+    threshold: float,
+    best: float,
+    iterations: int,
+    deadline: float = math.inf,
+) -> Ascent:
+    """Increase the dual function until it is at least `threshold` or hardly increases.
+
+    A level method: the next multipliers are the nearest to the best so far at which all linear
+    models of the concave function reach a level; where there are none, the level is lowered.
+    """
+    unit = threshold  # of multipliers, and of the dual function
+    models = _Models(dual.count)
+    top, point = -math.inf, multipliers / unit
+    centre, level = point, 1.0 + _AHEAD * max(best / threshold - 1, 1e-9)
+    paths: list[IntArray] = []
+    for _ in range(iterations):
+        value, slope, path = dual(point * unit)
+        paths.append(path)
+        if value > top * threshold:
+            top, centre = value / threshold, point
+        if top >= 1.0 or time.monotonic() > deadline:
+            break
+        models.add(value / threshold, slope, point)
+        while (step := models.step_to(level, centre, level - top)) is None:
+            level = top + _SHORTEN * (level - top)
+            if level - top < _NO_GAIN * (1.0 - top):
+                break
+        if step is None:
+            break
+        point = centre + step
+        point[-1] = max(point[-1], 0.0)
+    return Ascent(top * threshold, centre * unit, np.array(paths[-12:], float))
+
+
+class _Models:
+    """Linear functions above a concave one of n variables, and the last variable's sign."""
+
+    def __init__(self, count: int) -> None:
+        self._slopes = np.zeros((1, count))
+        self._slopes[0, -1] = 1.0
+        self._offsets = np.zeros(1)
+
+    def add(self, value: float, slope: FloatArray, point: FloatArray) -> None:
+        keep = slice(max(1, len(self._offsets) - _CUTS + 2), None)
+        self._slopes = np.vstack([self._slopes[:1], self._slopes[keep], slope])
+        offset = value - slope @ point
+        self._offsets = np.concatenate([self._offsets[:1], self._offsets[keep], [offset]])
+
+    def step_to(self, level: float, centre: FloatArray, rise: float) -> FloatArray | None:
+        """Shortest step from the centre to where all functions reach the level, if it is found."""
+        needed = level - self._offsets - self._slopes @ centre
+        needed[0] = -centre[-1]
+        largest = _LONGEST * max(1.0, float(centre @ centre))
+        gram = self._slopes @ self._slopes.T
+        found, weights = least_step(gram, needed, 0.1 * rise, largest)
+        return self._slopes.T @ weights if found else None
 
 
 @dataclass(order=True)
@@ -77,13 +316,12 @@ class _Search:
         if bound >= self.threshold:
             return
         region = dual.kept(ascent.multipliers, self.threshold)
-        if region is None:
-            return
-        for part in self._parts(item.region, region, ascent.paths):
-            self.add(bound, part, ascent.multipliers)
+        if region is not None:
+            for part in self._parts(item.region, region, ascent.paths):
+                self.add(bound, part, ascent.multipliers)
 
     def _parts(self, before: Region, region: Region, paths: FloatArray) -> list[Region]:
-        """What to bound next instead of a region that was reduced."""
+        """Regions to bound next instead of one that was reduced."""
         if region.size < 0.5 * before.size:
             return [region]
         sparse = region.sparse
@@ -91,6 +329,17 @@ class _Search:
             return [region.halved()]
         line = (region.widest_gap() if sparse else None) or region.halving_line(paths)
         return [region.halved()] if line is None else list(region.parts(*line))
+
+    def advances(self, gap: float, goal: float) -> Generator[float, None, str]:
+        """Bounds after every region, until the goal; why there is no other one."""
+        clock = Clock(self.deadline)
+        while self.bound < goal:
+            clock.check()
+            if self.open[0].region.reach > _MAX_REACH:
+                return "the gap is not reached with the smallest cells: a better path may exist"
+            self.advance()
+            yield self.bound
+        return f"the gap of {gap:g} is reached"
 
 
 def bound_with_acceleration(
@@ -124,12 +373,10 @@ def bound_with_acceleration(
     """
     started = time.monotonic()
     scale = float(floored(np.asarray(best), best))
-    goal = (1 - gap) * scale
     search = _Search(limits, (1 - _DISCARD * gap) * scale, scale, deadline)
     reach = 1
     while reach < 64 and node_count(task, 1, 2 * reach) <= first_nodes:
         reach *= 2
-    reason, regions = f"the gap of {gap:g} is reached", 0
     if node_count(task, 1, reach) > MAX_NODES:
         reason = f"a step has too many positions: more than {MAX_NODES:,} nodes in all"
         return AccelerationBound(known, best, task.radius, reason, 0, 0.0)
@@ -138,14 +385,6 @@ def bound_with_acceleration(
         region = None if full is None else full.reached(limits)
         if region is not None:
             search.add(known, region, iterations=_FIRST)
-    while search.bound < goal:
-        if time.monotonic() > deadline:
-            reason = "the time limit is reached"
-            break
-        if search.open[0].region.reach > _MAX_REACH:
-            reason = "the gap is not reached with the smallest cells: a better path may exist"
-            break
-        search.advance()
-        regions += 1
-    seconds = time.monotonic() - started
-    return AccelerationBound(max(known, search.bound), best, task.radius, reason, regions, seconds)
+    bounds, reason = refined(search.advances(gap, (1 - gap) * scale), "the time limit is reached")
+    bound, seconds = max(known, search.bound), time.monotonic() - started
+    return AccelerationBound(bound, best, task.radius, reason, len(bounds), seconds)

@@ -67,21 +67,9 @@ def tilted_costs_to_go(
     """Least cost of a visit to every node and of all that follows: W_t of (G2), with (G9).
 
     W_t(n) = lambda(n) + q(t) . (n - X(0)) + min over n' within reach of n of W_(t+1)(n'), and at
-    the last step phi(n) instead of the minimum.
-
-    Parameters
-    ----------
-    costs : (M,)
-        lambda, of a visit to every node; infinite where there is none.
-    windows, offsets : (T, 4), (T + 1,)
-    tilts : (T, 2)
-        h q(t), additional cost of a visit, per node index along each axis.
-    terminal : (m,)
-        phi, cost of stopping at the nodes of the last window.
-    reach : int
-        Nodes by which an index changes in a step.
-    to_go : (M,)
-        Output.
+    the last step phi(n) instead of the minimum. lambda are the `costs` (M,), infinite where there
+    is no node; h q(t) the `tilts` (T, 2), per node index along each axis; phi the values `terminal`
+    (m,) at the nodes of the last window; and `to_go` (M,) the output.
     """
     last = len(windows) - 1
     for t in range(last, -1, -1):
@@ -153,23 +141,8 @@ def least_step(
     """Weights w >= 0 for which the step sum of w_i g_i is the shortest d with g_i . d >= needed_i.
 
     Coordinate ascent on the dual program, equation (G10): r . w - 1/2 w . gram w at its largest,
-    with r in `needed`.
-
-    Parameters
-    ----------
-    gram : (m, m)
-        Products g_i . g_j.
-    needed : (m,)
-    tolerance : float
-        Largest violation.
-    largest : float
-        Bound on the square of the step's length.
-
-    Returns
-    -------
-    found : bool
-        Whether the step is found; if not, there may be none of at most that length.
-    weights : (m,)
+    with r in `needed` (m,) and the products g_i . g_j in `gram` (m, m), up to violations of at most
+    `tolerance`. The first result is False if there may be no step of a square up to `largest`.
     """
     count = len(needed)
     weights, slack = np.zeros(count), np.empty(count)

@@ -5,17 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
 from .._util.numbers import SPEED_TOL
 from ..grid.nodes import UNIT, CellBlock, Grid, Relaxation
+from ..scenario import Scenario
 from ..typing import BoolArray, FloatArray
-
-if TYPE_CHECKING:
-    from ..scenario import Scenario
-
 
 QUANTUM = 2.0**-26
 """Lengths in units of the largest step, and risks in units of about the least one, are rounded
@@ -116,21 +114,11 @@ _MIN_GAP = 0.1  # of a block's extent, from which empty lines of cells are a gap
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """The paths of T steps of which every step is in one of its cells.
+    """The paths of T steps of which every step is in one of its cells."""
 
-    Parameters
-    ----------
-    task : Relaxation
-        With T as its number of steps.
-    reach : int
-        k, nodes by which a coordinate changes in a step: the side of a cell is s / k.
-    blocks : tuple of CellBlock
-        The cells of the steps 1 .. T.
-    """
-
-    task: Relaxation
-    reach: int
-    blocks: tuple[CellBlock, ...]
+    task: Relaxation  # with T as its number of steps
+    reach: int  # k, nodes by which a coordinate changes in a step: the side of a cell is s / k
+    blocks: tuple[CellBlock, ...]  # the cells of the steps 1 .. T
 
     @classmethod
     def full(cls, task: Relaxation, reach: int) -> Region | None:
@@ -199,15 +187,12 @@ class Region:
     def widest_gap(self) -> tuple[int, int, int] | None:
         """Step, axis and line of the widest gap between cells, if there is one."""
         widest, found = 0, None
-        for step, block in enumerate(self.blocks):
-            for axis in (0, 1):
-                lines = np.flatnonzero(block.cells.any(axis=1 - axis))
-                if lines.size < 2:
-                    continue
-                gaps = np.diff(lines) - 1
-                at = int(gaps.argmax())
-                if gaps[at] > max(widest, _MIN_GAP * block.cells.shape[axis]):
-                    widest, found = int(gaps[at]), (step, axis, int(lines[at]) + 1)
+        for (step, block), axis in product(enumerate(self.blocks), (0, 1)):
+            lines = np.flatnonzero(block.cells.any(axis=1 - axis))
+            gaps = np.diff(lines, append=lines[-1:] + 1) - 1
+            at = int(gaps.argmax())
+            if gaps[at] > max(widest, _MIN_GAP * block.cells.shape[axis]):
+                widest, found = int(gaps[at]), (step, axis, int(lines[at]) + 1)
         return found
 
     def halving_line(self, paths: FloatArray) -> tuple[int, int, int] | None:

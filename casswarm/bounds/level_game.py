@@ -1,35 +1,32 @@
-"""Bounds from level games: which potential and which grid of levels, for any number of members.
-
-Every choice here gives a valid bound; it is guided by the value of the game in which all members
-always have the same level and drop as far as they can, which is nearly optimal.
-
-The level game: an upper bound on the success of every policy from the members' levels.
+"""The level game: an upper bound on the success of every policy from the members' levels.
 
 A member's level is the value of a potential at its position, a lower bound on the single-agent risk
 that is left to it. In the game the members' levels are all that counts: whoever wants to lower its
 own by delta is exposed to a single-agent risk of at least delta, with less protection from members
 whose levels stay behind, because they are far away. The value of the game bounds the success of
 every policy; the proof, with that of the interpolation, is in ``docs/success-bound.md``.
+
+Any potential and grid of levels give a valid bound. Their choice is guided by the value of the game
+in which all members always have the same level and drop as far as they can, which is nearly
+optimal.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
 
 from ..grid.nodes import UNIT, Relaxation
-from ..hazard import Hazard
-from ..typing import FloatArray, IntArray
+from ..typing import FloatArray
 from .level_game_kernels import Buffers, Moves, best_moves, fill_levels, make_decreasing
 from .potential import Potential, PotentialFamily
+from .refinement import Clock, refined
 
 _UNITS = 16
 """Units of density of a neighbour."""
@@ -39,25 +36,13 @@ _UNITS = 16
 class LevelGame:
     """The level game of a potential whose levels fall by at most `potential.largest` in a step.
 
-    Parameters
-    ----------
-    potential : Potential
-        With a finite slope and largest drop.
-    cells : int
-        Number of levels of the grid by which a level can fall in a step.
-    players : tuple of int
-        Members whose success counts, which can all reach the target; the others protect them at no
-        distance all the time.
+    The success of the `players` counts, who can all reach the target; the other members protect
+    them at no distance all the time.
     """
 
-    potential: Potential
-    cells: int
+    potential: Potential  # with a finite slope and largest drop
+    cells: int  # D, number of levels of the grid by which a level can fall in a step
     players: tuple[int, ...]
-
-    @property
-    def hazard(self) -> Hazard:
-        """Whose rates count."""
-        return self.potential.task.hazard
 
     @cached_property
     def starts(self) -> FloatArray:
@@ -80,18 +65,11 @@ class LevelGame:
         """M, the number of levels; higher ones count as the last."""
         return max(2, math.ceil(float(self.starts.max()) / self.spacing) + 1)
 
-    @property
-    def work(self) -> float:
-        """Number of values that are looked up, about."""
-        return look_ups(self.members, self.size, self.cells)
-
     def value(self) -> float:
         """Upper bound on the success probability of every policy."""
         if self.members == 0:
             return 0.0
-        if (self.starts <= 0).any():
-            return 1.0
-        if self._least_slopes[-1] <= 0:  # drops may cost nothing
+        if (self.starts <= 0).any() or self._least_slopes[-1] <= 0:  # drops may cost nothing
             return 1.0
         steps = self.potential.task.steps
         highest = max(1.0, float(self.node_values[-1].max()))
@@ -107,10 +85,13 @@ class LevelGame:
             rows.append(np.zeros((count, alive), np.int64))
             fill_levels(rows[-1])
             arrived = max(1.0, float(values[-1].max()))
-            known = [values[0], *map(_with_arrived, values[1:], rows[1:], repeat(arrived))]
-            tables = np.concatenate([*known, _with_arrived(np.zeros(count), rows[-1], arrived)])
-            offsets = np.cumsum([0, *map(len, known)])
-            moves, buffers = self._moves(alive), self._buffers(alive)
+            known = [*values[1:], np.zeros(count)]
+            parts = [
+                np.where(at[:, 0] == 0, arrived, v) for at, v in zip(rows[1:], known, strict=True)
+            ]
+            tables = np.concatenate([values[0], *parts])
+            offsets = np.cumsum([0, *map(len, values)])
+            moves, buffers = self._moves(alive), Buffers.of(alive)
             for corrected in (False, True):
                 best_moves(rows[-1], moves, self._binomials, offsets, corrected, buffers, tables)
             values.append(tables[offsets[-1] :])
@@ -125,16 +106,6 @@ class LevelGame:
             [[math.comb(i, j) for j in range(n + 2)] for i in range(self.size + n + 1)], np.int64
         )
 
-    @staticmethod
-    def _buffers(alive: int) -> Buffers:
-        drops, after, fallen, ranks = (
-            np.zeros(count, np.int64) for count in (alive, alive, alive, 1 << alive)
-        )
-        least, most, margin, probability = (np.zeros(alive) for _ in range(4))
-        values, low, high = (np.zeros(1 << alive) for _ in range(3))
-        by_member = drops, after, fallen, probability, least, most, margin
-        return Buffers(*by_member, ranks, values, low, high)
-
     @cached_property
     def _least_slopes(self) -> FloatArray:
         """For 1, ..., n alive, the least ratio of risk and drop; not increasing."""
@@ -146,7 +117,7 @@ class LevelGame:
         dt, total = self.potential.task.dt, alive + len(self.potential.starts) - self.members
         densities: FloatArray = total - alive + np.arange(_UNITS * (alive - 1) + 1) / _UNITS
         rates = np.arange(self.cells + 1, dtype=float) * (self.spacing / dt)
-        least = self.hazard.least_rates(total, densities, rates)
+        least = self.potential.task.hazard.least_rates(total, densities, rates)
         assert least is not None
         least[:, 0] = 0.0
         return dt * least
@@ -160,7 +131,7 @@ class LevelGame:
         surplus = np.exp(rises.max(axis=1))
         behind = np.arange(self.size + 2, dtype=float) * self.spacing
         squared = self.potential.least_squared_distance(behind)
-        density = np.where(squared > 0, self.hazard.density_bound(squared), 1.0)
+        density = np.where(squared > 0, self.potential.task.hazard.density_bound(squared), 1.0)
         density = _UNITS * np.minimum(density, 1.0)
         return Moves(np.exp(-risks), steepness, surplus, math.exp(slope), density)
 
@@ -183,11 +154,6 @@ class LevelGame:
         return total
 
 
-def _with_arrived(values: FloatArray, rows: IntArray, arrived: float) -> FloatArray:
-    """Values of sets of levels `rows`, `arrived` for those with a member at level 0."""
-    return np.where(rows[:, 0] == 0, arrived, values)
-
-
 def look_ups(members: int, size: int, cells: int) -> float:
     """Number of values that `LevelGame.value` looks up for states of all members, about.
 
@@ -205,20 +171,14 @@ _LOST_LEVEL = 0.01  # relative loss of level for a small slope
 _CELLS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64)
 _STAGE = 30.0  # ratio of work of one stage and the one before
 _FIRST_WORK = 1e6
+_LATE = "the time limit is reached"
 
 
 class GameBound(NamedTuple):
-    """A bound on the success probability of every policy.
-
-    Parameters
-    ----------
-    value : float
-    limited : bool
-        Whether the time limit made it weaker.
-    """
+    """A bound on the success probability of every policy."""
 
     value: float
-    limited: bool
+    limited: bool  # whether the time limit made it weaker
 
 
 class Choice(NamedTuple):
@@ -229,24 +189,12 @@ class Choice(NamedTuple):
 
 
 class Effort(NamedTuple):
-    """How much to compute; see `success_bound`.
+    """How much to compute; see `success_bound`."""
 
-    Parameters
-    ----------
-    max_nodes : int
-        Maximum number of nodes of a potential, over all steps.
-    max_work : float
-        Largest number of values that a game looks up, about; finite.
-    accuracy : float
-        Refine until the bound on the probability of failure rises by less, relatively.
-    deadline : float
-        Time of `time.monotonic`; no game is begun that is expected to end later.
-    """
-
-    max_nodes: int
-    max_work: float
-    accuracy: float
-    deadline: float
+    max_nodes: int  # of a potential, over all steps
+    max_work: float  # largest number of values that a game looks up, about; finite
+    accuracy: float  # of the bound on failure: refine until it rises by less, relatively
+    deadline: float  # of `time.monotonic`; no game is begun that is expected to end later
 
 
 def game_bound(
@@ -254,14 +202,7 @@ def game_bound(
 ) -> GameBound:
     """The least bound of level games of increasing work; 1 if even the smallest needs too much.
 
-    Parameters
-    ----------
-    task : Relaxation
-    starts : (n, 2)
-        Initial positions.
-    multiplier : float
-        Of arrival, as of `StageCosts`.
-    effort : Effort
+    `starts` (n, 2) are the initial positions, and the multiplier is as of `StageCosts`.
     """
     nearly = replace(task, radius=task.radius * (1 + 1e-9))
     reachable = nearly.reachable(starts, task.steps)
@@ -269,23 +210,29 @@ def game_bound(
     if not reachable.any() or fine.size > effort.max_nodes:
         return GameBound(1.0, limited=False)
     coarse = PotentialFamily(task, starts, min(_COARSE_NODES, effort.max_nodes), multiplier)
-    groups = _groups(np.flatnonzero(reachable))
+    values, reason = refined(_values(fine, coarse, reachable, effort), _LATE)
+    return GameBound(min(values, default=1.0), reason == _LATE)
+
+
+def _values(
+    fine: PotentialFamily, coarse: PotentialFamily, reachable: np.ndarray, effort: Effort
+) -> Generator[float, None, str]:
+    """Values of games of increasing work; why there is no other one."""
+    task, groups = fine.task, _groups(np.flatnonzero(reachable))
     slope = _slope(coarse, reachable)
     levels = _start_levels(coarse, slope, reachable)
-    best, used, seconds = 1.0, 0.0, 0.0
+    clock, best, used = Clock(effort.deadline), 1.0, 0.0
     for work in _stages(effort.max_work):
-        choice = _choose(task, len(starts), len(groups[0]), levels, work)
+        choice = _choose(task, len(fine.starts), len(groups[0]), levels, work)
         if choice is None:
             continue
-        begun = time.monotonic()
-        if begun + (seconds * work / used if used else 0.0) > effort.deadline:
-            return GameBound(best, limited=True)
+        clock.begin(work / used if used else 0.0)
         value = _product(fine.potential(slope, choice.largest), groups, choice.cells)
-        seconds, used = time.monotonic() - begun, work
-        improved, best = best - value, min(best, value)
+        yield value
+        improved, best, used = best - value, min(best, value), work
         if value < 1.0 and improved < effort.accuracy * (1.0 - value):
-            break
-    return GameBound(best, limited=False)
+            return "the bound on failure hardly rises"
+    return "the largest work is reached"
 
 
 def _stages(max_work: float) -> Iterator[float]:
@@ -359,15 +306,13 @@ def _together(task: Relaxation, members: int, level: float, largest: float) -> f
         transition = np.zeros((members + 1, members + 1))
         transition[0, 0] = 1.0
         for alive in range(1, members + 1):
-            least = task.hazard.least_rates(
-                alive, np.array([alive - 1.0]), np.array([drop / task.dt])
-            )
+            density, rate = np.array([alive - 1.0]), np.array([drop / task.dt])
+            least = task.hazard.least_rates(alive, density, rate)
             assert least is not None
             survival = math.exp(-task.dt * float(least[0, 0]))
             for left in range(alive + 1):
-                lost = alive - left
-                weight = math.comb(alive, left) * survival**left * (1.0 - survival) ** lost
-                transition[alive, left] = weight
+                weight = math.comb(alive, left) * survival**left
+                transition[alive, left] = weight * (1.0 - survival) ** (alive - left)
         for _ in range(repeated):
             value = transition @ value
     return float(value[-1])

@@ -8,6 +8,7 @@ Equations (S1) to (S4) are those of ``docs/success-bound.md``, which also lists 
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -52,59 +53,36 @@ class Moves(NamedTuple):
     """What a step costs with k members alive before it.
 
     The density of the neighbours is in units of which S - 1 are all k - 1 of them at no distance.
-
-    Parameters
-    ----------
-    survival : (S, D + 1)
-        Probability of surviving a drop of d levels, by density.
-    steepness : (S, D + 1)
-        gamma_d (1 - r), a factor of the correction for interpolation.
-    surplus : (S,)
-        Largest ratio of the probabilities of survival at neighbouring drops.
-    growth : float
-        1 / r, the ratio of neighbouring levels' values beyond which the correction is needed.
-    density : (M + 2,)
-        Density that a neighbour adds at most, by the number of levels that it is behind.
     """
 
-    survival: FloatArray
-    steepness: FloatArray
-    surplus: FloatArray
-    growth: float
-    density: FloatArray
+    survival: FloatArray  # (S, D + 1), P: of surviving a drop of d levels, by density
+    steepness: FloatArray  # (S, D + 1), gamma_d (1 - r): of the correction for interpolation
+    surplus: FloatArray  # (S,), largest ratio of the probabilities at neighbouring drops
+    growth: float  # 1 / r, ratio of neighbours' values beyond which the correction is needed
+    density: FloatArray  # (M + 2,), most that a neighbour adds, by the levels that it is behind
 
 
 class Buffers(NamedTuple):
-    """Working memory of `best_moves`: a joint move, by member, and its outcomes.
+    """Working memory of `best_moves`: a joint move, by member, and its outcomes, by bit set."""
 
-    Parameters
-    ----------
-    drops : (k,)
-        In the order of the levels before.
-    after, fallen : (k,)
-        Levels after the move, sorted, and drops in that order, as all that follows.
-    alive, least, most, margin : (k,)
-        Probability of survival, bounds on its weight within the cells of the grid, and the factor
-        of the correction.
-    ranks : (2^k,)
-        Of the set of every bit set of survivors, within all sets of at most k levels.
-    values : (2^k,)
-        Values of these sets.
-    low, high : (2^k,)
-        Bounds on their probabilities.
-    """
-
-    drops: IntArray
-    after: IntArray
-    fallen: IntArray
-    alive: FloatArray
-    least: FloatArray
+    drops: IntArray  # (k,), in the order of the levels before
+    after: IntArray  # (k,), levels after the move, sorted; the following are in this order
+    fallen: IntArray  # (k,), drops
+    alive: FloatArray  # (k,), probability of survival
+    least: FloatArray  # (k,), this and the next: bounds on its weight within the grid's cells
     most: FloatArray
-    margin: FloatArray
-    ranks: IntArray
-    values: FloatArray
-    low: FloatArray
+    margin: FloatArray  # (k,), factor of the correction
+    ranks: IntArray  # (2^k,), of every set of survivors, within all sets of as many levels
+    values: FloatArray  # (2^k,), of these sets
+    low: FloatArray  # (2^k,), this and the next: bounds on their probabilities
     high: FloatArray
+
+    @classmethod
+    def of(cls, k: int) -> Buffers:
+        """Buffers for k members."""
+        whole, real = (partial(np.zeros, dtype=kind) for kind in (np.int64, np.float64))
+        of_members = *(whole(k) for _ in range(3)), *(real(k) for _ in range(4))
+        return cls(*of_members, whole(1 << k), *(real(1 << k) for _ in range(3)))
 
 
 @kernel
@@ -133,20 +111,9 @@ def best_moves(
     """Values of all sets of k levels, from those of lower levels and of fewer members.
 
     G_k(a) is the largest of G_(k-1) without any one member and of (S4) for every move from the
-    nodes a to b, a - b in {0, ..., D}^k but 0.
-
-    Parameters
-    ----------
-    levels : (count, k)
-    moves : Moves
-    binomials : (., k + 2)
-    offsets : (k + 1,)
-        Where the values of sets of 0, ..., k levels begin in `tables`.
-    corrected : bool
-        Whether to add the corrections for interpolation; `tables` then hold the values without.
-    buffers : Buffers
-    tables : (.,)
-        Values of the sets of k levels are written, but for those with a member at level 0.
+    nodes a to b, a - b in {0, ..., D}^k but 0. Values of sets of 0, ..., k levels begin in `tables`
+    at `offsets`; those of `levels` (count, k) are written, but for those with a member at level 0.
+    If corrections for interpolation are to be added, `tables` hold the values without.
     """
     count, k = levels.shape
     deepest = moves.survival.shape[1] - 1

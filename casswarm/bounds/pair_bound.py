@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import PlanningError
-from ..grid.node_blocks import NodeBlock
-from ..grid.nodes import Relaxation
+from ..grid.nodes import NodeBlock, Relaxation
+from ..scenario import Scenario
 from ..scenario.scenario_files import require_scenario
 from ..typing import FloatArray
-from .pair_nodes import best_multiplier
-from .pair_program import Arrays, PairProgram
+from .pair_program import Arrays, PairProgram, best_multiplier
 from .pair_tube import Tube, gathered
-
-if TYPE_CHECKING:
-    from ..scenario import Scenario
-
+from .refinement import Clock, refined
 
 MAX_NODES = 100_000_000
 """Default maximum number of joint nodes of a grid, over all steps: 8 bytes each."""
@@ -34,6 +30,7 @@ _REACHES = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 28, 32, 40, 48, 56, 
 _SLOWER = 2.5  # a larger grid, back and forth, than a forward recursion, per node
 _FEW_NODES = 2_000_000  # of a grid on which multipliers of arrival are compared
 _FACTORS = (0.3, 2.0)
+_NO_OTHER = "no other policy exceeds the known one"
 _PROTECTION = 0.5  # by a member at the margin beyond reach of the target, relative
 
 
@@ -114,34 +111,35 @@ def pair_bound(
         the coarsest grid of `max_nodes` nodes can hold.
     """
     require_scenario("pair_bound", scenario)
-    started = time.monotonic()
-    deadline = started + time_limit
-    program: PairProgram | None = first_program(scenario, max_nodes, initial_velocities)
-    levels: list[PairLevel] = []
-    value, reason = 1.0, ""
-    while program is not None:
-        try:
-            program, bound, kept = _best_multiplier(program, deadline)
-            value = max(known, min(value, bound))
-            nodes = program.tube.nodes(program.spacing)
-            levels.append(PairLevel(program.reach, nodes, value, time.monotonic() - started))
-            if value - known <= tolerance:
-                reason = f"the difference of {tolerance:g} is reached"
-                break
-            begun = time.monotonic()
-            tube = program.forward(kept, known, deadline)
-        except TimeoutError:
-            reason = f"the time limit of {time_limit:g} s is reached"
-            break
+    clock = Clock(time.monotonic() + time_limit)
+    program = first_program(scenario, max_nodes, initial_velocities)
+    late = f"the time limit of {time_limit:g} s is reached"
+    levels, reason = refined(_levels(program, known, tolerance, max_nodes, clock), late)
+    value = known if reason == _NO_OTHER else levels[-1].bound if levels else 1.0
+    return PairBound(value, known, reason, levels)
+
+
+def _levels(
+    program: PairProgram, known: float, tolerance: float, max_nodes: int, clock: Clock
+) -> Generator[PairLevel, None, str]:
+    """Grids of a refinement, each with the bound so far; why there is no other one."""
+    value, finer = 1.0, program
+    while finer is not None:
+        program, bound, kept = _best_multiplier(finer, clock.deadline)
+        value = max(known, min(value, bound))
+        nodes = program.tube.nodes(program.spacing)
+        yield PairLevel(program.reach, nodes, value, clock.seconds)
+        if value - known <= tolerance:
+            return f"the difference of {tolerance:g} is reached"
+        clock.begin()
+        tube = program.forward(kept, known, clock.deadline)
         del kept
         if not len(tube.boxes[1]) and not tube.leaving[0].any():
-            value, reason = known, "no other policy exceeds the known one"
-            break
+            return _NO_OTHER
         now = time.monotonic()
-        affordable = nodes * (deadline - now) / max(_SLOWER * (now - begun), 0.05)
-        program = _finer(program, tube, min(max_nodes, max(affordable, _FEW_NODES)))
-        reason = f"the next grid has more than {max_nodes:,} nodes, or would exceed the time limit"
-    return PairBound(value, known, reason, tuple(levels))
+        affordable = nodes * (clock.deadline - now) / max(_SLOWER * (now - clock.begun), 0.05)
+        finer = _finer(program, tube, min(max_nodes, max(affordable, _FEW_NODES)))
+    return f"the next grid has more than {max_nodes:,} nodes, or would exceed the time limit"
 
 
 def _best_multiplier(

@@ -17,50 +17,24 @@ _ROUNDED_UP = 1 + 2.0**-48  # by more than the rounding of a node's value
 
 
 class MemberNodes(NamedTuple):
-    """Functions on the nodes (n, m) of one member.
+    """Functions on the nodes (n, m) of one member."""
 
-    Parameters
-    ----------
-    risk : (n, m)
-        Lower bound, when interpolated, of a single agent's risk of a step that ends there.
-    slopes : (2, n, m)
-        Largest change of `risk` between neighbours along each axis, in the four cells around.
-    spread : (n, m)
-        Largest logarithm of a ratio of values of `risk` in one of these cells.
-    alone : (n, m)
-        Upper bound of the probability that a single agent there arrives.
-    floor : (n, m)
-        Another one, below which values of two living members are not taken.
-    """
-
-    risk: FloatArray
-    slopes: FloatArray
-    spread: FloatArray
-    alone: FloatArray
-    floor: FloatArray
+    risk: FloatArray  # beta: below a single agent's risk of a step that ends there, interpolated
+    slopes: FloatArray  # (2, n, m), largest change of it along each axis in the cells around
+    spread: FloatArray  # largest logarithm of a ratio of its values in one of these cells
+    alone: FloatArray  # A: above the probability that a single agent there arrives
+    floor: FloatArray  # A': another such bound; values of two living members are not below it
 
 
 class PairNodes(NamedTuple):
-    """Functions on the nodes (n, m) of the difference of both members' positions.
+    """Functions on the nodes (n, m) of the difference of both members' positions."""
 
-    Parameters
-    ----------
-    share : (n, m)
-        Lower bound, when interpolated, of the factor by which the other member reduces the risk.
-    slopes, spread
-        As of `MemberNodes.risk`.
-    collision : (n, m)
-        Lower bound, when interpolated, of the risk of a collision.
-    collision_low, collision_range : (n, m)
-        Its least value, and the largest difference, in the cells around.
-    """
-
-    share: FloatArray
-    slopes: FloatArray
+    share: FloatArray  # c: below the factor by which the other reduces the risk, interpolated
+    slopes: FloatArray  # as of `MemberNodes`
     spread: FloatArray
-    collision: FloatArray
-    collision_low: FloatArray
-    collision_range: FloatArray
+    collision: FloatArray  # kappa: below the risk of a collision, interpolated
+    collision_low: FloatArray  # its least value in the cells around
+    collision_range: FloatArray  # its largest difference there
 
 
 @kernel
@@ -106,13 +80,8 @@ def step_back(
 
         Q = p_1 p_2 max(G, A'(y_1), A'(y_2)) + p_1 l_2 A(y_1) + p_2 l_1 A(y_2).
 
-    Parameters
-    ----------
-    first, second, pair
-    offset : pair of int
-        Index in `pair` of the difference of the first nodes of `first` and `second`.
-    values : (n1, m1, n2, m2)
-        G, upper bounds of the success probability from there on; Q afterwards.
+    `values` (n1, m1, n2, m2) are G, upper bounds of the success probability from there on, and Q
+    afterwards; `offset` is the index in `pair` of the difference of the members' first nodes.
     """
     n1, m1, n2, m2 = values.shape
     for i in range(n1):
@@ -144,11 +113,7 @@ def step_forward(
     (T - p_1 l_2 A(y_1) - p_2 l_1 A(y_2)) exp(delta_1 + delta_2), and by 0 where that is not
     positive, T < p_1 A(y_1) or T < p_2 A(y_2).
 
-    Parameters
-    ----------
-    first, second, pair, offset
-    needed : (n1, m1, n2, m2)
-        -T, negative; 0 afterwards where every value suffices.
+    `needed` (n1, m1, n2, m2) is -T, negative, and 0 afterwards where every value suffices.
     """
     n1, m1, n2, m2 = needed.shape
     for i in range(n1):

@@ -1,4 +1,4 @@
-"""Backward and forward recursions of two members on the blocks of a tube.
+"""The dynamic program of two members on the blocks of a tube, from functions on each one's nodes.
 
 The proof is in ``docs/two-members.md``.
 """
@@ -7,20 +7,24 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from itertools import product
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.optimize import minimize_scalar
 
-from ..grid.node_blocks import NodeBlock, extremum_within_reach
-from ..grid.nodes import Relaxation
+from ..grid.dynamic_programming import StageCosts, backwards, costs_to_go, least_cost
+from ..grid.nodes import UNIT, Grid, NodeBlock, Relaxation, extremum_within_reach
 from ..typing import BoolArray, FloatArray
-from .pair_nodes import PairLattice, pair_lattice
+from .pair_kernels import MemberNodes, PairNodes, discard, step_back, step_forward
 from .pair_tube import Tube, members, viable_boxes
 
-if TYPE_CHECKING:
-    from .pair_kernels import MemberNodes, PairNodes
+_MULTIPLIER_NODES = 50_000
+_LARGEST_ARRIVAL = 300.0
+"""Largest product of multiplier and radius: exponentials of costs of arrival do not overflow."""
 
 _NO_WEIGHT = 1e-6  # at most so much weight may be due to the rounding of positions
 _LEAST = float(np.finfo(float).tiny)  # of values, so that none is 0 by underflow
@@ -31,30 +35,180 @@ Arrays = list[FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
-class PairProgram:
-    """The dynamic program of two members on one grid.
+class PairLattice:
+    """Functions on the nodes x_1(0) + h (i, j), for both members, and on their differences."""
 
-    Parameters
-    ----------
-    task : Relaxation
-        It starts at the first member.
-    starts : (2, 2)
-        Those of members that can never arrive are moved: see `gathered`.
-    tube : Tube
-    reach : int
-        Nodes by which a coordinate changes in a step: the spacing is s / reach.
-    margin : float
-        Of the tube, in units of length.
-    multipliers : pair of float or None
-        Of arrival, of a single agent and of both; None for values without bounds.
+    grid: Grid  # of a single agent, from either start
+    region: NodeBlock  # all nodes that either member visits
+    risk: FloatArray  # (n, m), this and the next two as of `MemberNodes`
+    slopes: FloatArray
+    spread: FloatArray
+    alone: FloatArray  # (N+1, n, m), as of `MemberNodes` at steps 0 to N
+    floor: FloatArray  # with the multiplier of arrival of a pair
+    guarded: FloatArray  # of an agent that an immortal one out of reach of the target protects
+    pair: PairNodes
+
+    def member(self, step: int, nodes: NodeBlock) -> MemberNodes:
+        """Functions on the nodes of one member after step `step`, from 1."""
+        at = nodes.within(self.region)
+        risk = self.risk[at], self.slopes[:, *at], self.spread[at]
+        arrays = *risk, self.alone[step][at], self.floor[step][at]
+        return MemberNodes(*map(np.ascontiguousarray, arrays))
+
+    def offset(self, first: NodeBlock, second: NodeBlock) -> tuple[int, int]:
+        """Index in `pair` of the difference of the first nodes of two blocks."""
+        center = np.array(self.pair.share.shape) // 2
+        i, j = center + first.first - np.array(second.first)
+        return int(i), int(j)
+
+
+def pair_lattice(
+    task: Relaxation,
+    starts: FloatArray,
+    reach: int,
+    region: NodeBlock,
+    margin: int,
+    multipliers: tuple[float, float] | None,
+) -> PairLattice:
+    """All node functions for a spacing of s / `reach`; `margin` is that of `guarded`, in nodes.
+
+    Without `multipliers` of arrival, of an agent and of a pair, they are no bounds: rates are those
+    at the nodes.
     """
+    grid, certified = Grid.full(task, 1, reach, starts), multipliers is not None
+    multiplier, of_pair = multipliers or (0.0, 0.0)
+    single = StageCosts(grid, certified, multiplier, inside=not certified)
+    both = single.with_multiplier(of_pair)
+    risk, exact = task.dt * _rates(grid, region, certified), 1.0
+    if certified:
+        exact -= _rounding(task, grid.spacing)
+        risk *= exact
+    bounds = task.hazard.pair_bounds(region.shape, grid.spacing, certified)
+    assert bounds is not None
+    share, collision = bounds.share, exact * task.dt * bounds.collision
+    least, largest = (_windows(collision, combine) for combine in (np.minimum, np.maximum))
+    varying = [_around(largest - least), *_variation(share), *_variation(risk)]
+    if not certified:
+        varying = [0 * values for values in varying]
+    spans, pair_slopes, pair_spread, slopes, spread = varying
+    lows = _around(least, np.minimum)
+    pair = PairNodes(share, pair_slopes, pair_spread, collision, lows, spans)
+    row, column = np.array(share.shape) // 2
+    guarded = max(  # it increases outwards
+        float(share[min(row + margin, 2 * row), column]),
+        float(share[row, min(column + margin, 2 * column)]),
+    )
+    inner = (slice(1, -1), slice(1, -1))
+    lone = (
+        lone_values(costs, region, factor, exact)
+        for costs, factor in ((single, 1.0), (both, 1.0), (both, guarded))
+    )
+    return PairLattice(grid, region, risk[inner], slopes[:, *inner], spread[inner], *lone, pair)
 
-    task: Relaxation
-    starts: FloatArray
+
+def lone_values(costs: StageCosts, region: NodeBlock, share: float, exact: float) -> FloatArray:
+    """Upper bounds (N+1, n, m) of the probability that an agent arrives, from every node.
+
+    Its risk is `share` times that of a single agent. The cost of arrival is not scaled.
+    """
+    grid = costs.grid
+    out = np.zeros((len(grid.blocks) + 1, *region.shape))
+    samples, values = reversed(range(len(grid.blocks))), []
+    for sample, (after, values) in zip(samples, backwards(costs, share * exact), strict=True):  # noqa: B007
+        for nodes, to_go in zip(grid.nodes[sample], after, strict=True):
+            common = nodes.common(region)
+            out[sample + 1][common.within(region)] = _survival(to_go[common.within(nodes)])
+    out[0] = _survival(extremum_within_reach(values, grid.nodes[0], region, grid.reach))
+    return out
+
+
+def _survival(risk: FloatArray) -> FloatArray:
+    """exp(-risk), rounded up by more than the rounding of sums of risks and terminal costs.
+
+    It is positive, if only just, wherever the target is within reach.
+    """
+    values = np.exp(-risk) * (1 + 1e-12)
+    return np.where(np.isfinite(risk), np.maximum(values, _LEAST), 0.0)
+
+
+def best_multiplier(task: Relaxation) -> float:
+    """Multiplier of arrival with the largest bound of a single agent's risk; any one is valid.
+
+    The bound is a concave function of it, as the least of affine ones.
+    """
+    costs = StageCosts(Grid.finest(task, _MULTIPLIER_NODES))
+    if costs.grid.stride > 1:
+        return 0.0
+
+    def loss(multiplier: float) -> float:
+        tried = costs.with_multiplier(multiplier)
+        return -least_cost(tried, costs_to_go(tried))
+
+    if not np.isfinite(loss(0.0)):
+        return 0.0
+    largest = -loss(0.0) / task.radius
+    while loss(largest) < loss(largest / 2):
+        largest *= 2
+    largest = min(largest, _LARGEST_ARRIVAL / task.radius)
+    return float(minimize_scalar(loss, bounds=(0.0, largest), options={"maxiter": 12}).x)
+
+
+def _rounding(task: Relaxation, spacing: float) -> float:
+    """Bound on the relative rounding error of a node's risk: docs/two-members.md."""
+    far = np.abs([task.start, task.center]).max() + task.radius + task.steps * task.step
+    operations = 8 * len(task.hazard.radar_positions) + 256
+    return float(UNIT * (operations + 64 * far / spacing))
+
+
+def _rates(grid: Grid, region: NodeBlock, certified: bool) -> FloatArray:
+    """Rates of a single agent at the nodes of the region and at those around it."""
+    task, h = grid.task, grid.spacing
+    east, north = grid.axes(region.grown(1))
+    nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)
+    if not certified:
+        return task.rates(nodes)
+    below = task.rates_below(east, north, h)
+    if below is None or (below <= 0).any():
+        below = task.hazard.single_agent_lower_bound(nodes - h, nodes + h)
+    assert below is not None
+    return below
+
+
+def _windows(
+    values: FloatArray, combine: np.ufunc = np.maximum, shape: tuple[int, int] = (2, 2)
+) -> FloatArray:
+    """Values in every window of a shape, combined: by default, at the corners of every cell."""
+    return np.asarray(combine.reduce(sliding_window_view(values, shape), axis=(2, 3)))
+
+
+def _around(cells: FloatArray, combine: np.ufunc = np.maximum) -> FloatArray:
+    """Values of the cells around every node, combined."""
+    return _windows(np.pad(cells, 1, mode="edge"), combine)
+
+
+def _variation(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Largest change (2, n, m) between neighbours along each axis in the cells around a node.
+
+    And the largest logarithm (n, m) of the ratio of two corners of one of these cells.
+    """
+    slopes = [
+        _windows(np.pad(np.abs(np.diff(values, axis=axis)), 1, mode="edge"), shape=shape)
+        for axis, shape in enumerate([(2, 3), (3, 2)])
+    ]
+    ratio = np.log(_windows(values) / _windows(values, np.minimum))
+    return np.stack(slopes), _around(ratio) + 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class PairProgram:
+    """The dynamic program of two members on one grid."""
+
+    task: Relaxation  # it starts at the first member
+    starts: FloatArray  # (2, 2); those of members that can never arrive are moved: see `gathered`
     tube: Tube
-    reach: int
-    margin: float
-    multipliers: tuple[float, float] | None
+    reach: int  # nodes by which a coordinate changes in a step: the spacing is s / reach
+    margin: float  # of the tube, in units of length
+    multipliers: tuple[float, float] | None  # of arrival, of one and of both; None: no bounds
 
     @property
     def spacing(self) -> float:
@@ -90,13 +244,8 @@ class PairProgram:
     def backward(self, deadline: float = math.inf) -> tuple[float, list[Arrays]]:
         """Upper bound of the optimal value, and values of steps 1 to N before losses are drawn.
 
-        Raises
-        ------
-        TimeoutError
-            It is not complete at the `deadline`, a time of `time.monotonic`.
+        Raises TimeoutError if it is not complete at the `deadline`, a time of `time.monotonic`.
         """
-        from .pair_kernels import step_back
-
         values = [np.zeros(block.shape) for block in self.blocks[-1]]
         kept: list[Arrays] = []
         for step in reversed(range(self.task.steps)):
@@ -111,26 +260,23 @@ class PairProgram:
                 for block in self.blocks[step]
             ]
             for array, block in zip(values, self.blocks[step], strict=True):
-                self._let_leave(step, block, array)
+                for _, joint, leavers, guarded in self._leavers(step, block, array):
+                    np.maximum(joint, guarded, out=joint, where=leavers[..., None, None])
         return self._at_starts(values[0], self.blocks[0][0]), kept[::-1]
 
     def forward(self, kept: list[Arrays], known: float, deadline: float = math.inf) -> Tube:
         """The tube of the policies of success above `known`; `kept` is from `backward`.
 
-        Raises
-        ------
-        TimeoutError
-            As `backward`.
+        Raises TimeoutError as `backward`.
         """
-        from .pair_kernels import discard, step_forward
-
         needed = [np.full(block.shape, -known) for block in self.blocks[0]]
         boxes, leaving = [self.tube.boxes[0]], np.zeros_like(self.tube.leaving)
         for step in range(self.task.steps):
             if time.monotonic() > deadline:
                 raise TimeoutError
             for array, block in zip(needed, self.blocks[step], strict=True):
-                leaving[step] |= self._may_leave(step, block, array)
+                for member, joint, leavers, guarded in self._leavers(step, block, array):
+                    leaving[step, member] |= (-joint[leavers] <= guarded).any()
             found, following = [], self.blocks[step + 1]
             last, needed = needed, []
             for block, values, box in zip(
@@ -138,12 +284,8 @@ class PairProgram:
             ):
                 array = self._largest(last, self.blocks[step], block)
                 discard(array.ravel(), values.ravel())
-                for viable in viable_boxes(array, block, self.spacing):
-                    viable[0], viable[1] = (
-                        np.maximum(viable[0], box[0]),
-                        np.minimum(viable[1], box[1]),
-                    )
-                    found.append(viable)
+                for low, high in viable_boxes(array, block, self.spacing):
+                    found.append([np.maximum(low, box[0]), np.minimum(high, box[1])])
                 step_forward(*self._nodes(step + 1, block), array)
                 needed.append(array)
             boxes.append(np.array(found).reshape(-1, 2, 4))
@@ -161,50 +303,32 @@ class PairProgram:
         first, second = (lattice.member(step, nodes) for nodes in members(block))
         return first, second, lattice.pair, lattice.offset(*members(block))
 
-    def _leavers(self, step: int, nodes: NodeBlock) -> BoolArray:
-        """Nodes (n, m) from which a member may leave the tube's rectangle."""
-        low = np.ceil(self.tube.retreat[step + 1, 0] / self.spacing) + self.reach
-        high = np.floor(self.tube.retreat[step + 1, 1] / self.spacing) - self.reach
-        x, y = (np.arange(a, b + 1) for a, b in zip(nodes.first, nodes.last, strict=True))
-        leavers = ((x <= low[0]) | (x >= high[0]))[:, None] | (y <= low[1]) | (y >= high[1])
-        return np.asarray(leavers)
+    def _leavers(
+        self, step: int, block: NodeBlock, values: FloatArray
+    ) -> Iterator[tuple[int, FloatArray, BoolArray, FloatArray]]:
+        """For every member that may leave the tube's rectangle: its number, values, and nodes.
 
-    def _guarded(self, step: int, nodes: NodeBlock) -> FloatArray:
-        return np.asarray(self.lattice.guarded[step][nodes.within(self.lattice.region)])
-
-    def _let_leave(self, step: int, block: NodeBlock, values: FloatArray) -> None:
-        """Raise values where a member leaves to what the other one can then have at most."""
-        first, second = members(block)
-        if self.tube.leaving[step, 0]:
-            leavers = self._leavers(step, first)[..., None, None]
-            np.maximum(values, self._guarded(step, second), out=values, where=leavers)
-        if self.tube.leaving[step, 1]:
-            leavers = self._leavers(step, second)
-            guarded = self._guarded(step, first)[..., None, None]
-            np.maximum(values, guarded, out=values, where=leavers)
-
-    def _may_leave(self, step: int, block: NodeBlock, needed: FloatArray) -> BoolArray:
-        """Members (2,) for which it can pay to leave from some node of a block."""
-        result = self.tube.leaving[step].copy()
-        first, second = members(block)
-        if result[0]:
-            leavers = self._leavers(step, first)
-            result[0] = (-needed[leavers] <= self._guarded(step, second)).any()
-        if result[1]:
-            leavers = self._leavers(step, second)
-            guarded = self._guarded(step, first)[..., None]
-            result[1] = (-needed[:, :, leavers] <= guarded).any()
-        return np.asarray(result)
+        The values have the member's axes first; the last array is what the other one, at its nodes,
+        can then have at most.
+        """
+        nodes, orders = members(block), ((0, 1, 2, 3), (2, 3, 0, 1))
+        for member in np.flatnonzero(self.tube.leaving[step]).tolist():
+            one, other = nodes[member], nodes[1 - member]
+            low = np.ceil(self.tube.retreat[step + 1, 0] / self.spacing) + self.reach
+            high = np.floor(self.tube.retreat[step + 1, 1] / self.spacing) - self.reach
+            x, y = (np.arange(a, b + 1) for a, b in zip(one.first, one.last, strict=True))
+            leavers = ((x <= low[0]) | (x >= high[0]))[:, None] | (y <= low[1]) | (y >= high[1])
+            guarded = self.lattice.guarded[step][other.within(self.lattice.region)]
+            yield member, values.transpose(orders[member]), leavers, guarded
 
     def _at_starts(self, values: FloatArray, block: NodeBlock) -> float:
         """Geometric interpolation of the values of step 0 at the starts; the first is a node."""
         i, j = -block.first[0], -block.first[1]
         at = (self.starts[1] - self.task.start) / self.spacing - block.first[2:]
         total = 0.0
-        for k in (0, 1):
-            for m in (0, 1):
-                weight = abs(1 - k - at[0]) * abs(1 - m - at[1])
-                value = float(values[i, j, k, m])
-                if value > _LEAST or weight > _NO_WEIGHT:
-                    total += weight * math.log(value)
+        for k, m in product((0, 1), (0, 1)):
+            weight = abs(1 - k - at[0]) * abs(1 - m - at[1])
+            value = float(values[i, j, k, m])
+            if value > _LEAST or weight > _NO_WEIGHT:
+                total += weight * math.log(value)
         return max(math.exp(total), _LEAST) * _ROUNDED_UP

@@ -10,9 +10,9 @@ from itertools import combinations
 import numpy as np
 
 from .._util.numbers import SPEED_TOL
-from ..grid.node_blocks import NodeBlock
-from ..grid.nodes import Relaxation
+from ..grid.nodes import NodeBlock, Relaxation
 from ..typing import BoolArray, FloatArray, IntArray
+from .pair_kernels import project
 
 _SPLIT = 0.75  # a block is split if both parts have at most this fraction of its nodes
 _MIN_NODES = 20_000  # of a block that is split
@@ -37,20 +37,13 @@ def members(block: NodeBlock) -> tuple[NodeBlock, NodeBlock]:
 class Tube:
     """Positions of both members, relative to the first one's start, that are worth a visit.
 
-    Parameters
-    ----------
-    boxes : tuple of (b, 2, 4)
-        For steps 0 to N, the lower and upper coordinates of boxes.
-    retreat : (N+1, 2, 2)
-        Corners of the rectangle that a member must not leave; beyond it, it is out of reach of the
-        target by more than a margin.
-    leaving : (N, 2) bool
-        Whether member i may leave it between steps t and t + 1.
+    `retreat` are the corners of a rectangle: beyond it, a member is out of reach of the target by
+    more than a margin.
     """
 
-    boxes: tuple[FloatArray, ...]
-    retreat: FloatArray
-    leaving: BoolArray
+    boxes: tuple[FloatArray, ...]  # (b, 2, 4), for steps 0 to N: lower and upper coordinates
+    retreat: FloatArray  # (N+1, 2, 2)
+    leaving: BoolArray  # (N, 2): whether member i may leave it between steps t and t + 1
 
     @classmethod
     def full(
@@ -70,9 +63,13 @@ class Tube:
         center = task.center - task.start
         retreat = np.stack([center - slack, center + slack], axis=1)
         origin = (starts - task.start).ravel()
-        back, out = (origin + np.cumsum(m, axis=0) for m in _moves(task, velocities, change))
-        low = np.maximum(back, np.tile(retreat[:, 0], 2))
-        high = np.minimum(out, np.tile(retreat[:, 1], 2))
+        change = min(change * (1 + SPEED_TOL) + SPEED_TOL * task.speed, 4 * task.speed)
+        excess = task.step - task.speed * task.dt  # rounding
+        low, high = (task.dt * (velocities.ravel() + sign * change * steps) for sign in (-1, 1))
+        low, high = np.maximum(low - excess, -task.step), np.minimum(high + excess, task.step)
+        low[0] = high[0] = 0.0
+        low = np.maximum(origin + np.cumsum(low, axis=0), np.tile(retreat[:, 0], 2))
+        high = np.minimum(origin + np.cumsum(high, axis=0), np.tile(retreat[:, 1], 2))
         low[0] = high[0] = origin  # even beyond the rectangle, which such a member then leaves
         boxes = tuple(np.stack([low, high], axis=1)[:, None])
         return cls(boxes, retreat, np.ones((task.steps, 2), bool))
@@ -114,19 +111,6 @@ def gathered(
     return np.where(gone, task.center + moved, starts)
 
 
-def _moves(
-    task: Relaxation, velocities: FloatArray, change: float
-) -> tuple[FloatArray, FloatArray]:
-    """Least and largest change (N+1, 4) of every coordinate in every step, from 0 before step 1."""
-    change = min(change * (1 + SPEED_TOL) + SPEED_TOL * task.speed, 4 * task.speed)
-    possible = change * np.arange(task.steps + 1)[:, None]
-    slack = task.step - task.speed * task.dt  # rounding
-    low, high = (task.dt * (velocities.ravel() + sign * possible) for sign in (-1, 1))
-    low, high = np.maximum(low - slack, -task.step), np.minimum(high + slack, task.step)
-    low[0] = high[0] = 0.0
-    return low, high
-
-
 def viable_boxes(needed: FloatArray, block: NodeBlock, spacing: float) -> Iterator[FloatArray]:
     """Boxes (2, 4) of all cells around the nodes of a block that are not -infinity."""
     for low, high in _split(needed, np.zeros(4, int)):
@@ -135,16 +119,14 @@ def viable_boxes(needed: FloatArray, block: NodeBlock, spacing: float) -> Iterat
 
 def _split(needed: FloatArray, origin: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
     """First and last nodes of parts of an array that hold all values above -infinity."""
-    from .pair_kernels import project
-
     shadows = [np.zeros((needed.shape[a], needed.shape[b]), bool) for a, b in _PAIRS]
     project(needed, *shadows)
     shadow = dict(zip(_PAIRS, shadows, strict=True))
     shadow |= {(b, a): values.T for (a, b), values in shadow.items()}
-    ends = [_ends(np.asarray(shadow[axis, (axis + 1) % 4].any(axis=1))) for axis in range(4)]
-    if ends[0] is None:
+    lines = [np.flatnonzero(shadow[axis, (axis + 1) % 4].any(axis=1)) for axis in range(4)]
+    if not lines[0].size:
         return
-    low, high = np.array(ends).T
+    low, high = (np.array([line[end] for line in lines]) for end in (0, -1))
     size = math.prod((high - low + 3).tolist())
     cut = _best_cut(shadow, low, high) if size > _MIN_NODES else None
     if cut is None or cut[0] > _SPLIT * size:
@@ -162,18 +144,15 @@ def _best_cut(
 ) -> tuple[float, int, int] | None:
     """Nodes of two parts, axis and first node of the second part, of the best cut."""
     best: tuple[float, int, int] | None = None
-    for axis in range(4):
+    for axis in np.flatnonzero(high > low).tolist():
         cuts = np.arange(low[axis] + 1, high[axis] + 1)
-        if not cuts.size:
-            continue
         sizes = cuts - low[axis] + 2.0, high[axis] - cuts + 3.0
-        for other in range(4):
-            if other != axis:
-                rows = shadow[axis, other]
-                ahead = np.logical_or.accumulate(rows, axis=0)[cuts - 1]
-                behind = np.logical_or.accumulate(rows[::-1], axis=0)[::-1][cuts]
-                for part, found in zip(sizes, (ahead, behind), strict=True):
-                    np.multiply(part, _extents(found) + 2, out=part)
+        for other in {0, 1, 2, 3} - {axis}:
+            rows = shadow[axis, other]
+            ahead = np.logical_or.accumulate(rows, axis=0)[cuts - 1]
+            behind = np.logical_or.accumulate(rows[::-1], axis=0)[::-1][cuts]
+            for part, found in zip(sizes, (ahead, behind), strict=True):
+                np.multiply(part, _extents(found) + 2, out=part)
         total = sizes[0] + sizes[1]
         at = int(total.argmin())
         if best is None or total[at] < best[0]:
@@ -185,8 +164,3 @@ def _extents(found: BoolArray) -> IntArray:
     """Number of nodes from the first to the last found one in every row."""
     first, last = found.argmax(axis=1), found.shape[1] - 1 - found[:, ::-1].argmax(axis=1)
     return np.where(found.any(axis=1), last - first + 1, 0)
-
-
-def _ends(found: BoolArray) -> tuple[int, int] | None:
-    indices = np.flatnonzero(found)
-    return (int(indices[0]), int(indices[-1])) if indices.size else None

@@ -20,8 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from ..grid.dynamic_programming import StageCosts, rounding
-from ..grid.node_blocks import NodeBlock, box_extremum
-from ..grid.nodes import UNIT, CellBlock, Grid, Relaxation, bilinear
+from ..grid.nodes import UNIT, CellBlock, Grid, NodeBlock, Relaxation, bilinear, box_extremum
 from ..hazard.rate_bounds import LeastRate
 from ..typing import FloatArray
 from .level_game_kernels import limit_slope
@@ -41,34 +40,16 @@ _HIGHEST = 64.0
 class Potential:
     """Levels on a rectangle of grid nodes; in between bilinear, and constant outwards.
 
-    Parameters
-    ----------
-    task : Relaxation
-        Its start is node (0, 0).
-    starts : (n, 2)
-        Initial positions of the members.
-    reach : int
-        k, nodes by which a coordinate changes in a step: the spacing is h = s / k.
-    low : pair of int
-        Index of the first node.
-    values : tuple of N + 1 arrays (nx, ny)
-        Node values at every step.
-    slope : float
-        L, infinite without a limit.
-    largest : float
-        No level falls by more in a step; infinite without a limit.
-    slack : float
-        Bound on the rounding errors of levels: (P1) and (P2) hold for
-        w_t - slack (N + 1 - t) / (N + 1).
+    `slack` bounds their rounding errors: (P1) and (P2) hold for w_t - slack (N + 1 - t) / (N + 1).
     """
 
-    task: Relaxation
-    starts: FloatArray = field(repr=False)
-    reach: int
-    low: tuple[int, ...]
-    values: tuple[FloatArray, ...] = field(repr=False)
-    slope: float
-    largest: float
+    task: Relaxation  # its start is node (0, 0)
+    starts: FloatArray = field(repr=False)  # (n, 2), initial positions of the members
+    reach: int  # k, nodes by which a coordinate changes in a step: the spacing is h = s / k
+    low: tuple[int, ...]  # index of the first node
+    values: tuple[FloatArray, ...] = field(repr=False)  # (nx, ny), for steps 0 to N
+    slope: float  # L, infinite without a limit
+    largest: float  # d, infinite without a limit
     slack: float
 
     @property
@@ -158,21 +139,15 @@ class PotentialFamily:
         task = self.task
         spacing = task.step / reach
         near = self.starts[task.reachable(self.starts, task.steps)]
-        near = near if len(near) else self.starts[:1]
+        offsets = ((near if len(near) else self.starts[:1]) - task.start) / spacing
+        low, high = np.floor(offsets.min(axis=0)), np.ceil(offsets.max(axis=0))
+        center, radius = (task.center - task.start) / spacing, task.radius / spacing
         ahead = reach * np.arange(1, task.steps + 1)[:, None]
         back = ahead[::-1] - reach
-        offsets = (near - task.start) / spacing
-        center = (task.center - task.start) / spacing
-        first = np.maximum(
-            np.floor(center - task.radius / spacing) - back, np.floor(offsets.min(axis=0)) - ahead
-        ).min(axis=0)
-        last = np.minimum(
-            np.ceil(center + task.radius / spacing) + back, np.ceil(offsets.max(axis=0)) + ahead
-        ).max(axis=0)
-        first = np.minimum(first, np.floor(offsets.min(axis=0)))
-        last = np.maximum(last, np.ceil(offsets.max(axis=0)))
+        first = np.maximum(np.floor(center - radius) - back, low - ahead).min(axis=0)
+        last = np.minimum(np.ceil(center + radius) + back, high + ahead).max(axis=0)
         margin = 2 * reach  # that leaving and coming back does not pay where a slope limits levels
-        return NodeBlock.between(first - margin, last + margin)
+        return NodeBlock.between(np.minimum(first, low) - margin, np.maximum(last, high) + margin)
 
     def potential(self, slope: float = math.inf, largest: float = math.inf) -> Potential:
         """The largest potential on the nodes with this slope and largest drop: equation (S1)."""
@@ -181,16 +156,14 @@ class PotentialFamily:
         highest = np.minimum(self._stage_costs.terminal(nodes), _HIGHEST)
         costs = np.minimum(self._costs, largest)
         values: list[FloatArray] = []
-        following: FloatArray | None = None
         for _ in range(self.task.steps + 1):
             level = highest.copy()
-            if following is not None:
-                after = following + costs
-                np.minimum(level, box_extremum(after, nodes, nodes, self.reach), out=level)
+            if values:
+                after = box_extremum(values[-1] + costs, nodes, nodes, self.reach)
+                np.minimum(level, after, out=level)
             if math.isfinite(slope):
                 limit_slope(level, edge, math.sqrt(2) * edge)
             values.append(level)
-            following = level
         return Potential(
             *(self.task, self.starts, self.reach, nodes.first, tuple(values[::-1])),
             *(slope, largest, self._slack),

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
 from ..grid.dynamic_programming import (
+    START,
     StageCosts,
     Values,
     costs_to_come,
     costs_to_go,
     least_cost,
     rounding,
-    single_node,
 )
-from ..grid.node_blocks import NodeBlock, extremum_within_reach
-from ..grid.nodes import Grid, Relaxation, corners
+from ..grid.nodes import Grid, NodeBlock, Relaxation, corners, extremum_within_reach
 from ..typing import FloatArray
 from .acceleration_limits import AccelerationBound
+from .refinement import Clock, refined
 
 GAP = 0.01
 """Default relative gap at which a certificate is good enough."""
@@ -132,35 +132,33 @@ def certify(
     first_nodes, max_nodes : int
         Maximum number of nodes of the first grid, if the stride can be chosen so, and of any grid.
     """
-    started = time.perf_counter()
-    grid: Grid | None = Grid.finest(task, first_nodes)
-    levels: list[Level] = []
-    bound, reason = 0.0, ""
-    while grid is not None:
-        level_started = time.perf_counter() - started
+    clock = Clock(time.monotonic() + time_limit)
+    late = f"the next grid would exceed the time limit of {time_limit:.3g} s"
+    grid = Grid.finest(task, first_nodes)
+    levels, reason = refined(_levels(grid, best, multiplier, gap, max_nodes, clock), late)
+    return Certificate(levels[-1].bound, best, reason, levels, clock.seconds)
+
+
+def _levels(
+    grid: Grid, best: float, multiplier: float, gap: float, max_nodes: int, clock: Clock
+) -> Generator[Level, None, str]:
+    """Grids of a refinement, each with the bound so far; why there is no other one."""
+    bound = 0.0
+    while True:
         stage_costs = StageCosts(grid, multiplier=multiplier)
         to_go = costs_to_go(stage_costs)
         slack = rounding(stage_costs, best)
         bound = max(bound, min(best, least_cost(stage_costs, to_go)) - slack)
-        seconds = time.perf_counter() - started
-        levels.append(Level(grid.stride, grid.reach, grid.spacing, grid.size, bound, seconds))
+        yield Level(grid.stride, grid.reach, grid.spacing, grid.size, bound, clock.seconds)
         if bound >= (1 - gap) * best:
-            reason = f"the gap of {gap:g} is reached"
-            break
+            return f"the gap of {gap:g} is reached"
         if slack > 0.1 * gap * best and bound > best - 2 * slack:
-            reason = "the remaining gap is within rounding errors"
-            break
-        refined = _refined(stage_costs, to_go, best + slack, max_nodes)
-        now = time.perf_counter() - started
-        if refined is None:
-            reason = f"the next grid has more than {max_nodes:,} nodes"
-        elif now + (now - level_started) * refined.size / max(grid.size, 1) > time_limit:
-            reason, refined = (
-                f"the next grid would exceed the time limit of {time_limit:.3g} s",
-                None,
-            )
-        grid = refined
-    return Certificate(bound, best, reason, tuple(levels), time.perf_counter() - started)
+            return "the remaining gap is within rounding errors"
+        refined_grid = _refined(stage_costs, to_go, best + slack, max_nodes)
+        if refined_grid is None:
+            return f"the next grid has more than {max_nodes:,} nodes"
+        clock.begin(refined_grid.size / max(grid.size, 1))
+        grid = refined_grid
 
 
 def _refined(
@@ -196,9 +194,8 @@ def _strided_totals(stage_costs: StageCosts, to_go: Values) -> Iterator[list[Flo
     any of them; a path that has already ended took its last sample within 2 k.
     """
     grid = stage_costs.grid
-    start = single_node((0, 0))
-    last: tuple[NodeBlock, ...] = (start,)
-    ended = [stage_costs.terminal(start)]
+    last: tuple[NodeBlock, ...] = (START,)
+    ended = [stage_costs.terminal(START)]
     for sample, come in enumerate(costs_to_come(stage_costs)):
         blocks = grid.nodes[sample]
         through = [a + b for a, b in zip(come, to_go[sample], strict=True)]

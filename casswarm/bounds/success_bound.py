@@ -17,21 +17,17 @@ import time
 from dataclasses import dataclass, replace
 from decimal import ROUND_FLOOR, Context
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._util.numbers import rounded_up
 from ..grid.dynamic_programming import StageCosts, costs_to_go, least_cost, rounding, trace
-from ..grid.node_blocks import NodeBlock, extremum_within_reach
-from ..grid.nodes import Grid, Relaxation, bilinear, node_count
+from ..grid.nodes import Grid, NodeBlock, Relaxation, bilinear, extremum_within_reach, node_count
+from ..scenario import Scenario
 from ..scenario.scenario_files import require_scenario
 from ..typing import FloatArray
 from .level_game import Effort, game_bound
 from .risk_bound import arrival_multiplier
-
-if TYPE_CHECKING:
-    from ..scenario import Scenario
 
 MAX_NODES = 1_000_000
 """Default maximum number of nodes of the grid, over all steps."""
@@ -97,16 +93,9 @@ class SuccessBound:
 
     def as_dict(self) -> dict[str, object]:
         """Plain values, for a record."""
-        return {
-            "bound": self.value,
-            "failure": self.failure,
-            "risks": list(self.risks),
-            "certified": self.certified,
-            "reason": self.reason,
-            "method": self.method,
-            "seconds": self.seconds,
-            "limited": self.limited,
-        }
+        names = ("failure", "risks", "certified", "reason", "method", "seconds", "limited")
+        values = {name: getattr(self, name) for name in names}
+        return {"bound": self.value} | values | {"risks": list(self.risks)}
 
     def __str__(self) -> str:
         if not self.certified:
@@ -210,16 +199,12 @@ def lowest_risks(task: Relaxation, starts: FloatArray, max_nodes: int) -> FloatA
     reachable = replace(task, radius=task.radius * (1 + 1e-9)).reachable(starts, task.steps)
     risks = np.full(len(starts), np.inf)
     near = np.flatnonzero(reachable)
-    for group in [near] if _share_grid(task, starts[near], max_nodes) else near[:, None]:
+    coarsest = 1 << (task.steps - 1).bit_length()  # stride, with which a single start's grid fits
+    shared = near.size < 2 or node_count(task, coarsest, 1, starts[near]) <= max_nodes
+    for group in [near] if shared else near[:, None]:
         if group.size:
             risks[group] = _lowest_risks(task, starts[group], max_nodes)
     return risks
-
-
-def _share_grid(task: Relaxation, starts: FloatArray, max_nodes: int) -> bool:
-    """Whether the coarsest grid of all starts has at most `max_nodes` nodes, as that of one has."""
-    coarsest = 1 << (task.steps - 1).bit_length()
-    return len(starts) < 2 or node_count(task, coarsest, 1, starts) <= max_nodes
 
 
 def _lowest_risks(task: Relaxation, starts: FloatArray, max_nodes: int) -> FloatArray:

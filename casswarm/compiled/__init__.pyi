@@ -7,7 +7,8 @@ from .kernels import (
     generated_module,
     kernel,
     objective,
-    vectorized_objective,
+    reordering_kernel,
+    specialised,
 )
 from .parallel import execute
 
@@ -22,5 +23,6 @@ __all__ = [
     "kernel",
     "objective",
     "private_folder",
-    "vectorized_objective",
+    "reordering_kernel",
+    "specialised",
 ]

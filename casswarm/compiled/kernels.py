@@ -16,8 +16,9 @@ import sys
 from collections.abc import Callable
 from functools import cached_property, lru_cache, update_wrapper
 from importlib.util import find_spec
+from inspect import getsource
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -39,12 +40,14 @@ _REORDERED: dict[str, Any] = {"fastmath": {"reassoc"}}
 _OBJECTIVE = "float64(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])"
 _HEADER = """\
 # compiled code of this module is kept in files with checksums
+from __future__ import annotations
+
 import math
 
 import numpy as np
 from math import inf, nan
 
-from casswarm.compiled.kernels import kernel, objective, vectorized_objective
+from casswarm.compiled.kernels import kernel, objective, reordering_kernel
 
 
 """
@@ -110,23 +113,32 @@ def allocating_kernel(function: _Function) -> _Function:
     return cast("_Function", Kernel(function, {}, _compiler))
 
 
+def reordering_kernel(function: _Function) -> _Function:
+    """Compile a function like `kernel`, with sums in any order: loops that sum are vectorised."""
+    return cast("_Function", Kernel(function, _UNCOUNTED | _REORDERED, _compiler))
+
+
 def objective(function: _Function) -> _Function:
     """Compile ``f(x, p, constants, gradient, scratch)`` to a value that kernels take as argument.
 
     The arguments are contiguous vectors. All objectives have one type, so that a solver is compiled
     once for all of them.
     """
-    return _objective(function, _UNCOUNTED)
-
-
-def vectorized_objective(function: _Function) -> _Function:
-    """Compile like `objective`, with sums in any order, so that loops that sum are vectorised."""
-    return _objective(function, _UNCOUNTED | _REORDERED)
-
-
-def _objective(function: _Function, options: dict[str, Any]) -> _Function:
-    compiled = _compiler().callback(function, _OBJECTIVE, _OPTIONS | options, _stamp())
+    function = getattr(function, "py_func", function)
+    compiled = _compiler().callback(function, _OBJECTIVE, _OPTIONS | _UNCOUNTED, _stamp())
     return cast("_Function", compiled)
+
+
+def specialised(definitions: str, *kernels: Callable[..., Any], reordering: bool = False) -> str:
+    """Text of a module of functions, and of copies of kernels, which call these by their names.
+
+    So a kernel is written once, with others in their place, and compiled for any definitions; where
+    its loops are `reordering`, with sums in any order.
+    """
+    copies = "\n\n".join(map(getsource, kernels))
+    if reordering:
+        copies = copies.replace("@kernel", "@reordering_kernel")
+    return f"{definitions}\n\n{copies}"
 
 
 @lru_cache(maxsize=1)
@@ -209,7 +221,10 @@ def announce(compiled: Any) -> None:
 
 @locked_cache(maxsize=64)
 def generated_module(source: str) -> ModuleType:
-    """Module of a Python text that uses `math`, `np` and the decorators of this module."""
+    """Module of a Python text that uses `math`, `np` and the decorators of this module.
+
+    Functions without a decorator become kernels.
+    """
     text = _HEADER + source
     name = f"casswarm_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
     path = _file(name, text)
@@ -217,6 +232,9 @@ def generated_module(source: str) -> ModuleType:
     module.__file__ = str(path)
     sys.modules[name] = module  # where Numba looks for what it loads from disk
     exec(compile(text, path, "exec"), vars(module))  # not imported: a .pyc may be damaged
+    for function in [each for each in vars(module).values() if isinstance(each, FunctionType)]:
+        if function.__module__ == name:
+            setattr(module, function.__name__, kernel(function))
     return module
 
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from ..chain.random_stream_kernels import write_uniforms
 from ..compiled.kernels import kernel
-from ..motion.limit_kernels import motion_set
-from ..motion.planar_kernels import projected, violation
+from ..motion.planar_kernels import motion_set, projected, violation
 from ..typing import BoolArray, FloatArray, IntArray
 
 _ROUNDING = 2.0**-50  # more than the error of 1 - risk

@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..compiled.kernels import allocating_kernel, kernel
-from ..motion.limit_kernels import motion_set
-from ..motion.planar_kernels import approach, fix, nearest_to_anchor, projected
+from ..motion.planar_kernels import approach, fix, motion_set, nearest_to_anchor, projected
 from ..typing import BoolArray, FloatArray, IntArray
 from .face_kernels import Problem, copy
 from .search_kernels import Method, scratch_for, solve

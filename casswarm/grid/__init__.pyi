@@ -1,6 +1,5 @@
 from .dynamic_programming import StageCosts, costs_to_come, costs_to_go, least_cost, rounding
-from .node_blocks import NodeBlock, box_extremum
-from .nodes import UNIT, CellBlock, Grid, Relaxation, node_count
+from .nodes import UNIT, CellBlock, Grid, NodeBlock, Relaxation, box_extremum, node_count
 from .value_function import CostToGoMap, ValueFunction, value_grid
 
 __all__ = [

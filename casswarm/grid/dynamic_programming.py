@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
 
@@ -17,14 +17,14 @@ import numpy as np
 
 from ..hazard.rate_bounds import cap_radius
 from ..typing import FloatArray
-from .node_blocks import NodeBlock, extremum_within_reach
-from .nodes import UNIT, CellBlock, Grid
+from .nodes import UNIT, CellBlock, Grid, NodeBlock, extremum_within_reach
 
 Node: TypeAlias = tuple[int, int]
-_ROUNDING = 64 * UNIT  # of a coordinate in a step of a path, relative
-
 Values: TypeAlias = list[list[FloatArray]]
 """Node values, an array for every block of every sample."""
+
+START = NodeBlock((0, 0), (1, 1))
+_ROUNDING = 64 * UNIT  # of a coordinate in a step of a path, relative
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +66,12 @@ class StageCosts:
 
         return [[costs(block) for block in blocks] for blocks in grid.blocks]
 
+    def with_multiplier(self, multiplier: float) -> StageCosts:
+        """The same with another multiplier, on which risks of visits do not depend."""
+        other = replace(self, multiplier=multiplier)
+        other.__dict__["nodes"] = self.nodes
+        return other
+
     def _rates(self, nodes: NodeBlock) -> FloatArray:
         grid, task = self.grid, self.grid.task
         east, north = grid.axes(nodes)
@@ -87,10 +93,7 @@ class StageCosts:
         grid, task = self.grid, self.grid.task
         h, radius = grid.spacing, task.radius
         slack = (grid.stride - 1) * task.step
-        offsets = [
-            np.abs(line - center)
-            for line, center in zip(grid.axes(nodes), task.center, strict=True)
-        ]
+        offsets = [np.abs(x - c) for x, c in zip(grid.axes(nodes), task.center, strict=True)]
         margin = 0.0 if self.inside else h + slack  # of the cells around a node
         near = [np.maximum(offset - margin, 0.0) ** 2 for offset in offsets]
         largest = radius + float(np.abs([task.start, task.center]).max())
@@ -112,15 +115,9 @@ class StageCosts:
 
 
 def rounding(stage_costs: StageCosts, risk: float, interpolated: bool = False) -> float:
-    """Bound on the rounding error of a path's cost: docs/global-guide.md.
+    """Bound on the rounding error of the cost of a path of at most a risk: docs/global-guide.md.
 
-    Parameters
-    ----------
-    stage_costs : StageCosts
-    risk : float
-        Bound on the path's risk; on that of paths from the four nodes around, if `interpolated`.
-    interpolated : bool
-        Whether costs are interpolated at the start of the path.
+    If costs are `interpolated` at its start, `risk` bounds that from the four nodes around.
     """
     grid, task = stage_costs.grid, stage_costs.grid.task
     operations = 4 * len(grid.blocks) + 8 * len(task.hazard.radar_positions) + 256
@@ -133,36 +130,38 @@ def rounding(stage_costs: StageCosts, risk: float, interpolated: bool = False) -
     return float(UNIT * (operations + coordinates) * (risk + 2 * stage_costs.max_terminal))
 
 
-def single_node(node: Node) -> NodeBlock:
-    """A block of one node."""
-    return NodeBlock(node, (1, 1))
+def backwards(stage_costs: StageCosts, scale: float = 1.0) -> Iterator[tuple[Values, ...]]:
+    """Costs after a visit and with it, of the nodes of every sample, from the last one.
+
+    W_t of ``docs/global-guide.md``, equation (G2), with lambda in `StageCosts.nodes`, times
+    `scale`, and phi in `StageCosts.terminal`: W_t(n) = lambda(n) + min(phi(n), min over n' within
+    reach of W_(t+1)(n')).
+    """
+    grid, values, blocks = stage_costs.grid, [], ()
+    for nodes, costs in zip(reversed(grid.nodes), reversed(stage_costs.nodes), strict=True):
+        after = [extremum_within_reach(values, blocks, each, grid.reach) for each in nodes]
+        for to_go, each in zip(after, nodes, strict=True):
+            np.minimum(to_go, stage_costs.terminal(each), out=to_go)
+        scaled = costs if scale == 1.0 else [cost * scale for cost in costs]
+        values = [to_go + cost for to_go, cost in zip(after, scaled, strict=True)]
+        blocks = nodes
+        yield after, values
 
 
 def costs_to_go(stage_costs: StageCosts, deadline: float = math.inf) -> Values:
-    """Least cost of a visit to every node at every sample and of all that follows.
-
-    W_t of ``docs/global-guide.md``, equation (G2), with lambda in `StageCosts.nodes` and phi in
-    `StageCosts.terminal`: W_t(n) = lambda(n) + min(phi(n), min over n' within reach of
-    W_(t+1)(n')).
+    """Least cost of a visit to every node at every sample and of all that follows: `backwards`.
 
     Raises
     ------
     TimeoutError
         It is not complete at the `deadline`, a time of `time.monotonic`.
     """
-    grid = stage_costs.grid
-    values: Values = [[] for _ in grid.blocks]
-    next_values: list[FloatArray] = []
-    next_nodes: tuple[NodeBlock, ...] = ()
-    for sample in reversed(range(len(grid.blocks))):
+    found: Values = []
+    for _, values in backwards(stage_costs):
         if time.monotonic() > deadline:
             raise TimeoutError
-        for nodes, costs in zip(grid.nodes[sample], stage_costs.nodes[sample], strict=True):
-            to_go = extremum_within_reach(next_values, next_nodes, nodes, grid.reach)
-            np.minimum(to_go, stage_costs.terminal(nodes), out=to_go)
-            values[sample].append(to_go + costs)
-        next_values, next_nodes = values[sample], grid.nodes[sample]
-    return values
+        found.append(values)
+    return found[::-1]
 
 
 def costs_to_come(stage_costs: StageCosts) -> Iterator[list[FloatArray]]:
@@ -171,25 +170,22 @@ def costs_to_come(stage_costs: StageCosts) -> Iterator[list[FloatArray]]:
     F_t of equation (G3): F_(t+1)(n) = min over n' within reach of (F_t(n') + lambda(n')).
     """
     grid = stage_costs.grid
-    last_values: list[FloatArray] = [np.zeros((1, 1))]
-    last_blocks: tuple[NodeBlock, ...] = (single_node((0, 0)),)
+    values: list[FloatArray] = [np.zeros((1, 1))]
+    last: tuple[NodeBlock, ...] = (START,)
     for blocks, costs in zip(grid.nodes, stage_costs.nodes, strict=True):
-        to_come = [
-            extremum_within_reach(last_values, last_blocks, nodes, grid.reach) for nodes in blocks
-        ]
+        to_come = [extremum_within_reach(values, last, nodes, grid.reach) for nodes in blocks]
         yield to_come
-        last_values = [value + cost for value, cost in zip(to_come, costs, strict=True)]
-        last_blocks = blocks
+        values = [value + cost for value, cost in zip(to_come, costs, strict=True)]
+        last = blocks
 
 
 def least_cost(stage_costs: StageCosts, to_go: Values) -> float:
     """Least cost of a path from the start, from the result of `costs_to_go`."""
-    start = single_node((0, 0))
     grid = stage_costs.grid
-    least = float(extremum_within_reach(to_go[0], grid.nodes[0], start, grid.reach)[0, 0])
+    least = extremum_within_reach(to_go[0], grid.nodes[0], START, grid.reach)
     if grid.stride > 1:  # a path may arrive before its first sample
-        least = min(least, float(stage_costs.terminal(start)[0, 0]))
-    return least
+        least = np.minimum(least, stage_costs.terminal(START))
+    return float(least[0, 0])
 
 
 def best_node(
@@ -198,7 +194,7 @@ def best_node(
     """Least value within reach of a node, and its node; infinite if there is none."""
     best, best_at = np.inf, at
     for block, value in zip(blocks, values, strict=True):
-        near = single_node(at).grown(reach).common(block)
+        near = NodeBlock(at, (1, 1)).grown(reach).common(block)
         window = value[near.within(block)]
         if window.size and window.min() < best:
             best = float(window.min())
@@ -209,24 +205,20 @@ def best_node(
 
 def trace(stage_costs: StageCosts, to_go: Values, at: Node = (0, 0), sample: int = 0) -> list[Node]:
     """Nodes of a least-cost path from a node at a sample (0 is the start) to the target."""
-    grid = stage_costs.grid
-    path = [at]
+    grid, path = stage_costs.grid, [at]
     for following in range(sample, len(grid.blocks)):
-        cost, node = best_node(to_go[following], grid.nodes[following], at, grid.reach)
-        stopping = stage_costs.terminal(single_node(at))[0, 0] if following else np.inf
-        if min(cost, stopping) == np.inf or stopping <= cost:
+        cost, node = best_node(to_go[following], grid.nodes[following], path[-1], grid.reach)
+        stopping = stage_costs.terminal(NodeBlock(path[-1], (1, 1))) if following else np.inf
+        if cost == np.inf or stopping <= cost:
             break
-        at = node
-        path.append(at)
+        path.append(node)
     return path
 
 
 def trace_back(stage_costs: StageCosts, to_come: Values, at: Node, sample: int) -> list[Node]:
     """Nodes of a least-cost path from the start to a node at a sample, without the node itself."""
-    grid = stage_costs.grid
-    path: list[Node] = []
+    grid, path = stage_costs.grid, [at]
     for previous in reversed(range(sample - 1)):
         costs = [a + b for a, b in zip(to_come[previous], stage_costs.nodes[previous], strict=True)]
-        at = best_node(costs, grid.nodes[previous], at, grid.reach)[1]
-        path.append(at)
-    return [(0, 0), *reversed(path)]
+        path.append(best_node(costs, grid.nodes[previous], path[-1], grid.reach)[1])
+    return [(0, 0), *reversed(path[1:])]

@@ -1,9 +1,4 @@
-"""The running extremum along an axis, as a compiled loop: a step of dynamic programming on a grid.
-
-The set within reach of a node is a box, so the least or largest value in it is found along one axis
-after the other. By the algorithm of van Herk, and of Gil and Werman, a window of 2 k + 1 values is
-the end of one block of as many and the begin of the next: the time does not depend on k.
-"""
+"""The running extremum along an axis: a step of dynamic programming on a grid, compiled."""
 
 from __future__ import annotations
 
@@ -33,24 +28,15 @@ def running_extremum(
     out: FloatArray,
     scratch: FloatArray,
 ) -> None:
-    """Least or largest of ``values[:, p-reach : p+reach+1]`` for p = first, first + 1, ...
+    """Write to `out` (a, m, b) the least or `largest` values of an array (a, n, b), in C order.
 
     m(p) = min of v(q) over |q - p| <= k, equation (G4) of ``docs/global-guide.md``, with k in
-    `reach`; or the maximum, as in (T3) of ``docs/two-members.md``.
+    `reach`, for p = `first`, `first` + 1, ...; or the maximum, as in (T3) of
+    ``docs/two-members.md``. It is infinite where there is no such q.
 
-    Parameters
-    ----------
-    values : (a n b,)
-        An array (a, n, b) in C order.
-    shape : (a, n, b)
-    first, reach : int
-    largest : bool
-        Whether the largest value is written, and -infinity where there is none; or the least one,
-        and infinity.
-    out : (a m b,)
-        Output, an array (a, m, b).
-    scratch : (2, n, LANES)
-        Extrema from the begin and to the end of blocks as long as a window.
+    By the algorithm of van Herk, and of Gil and Werman, a window of 2 k + 1 values is the end of
+    one block of as many and the begin of the next: the time does not depend on k. `scratch`
+    (2, n, LANES) holds extrema from the begin and to the end of blocks.
     """
     outer, n, inner = shape
     if outer * n * inner == 0:

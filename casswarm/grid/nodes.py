@@ -1,33 +1,216 @@
-"""Grids of the relaxed guide problem: nodes per step, in rectangular blocks of cells."""
+"""Grids of the relaxed guide problem: nodes per step, in rectangular blocks of nodes and cells."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .._util.numbers import SPEED_TOL
 from ..hazard import Hazard
 from ..hazard.rate_bounds import LeastRate
 from ..motion.kinematics import remaining_distance
+from ..scenario import Scenario
 from ..typing import BoolArray, FloatArray, IntArray
-from .node_blocks import NodeBlock
-
-if TYPE_CHECKING:
-    from ..scenario import Scenario
+from .extremum_kernels import LANES, running_extremum
 
 UNIT = 2.0**-53  # unit roundoff of a double
 
 ANYWHERE = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])  # starts: all points of the plane
 
+_MAX_REACH = 64
 _MIN_ACTIVE = 0.5  # active fraction of a block's cells below which it is split
 _MIN_CELLS = 256  # blocks of at most so many cells are not split
-_MAX_REACH = 64
 _NO_WEIGHT = 1e-6  # at most so much weight may be due to the rounding of positions
+
+
+class NodeBlock(NamedTuple):
+    """A rectangular block of nodes, along any number of axes.
+
+    Parameters
+    ----------
+    first : tuple of int
+        Indices of the first node.
+    shape : tuple of int
+        Number of nodes along each axis.
+    """
+
+    first: tuple[int, ...]
+    shape: tuple[int, ...]
+
+    @classmethod
+    def between(cls, first: ArrayLike, last: ArrayLike) -> NodeBlock:
+        """Nodes between two of them, both included; none if one index of the last is less."""
+        low, high = (np.asarray(node).astype(int) for node in (first, last))
+        return cls(tuple(low.tolist()), tuple(np.maximum(high - low + 1, 0).tolist()))
+
+    @classmethod
+    def hull(cls, blocks: Iterable[NodeBlock]) -> NodeBlock:
+        """The smallest block that holds all of some."""
+        first, last = zip(*((block.first, block.last) for block in blocks), strict=True)
+        return cls.between(np.min(first, axis=0), np.max(last, axis=0))
+
+    @property
+    def last(self) -> tuple[int, ...]:
+        """Indices of the last node."""
+        return tuple(i + n - 1 for i, n in zip(self.first, self.shape, strict=True))
+
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        return math.prod(self.shape)
+
+    def along(self, axes: slice) -> NodeBlock:
+        """The block along some of the axes."""
+        return NodeBlock(self.first[axes], self.shape[axes])
+
+    def common(self, other: NodeBlock) -> NodeBlock:
+        """Nodes that both blocks hold."""
+        first, last = np.maximum(self.first, other.first), np.minimum(self.last, other.last)
+        return NodeBlock.between(first, last)
+
+    def grown(self, reach: int) -> NodeBlock:
+        """All nodes within reach, along every axis."""
+        shape = tuple(n + 2 * reach for n in self.shape)
+        return NodeBlock(tuple(i - reach for i in self.first), shape)
+
+    def within(self, outer: NodeBlock) -> tuple[slice, ...]:
+        """Slices of these nodes in the arrays of a block that holds them."""
+        starts = (i - j for i, j in zip(self.first, outer.first, strict=True))
+        return tuple(slice(i, i + n) for i, n in zip(starts, self.shape, strict=True))
+
+
+class CellBlock(NamedTuple):
+    """A rectangle of cells, some of them active.
+
+    Parameters
+    ----------
+    first : pair of int
+        Indices of the first node; node (0, 0) is the start.
+    cells : (n-1, m-1) bool
+        Active cells.
+    """
+
+    first: tuple[int, ...]
+    cells: BoolArray
+
+    @classmethod
+    def full(cls, nodes: NodeBlock) -> CellBlock:
+        """All cells of a block; nodes on one line have cells on one side of it."""
+        return cls(nodes.first, np.ones(tuple(max(n - 1, 1) for n in nodes.shape), bool))
+
+    @property
+    def nodes(self) -> NodeBlock:
+        """All nodes of the rectangle."""
+        return NodeBlock(self.first, (self.cells.shape[0] + 1, self.cells.shape[1] + 1))
+
+    @property
+    def visited(self) -> BoolArray:
+        """Mask of the nodes that are corners of active cells."""
+        mask = np.zeros(self.nodes.shape, bool)
+        for corner in corners(mask):
+            np.logical_or(corner, self.cells, out=corner)
+        return mask
+
+    def trimmed(self) -> CellBlock | None:
+        """The same without the lines of inactive cells at its sides; None if no cell is active."""
+        lines = [np.flatnonzero(self.cells.any(axis=1 - axis)).tolist() for axis in (0, 1)]
+        if not lines[0]:
+            return None
+        first = tuple(i + found[0] for i, found in zip(self.first, lines, strict=True))
+        return CellBlock(first, self.cells[*(slice(at[0], at[-1] + 1) for at in lines)])
+
+    def halved(self) -> CellBlock:
+        """The same cells, with half the spacing."""
+        cells = self.cells.repeat(2, axis=0).repeat(2, axis=1)
+        return CellBlock(tuple(2 * i for i in self.first), cells)
+
+
+def corners(nodes: np.ndarray) -> Iterator[np.ndarray]:
+    """The four corners of every cell, as views (n-1, m-1) of node values (n, m)."""
+    ends = slice(None, -1), slice(1, None)
+    return (nodes[corner] for corner in itertools.product(ends, ends))
+
+
+def _split(block: CellBlock) -> Iterator[CellBlock]:
+    """Blocks that hold all active cells, and few others."""
+    trimmed = block.trimmed()
+    if trimmed is None:
+        return
+    (row, column), cells = trimmed
+    if cells.size <= _MIN_CELLS or np.count_nonzero(cells) >= _MIN_ACTIVE * cells.size:
+        yield trimmed
+        return
+    axis = int(cells.shape[1] > cells.shape[0])
+    empty = np.flatnonzero(~cells.any(axis=1 - axis))  # preferably at a gap
+    middle = cells.shape[axis] // 2
+    at = int(empty[np.abs(empty - middle).argmin()]) if empty.size else middle
+    before, after = np.split(cells, [at], axis=axis)
+    yield from _split(CellBlock((row, column), before))
+    yield from _split(CellBlock((row + at * (1 - axis), column + at * axis), after))
+
+
+def box_extremum(
+    values: FloatArray, at: NodeBlock, to: NodeBlock, reach: int, *, largest: bool = False
+) -> FloatArray:
+    """Least of the values at the nodes `at` within reach along every axis of the nodes `to`.
+
+    Or the largest one; infinity, or -infinity, where no node is within reach. So with a reach of 0
+    it is the values, embedded. `scipy.ndimage.minimum_filter` gives the same numbers but takes
+    several times as long.
+    """
+    near = to.grown(reach).common(at)
+    if 0 in near.shape:
+        return np.full(to.shape, -np.inf if largest else np.inf)
+    values = np.ascontiguousarray(values[near.within(at)])
+    for axis in reversed(range(values.ndim)):
+        shape = values.shape
+        split = math.prod(shape[:axis]), shape[axis], math.prod(shape[axis + 1 :])
+        out = np.empty((*shape[:axis], to.shape[axis], *shape[axis + 1 :]))
+        scratch = np.empty((2, shape[axis], LANES))
+        first = to.first[axis] - near.first[axis]
+        running_extremum(values.ravel(), split, first, reach, largest, out.ravel(), scratch)
+        values = out
+    return values
+
+
+def extremum_within_reach(
+    sources: Sequence[FloatArray],
+    blocks: Sequence[NodeBlock],
+    to: NodeBlock,
+    reach: int,
+    *,
+    largest: bool = False,
+) -> FloatArray:
+    """At the nodes `to`, the least (or largest) value within reach at the nodes of any block."""
+    combine, best = np.maximum if largest else np.minimum, None
+    for values, block in zip(sources, blocks, strict=True):
+        found = box_extremum(values, block, to, reach, largest=largest)
+        best = found if best is None else combine(best, found, out=best)
+    return np.full(to.shape, -np.inf if largest else np.inf) if best is None else best
+
+
+def bilinear(values: FloatArray, cells: IntArray, fractions: FloatArray) -> FloatArray:
+    """Bilinear interpolation (B,) of values (n, m) in cells (B, 2), at fractions (B, 2) of a cell.
+
+    Infinite outside the grid, and where a corner is whose weight is not zero up to rounding.
+    """
+    inside = np.asarray(((cells >= 0) & (cells < np.array(values.shape) - 1)).all(axis=1))
+    if not inside.any():
+        return np.full(len(cells), np.inf)
+    cells = np.where(inside[:, None], cells, 0)
+    interpolated = np.zeros(len(cells))
+    for i, j in itertools.product((0, 1), (0, 1)):
+        weight = np.abs(1 - i - fractions[:, 0]) * np.abs(1 - j - fractions[:, 1])
+        corner = values[cells[:, 0] + i, cells[:, 1] + j]
+        interpolated += weight * np.where((weight > _NO_WEIGHT) | np.isfinite(corner), corner, 0.0)
+    return np.where(inside, interpolated, np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +250,8 @@ class Relaxation:
         """Relaxation of a scenario's guide problem, from its guide's start or from `start` (2,)."""
         begin = scenario.guide_start if start is None else np.asarray(start, float)
         center = np.asarray(scenario.target.center, float)
-        step = scenario.swarm.v_max * scenario.time.dt
+        v_max, dt = scenario.swarm.v_max, scenario.time.dt
+        step = v_max * dt
         extent = float(np.abs([begin, center]).max() + scenario.n_steps * step)
         rounding = 8 * UNIT  # of sums, products and hypot in paths computed in doubles
         return cls(
@@ -76,9 +260,9 @@ class Relaxation:
             center=center,
             radius=scenario.target.radius * (1 + rounding) + rounding * extent,
             step=step * (1 + SPEED_TOL + rounding) + rounding * extent,
-            speed=scenario.swarm.v_max * (1 + SPEED_TOL - rounding),
+            speed=v_max * (1 + SPEED_TOL - rounding),
             steps=scenario.n_steps,
-            dt=scenario.time.dt,
+            dt=dt,
         )
 
     @property
@@ -111,59 +295,6 @@ class Relaxation:
             assert bound is not None
             below = np.maximum(bound, 0.0)
         return self.least(below)
-
-
-class CellBlock(NamedTuple):
-    """A rectangle of cells, some of them active.
-
-    Parameters
-    ----------
-    first : pair of int
-        Indices of the first node; node (0, 0) is the start.
-    cells : (n-1, m-1) bool
-        Active cells.
-    """
-
-    first: tuple[int, ...]
-    cells: BoolArray
-
-    @classmethod
-    def full(cls, nodes: NodeBlock) -> CellBlock:
-        """All cells of a block; nodes on one line have cells on one side of it."""
-        return cls(nodes.first, np.ones(tuple(max(n - 1, 1) for n in nodes.shape), bool))
-
-    @property
-    def nodes(self) -> NodeBlock:
-        """All nodes of the rectangle."""
-        return NodeBlock(self.first, (self.cells.shape[0] + 1, self.cells.shape[1] + 1))
-
-    @property
-    def visited(self) -> BoolArray:
-        """Mask of the nodes that are corners of active cells."""
-        mask = np.zeros(self.nodes.shape, bool)
-        for corner in corners(mask):
-            np.logical_or(corner, self.cells, out=corner)
-        return mask
-
-    def trimmed(self) -> CellBlock | None:
-        """The same without the lines of inactive cells at its sides; None if no cell is active."""
-        rows, columns = (np.flatnonzero(self.cells.any(axis=1 - axis)) for axis in (0, 1))
-        if not rows.size:
-            return None
-        first = self.first[0] + int(rows[0]), self.first[1] + int(columns[0])
-        return CellBlock(first, self.cells[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1])
-
-    def halved(self) -> CellBlock:
-        """The same cells, with half the spacing."""
-        first = 2 * self.first[0], 2 * self.first[1]
-        return CellBlock(first, self.cells.repeat(2, axis=0).repeat(2, axis=1))
-
-
-def corners(nodes: np.ndarray) -> Iterator[np.ndarray]:
-    """The four corners of every cell, as views (n-1, m-1) of node values (n, m)."""
-    for rows in (slice(None, -1), slice(1, None)):
-        for columns in (slice(None, -1), slice(1, None)):
-            yield nodes[rows, columns]
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,23 +379,6 @@ class Grid:
         return replace(self, stride=stride, blocks=twice[: -(-self.task.steps // stride)])
 
 
-def bilinear(values: FloatArray, cells: IntArray, fractions: FloatArray) -> FloatArray:
-    """Bilinear interpolation (B,) of values (n, m) in cells (B, 2), at fractions (B, 2) of a cell.
-
-    Infinite outside the grid, and where a corner is whose weight is not zero up to rounding.
-    """
-    inside = np.asarray(((cells >= 0) & (cells < np.array(values.shape) - 1)).all(axis=1))
-    if not inside.any():
-        return np.full(len(cells), np.inf)
-    cells = np.where(inside[:, None], cells, 0)
-    interpolated = np.zeros(len(cells))
-    for i, j in itertools.product((0, 1), (0, 1)):
-        weight = np.abs(1 - i - fractions[:, 0]) * np.abs(1 - j - fractions[:, 1])
-        corner = values[cells[:, 0] + i, cells[:, 1] + j]
-        interpolated += weight * np.where((weight > _NO_WEIGHT) | np.isfinite(corner), corner, 0.0)
-    return np.where(inside, interpolated, np.inf)
-
-
 def node_count(task: Relaxation, stride: int, reach: int, starts: FloatArray | None = None) -> int:
     """Number of nodes of `Grid.full`, without building it."""
     first, last = _ranges(task, stride, reach, starts)
@@ -281,30 +395,8 @@ def _ranges(
     back = out[::-1] - reach
     far = task.radius + (stride - 1) * task.step
     offsets = ((task.start[None] if starts is None else starts) - task.start) / spacing
-    first = np.maximum(
-        np.floor((task.center - far - task.start) / spacing) - back,
-        np.floor(offsets.min(axis=0)) - out,
+    low, high = ((task.center + side - task.start) / spacing for side in (-far, far))
+    return (
+        np.maximum(np.floor(low) - back, np.floor(offsets.min(axis=0)) - out),
+        np.minimum(np.ceil(high) + back, np.ceil(offsets.max(axis=0)) + out),
     )
-    last = np.minimum(
-        np.ceil((task.center + far - task.start) / spacing) + back,
-        np.ceil(offsets.max(axis=0)) + out,
-    )
-    return first, last
-
-
-def _split(block: CellBlock) -> Iterator[CellBlock]:
-    """Blocks that hold all active cells, and few others."""
-    trimmed = block.trimmed()
-    if trimmed is None:
-        return
-    (row, column), cells = trimmed
-    if cells.size <= _MIN_CELLS or np.count_nonzero(cells) >= _MIN_ACTIVE * cells.size:
-        yield trimmed
-        return
-    axis = int(cells.shape[1] > cells.shape[0])
-    empty = np.flatnonzero(~cells.any(axis=1 - axis))  # preferably at a gap
-    middle = cells.shape[axis] // 2
-    at = int(empty[np.abs(empty - middle).argmin()]) if empty.size else middle
-    first, second = np.split(cells, [at], axis=axis)
-    yield from _split(CellBlock((row, column), first))
-    yield from _split(CellBlock((row + at * (1 - axis), column + at * axis), second))

@@ -7,20 +7,16 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import PlanningError
+from ..scenario import Scenario
 from ..scenario.scenario_files import require_scenario
 from ..typing import BoolArray, FloatArray
 from .dynamic_programming import StageCosts, Values, costs_to_go, rounding
-from .node_blocks import NodeBlock, box_extremum
-from .nodes import ANYWHERE, Grid, Relaxation, bilinear, node_count
-
-if TYPE_CHECKING:
-    from ..scenario import Scenario
+from .nodes import ANYWHERE, Grid, NodeBlock, Relaxation, bilinear, box_extremum, node_count
 
 _MAX_NODES = 2_500_000  # of the grid, over all steps
 _MAX_REACH = 1024  # nodes that a step spans; values are interpolated as far around the grid

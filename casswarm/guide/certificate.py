@@ -5,25 +5,24 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..bounds.acceleration_bound import bound_with_acceleration
+from ..bounds.acceleration_kernels import compile_kernels
 from ..bounds.acceleration_limits import AccelerationBound, AccelerationLimits, acceleration_limits
 from ..bounds.risk_bound import GAP, Certificate, arrival_multiplier, certify
 from ..formation import ProjectedGradient
 from ..grid.nodes import UNIT, Relaxation
 from ..motion.kinematics import integrate
 from ..problems.guide import GuideTask
+from ..scenario import Scenario
 from ..solvers import make_solver
 from ..typing import FloatArray
 from .frame import Frame
 from .guide import Candidate, Guide
 from .homotopy import best_homotopy_classes
 from .multistart import Multistart
-
-if TYPE_CHECKING:
-    from ..scenario import Scenario
 
 TIME_LIMIT = 10.0
 """Default time limit in seconds."""
@@ -65,8 +64,6 @@ def certify_guide(
     if limits is None or certificate.bound >= (1 - gap) * guide.risk:
         return certificate
     if deadline is None:
-        from ..bounds.acceleration_kernels import compile_kernels
-
         compile_kernels()  # not at the expense of the proof
         deadline = time.monotonic() + TIME_LIMIT - certificate.seconds
     accelerated = _accelerated(scenario, guide, task, limits, certificate.bound, gap, deadline)
@@ -112,8 +109,6 @@ def _accelerated(
     deadline: float,
 ) -> AccelerationBound:
     """Bound on the paths within the limits that end as deep in the target as guides do."""
-    from ..bounds.acceleration_bound import bound_with_acceleration  # imports Numba
-
     radius = task.radius - scenario.arrival_margin
     depth = float(np.hypot(*(guide.positions[-1] - task.center))) * (1 + 8 * UNIT)
     task = replace(task, radius=max(radius, depth))
@@ -129,17 +124,9 @@ def _least_known_risk(scenario: Scenario, task: Relaxation, deadline: float) -> 
     start = GuideTask.from_scenario(scenario, task.start, None if velocity == "guide" else velocity)
     scenario = scenario.with_values({"guide.arrival": "any"})
     multistart = Multistart(scenario, start, make_solver("ipopt"), deadline=deadline)
-    return min(
-        (
-            candidate.risk
-            for candidate in multistart.candidates("global")
-            if _depth(task, candidate) <= task.radius
-        ),
-        default=math.inf,
-    )
-
-
-def _depth(task: Relaxation, candidate: Candidate) -> float:
-    """Distance of a path's end from the target's centre."""
-    end = integrate(task.start, candidate.velocities, task.dt)[-1]
-    return float(np.hypot(*(end - task.center)))
+    least = math.inf
+    for candidate in multistart.candidates("global"):
+        end = integrate(task.start, candidate.velocities, task.dt)[-1]
+        if np.hypot(*(end - task.center)) <= task.radius:
+            least = min(least, candidate.risk)
+    return least

@@ -15,8 +15,7 @@ from ..grid.dynamic_programming import (
     trace,
     trace_back,
 )
-from ..grid.node_blocks import NodeBlock, box_extremum
-from ..grid.nodes import Grid, Relaxation
+from ..grid.nodes import Grid, NodeBlock, Relaxation, box_extremum
 from ..motion.kinematics import resample
 from ..typing import FloatArray
 

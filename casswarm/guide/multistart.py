@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,56 +23,12 @@ from ..problems.guide import (
     penalised_guide_instance,
     penalised_guide_nlp,
 )
+from ..scenario import Scenario
 from ..solvers import Ipopt, Solver
 from ..solvers.base import VIOLATION
 from ..typing import FloatArray, Progress, Search
 from .guide import Candidate, Guide
 from .homotopy import GridPath, best_homotopy_classes, homotopy_signature
-
-if TYPE_CHECKING:
-    from ..scenario import Scenario
-
-
-def solve_by(deadline: float, solver: Solver, nlp: Nlp, instance: Instances) -> Solution:
-    """Solution of a single instance, by a deadline if the solver can limit its time.
-
-    A target that can only just be reached leaves a thin feasible set. Ipopt moves its guess away
-    from bounds, and may then find the problem infeasible although the guess is feasible. It is
-    solved again there from the guess itself, with several settings.
-
-    Parameters
-    ----------
-    deadline : float
-        A time of `time.monotonic`.
-    solver, nlp, instance
-    """
-    solution = _limited(solver, deadline).solve(nlp, instance)[0]
-    careful_solvers = solver.from_feasible_guess()
-    if solution.status is not Status.INFEASIBLE or not careful_solvers:
-        return solution
-    if kkt_residuals(nlp, instance, instance.x0[0]).violation > VIOLATION:
-        return solution
-    for careful in careful_solvers:
-        if time.monotonic() >= deadline:
-            break
-        again = _limited(careful, deadline).solve(nlp, instance)[0]
-        if again.status.success:
-            return again
-    return solution
-
-
-def _limited(solver: Solver, deadline: float) -> Solver:
-    """A solver that ends by the deadline, if it can limit its time.
-
-    Its limit is a power of two, so that few of them are compiled.
-    """
-    left = deadline - time.monotonic()
-    limit: float = getattr(solver, "time_limit", 0.0)
-    if not solver.capabilities.time_limit or limit <= left:
-        return solver
-    power = math.floor(math.log2(max(left, 1e-2)))
-    return replace(solver, time_limit=2.0**power)  # type: ignore[type-var]
-
 
 LOG = logging.getLogger(__name__)
 
@@ -108,6 +63,41 @@ MAX_NEARBY_CLASSES = 3
 
 InitialPath = Callable[[int, float], FloatArray]
 """Velocities (steps, 2) of an initial path, for a number of steps and dt."""
+
+
+def solve_by(deadline: float, solver: Solver, nlp: Nlp, instance: Instances) -> Solution:
+    """Solution of a single instance, by a deadline if the solver can limit its time.
+
+    A target that can only just be reached leaves a thin feasible set. Ipopt moves its guess away
+    from bounds, and may then find the problem infeasible although the guess is feasible. It is
+    solved again there from the guess itself, with several settings.
+    """
+    solution = _limited(solver, deadline).solve(nlp, instance)[0]
+    careful_solvers = solver.from_feasible_guess()
+    if solution.status is not Status.INFEASIBLE or not careful_solvers:
+        return solution
+    if kkt_residuals(nlp, instance, instance.x0[0]).violation > VIOLATION:
+        return solution
+    for careful in careful_solvers:
+        if time.monotonic() >= deadline:
+            break
+        again = _limited(careful, deadline).solve(nlp, instance)[0]
+        if again.status.success:
+            return again
+    return solution
+
+
+def _limited(solver: Solver, deadline: float) -> Solver:
+    """A solver that ends by the deadline, if it can limit its time.
+
+    Its limit is a power of two, so that few of them are compiled.
+    """
+    left = deadline - time.monotonic()
+    limit: float = getattr(solver, "time_limit", 0.0)
+    if not solver.capabilities.time_limit or limit <= left:
+        return solver
+    power = math.floor(math.log2(max(left, 1e-2)))
+    return replace(solver, time_limit=2.0**power)  # type: ignore[type-var]
 
 
 def preference(candidate: Candidate) -> tuple[bool, bool, float, str, float]:

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +17,7 @@ from ..bounds.risk_bound import GAP
 from ..errors import PlanningError, SolverError
 from ..formation import ProjectedGradient
 from ..problems.guide import GuideTask
+from ..scenario import Scenario
 from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver, make_solver
 from ..typing import FloatArray, Progress, Search
@@ -24,9 +25,6 @@ from .certificate import certify_guide
 from .frame import Frame
 from .guide import Guide
 from .multistart import Multistart, preference
-
-if TYPE_CHECKING:
-    from ..scenario import Scenario
 
 _BASELINE_MARGIN = 1e-6  # of the radius: rounding must not leave the last step outside the target
 
@@ -252,16 +250,14 @@ def initial_velocities(scenario: Scenario, guide: Guide) -> FloatArray:
 
 
 def _solver(scenario: Scenario, solver: str | Solver, options: Mapping[str, Any] | None) -> Solver:
-    paper: dict[str, Any] = {}
-    if solver == ProjectedGradient.name:
-        guide = scenario.guide
-        paper = {
-            "step": guide.learning_rate,
-            "x_scale": 1.0 / scenario.time.dt,  # steps in displacements
-            "max_iter": guide.iterations,
-            "keep": "best",
-        }
-    return make_solver(solver, **paper | dict(options or {}))
+    paper = {
+        "step": scenario.guide.learning_rate,
+        "x_scale": 1.0 / scenario.time.dt,  # steps in displacements
+        "max_iter": scenario.guide.iterations,
+        "keep": "best",
+    }
+    defaults: dict[str, Any] = paper if solver == ProjectedGradient.name else {}
+    return make_solver(solver, **defaults | dict(options or {}))
 
 
 def _checked_search(search: Search | None, scenario: Scenario, solver: Solver) -> Search:
@@ -280,12 +276,9 @@ def _checked_search(search: Search | None, scenario: Scenario, solver: Solver) -
 
 def _no_arrival(guide: Guide) -> PlanningError:
     counts = ", ".join(f"{count} {status}" for status, count in guide.outcomes.items())
+    advice = "try a larger a_max or t_f, a smaller guide.margin, or acceleration_limited = false"
     if guide.note:
         advice = f"{guide.note}: raise it, or choose a larger time.dt"
-    else:
-        advice = (
-            "try a larger a_max or t_f, a smaller guide.margin, or acceleration_limited = false"
-        )
     return PlanningError(
         f"no guide found: of {counted(len(guide.candidates), 'solve')} ({counts}) none arrives in "
         f"the target; {advice}; check=False returns the best failure",

@@ -258,4 +258,4 @@ def _kernel_sources(hazard: KernelHazard, parameters: Expr) -> str:
         for name, inputs in _KERNELS.items()
         for prefix, order in (("", 1), ("second_", 2))
     )
-    return "\n\n".join(f"@kernel\n{source}" for source in sources)
+    return "\n\n".join(sources)

@@ -37,6 +37,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..compiled.kernels import contiguous
 from ..typing import BoolArray, FloatArray
+from .planar_kernels import approach_batch, empty_batch, nearest_batch, violation_batch
 
 Index: TypeAlias = int | np.integer[Any] | slice | NDArray[np.bool_] | NDArray[np.integer[Any]]
 
@@ -131,8 +132,6 @@ class PlanarSets:
             If a set is empty (see `is_empty`, `relax_infeasible`), or if shapes do not fit.
         """
         flat, sets, shape = self._paired(points)
-        from .planar_kernels import nearest_batch  # Numba takes a second to import
-
         nearest, exists = np.empty(flat.shape), np.empty(len(flat), dtype=bool)
         nearest_batch(flat, sets, nearest, exists)
         if not exists.all():
@@ -145,8 +144,6 @@ class PlanarSets:
     def violation(self, points: ArrayLike) -> FloatArray:
         """Largest distance (...) to the box or a disc; 0 inside, NaN for a point not finite."""
         flat, sets, shape = self._paired(points)
-        from .planar_kernels import violation_batch  # Numba takes a second to import
-
         largest = np.empty(len(flat))
         violation_batch(flat, sets, largest)
         return largest.reshape(shape)
@@ -158,8 +155,6 @@ class PlanarSets:
     @cached_property
     def is_empty(self) -> BoolArray:
         """Which sets are empty, shape `shape`; gaps of the order of rounding do not count."""
-        from .planar_kernels import empty_batch  # Numba takes a second to import
-
         sets = self.packed.reshape(-1, 10)
         empty = np.empty(len(sets), dtype=bool)
         empty_batch(sets, empty)
@@ -187,8 +182,6 @@ class PlanarSets:
         infeasible = self.is_empty
         if not infeasible.any():
             return self, infeasible
-        from .planar_kernels import approach_batch
-
         packed = self.packed.copy()
         relaxed, exists = packed[infeasible], np.empty(np.count_nonzero(infeasible), dtype=bool)
         approach_batch(relaxed, exists)

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..compiled.kernels import contiguous
 from ..hazard import Hazard
+from ..scenario import Scenario
 from ..typing import BoolArray, FloatArray, IntArray
 from .planar import PlanarSets
-
-if TYPE_CHECKING:
-    from ..scenario import Scenario
+from .planar_kernels import motion_sets, project_adjoint
 
 POSITION_TOL = 1e-6
 """Distance, in units of v_max dt, up to which a member counts as being at a position."""
@@ -44,8 +42,6 @@ class Motion:
 
     def sets(self, previous_velocities: FloatArray) -> PlanarSets:
         """Sets of velocities (..., 2) allowed after `previous_velocities` (..., 2)."""
-        from .limit_kernels import motion_sets  # Numba takes a second to import
-
         rows = np.empty((*previous_velocities.shape[:-1], 10))
         flat = contiguous(previous_velocities.reshape(-1, 2).astype(float))
         motion_sets(flat, self.v_max, self.max_change, rows.reshape(-1, 10))
@@ -93,8 +89,6 @@ class Motion:
         to_commanded, to_previous : (..., 2)
             Derivatives with respect to `commanded` and `previous_velocities`.
         """
-        from .limit_kernels import project_adjoint  # Numba takes a second to import
-
         given = (commanded, previous_velocities, projected, seeds)
         p, c, q, s = (contiguous(array.reshape(-1, 2)) for array in given)
         to_commanded, to_previous = np.empty_like(p), np.empty_like(p)

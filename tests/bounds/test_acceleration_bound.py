@@ -22,8 +22,7 @@ from casswarm.bounds import (
     acceleration_limits,
     bound_with_acceleration,
 )
-from casswarm.bounds.acceleration_bound import _Search
-from casswarm.bounds.acceleration_dual import DualFunction
+from casswarm.bounds.acceleration_bound import DualFunction, _Search
 from casswarm.bounds.acceleration_kernels import (
     best_path,
     least_step,

@@ -1,0 +1,183 @@
+"""Rates of a hazard's members as compiled code: of a member, and of all in a batch of states.
+
+The functions at the beginning stand for the kernels of a hazard. `compiled_rates.rate_module` makes
+them from its expressions, and compiles what calls them with these in their place, so that they are
+inlined. The constants of a hazard are the number of its radars, their positions and strengths, and
+its parameters.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+from ..compiled.kernels import kernel
+from ..typing import BoolArray, FloatArray
+
+Parameters: TypeAlias = tuple[float, ...]
+Two: TypeAlias = tuple[float, float]
+Three: TypeAlias = tuple[float, float, float]
+
+COLLIDES = True
+"""Stands for whether members collide."""
+
+
+@kernel
+def unpacked(constants: FloatArray) -> Parameters:
+    """Parameters of the hazard, from its constants."""
+    raise NotImplementedError
+
+
+@kernel
+def source(squared: float, parameters: Parameters) -> Two:
+    """Kernel of a radar, and its derivative in the squared distance."""
+    raise NotImplementedError
+
+
+@kernel
+def density(squared: float, parameters: Parameters) -> Two:
+    """Kernel of another member, and its derivative."""
+    raise NotImplementedError
+
+
+@kernel
+def collision(squared: float, parameters: Parameters) -> Two:
+    """Kernel of collisions, and its derivative."""
+    raise NotImplementedError
+
+
+@kernel
+def combine(
+    risk: float, densities: float, collisions: float, parameters: Parameters
+) -> tuple[float, float, float, float]:
+    """Rate from its three sums, and its gradient in these."""
+    raise NotImplementedError
+
+
+@kernel
+def second_source(squared: float, parameters: Parameters) -> Three:
+    """Kernel of a radar, its derivative and its second derivative."""
+    raise NotImplementedError
+
+
+@kernel
+def second_density(squared: float, parameters: Parameters) -> Three:
+    """Kernel of another member, its derivative and its second derivative."""
+    raise NotImplementedError
+
+
+@kernel
+def second_collision(squared: float, parameters: Parameters) -> Three:
+    """Kernel of collisions, its derivative and its second derivative."""
+    raise NotImplementedError
+
+
+@kernel
+def second_combine(
+    risk: float, densities: float, collisions: float, parameters: Parameters
+) -> tuple[float, ...]:
+    """Rate, its gradient, and the upper triangle of its Hessian by rows."""
+    raise NotImplementedError
+
+
+@kernel
+def member_rate(
+    position: Two,
+    sums: Two,
+    factor: float,
+    constants: FloatArray,
+    parameters: Parameters,
+) -> tuple[float, float, float, float, float]:
+    """Rate of a member, and times a factor its derivatives.
+
+    Those are half the gradient of the sum over radars, and the derivatives in the two other `sums`.
+    """
+    risk, risk_east, risk_north = 0.0, 0.0, 0.0
+    for r in range(1, 1 + 3 * int(constants[0]), 3):
+        de, dn = position[0] - constants[r], position[1] - constants[r + 1]
+        value, slope = source(de * de + dn * dn, parameters)
+        risk += constants[r + 2] * value
+        risk_east += constants[r + 2] * slope * de
+        risk_north += constants[r + 2] * slope * dn
+    rate, by_risk, by_density, by_collision = combine(risk, sums[0], sums[1], parameters)
+    return (
+        rate,
+        factor * by_risk * risk_east,
+        factor * by_risk * risk_north,
+        factor * by_density,
+        factor * by_collision,
+    )
+
+
+@kernel
+def write_block(
+    x: FloatArray, alive: FloatArray, constants: FloatArray, lanes: int, sums: FloatArray
+) -> None:
+    """Write the rates of so many states to ``sums[0]``, lane by lane; `sums` (3, n lanes)."""
+    parameters = unpacked(constants)
+    values, densities, collisions = sums[0], sums[1], sums[2]
+    n = values.size // lanes
+    own_density = density(0.0, parameters)[0]
+    for k in range(n * lanes):
+        densities[k], collisions[k], values[k] = own_density, 0.0, 0.0
+    for i in range(n):
+        own = slice(i * lanes, (i + 1) * lanes)
+        living, values_i = alive[own], values[own]
+        densities_i, collisions_i = densities[own], collisions[own]
+        east = x[2 * i * lanes : (2 * i + 1) * lanes]
+        north = x[(2 * i + 1) * lanes : (2 * i + 2) * lanes]
+        for j in range(i + 1, n):
+            other = slice(j * lanes, (j + 1) * lanes)
+            living_j, densities_j, collisions_j = alive[other], densities[other], collisions[other]
+            east_j = x[2 * j * lanes : (2 * j + 1) * lanes]
+            north_j = x[(2 * j + 1) * lanes : (2 * j + 2) * lanes]
+            for k in range(lanes):
+                de, dn = east[k] - east_j[k], north[k] - north_j[k]
+                value = density(de * de + dn * dn, parameters)[0]
+                densities_i[k] += living_j[k] * value
+                densities_j[k] += living[k] * value
+            if COLLIDES:
+                for k in range(lanes):
+                    de, dn = east[k] - east_j[k], north[k] - north_j[k]
+                    value = collision(de * de + dn * dn, parameters)[0]
+                    collisions_i[k] += living_j[k] * value
+                    collisions_j[k] += living[k] * value
+        for r in range(1, 1 + 3 * int(constants[0]), 3):
+            radar_east, radar_north, strength = constants[r], constants[r + 1], constants[r + 2]
+            for k in range(lanes):
+                de, dn = east[k] - radar_east, north[k] - radar_north
+                values_i[k] += strength * source(de * de + dn * dn, parameters)[0]
+    for k in range(n * lanes):
+        values[k] = combine(values[k], densities[k], collisions[k], parameters)[0]
+
+
+@kernel
+def write_rates(
+    alive: BoolArray,
+    positions: FloatArray,
+    constants: FloatArray,
+    rates: FloatArray,
+    work: FloatArray,
+) -> bool:
+    """Write the rates of B states in blocks of as many as `work` (6, n lanes) holds.
+
+    Returns whether all of them are finite and not negative.
+    """
+    batch, n = alive.shape
+    lanes, valid = work.shape[1] // n, True
+    x, living, values = work[:2].reshape(-1), work[2], work[3]
+    for first in range(0, batch, lanes):
+        count = min(lanes, batch - first)
+        for k in range(lanes):
+            b = first + min(k, count - 1)  # the last block is filled
+            for i in range(n):
+                x[2 * i * lanes + k] = positions[b, i, 0]
+                x[(2 * i + 1) * lanes + k] = positions[b, i, 1]
+                living[i * lanes + k] = 1.0 if alive[b, i] else 0.0
+        write_block(x, living, constants, lanes, work[3:])
+        for k in range(count):
+            for i in range(n):
+                rate = values[i * lanes + k] if alive[first + k, i] else 0.0
+                valid = valid and 0.0 <= rate < math.inf
+                rates[first + k, i] = rate
+    return valid
