@@ -167,8 +167,10 @@ class JointSearch:
         self.deadline, self.progress = deadline, progress
         self.guesses = Guesses(scenario, task, objective)
         coarse = coarsened(scenario)
-        arguments = objective, solver, deadline, progress
-        self.coarse = coarse and JointSearch(coarse, coarse_task(task, coarse), *arguments)
+        self.coarse = None
+        if coarse is not None:
+            arguments = objective, solver, deadline, progress
+            self.coarse = JointSearch(coarse, coarse_task(task, coarse), *arguments)
         self.outcomes: list[SwarmOutcome] = []
         self._live: list[SwarmOutcome] = []  # those that no other continues
 
