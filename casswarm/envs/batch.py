@@ -16,10 +16,9 @@ ICML 1999, theorem 1.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,23 +39,13 @@ from ..typing import BoolArray, FloatArray
 from . import step_kernels
 from .step_kernels import RiskTable
 
-if TYPE_CHECKING:
-    from ..scenario import Scenario
-
-
 MAX_NODES = 250_000
 """Largest number of nodes of the table over all steps: 2 MB, which caches hold."""
 
 
 @lru_cache(maxsize=16)
 def risk_table(scenario: Scenario) -> RiskTable:
-    """Table of the risk to go of a scenario.
-
-    Raises
-    ------
-    EnvError
-        The hazard provides no bounds of its rates.
-    """
+    """Table of the risk to go of a scenario whose hazard has bounds of its rates."""
     task = Relaxation.from_scenario(scenario)
     if not task.bounded:
         raise EnvError(
@@ -76,71 +65,38 @@ def risk_table(scenario: Scenario) -> RiskTable:
     )
 
 
-@dataclass(frozen=True)
-class Options:
-    """What all environments have in common.
-
-    Parameters
-    ----------
-    scenario : Scenario, str or Path
-        Or a built-in name, or the path of a scenario file.
-    guide : Guide, optional
-        Whose first velocity is V(-1), where the scenario says so; planned by default.
-    dtype : str
-        Of observations: float32 or float64.
-    shaping : bool
-        Whether rewards are shaped, see `casswarm.envs.batch`.
-    discount : float
-        gamma of the shaping; that of the learner, above 0 and at most 1.
-    """
-
-    scenario: Scenario | str | Path
-    guide: Guide | None = None
-    dtype: Any = "float32"
-    shaping: bool = False
-    discount: float = 1.0
-
-    def __post_init__(self) -> None:
-        if not 0 < self.discount <= 1:
-            raise EnvError(
-                f"discount = {self.discount!r}; allowed: above 0 and at most 1",
-                key="discount",
-                value=self.discount,
-            )
-
-
 class SwarmBatch:
     """B swarms with random numbers of their own.
 
     The run k of a seed sees the random numbers of the run k of `casswarm.simulate` with this seed.
-
-    Parameters
-    ----------
-    options : Options
-    size : int
-        B.
-
-    Attributes
-    ----------
-    swarms : Swarms
-        Their states.
-    ends : Ends
-        How their last step ended: success, ended, survivors, (B,) each.
-    moves : Moves
-        Their last move, with the number (B,) of velocities that were projected.
+    Parameters are those of `SwarmVectorEnv`. `swarms` are the states, `moves` and `ends` how they
+    moved last, and how their last step ended.
     """
 
-    def __init__(self, options: Options, size: int) -> None:
+    def __init__(
+        self,
+        scenario: Scenario | str | Path,
+        size: int,
+        guide: Guide | None,
+        dtype: Any,
+        shaping: bool,
+        discount: float,
+    ) -> None:
         if not isinstance(size, int | np.integer) or size < 1:
             raise EnvError(
                 f"num_envs = {size!r}; allowed: whole numbers from 1", key="num_envs", value=size
             )
-        given = options.scenario
-        self.scenario = given if isinstance(given, Scenario) else load_scenario(given)
-        self.size, self.discount = int(size), options.discount
-        self.observation = Observation.from_scenario(self.scenario, options.dtype)
-        self._initial_velocities = _initial_velocities(self.scenario, options.guide)
-        self._table = risk_table(self.scenario) if options.shaping else None
+        if not 0 < discount <= 1:
+            raise EnvError(
+                f"discount = {discount!r}; allowed: above 0 and at most 1",
+                key="discount",
+                value=discount,
+            )
+        self.scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+        self.size, self.discount = int(size), discount
+        self.observation = Observation.from_scenario(self.scenario, dtype)
+        self._initial_velocities = _initial_velocities(self.scenario, guide)
+        self._table = risk_table(self.scenario) if shaping else None
         self._rates = compiled_rates(self.scenario.hazard, self.scenario.n)
         n, shape = self.scenario.n, (self.size, self.scenario.n, 2)
         self.swarms = step_kernels.Swarms(
@@ -229,11 +185,9 @@ class SwarmBatch:
 
     def _write_potentials(self) -> None:
         if self._table is not None:
-            from .step_kernels import write_potentials
-
             swarms = self.swarms
             state = swarms.steps, swarms.positions, swarms.alive, self.ends.ended
-            write_potentials(self._table, *state, self._potentials)
+            step_kernels.write_potentials(self._table, *state, self._potentials)
 
     def _write_rates(self, active: BoolArray) -> None:
         """Write the rates where the active swarms move."""

@@ -13,45 +13,19 @@ from gymnasium.vector.utils import batch_space
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import override
 
 from .._util.figure_style import BLUE, add_legend, add_title, marker, themed
 from .._util.numbers import MAX_SEED, require_seed
 from ..errors import EnvError
 from ..figures.maps import add_start, base_map
 from ..guide.guide import Guide
-from ..policies.observation import Observation
 from ..scenario import Scenario
 from ..typing import BoolArray, FloatArray
-from .batch import Options, SwarmBatch
+from .batch import SwarmBatch
 
-
-def observation_space(observation: Observation) -> Box:
-    """Box (n, d) of all observations that can occur."""
-    low, high = observation.bounds()
-    return Box(low, high, dtype=low.dtype.type)
-
-
-def action_space(observation: Observation) -> Box:
-    """Box (n, 2) of velocities within v_max."""
-    dtype = np.dtype(observation.dtype).type
-    limit = dtype(observation.v_max)
-    return Box(-limit, limit, (observation.n, 2), dtype)
-
-
-def member_space(space: Box, member: int) -> Box:
-    """Row of a member in a space of all members."""
-    return Box(space.low[member], space.high[member], dtype=space.low.dtype.type)
-
-
-RENDER_MODES = ("rgb_array",)
-RENDER_FPS = 5
-
-
-def require_render_mode(mode: str | None) -> None:
-    """Raise EnvError for an unknown render mode."""
-    if mode is not None and mode not in RENDER_MODES:
-        allowed = ", ".join(map(repr, RENDER_MODES))
-        raise EnvError(f"render_mode = {mode!r}; allowed: None, {allowed}", render_mode=mode)
+RENDERING: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 5}
+"""Metadata of all environments."""
 
 
 def frame(
@@ -112,8 +86,7 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     """
 
     metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]  # instances have their own
-        "render_modes": list(RENDER_MODES),
-        "render_fps": RENDER_FPS,
+        **RENDERING,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
@@ -129,14 +102,22 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
     ) -> None:
-        require_render_mode(render_mode)
+        if render_mode not in (None, *RENDERING["render_modes"]):
+            raise EnvError(
+                f"render_mode = {render_mode!r}; allowed: None, 'rgb_array'",
+                render_mode=render_mode,
+            )
         self.autoreset_mode = _mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}  # type: ignore[misc]
-        self.batch = SwarmBatch(Options(scenario, guide, dtype, shaping, discount), num_envs)
+        self.batch = SwarmBatch(scenario, num_envs, guide, dtype, shaping, discount)
         self.scenario, self.num_envs = self.batch.scenario, self.batch.size
         self.render_mode = render_mode
-        self.single_observation_space = observation_space(self.batch.observation)
-        self.single_action_space = action_space(self.batch.observation)
+        observation = self.batch.observation
+        low, high = observation.bounds()
+        self.single_observation_space = Box(low, high, dtype=low.dtype.type)
+        limit = low.dtype.type(observation.v_max)
+        shape = observation.n, 2
+        self.single_action_space = Box(-limit, limit, shape, low.dtype.type)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._seeded = False
@@ -257,20 +238,8 @@ def _reset_mask(options: dict[str, Any] | None, size: int) -> BoolArray:
     return rows
 
 
-class SwarmEnv(gymnasium.Env[NDArray[Any], NDArray[Any]]):
-    """A swarm that one learner controls: `SwarmVectorEnv` with one environment and no autoreset.
-
-    Parameters
-    ----------
-    scenario : Scenario, str or Path
-    guide, dtype, shaping, discount, render_mode
-        As of `SwarmVectorEnv`.
-    """
-
-    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]  # a class variable in Gymnasium, too
-        "render_modes": list(RENDER_MODES),
-        "render_fps": RENDER_FPS,
-    }
+class OneSwarm:
+    """The only environment of a `SwarmVectorEnv` without autoreset."""
 
     def __init__(
         self,
@@ -292,6 +261,32 @@ class SwarmEnv(gymnasium.Env[NDArray[Any], NDArray[Any]]):
             render_mode=render_mode,
         )
         self.scenario, self.render_mode = self.vector.scenario, render_mode
+        self._set_spaces()
+
+    def _set_spaces(self) -> None:
+        """Define the spaces of observations and actions."""
+        raise NotImplementedError
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """A picture (height, width, 3); None without a render mode."""
+        pictures = self.vector.render()
+        return None if pictures is None else pictures[0]
+
+
+class SwarmEnv(OneSwarm, gymnasium.Env[NDArray[Any], NDArray[Any]]):
+    """A swarm that one learner controls: `SwarmVectorEnv` with one environment and no autoreset.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or Path
+    guide, dtype, shaping, discount, render_mode
+        As of `SwarmVectorEnv`.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = RENDERING  # type: ignore[misc]  # as in Gymnasium
+
+    @override
+    def _set_spaces(self) -> None:
         self.observation_space = self.vector.single_observation_space
         self.action_space = self.vector.single_action_space
 
@@ -309,11 +304,6 @@ class SwarmEnv(gymnasium.Env[NDArray[Any], NDArray[Any]]):
         observations, rewards, terminated, truncated, infos = self.vector.step(actions)
         ends = bool(terminated[0]), bool(truncated[0])
         return observations[0], float(rewards[0]), *ends, _single(infos)
-
-    def render(self) -> NDArray[np.uint8] | None:
-        """A picture (height, width, 3); None without a render mode."""
-        pictures = self.vector.render()
-        return None if pictures is None else pictures[0]
 
 
 def _single(infos: dict[str, Any]) -> dict[str, Any]:

@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from .._util.extras import require_extra
 from ..errors import EnvError
-from ..guide.guide import Guide
-from ..scenario import Scenario
-from .environments import (
-    RENDER_FPS,
-    RENDER_MODES,
-    SwarmVectorEnv,
-    action_space,
-    member_space,
-    observation_space,
-)
+from .environments import RENDERING, OneSwarm
 
 require_extra("rl", "pettingzoo")
 
 from pettingzoo import ParallelEnv  # noqa: E402  (an error of ours comes first)
 
 
-class SwarmParallelEnv(ParallelEnv[str, NDArray[Any], NDArray[Any]]):
+class SwarmParallelEnv(OneSwarm, ParallelEnv[str, NDArray[Any], NDArray[Any]]):
     """A swarm of agents "member_0", ..., "member_(n-1)", which leave `agents` when destroyed.
 
     Every agent receives the reward of the swarm for as long as it lives, in the step of its
@@ -42,37 +33,17 @@ class SwarmParallelEnv(ParallelEnv[str, NDArray[Any], NDArray[Any]]):
 
     metadata: ClassVar[dict[str, Any]] = {
         "name": "casswarm_swarm_v0",
-        "render_modes": list(RENDER_MODES),
-        "render_fps": RENDER_FPS,
+        **RENDERING,
         "is_parallelizable": True,
     }
 
-    def __init__(
-        self,
-        scenario: Scenario | str | Path,
-        *,
-        guide: Guide | None = None,
-        dtype: Any = "float32",
-        shaping: bool = False,
-        discount: float = 1.0,
-        render_mode: str | None = None,
-    ) -> None:
-        self.vector = SwarmVectorEnv(
-            scenario,
-            guide=guide,
-            dtype=dtype,
-            shaping=shaping,
-            discount=discount,
-            autoreset_mode="Disabled",
-            render_mode=render_mode,
-        )
-        self.scenario, self.render_mode = self.vector.scenario, render_mode
+    @override
+    def _set_spaces(self) -> None:
         self.possible_agents = [f"member_{i}" for i in range(self.scenario.n)]
         self.agents: list[str] = []
-        observation = self.vector.batch.observation
         self.observation_spaces, self.action_spaces = (
-            {agent: member_space(space, i) for i, agent in enumerate(self.possible_agents)}
-            for space in (observation_space(observation), action_space(observation))
+            {agent: _row(space, i) for i, agent in enumerate(self.possible_agents)}
+            for space in (self.vector.single_observation_space, self.vector.single_action_space)
         )
 
     def observation_space(self, agent: str) -> Box:
@@ -126,11 +97,6 @@ class SwarmParallelEnv(ParallelEnv[str, NDArray[Any], NDArray[Any]]):
         """Observations (n, d) of all members, zeros for the destroyed."""
         return np.asarray(self.vector.batch.observe()[0])
 
-    def render(self) -> NDArray[np.uint8] | None:
-        """A picture (height, width, 3); None without a render mode."""
-        pictures = self.vector.render()
-        return None if pictures is None else pictures[0]
-
     def _velocities(self, actions: dict[str, NDArray[Any]]) -> NDArray[Any]:
         """The actions as velocities (1, n, 2), zero for the destroyed."""
         if self.agents and set(actions) != set(self.agents):
@@ -172,3 +138,8 @@ class SwarmParallelEnv(ParallelEnv[str, NDArray[Any], NDArray[Any]]):
             }
             for agent in self.agents
         }
+
+
+def _row(space: Any, member: int) -> Box:
+    """Space of a member in that of all."""
+    return Box(space.low[member], space.high[member], dtype=space.low.dtype.type)

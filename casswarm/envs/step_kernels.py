@@ -20,41 +20,23 @@ _ROUNDING = 2.0**-50  # more than the error of 1 - risk
 
 
 class Swarms(NamedTuple):
-    """State of B swarms of n members; the entries of the destroyed are zero.
+    """State of B swarms of n members; the entries of the destroyed are zero."""
 
-    Parameters
-    ----------
-    positions, velocities : (B, n, 2)
-        X(t) and V(t-1).
-    alive : (B, n) bool
-    steps : (B,) int
-        t.
-    seeds, runs : (B,) uint64
-        Of the random numbers.
-    """
-
-    positions: FloatArray
-    velocities: FloatArray
-    alive: BoolArray
-    steps: IntArray
-    seeds: Any
-    runs: Any
+    positions: FloatArray  # (B, n, 2), X(t)
+    velocities: FloatArray  # (B, n, 2), V(t-1)
+    alive: BoolArray  # (B, n)
+    steps: IntArray  # (B,), t
+    seeds: Any  # (B,) uint64, of the random numbers
+    runs: Any  # likewise
 
 
 class Moves(NamedTuple):
-    """Where B swarms move: V(t) and X(t+1), rates there, and velocities that were projected.
+    """Where B swarms move."""
 
-    Parameters
-    ----------
-    positions, velocities : (B, n, 2)
-    rates : (B, n)
-    saturated : (B,) int
-    """
-
-    positions: FloatArray
-    velocities: FloatArray
-    rates: FloatArray
-    saturated: IntArray
+    positions: FloatArray  # (B, n, 2), X(t+1)
+    velocities: FloatArray  # (B, n, 2), V(t)
+    rates: FloatArray  # (B, n), at X(t+1)
+    saturated: IntArray  # (B,), number of velocities that were projected
 
 
 class Limits(NamedTuple):
@@ -162,24 +144,13 @@ def advance(
 
 
 class RiskTable(NamedTuple):
-    """Lower bounds of the risk to go, bilinear between the nodes of a grid, constant outwards.
+    """Lower bounds of the risk to go, bilinear between the nodes of a grid, constant outwards."""
 
-    Parameters
-    ----------
-    values : (N+1, nx, ny)
-        At every step.
-    east, north : float
-        Of the first node.
-    spacing : float
-    slack : float
-        Bound on the rounding of values.
-    """
-
-    values: Any
-    east: float
+    values: Any  # (N+1, nx, ny), at every step
+    east: float  # of the first node
     north: float
     spacing: float
-    slack: float
+    slack: float  # bound on the rounding of values
 
 
 @kernel

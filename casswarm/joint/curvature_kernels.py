@@ -25,25 +25,12 @@ class Slopes(NamedTuple):
 
 
 class Curvature(NamedTuple):
-    """Sums over all sets.
+    """Sums over all sets."""
 
-    Parameters
-    ----------
-    lower : (2n, 2n, LANES)
-        Second derivatives, of which the lower triangle is used.
-    first : (3, n, n, LANES)
-        Factors of second derivatives of S_i (in [i, i]), and of density and collision of i and j.
-    source : (3, n, n, LANES)
-        Factors of products of the gradient of S_i with itself, and with those of pairs.
-    pairs : (3, n, n, n, LANES)
-        Factors of products of gradients of pairs (i, j), (i, k): of two densities, of a density and
-        a collision, of two collisions.
-    """
-
-    lower: FloatArray
-    first: FloatArray
-    source: FloatArray
-    pairs: FloatArray
+    lower: FloatArray  # (2n, 2n, LANES), second derivatives; the lower triangle is used
+    first: FloatArray  # (3, n, n, LANES), factors of those of S_i ([i, i]), and of pairs' terms
+    source: FloatArray  # (3, n, n, LANES), of products of the gradient of S_i, also with pairs'
+    pairs: FloatArray  # (3, n, n, n, LANES), of products of the gradients of pairs (i, j), (i, k)
 
 
 @allocating_kernel

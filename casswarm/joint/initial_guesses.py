@@ -49,23 +49,19 @@ class InitialGuess:
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """Alternatives of one initial guess, of which the search takes the best.
-
-    Parameters
-    ----------
-    name : str
-    arrivals : (B, n) int
-    goals : (N, B, n, 2)
-        Points to track, one per step.
-    """
+    """Alternatives of one initial guess, of which the search takes the best."""
 
     name: str
-    arrivals: IntArray
-    goals: FloatArray
+    arrivals: IntArray  # (B, n)
+    goals: FloatArray  # (N, B, n, 2), points to track, one per step
 
-    def last(self, k: int) -> int:
-        """The last arrival step of an alternative."""
-        return int(self.arrivals[k].max())
+    def guesses(self, arrivals: IntArray, velocities: FloatArray) -> list[InitialGuess]:
+        """Those with arrival steps (b, n) by velocities (N, b, n, 2), to the last arrivals."""
+        lasts = self.arrivals.max(axis=1)[: len(arrivals)]
+        return [
+            InitialGuess(self.name, arrivals[k], velocities[:last, k])
+            for k, last in enumerate(lasts)
+        ]
 
 
 def screened(
@@ -91,10 +87,7 @@ def screened(
         with np.errstate(divide="ignore"):
             odds = np.log(costs) - np.log1p(-costs)
         scores += (odds + REPETITION * odds.argsort(kind="stable").argsort()).tolist()
-        guesses += [
-            InitialGuess(family.name, arrivals[k], velocities[: family.last(k), k])
-            for k in range(len(costs))
-        ]
+        guesses += family.guesses(arrivals, velocities)
     return [guesses[k] for k in np.argsort(scores, kind="stable")[:count].tolist()]
 
 
@@ -326,12 +319,7 @@ def changes(
 ) -> Iterator[Family]:
     """Families of plans that differ from a plan in one respect.
 
-    Parameters
-    ----------
-    task : JointTask
-    plan : InitialGuess
-    paths : mapping of str to sequence of (T+1, 2)
-        The paths of each homotopy class, best first.
+    `paths` (T+1, 2) are those of each homotopy class, best first.
     """
     name = f"{plan.name.removesuffix(_CHANGED)}{_CHANGED}"
     path = integrate(task.start, plan.velocities, task.motion.dt)
@@ -412,14 +400,7 @@ _PERTURBED = ", perturbed"
 
 @dataclass(frozen=True, eq=False)
 class Guesses:
-    """The initial guesses of one joint plan.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    task : JointTask
-    objective : str
-    """
+    """The initial guesses of one joint plan."""
 
     scenario: Scenario
     task: JointTask
@@ -457,12 +438,7 @@ class Guesses:
     def waves(self, count: int, rng: np.random.Generator) -> list[InitialGuess]:
         """Random guesses; their cost before they are optimised tells too little to choose."""
         family = waves(self.task, count, rng)
-        arrivals = delayed(self.task, family.arrivals)
-        velocities = track(self.task, family.goals)
-        return [
-            InitialGuess(family.name, arrivals[k], velocities[: family.last(k), k])
-            for k in range(count)
-        ]
+        return family.guesses(delayed(self.task, family.arrivals), track(self.task, family.goals))
 
     def changed(self, plan: InitialGuess, count: int, rerouted: bool = True) -> list[InitialGuess]:
         """The best changes of a plan, before they are optimised; none without an exact cost.

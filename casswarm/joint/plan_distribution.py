@@ -148,10 +148,7 @@ class PlanDistribution:
 def loss_probabilities(scenario: Scenario, positions: FloatArray) -> FloatArray:
     """Probabilities (..., N, 2^n, n) of losing a member of a set in a step, 0 outside the set.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    positions : (..., N+1, n, 2)
+    `positions` are (..., N+1, n, 2).
     """
     after, hazard = positions[..., 1:, :, :], scenario.hazard
     n = after.shape[-2]
@@ -163,15 +160,9 @@ def loss_probabilities(scenario: Scenario, positions: FloatArray) -> FloatArray:
 def prescribed_costs(
     scenario: Scenario, objective: str, positions: FloatArray, arrivals: IntArray
 ) -> FloatArray:
-    """Costs (B,) of plans, as `casswarm.problems.joint` computes them for prescribed arrivals.
+    """Costs (B,) of plans (B, N+1, n, 2), as `casswarm.problems.joint` computes them.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    objective : str
-    positions : (B, N+1, n, 2)
-    arrivals : (B, n) int
-        Arrival steps, 0 for members that do not arrive.
+    `arrivals` (B, n) are the prescribed steps, 0 for members that do not arrive.
     """
     lost, n = loss_probabilities(scenario, positions), positions.shape[2]
     steps = lost.shape[1]
@@ -213,15 +204,9 @@ class LikelySets:
 
 
 def likely_sets(scenario: Scenario, positions: FloatArray, max_sets: int = MAX_SETS) -> LikelySets:
-    """Follow the most probable sets of members along trajectories.
+    """Follow the most probable sets of members along trajectories (T+1, n, 2).
 
-    Parameters
-    ----------
-    scenario : Scenario
-        Of at most `MAX_MEMBERS` members.
-    positions : (T+1, n, 2)
-    max_sets : int
-        Equal probabilities are treated alike: all of them are followed, or none.
+    Equal probabilities are treated alike: all of them are followed, or none.
     """
     steps, n = len(positions) - 1, positions.shape[1]
     inside = scenario.target.contains(positions[1:])
@@ -256,16 +241,10 @@ class _Core:
     If rates only decrease with more living members, as with saturation without collisions, any set
     succeeds at least as often as its members of the core alone: with the same random numbers, those
     who survive in the smaller set survive in the larger one.
-
-    Parameters
-    ----------
-    members : (c,) int
-    failures : (N, 2^c)
-        From all steps after the first on.
     """
 
-    members: IntArray
-    failures: FloatArray
+    members: IntArray  # (c,)
+    failures: FloatArray  # (N, 2^c), from all steps after the first on
 
     @classmethod
     def of(cls, scenario: Scenario, positions: FloatArray) -> _Core | None:

@@ -42,32 +42,15 @@ Path: TypeAlias = tuple[tuple[int, Members], ...]
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """A plan of the tree.
+    """A plan of the tree."""
 
-    Parameters
-    ----------
-    path : tuple of (step, members)
-        The situations that led here; empty for the root.
-    step : int
-        First step of the plan.
-    members : tuple of int
-        Members of the plan.
-    positions, velocities : (T+1, m, 2), (T, m, 2)
-        Of its members, from `step` on.
-    initial_velocities : (m, 2)
-        Their velocities before `step`.
-    probability : float
-        Probability of the situation that it was made for, by the previous plans' distributions.
-    distribution : PlanDistribution
-    """
-
-    path: Path
-    step: int
+    path: Path  # the situations that led here; empty for the root
+    step: int  # first step of the plan
     members: Members
-    positions: FloatArray
-    velocities: FloatArray
-    initial_velocities: FloatArray
-    probability: float
+    positions: FloatArray  # (T+1, m, 2), of its members, from `step` on
+    velocities: FloatArray  # (T, m, 2)
+    initial_velocities: FloatArray  # (m, 2), before `step`
+    probability: float  # of the situation that it was made for, by the previous distributions
     distribution: PlanDistribution
 
     def state(self, step: int, members: Members) -> tuple[FloatArray, FloatArray]:
@@ -160,22 +143,11 @@ class PlanTree:
     def follow(
         self, step: int, members: Members, positions: FloatArray, previous_velocities: FloatArray
     ) -> tuple[FloatArray, bool, bool] | None:
-        """Velocities of the living members at a step; None for a state that no plan leads to.
+        """Velocities (m, 2) of the living at a step; None for a state that no plan leads to.
 
-        Parameters
-        ----------
-        step : int
-        members : tuple of int
-            The living.
-        positions, previous_velocities : (m, 2)
-            Their X(step), V(step-1).
-
-        Returns
-        -------
-        velocities : (m, 2)
-        planned, failed : bool
-            Whether a plan was made for this situation, and whether the solve for it failed, so that
-            the survivors continue as before.
+        `positions` and `previous_velocities` (m, 2) are their X(step), V(step-1). With the
+        velocities comes whether a plan was made for this situation, and whether the solve for it
+        failed, so that the survivors continue as before.
         """
         branch = self._find(step, members, positions, previous_velocities)
         if branch is None:

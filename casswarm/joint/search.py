@@ -136,19 +136,10 @@ first solves are of another program; and outcomes with coarse steps that are ref
 
 
 class JointSearch:
-    """The solves of one joint plan.
+    """The solves of one joint plan, of which none starts after the deadline (`perf_counter`).
 
-    Parameters
-    ----------
-    scenario : Scenario
-    task : JointTask
-    objective : str
-    solver : str or Solver
-        One of `STAGED`, or the solver of all stages: the first solves, those that continue the best
-        of them, and those to the end.
-    deadline : float
-        Of `time.perf_counter`; no solve starts after it.
-    progress : Progress, optional
+    `solver` is one of `STAGED`, or the solver of all stages: the first solves, those that continue
+    the best of them, and those to the end.
     """
 
     def __init__(
@@ -167,29 +158,23 @@ class JointSearch:
         )
         # whether the first solves are of the problem itself
         self.same_program = self.problem.form == self.first_problem.form
-        self.solvers = self._stages(solver)
+        first = ITERATIONS[0] if self.first_problem.form.exact else FIRST_ITERATIONS_MEAN_FIELD
+        problems = self.first_problem, self.problem, self.problem
+        self.solvers = [
+            solver
+            if isinstance(solver, Solver)
+            else stage_solver(solver, scenario.hazard, problem.form, iterations)
+            for problem, iterations in zip(problems, (first, *ITERATIONS[1:]), strict=True)
+        ]
         self.deadline, self.progress = deadline, progress
         self.guesses = Guesses(scenario, task, objective)
         coarse = coarsened(scenario)
         self.coarse = None
         if coarse is not None:
-            self.coarse = JointSearch(
-                coarse, coarse_task(task, coarse), objective, solver, deadline, progress
-            )
+            arguments = objective, solver, deadline, progress
+            self.coarse = JointSearch(coarse, coarse_task(task, coarse), *arguments)
         self.outcomes: list[SwarmOutcome] = []
         self._live: list[SwarmOutcome] = []  # those that no other continues
-
-    def _stages(self, solver: str | Solver) -> list[Solver]:
-        """Solvers of the stages."""
-        if isinstance(solver, Solver):
-            return [solver] * len(ITERATIONS)
-        first = ITERATIONS[0] if self.first_problem.form.exact else FIRST_ITERATIONS_MEAN_FIELD
-        forms = [self.first_problem.form, self.problem.form, self.problem.form]
-        hazard = self.problem.scenario.hazard
-        return [
-            stage_solver(solver, hazard, form, iterations)
-            for form, iterations in zip(forms, (first, *ITERATIONS[1:]), strict=True)
-        ]
 
     def run(self, kinds: Sequence[str], seed: int) -> SwarmOutcome:
         """The best outcome of all starts, of which there is at least one."""
@@ -480,13 +465,8 @@ _ITERATIONS = 300
 def alternative_plan(scenario: Scenario, plan: SwarmPlan, positions: FloatArray) -> SwarmPlan:
     """The better one of a plan for success and what a solve from other trajectories leads to.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        Of few enough members for an exact distribution.
-    plan : SwarmPlan
-    positions : (T+1, n, 2)
-        Trajectories to track as closely as the limits allow, to their ends.
+    There are few enough members for an exact distribution. The trajectories `positions` (T+1, n, 2)
+    are tracked as closely as the limits allow, to their ends.
     """
     task = JointTask.from_scenario(scenario, plan.initial_velocities)
     problem = JointProblem(scenario, task, JointForm(plan.n, task.steps, True, "success", False))
