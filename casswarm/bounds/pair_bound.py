@@ -118,7 +118,8 @@ def _levels(
     program: PairProgram, known: float, tolerance: float, max_nodes: int, clock: Clock
 ) -> Generator[PairLevel, None, str]:
     """Grids of a refinement, each with the bound so far; why there is no other one."""
-    value, finer = 1.0, program
+    value = 1.0
+    finer: PairProgram | None = program
     while finer is not None:
         program, bound, kept = _best_multiplier(finer, clock.deadline)
         value = max(known, min(value, bound))

@@ -232,7 +232,8 @@ def pair_lattice(
     if certified:
         exact -= _rounding(task, grid.spacing)
         risk *= exact
-    bounds = task.hazard.pair_bounds(region.shape, grid.spacing, certified)
+    n, m = region.shape
+    bounds = task.hazard.pair_bounds((n, m), grid.spacing, certified)
     assert bounds is not None
     share, collision = bounds.share, exact * task.dt * bounds.collision
     least, largest = (_windows(collision, combine) for combine in (np.minimum, np.maximum))
@@ -248,11 +249,12 @@ def pair_lattice(
         float(share[row, min(column + margin, 2 * column)]),
     )
     inner = (slice(1, -1), slice(1, -1))
-    lone = (
+    alone, floor, with_guard = (
         lone_values(costs, region, factor, exact)
         for costs, factor in ((single, 1.0), (both, 1.0), (both, guarded))
     )
-    return PairLattice(grid, region, risk[inner], slopes[:, *inner], spread[inner], *lone, pair)
+    of_member = risk[inner], slopes[:, *inner], spread[inner]
+    return PairLattice(grid, region, *of_member, alone, floor, with_guard, pair)
 
 
 def lone_values(costs: StageCosts, region: NodeBlock, share: float, exact: float) -> FloatArray:
@@ -262,12 +264,13 @@ def lone_values(costs: StageCosts, region: NodeBlock, share: float, exact: float
     """
     grid = costs.grid
     out = np.zeros((len(grid.blocks) + 1, *region.shape))
-    samples, values = reversed(range(len(grid.blocks))), []
-    for sample, (after, values) in zip(samples, backwards(costs, share * exact), strict=True):  # noqa: B007
+    samples, first = reversed(range(len(grid.blocks))), list[FloatArray]()
+    for sample, (after, values) in zip(samples, backwards(costs, share * exact), strict=True):
         for nodes, to_go in zip(grid.nodes[sample], after, strict=True):
             common = nodes.common(region)
             out[sample + 1][common.within(region)] = _survival(to_go[common.within(nodes)])
-    out[0] = _survival(extremum_within_reach(values, grid.nodes[0], region, grid.reach))
+        first = values
+    out[0] = _survival(extremum_within_reach(first, grid.nodes[0], region, grid.reach))
     return out
 
 
