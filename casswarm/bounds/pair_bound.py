@@ -43,20 +43,13 @@ class PairLevel:
 class PairBound:
     """A proven upper bound of the success probability of every policy of two members.
 
-    Parameters
-    ----------
-    value : float
-        No policy exceeds it, with or without limits of acceleration.
-    known : float
-        The success probability that was given: policies that do not exceed it were not considered.
-    reason : str
-        Why the refinement ended.
-    levels : tuple of PairLevel
+    No policy exceeds `value`, with or without limits of acceleration. Those that do not exceed
+    `known`, the success probability that was given, were not considered.
     """
 
     value: float
     known: float
-    reason: str
+    reason: str  # why the refinement ended
     levels: tuple[PairLevel, ...] = field(default=(), repr=False)
 
     @property
