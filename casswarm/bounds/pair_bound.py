@@ -166,8 +166,9 @@ def first_program(
         near = gathered(task, starts, margin, max(margins))
         nearer = Relaxation.from_scenario(scenario, near[0])
         tube = Tube.full(nearer, near, margin, velocities, change)
-        if certified and (near != starts).any():
-            tube = tube.departed()
+        if certified and (near != starts).any():  # who leaves the rectangle in the first step
+            nowhere = [np.zeros((0, 2, 4))] * task.steps
+            tube = replace(tube, boxes=(tube.boxes[0], *nowhere))
         candidates.append(PairProgram(nearer, near, tube, reach, margin, None))
     sizes = [program.size for program in candidates]
     if sizes[0] > max_nodes:
