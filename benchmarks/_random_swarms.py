@@ -7,11 +7,10 @@ import numpy as np
 import casswarm as csw
 from casswarm import Scenario, SwarmOutcome
 from casswarm.joint import InitialGuess, JointProblem
-from casswarm.joint.screening import track
+from casswarm.joint.initial_guesses import track
 from casswarm.joint.solve import stage_solver
 from casswarm.motion.kinematics import remaining_distance
-from casswarm.problems.joint import JointForm
-from casswarm.problems.joint_instances import JointTask
+from casswarm.problems.joint import JointForm, JointTask
 from casswarm.typing import FloatArray, IntArray
 
 STEP = 0.66  # v_max dt

@@ -25,13 +25,12 @@ from _timing import arguments, print_table, timed
 import casswarm as csw
 from casswarm import Scenario, SwarmPlan
 from casswarm.joint import InitialGuess, JointProblem, PlanDistribution, PlanTree
-from casswarm.joint.likely_sets import likely_sets
 from casswarm.joint.numeric import joint_program
+from casswarm.joint.plan_distribution import likely_sets
 from casswarm.nlp import LagrangianHessian
 from casswarm.nlp.program import Nlp
 from casswarm.policies import JointPolicy, ReplanningPolicy
-from casswarm.problems.joint import JointForm
-from casswarm.problems.joint_instances import JointTask, joint_instances
+from casswarm.problems.joint import JointForm, JointTask, joint_instances
 from casswarm.solvers import Ipopt
 from casswarm.solvers.interior_point.derivatives import NumericDerivatives
 

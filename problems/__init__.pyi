@@ -6,8 +6,7 @@ from .guide import (
     penalised_guide_instance,
     penalised_guide_nlp,
 )
-from .joint import JointForm, joint_nlp
-from .joint_instances import JointTask, joint_instances
+from .joint import JointForm, JointTask, joint_instances, joint_nlp
 from .subsets import subsets
 
 __all__ = [

@@ -1,8 +1,7 @@
-from .initial_guesses import INITIAL_GUESSES
-from .optimize import alternative_plan, plan_swarm
+from .initial_guesses import INITIAL_GUESSES, InitialGuess
 from .plan_distribution import MAX_EXACT, PlanDistribution
 from .replan import PlanTree
-from .screening import InitialGuess
+from .search import alternative_plan, plan_swarm
 from .solve import JointProblem
 from .swarm_plan import SwarmOutcome, SwarmPlan
 

@@ -23,7 +23,7 @@ from .curvature_kernels import (
     curvature,
     pair_slopes,
 )
-from .outcome_kernels import (
+from .set_kernels import (
     Work,
     copy,
     differentiate_expectation,
@@ -34,61 +34,28 @@ from .outcome_kernels import (
 
 
 class Steps(NamedTuple):
-    """Blocks of steps of n members; m = 2^n is the number of sets. Axes in front: blocks.
+    """Blocks of steps of n members, in front of these axes; m = 2^n is the number of sets."""
 
-    Parameters
-    ----------
-    clock : (LANES,)
-        Time steps.
-    lost : (m, n, LANES)
-        Probabilities of the members of each set.
-    mass, after : (m, LANES)
-        Masses of the sets before the step, and a function of the survivors.
-    continues, costs : (m, LANES)
-        Whether the run goes on with each set alive after the step, and else its cost; for the empty
-        set, 0 and the cost of having lost all.
-    points : (n, 2, LANES)
-        Positions after the step.
-    radars : (n, 5, LANES)
-        Gradient and Hessian (xx, xy, yy) of S_i.
-    pairs : (4, n, n, LANES)
-        First and second derivatives of density and collision in the squared distance.
-    rates : (m, 10, n, LANES)
-        combine, its gradient and the upper triangle of its Hessian.
-    """
-
-    clock: FloatArray
-    lost: FloatArray
-    mass: FloatArray
-    after: FloatArray
-    continues: FloatArray
-    costs: FloatArray
-    points: FloatArray
-    radars: FloatArray
-    pairs: FloatArray
-    rates: FloatArray
+    clock: FloatArray  # (LANES,), time steps
+    lost: FloatArray  # (m, n, LANES), probabilities of the members of each set
+    mass: FloatArray  # (m, LANES), of the sets before the step
+    after: FloatArray  # (m, LANES), a function of the survivors
+    continues: FloatArray  # (m, LANES), whether the run goes on with these; 0 for the empty set
+    costs: FloatArray  # (m, LANES), else its cost; for the empty set, of having lost all
+    points: FloatArray  # (n, 2, LANES), positions after the step
+    radars: FloatArray  # (n, 5, LANES), gradient and Hessian (xx, xy, yy) of S_i
+    pairs: FloatArray  # (4, n, n, LANES), derivatives of density, collision in squared distance
+    rates: FloatArray  # (m, 10, n, LANES), combine, its gradient, upper triangle of its Hessian
 
 
 class Derivatives(NamedTuple):
-    """Derivatives of steps in their positions X; M is a step's matrix over sets.
+    """Derivatives of steps, in front, in their positions X; M is a step's matrix over sets."""
 
-    Parameters
-    ----------
-    gradient, hessian : (2n,), (2n, 2n)
-        Of mass' M after.
-    by_set : (m, 2n)
-        Of M after.
-    by_outcome : (m, 2n)
-        Of M' mass where the run goes on; in row 0, of its expected cost if it ends.
-    transitions : (3^n,)
-        M likewise, for the subsets of every set in ascending order.
-    """
-
-    gradient: FloatArray
-    hessian: FloatArray
-    by_set: FloatArray
-    by_outcome: FloatArray
-    transitions: FloatArray
+    gradient: FloatArray  # (2n,), of mass' M after
+    hessian: FloatArray  # (2n, 2n), likewise
+    by_set: FloatArray  # (m, 2n), of M after
+    by_outcome: FloatArray  # (m, 2n), of M' mass if the run goes on; in row 0, of its cost if not
+    transitions: FloatArray  # (3^n,), M likewise, for the subsets of every set in ascending order
 
 
 @kernel
@@ -177,10 +144,8 @@ def add_by_outcome(count: int, lost: FloatArray, mass: FloatArray, work: Work) -
             for v in range(count):
                 j = work.members[v]
                 for a in range(2):
-                    target, rate = (
-                        work.by_outcome[work.subsets[m], 2 * j + a],
-                        work.rate[u, 2 * v + a],
-                    )
+                    target = work.by_outcome[work.subsets[m], 2 * j + a]
+                    rate = work.rate[u, 2 * v + a]
                     for lane in range(LANES):
                         target[lane] += factor[lane] * rate[lane]
 
@@ -240,7 +205,7 @@ def differentiate_block(
     place = 1
     for d in range(1, 1 << n):
         lost, mass = steps.lost[block, d], steps.mass[block, d]
-        count = list_set(d, n, work)
+        count = list_set(d, n, work.members, work.subsets)
         differentiate_expectation(count, lost, steps.after[block], work)
         differentiate_rates(d, count, block, steps, slopes, work)
         write_by_set(d, count, first, mass, work, out)

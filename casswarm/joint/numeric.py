@@ -3,12 +3,7 @@
 The program of `casswarm.problems.joint`, for rates that are made of kernels. In the positions all
 but the recursion is local to a step, and so are limits of acceleration in the velocities; sums over
 later steps lead from one to the other. Second derivatives between steps are not formed: Newton's
-equations are solved step by step (`joint_riccati_kernels`).
-
-Constraints of the joint plan as numbers, with their derivatives, for b instances.
-
-All are squared lengths: of changes of velocity, which join two steps, and of differences of
-positions in one step. `Constraints` has them by block, in the order of the program.
+equations are solved step by step (`casswarm.joint.riccati_kernels`).
 """
 
 from __future__ import annotations
@@ -17,52 +12,45 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+from typing_extensions import override
 
 from .._util.threads import locked_cache
 from ..compiled.parallel import execute
 from ..hazard import Hazard, KernelHazard
 from ..nlp.program import Nlp
 from ..problems.joint import CERTAIN, TINY, JointForm, joint_nlp
-from ..solvers.interior_point.derivatives import NumericDerivatives
+from ..solvers.interior_point.derivatives import (
+    NumericDerivatives,
+    NumericProblems,
+    RowLinearisation,
+)
+from ..solvers.interior_point.factors import Factors
 from ..typing import FloatArray, IntArray
+from .derivative_kernels import Derivatives, Steps, differentiate
 from .rates import LocalRates, blocked, set_rates, unblocked
-
-if TYPE_CHECKING:
-    from .derivative_kernels import Derivatives
-    from .riccati_kernels import Stages
+from .riccati_kernels import Factor, Stages, factorise, solve
+from .set_kernels import recursion
 
 
-def backward_sums(array: FloatArray, axis: int) -> FloatArray:
-    """Sums over an entry and all later ones of an axis, in place: positions to velocities."""
-    steps = np.moveaxis(array, axis, 0)
-    for t in reversed(range(len(steps) - 1)):
-        steps[t] += steps[t + 1]
-    return array
+def backward_sums(steps: FloatArray) -> FloatArray:
+    """Sums over an entry and all later ones of axis 1: from positions to velocities."""
+    return np.asarray(steps[:, ::-1].cumsum(axis=1)[:, ::-1])
 
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """Differences whose squared lengths are constrained, at a point of each instance.
+    """Constraints of b instances at a point each: squared lengths of these differences.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of acceleration, arrival, outside, separation; the first two at least.
-    changes : (b, T, n, 2)
-        Of velocity, in every step.
-    to_center : (b, T, n, 2)
-        From the target's centre.
-    arrivals : (b, T, n)
-        1 at a member's arrival step, else 0.
+    Those of velocities join two steps, those of positions are in one. Blocks are in the order of
+    the program.
     """
 
-    names: Sequence[str]
-    changes: FloatArray
-    to_center: FloatArray
-    arrivals: FloatArray
+    names: Sequence[str]  # of acceleration, arrival, outside, separation; the first two at least
+    changes: FloatArray  # (b, T, n, 2), of velocity, in every step
+    to_center: FloatArray  # (b, T, n, 2), from the target's centre
+    arrivals: FloatArray  # (b, T, n), 1 at a member's arrival step, else 0
 
     @classmethod
     def at(
@@ -97,7 +85,7 @@ class Constraints:
         changes, points, pairs = self._split(rows)
         by_position = points[..., None] * self.to_center
         by_position += self._incidence.T @ (pairs[..., None] * self._pairs(self.to_center))
-        by_velocity = backward_sums(by_position, 1)
+        by_velocity = backward_sums(by_position)
         by_change = changes[..., None] * self.changes
         by_velocity += by_change
         by_velocity[:, :-1] -= by_change[:, 1:]
@@ -165,47 +153,28 @@ def _block(rows: FloatArray, weights: FloatArray, vectors: FloatArray) -> FloatA
 
 
 _FACTORISED, _SOLVED = 2**12, 2**15  # sets, of all steps, that are worth a thread
+_DIFFERENTIATED = 2**7  # sets, of blocks of steps
 
 
-class StageFactors:
-    """Factors of b matrices in the velocities of all steps, for the interior-point method.
-
-    Parameters
-    ----------
-    stages : Stages
-        With the axis of instances in front of every array; slopes and bends (b,).
-    shifts : (b, m)
-        Shifts of the diagonals to try, in order.
-    """
+class StageFactors(Factors):
+    """Factors of the models of b plans; `shifts` (b, m) of the diagonals are tried in order."""
 
     def __init__(self, stages: Stages, shifts: FloatArray) -> None:
-        from .riccati_kernels import Factor, factorise
-
         batch, steps, width = stages.limits.shape
-        size = stages.terminal.shape[1] + 2 * width
+        gains = np.empty((batch, steps, width, stages.terminal.shape[1] + 2 * width))
         self._stages = stages
-        self._factors = Factor(
-            np.empty((batch, steps, width, width)), np.empty((batch, steps, width, size))
-        )
+        self._factors = Factor(np.empty((batch, steps, width, width)), gains)
+        self._sets = math.prod(stages.by_set.shape[1:3])  # of all steps
         self.shifts = np.empty(batch)
         arguments = shifts, stages, self._factors, self.shifts
-        execute(factorise, batch, arguments, self._per_thread(_FACTORISED))
+        execute(factorise, batch, arguments, _FACTORISED // self._sets)
 
+    @override
     def solve(self, right: FloatArray) -> FloatArray:
-        """See `Factors`."""
-        from .riccati_kernels import solve
-
         solution = np.array(right.T, order="C").reshape(self._stages.limits.shape)
         arguments = self._stages, self._factors, solution
-        execute(solve, len(solution), arguments, self._per_thread(_SOLVED))
+        execute(solve, len(solution), arguments, _SOLVED // self._sets)
         return np.ascontiguousarray(solution.reshape(len(solution), -1).T)
-
-    def _per_thread(self, sets: int) -> int:
-        """Matrices that are worth a thread, where so many sets of all steps are."""
-        return sets // math.prod(self._stages.by_set.shape[1:3])
-
-
-_PER_THREAD = 2**7  # sets, of blocks of steps, that are worth a thread
 
 
 @locked_cache(maxsize=64)
@@ -219,29 +188,24 @@ def joint_program(hazard: Hazard, form: JointForm, hessian: bool = True) -> Nlp:
 
 
 @dataclass(frozen=True, eq=False)
-class JointNumeric:
-    """B instances of a joint plan: see `NumericProblems`.
-
-    Parameters
-    ----------
-    nlp : Nlp
-    hazard : KernelHazard
-    n : int
-    p : (B, np)
-    """
+class JointNumeric(NumericProblems):
+    """Instances of a joint plan of n members, with parameters (B, np)."""
 
     nlp: Nlp
     hazard: KernelHazard
     n: int
     p: FloatArray
 
+    @override
     def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See `NumericProblems`."""
         points = self._points(rows, x)
-        return log_odds(points.failure), points.constraints.values
+        failure = points.swept(set_rates(self.hazard, points.blocks))[1][:, -1]
+        with np.errstate(invalid="ignore"):
+            odds = np.log(failure + TINY) - np.log(1.0 - failure + CERTAIN)
+        return odds, points.constraints.values
 
+    @override
     def linearise(self, rows: IntArray, x: FloatArray) -> JointLinearisation:
-        """See `NumericProblems`."""
         return JointLinearisation(self._points(rows, x))
 
     def _points(self, rows: IntArray, x: FloatArray) -> JointPoints:
@@ -255,115 +219,82 @@ class JointNumeric:
         return self.nlp.parameter_blocks(self.p)
 
 
-def log_odds(failure: FloatArray) -> FloatArray:
-    """The objective of probabilities F."""
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.log(failure + TINY) - np.log(1.0 - failure + CERTAIN))
-
-
 @dataclass(frozen=True, eq=False)
 class JointPoints:
-    """Points of b instances.
-
-    Parameters
-    ----------
-    hazard : KernelHazard
-    constraints : Constraints
-    p : dict of name to array
-        Parameters of every instance.
-    """
+    """Points of b instances, with their parameters."""
 
     hazard: KernelHazard
     constraints: Constraints
     p: dict[str, FloatArray]
 
-    @property
-    def failure(self) -> FloatArray:
-        """F of every instance, (b,)."""
-        if "_rates" in vars(self):
-            return self._chances[1][:, -1]
-        return self._swept(set_rates(self.hazard, self._blocks))[1][:, -1]
-
     @cached_property
-    def _blocks(self) -> FloatArray:
+    def blocks(self) -> FloatArray:
         """X(1..T), the steps of all instances in blocks (k, n, 2, LANES)."""
         p = {name: self.p[name][:, None] for name in ("origin", "length", "center")}
-        points = p["origin"] + p["length"] * (self.constraints.to_center + p["center"])
-        return blocked(points.reshape(-1, *points.shape[2:]))
+        return in_blocks(p["origin"] + p["length"] * (self.constraints.to_center + p["center"]))
 
     @cached_property
-    def _rates(self) -> LocalRates:
-        return LocalRates.of(self.hazard, self._blocks)
+    def _clock(self) -> FloatArray:
+        """The time step of all steps in blocks, (k, LANES)."""
+        shape = self.constraints.changes.shape[:2]
+        return in_blocks(np.broadcast_to(self.p["clock"][:, :, 0], shape))
 
-    @cached_property
-    def _chances(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        return self._swept(self._rates.rates[:, :, 0])
-
-    def _swept(self, rates: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def swept(self, rates: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Probabilities of losses in blocks, F_0 (b, m), masses and functions (b, T, m)."""
-        from .recursion_kernels import recursion
-
         lost = -np.expm1(-self._clock[:, None, None] * rates)
         batch, steps = self.constraints.changes.shape[:2]
         by_step = unblocked(lost, batch * steps)
         ends = self.p["continues"], self.p["costs"], self.p["last_cost"][:, 0]
         return lost, *recursion(by_step.reshape(batch, steps, *by_step.shape[1:]), *ends)
 
-    @property
-    def _clock(self) -> FloatArray:
-        """The time step of all steps in blocks, (k, LANES)."""
-        shape = self.constraints.changes.shape[:2]
-        return self._in_blocks(np.broadcast_to(self.p["clock"][:, :, 0], shape))
-
-    def _in_blocks(self, values: FloatArray) -> FloatArray:
-        """Values (b, T, ...) of all steps in blocks (k, ..., LANES)."""
-        return blocked(values.reshape(-1, *values.shape[2:]))
-
-    def differentiated(self) -> Derivatives:
-        """Derivatives of F in all steps, in lengths of a step at v_max: see `Derivatives`."""
-        from .derivative_kernels import Derivatives, Steps, differentiate
-
-        lost, _, masses, after = self._chances
+    def differentiated(self) -> tuple[FloatArray, Derivatives]:
+        """F (b,), with its derivatives in all steps, in lengths of a step at v_max."""
+        local = LocalRates.of(self.hazard, self.blocks)
+        lost, failure, masses, after = self.swept(local.rates[:, :, 0])
         (batch, steps, sets), n = masses.shape, lost.shape[2]
-        width, local = 2 * n, self._rates
+        width = 2 * n
         shapes = (width,), (width, width), (sets, width), (sets, width), (3**n,)
         flat = Derivatives(*(np.empty((batch * steps, *shape)) for shape in shapes))
         continues, costs = self.p["continues"].copy(), self.p["costs"].copy()
         continues[..., 0], costs[..., 0] = 0.0, self.p["last_cost"][..., 0]
-        of_sets = [self._in_blocks(part) for part in (masses, after, continues, costs)]
-        arrays = lost, *of_sets, self._blocks, local.radars, local.pairs, local.rates
-        in_steps = Steps._make([self._clock, *arrays])
-        arguments = in_steps, self.hazard.collides, flat
-        execute(differentiate, len(lost), arguments, _PER_THREAD // sets)
+        of_sets = [in_blocks(part) for part in (masses, after, continues, costs)]
+        arrays = lost, *of_sets, self.blocks, local.radars, local.pairs, local.rates
+        arguments = Steps._make([self._clock, *arrays]), self.hazard.collides, flat
+        execute(differentiate, len(lost), arguments, _DIFFERENTIATED // sets)
         out = Derivatives(*(part.reshape(batch, steps, *part.shape[1:]) for part in flat))
         unit = self.p["length"]
         out.gradient[:] *= unit
         out.by_set[:] *= unit[..., None]
         out.by_outcome[:] *= unit[..., None]
         out.hessian[:] *= unit[..., None] ** 2
-        return out
+        return failure[:, -1], out
 
 
-class JointLinearisation:
-    """Derivatives of b instances at a point each: see `RowLinearisation`."""
+def in_blocks(values: FloatArray) -> FloatArray:
+    """Values (b, T, ...) of all steps in blocks (k, ..., LANES)."""
+    return blocked(values.reshape(-1, *values.shape[2:]))
+
+
+class JointLinearisation(RowLinearisation):
+    """Derivatives of b instances at a point each."""
 
     def __init__(self, points: JointPoints) -> None:
-        self._constraints = points.constraints
-        self._steps, self._last_cost = points.differentiated(), points.p["last_cost"][:, 0]
-        failure = points.failure
+        self._constraints, self._last_cost = points.constraints, points.p["last_cost"][:, 0]
+        failure, self._steps = points.differentiated()
         below, above = 1.0 / (failure + TINY), 1.0 / (1.0 - failure + CERTAIN)
         self._slope, self._bend = below + above, above**2 - below**2  # of the log-odds
-        by_velocity = backward_sums(self._steps.gradient.copy(), 1)
+        by_velocity = backward_sums(self._steps.gradient)
         self.gradient = self._slope[:, None] * by_velocity.reshape(len(failure), -1)
 
+    @override
     def times(self, vectors: FloatArray) -> FloatArray:
-        """See `RowLinearisation`."""
         return self._constraints.times(vectors.reshape(self._constraints.changes.shape))
 
+    @override
     def transposed_times(self, vectors: FloatArray) -> FloatArray:
-        """See `RowLinearisation`."""
         return self._constraints.transposed_times(vectors).reshape(len(vectors), -1)
 
+    @override
     def factors(
         self,
         multipliers: FloatArray,
@@ -371,9 +302,6 @@ class JointLinearisation:
         shifts: FloatArray,
         objective: FloatArray | float = 1.0,
     ) -> StageFactors:
-        """See `RowLinearisation`."""
-        from .riccati_kernels import Stages
-
         steps, size = self._steps, self.gradient.shape[1]
         positions, changes = self._constraints.curvature(multipliers, weights[:, size:])
         slope, terminal = objective * self._slope, self._last_cost.copy()

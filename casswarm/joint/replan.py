@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from ..errors import PolicyError
-from ..problems.joint import JointForm
-from ..problems.joint_instances import JointTask
+from ..problems.joint import JointForm, JointTask
 from ..solvers import Solver
 from ..typing import FloatArray
+from .initial_guesses import InitialGuess
 from .plan_distribution import MAX_EXACT, PlanDistribution
-from .screening import InitialGuess
 from .solve import JointProblem, first_arrivals, stage_solver
 from .swarm_plan import SwarmPlan
 

@@ -17,7 +17,7 @@ control problems on parallel computers, Parallel Computing 16, 1990. The work is
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,40 +26,24 @@ from ..typing import FloatArray
 
 
 class Stages(NamedTuple):
-    """The quadratic model of a plan with T steps.
+    """The quadratic models of plans with T steps; all arrays have the axis of plans in front."""
 
-    Parameters
-    ----------
-    transitions : (T, 3^n)
-        Entries of S_k' in the rows of all sets, for all their subsets in ascending order.
-    by_outcome, by_set : (T, m, w)
-        B_k, and the mixed derivatives of the cost in p(k-1) and X(k).
-    positions, changes : (T, w, w)
-        Second derivatives in X(k), and in V(k) - V(k-1).
-    limits : (T, w)
-        Weights of V(k).
-    terminal : (m,)
-        Costs of the sets that are alive at the end; of entry 0, 1.
-    slope, bend : float
-        First and second derivative of the objective in the expected cost.
-    """
-
-    transitions: FloatArray
-    by_outcome: FloatArray
-    by_set: FloatArray
-    positions: FloatArray
-    changes: FloatArray
-    limits: FloatArray
-    terminal: FloatArray
-    slope: Any  # float, or of all instances
-    bend: Any
+    transitions: FloatArray  # (T, 3^n), of S_k' in the rows of all sets, for subsets in order
+    by_outcome: FloatArray  # (T, m, w), B_k
+    by_set: FloatArray  # (T, m, w), mixed derivatives of the cost in p(k-1) and X(k)
+    positions: FloatArray  # (T, w, w), second derivatives in X(k)
+    changes: FloatArray  # (T, w, w), in V(k) - V(k-1)
+    limits: FloatArray  # (T, w), weights of V(k)
+    terminal: FloatArray  # (m,), costs of the sets that are alive at the end; of entry 0, 1
+    slope: FloatArray  # (), derivative of the objective in the expected cost
+    bend: FloatArray  # (), second derivative
 
 
 class Factor(NamedTuple):
-    """Triangular pivots (T, w, w) of all steps, and their rows in the other entries (T, w, D)."""
+    """Factors of the models of plans, this axis in front."""
 
-    pivots: FloatArray
-    gains: FloatArray
+    pivots: FloatArray  # (T, w, w), triangular, of all steps
+    gains: FloatArray  # (T, w, D), their rows in the other entries
 
 
 @kernel
@@ -69,9 +53,8 @@ def add_over_subsets(
     """Write S' values to the first columns of `out`; rows of both are sets."""
     place = 0
     for d in range(len(values)):
-        target = out[d]
-        for c in range(columns):
-            target[c] = 0.0
+        target = out[d, :columns]
+        target[:] = 0.0
         subset, more = 0, True
         while more:
             factor, row = transition[place], values[subset]
@@ -83,13 +66,14 @@ def add_over_subsets(
 
 
 @kernel
-def pull_law(k: int, stages: Stages, cost: FloatArray, rows: FloatArray) -> None:
+def pull_law(b: int, k: int, stages: Stages, cost: FloatArray, rows: FloatArray) -> None:
     """Replace p(k) by p(k-1) and X(k) in the form `cost` (D, D), and add the costs of step k.
 
     The rows of p(k-1) are written to `rows` (m, D); in `cost`, those of X and V are replaced where
     they are used.
     """
-    by_outcome, by_set = stages.by_outcome[k], stages.by_set[k]
+    by_outcome, by_set, slope = stages.by_outcome[b, k], stages.by_set[b, k], stages.slope[b]
+    transition, positions = stages.transitions[b, k], stages.positions[b, k]
     sets, width = by_outcome.shape
     size = len(cost)
     for d in range(sets):
@@ -100,11 +84,11 @@ def pull_law(k: int, stages: Stages, cost: FloatArray, rows: FloatArray) -> None
     for d in range(sets):
         for r in range(width):
             cost[d, sets + r] = cost[sets + r, d]
-    add_over_subsets(stages.transitions[k], size, cost[:sets], rows)
+    add_over_subsets(transition, size, cost[:sets], rows)
     for d in range(sets):
         for c in range(sets):
             cost[c, d] = rows[d, c]
-    add_over_subsets(stages.transitions[k], sets, cost[:sets], rows)
+    add_over_subsets(transition, sets, cost[:sets], rows)
     for r in range(width):
         target = cost[sets + r]
         for d in range(sets):
@@ -112,18 +96,23 @@ def pull_law(k: int, stages: Stages, cost: FloatArray, rows: FloatArray) -> None
             for c in range(width):
                 target[sets + c] += factor * by_outcome[d, c]
         for c in range(width):
-            target[sets + c] += stages.positions[k, r, c]
+            target[sets + c] += positions[r, c]
     for d in range(sets):
         for c in range(width):
-            rows[d, sets + c] += stages.slope * by_set[d, c]
+            rows[d, sets + c] += slope * by_set[d, c]
 
 
 @kernel
 def eliminate(
-    k: int, shift: float, stages: Stages, cost: FloatArray, rows: FloatArray, factor: Factor
+    limits: FloatArray,
+    changes: FloatArray,
+    shift: float,
+    cost: FloatArray,
+    rows: FloatArray,
+    pivot: FloatArray,
+    gain: FloatArray,
 ) -> bool:
     """Factorise the equations of V(k); False if they are not positive definite."""
-    pivot, gain, changes = factor.pivots[k], factor.gains[k], stages.changes[k]
     sets, width = len(rows), len(pivot)
     last = sets + width
     for r in range(width):
@@ -135,7 +124,7 @@ def eliminate(
             gain[r, last + c] = -changes[r, c]
             of_velocities = cost[sets + r, last + c] + cost[last + r, last + c]
             pivot[r, c] = of_positions + of_velocities + changes[r, c]
-        pivot[r, r] += stages.limits[k, r] + shift
+        pivot[r, r] += limits[r] + shift
     for r in range(width):
         for c in range(r):
             step = pivot[r, c]
@@ -184,32 +173,29 @@ def reduce_cost(changes: FloatArray, cost: FloatArray, rows: FloatArray, gain: F
 
 @kernel
 def factorise_one(
-    shift: float, stages: Stages, cost: FloatArray, rows: FloatArray, factor: Factor
+    b: int, shift: float, stages: Stages, cost: FloatArray, rows: FloatArray, factors: Factor
 ) -> bool:
-    """Factorise the matrix of one plan plus a shift of its diagonal; whether it is positive."""
-    sets = len(rows)
+    """Factorise the matrix of a plan plus a shift of its diagonal; whether it is positive."""
     cost[:] = 0.0
-    for d in range(sets):
-        for c in range(sets):
-            cost[d, c] = stages.bend * stages.terminal[d] * stages.terminal[c]
-    for k in range(len(stages.limits) - 1, -1, -1):
-        pull_law(k, stages, cost, rows)
-        if not eliminate(k, shift, stages, cost, rows, factor):
+    terminal, changes = stages.terminal[b], stages.changes[b]
+    for d in range(len(rows)):
+        for c in range(len(rows)):
+            cost[d, c] = stages.bend[b] * terminal[d] * terminal[c]
+    for k in range(len(changes) - 1, -1, -1):
+        pivot, gain = factors.pivots[b, k], factors.gains[b, k]
+        pull_law(b, k, stages, cost, rows)
+        if not eliminate(stages.limits[b, k], changes[k], shift, cost, rows, pivot, gain):
             return False
         if k:
-            reduce_cost(stages.changes[k], cost, rows, factor.gains[k])
+            reduce_cost(changes[k], cost, rows, gain)
     return True
 
 
 @allocating_kernel
 def factorise(
-    plans: tuple[int, int],
-    tried: FloatArray,
-    stages: Stages,
-    factors: Factor,
-    shifts: FloatArray,
+    plans: tuple[int, int], tried: FloatArray, stages: Stages, factors: Factor, shifts: FloatArray
 ) -> None:
-    """Write the factors of these of b plans, whose arrays have this axis in front.
+    """Write the factors of these of b plans.
 
     `tried` (b, m) are the shifts to try, in order, and `shifts` (b,) those taken, NaN for none.
     """
@@ -217,20 +203,8 @@ def factorise(
     cost, rows = np.empty((size, size)), np.empty((sets, size))
     for b in range(plans[0], plans[1]):
         shifts[b] = np.nan
-        one = Stages(
-            stages.transitions[b],
-            stages.by_outcome[b],
-            stages.by_set[b],
-            stages.positions[b],
-            stages.changes[b],
-            stages.limits[b],
-            stages.terminal[b],
-            stages.slope[b],
-            stages.bend[b],
-        )
-        factor = Factor(factors.pivots[b], factors.gains[b])
         for shift in tried[b]:
-            if factorise_one(shift, one, cost, rows, factor):
+            if factorise_one(b, shift, stages, cost, rows, factors):
                 shifts[b] = shift
                 break
 
@@ -238,70 +212,62 @@ def factorise(
 @allocating_kernel
 def solve(plans: tuple[int, int], stages: Stages, factors: Factor, right: FloatArray) -> None:
     """Replace right-hand sides (b, T, w) by the solutions, in these of b plans."""
-    steps = right.shape[1]
     size, sets = factors.gains.shape[-1], stages.by_set.shape[2]
-    state, law = np.empty(size), np.empty(sets)
+    state, law = np.empty((size, 1)), np.empty((sets, 1))
     for b in range(plans[0], plans[1]):
         state[:] = 0.0
-        for k in range(steps - 1, -1, -1):
-            parts = stages.transitions[b, k], stages.by_outcome[b, k], right[b, k]
-            backward(*parts, factors.pivots[b, k], factors.gains[b, k], state, law)
+        for k in range(right.shape[1] - 1, -1, -1):
+            backward(b, k, stages, factors, right[b, k], state, law)
         state[:] = 0.0
-        for k in range(steps):
-            parts = stages.transitions[b, k], stages.by_outcome[b, k], right[b, k]
-            forward(*parts, factors.pivots[b, k], factors.gains[b, k], state, law)
+        for k in range(right.shape[1]):
+            forward(b, k, stages, factors, right[b, k], state[:, 0], law[:, 0])
 
 
 @kernel
 def backward(
-    transition: FloatArray,
-    by_outcome: FloatArray,
+    b: int,
+    k: int,
+    stages: Stages,
+    factors: Factor,
     right: FloatArray,
-    pivot: FloatArray,
-    gain: FloatArray,
     state: FloatArray,
     law: FloatArray,
 ) -> None:
     """Eliminate the velocities of a step from linear terms of the state; `right` is reduced."""
+    by_outcome, pivot, gain = stages.by_outcome[b, k], factors.pivots[b, k], factors.gains[b, k]
     sets, width = by_outcome.shape
     last = sets + width
-    place = 0
     for d in range(sets):
         for r in range(width):
-            state[sets + r] += by_outcome[d, r] * state[d]
-        law[d] = 0.0
-        subset, more = 0, True
-        while more:
-            law[d] += transition[place] * state[subset]
-            place += 1
-            more = subset != d
-            subset = (subset - d) & d
+            state[sets + r, 0] += by_outcome[d, r] * state[d, 0]
+    add_over_subsets(stages.transitions[b, k], 1, state[:sets], law)
     for d in range(sets):
-        state[d] = law[d]
+        state[d, 0] = law[d, 0]
     for r in range(width):
-        value = right[r] - state[sets + r] - state[last + r]
-        state[last + r] = 0.0
+        value = right[r] - state[sets + r, 0] - state[last + r, 0]
+        state[last + r, 0] = 0.0
         for c in range(r):
             value -= pivot[r, c] * right[c]
         right[r] = value / pivot[r, r]
     for r in range(width):
-        for i in range(state.size):
-            state[i] += gain[r, i] * right[r]
+        for i in range(len(state)):
+            state[i, 0] += gain[r, i] * right[r]
 
 
 @kernel
 def forward(
-    transition: FloatArray,
-    by_outcome: FloatArray,
+    b: int,
+    k: int,
+    stages: Stages,
+    factors: Factor,
     right: FloatArray,
-    pivot: FloatArray,
-    gain: FloatArray,
     state: FloatArray,
     law: FloatArray,
 ) -> None:
     """Replace `right` by the velocities of a step, and the state by the one after it."""
+    by_outcome, pivot, gain = stages.by_outcome[b, k], factors.pivots[b, k], factors.gains[b, k]
+    transition, place = stages.transitions[b, k], 0
     sets, width = by_outcome.shape
-    last = sets + width
     for r in range(width):
         for i in range(state.size):
             right[r] -= gain[r, i] * state[i]
@@ -310,10 +276,8 @@ def forward(
             right[r] -= pivot[c, r] * right[c]
         right[r] /= pivot[r, r]
         state[sets + r] += right[r]
-        state[last + r] = right[r]
-    place = 0
-    for d in range(sets):
-        law[d] = 0.0
+        state[sets + width + r] = right[r]
+    law[:] = 0.0
     for d in range(sets):
         subset, more = 0, True
         while more:

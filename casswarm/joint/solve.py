@@ -12,15 +12,14 @@ from ..hazard import Hazard, KernelHazard
 from ..motion.kinematics import integrate
 from ..nlp.program import Nlp
 from ..nlp.solution import Solution
-from ..problems.joint import JointForm
+from ..problems.joint import JointForm, JointTask, joint_instances
 from ..problems.joint_hessian import MAX_MEMBERS
-from ..problems.joint_instances import JointTask, joint_instances
 from ..solvers import FilterInteriorPoint, Ipopt, Solver
 from ..solvers.interior_point.derivatives import NumericDerivatives
 from ..typing import FloatArray, IntArray
+from .initial_guesses import InitialGuess, track
 from .numeric import joint_program
 from .plan_distribution import MAX_EXACT, PlanDistribution
-from .screening import InitialGuess, track
 from .swarm_plan import DISTANCE_TOL, SwarmOutcome, least_distance
 
 if TYPE_CHECKING:

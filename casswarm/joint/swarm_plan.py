@@ -13,8 +13,7 @@ from ..guide.frame import Frame
 from ..motion.step import Motion
 from ..nlp.solution import Solution
 from ..typing import FloatArray, IntArray, Interval
-from .likely_sets import LikelySets
-from .plan_distribution import PlanDistribution
+from .plan_distribution import LikelySets, PlanDistribution
 
 DISTANCE_TOL = 1e-4
 """Relative tolerance of the minimum distance, above a solver's."""

@@ -17,7 +17,7 @@ PRELOADED = (
     "casswarm.reproduction.reproduce",
     "casswarm.results.folder",
     "casswarm.studies.sweep",
-    "casswarm.joint.optimize",
+    "casswarm.joint.search",
     "casswarm.formation.spectral",
     "casswarm.figures.animation",
     "casswarm.figures.success",

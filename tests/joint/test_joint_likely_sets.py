@@ -11,7 +11,7 @@ from small_scenarios import small
 import casswarm as csw
 from casswarm import Scenario, plan_swarm
 from casswarm.joint import PlanDistribution
-from casswarm.joint.likely_sets import likely_sets
+from casswarm.joint.plan_distribution import likely_sets
 
 RADARS = [(1.0, 0.9), (2.2, -0.8)]
 STEPS = 6

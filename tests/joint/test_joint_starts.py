@@ -10,9 +10,8 @@ from small_scenarios import small
 
 from casswarm import Scenario, plan_swarm
 from casswarm.joint import InitialGuess, PlanDistribution
-from casswarm.joint.initial_guesses import changes
+from casswarm.joint.initial_guesses import Family, changes, screened, tracked_positions
 from casswarm.joint.plan_distribution import prescribed_costs
-from casswarm.joint.screening import Family, screened, tracked_positions
 from casswarm.problems import JointTask
 
 RADARS = [(1.0, 0.9), (2.2, -0.8)]
