@@ -79,26 +79,15 @@ class AccelerationLimits(NamedTuple):
 class AccelerationBound:
     """A proven lower bound on the risk of the paths that obey the limits of acceleration, too.
 
-    Parameters
-    ----------
-    bound : float
-        No path that obeys the limits of speed and acceleration and ends, by step N, at most
-        `radius` from the target's centre has less risk.
-    best : float
-        Least known risk of such a path.
-    radius : float
-    reason : str
-        Why the proof ended.
-    regions : int
-        Number of regions of paths that were bounded.
-    seconds : float
+    No path that obeys the limits of speed and acceleration and ends, by step N, at most `radius`
+    from the target's centre has less risk than the bound.
     """
 
     bound: float
-    best: float
+    best: float  # least known risk of such a path
     radius: float
-    reason: str
-    regions: int
+    reason: str  # why the proof ended
+    regions: int  # of paths that were bounded
     seconds: float
 
     @property

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -371,7 +371,9 @@ def _values(
     slope = _slope(coarse, reachable)
     levels = _start_levels(coarse, slope, reachable)
     clock, best, used = Clock(effort.deadline), 1.0, 0.0
-    for work in _stages(effort.max_work):
+    works = (_FIRST_WORK * _STAGE**stage for stage in itertools.count())
+    smaller = itertools.takewhile(lambda work: work < effort.max_work, works)
+    for work in (*smaller, effort.max_work):
         choice = _choose(task, len(fine.starts), len(groups[0]), levels, work)
         if choice is None:
             continue
@@ -382,14 +384,6 @@ def _values(
         if value < 1.0 and improved < effort.accuracy * (1.0 - value):
             return "the bound on failure hardly rises"
     return "the largest work is reached"
-
-
-def _stages(max_work: float) -> Iterator[float]:
-    work = _FIRST_WORK
-    while work < max_work:
-        yield work
-        work *= _STAGE
-    yield max_work
 
 
 def _groups(members: np.ndarray) -> list[np.ndarray]:

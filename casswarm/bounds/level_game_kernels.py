@@ -8,7 +8,6 @@ Equations (S1) to (S4) are those of ``docs/success-bound.md``, which also lists 
 
 from __future__ import annotations
 
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -80,9 +79,10 @@ class Buffers(NamedTuple):
     @classmethod
     def of(cls, k: int) -> Buffers:
         """Buffers for k members."""
-        whole, real = (partial(np.zeros, dtype=kind) for kind in (np.int64, np.float64))
-        of_members = *(whole(k) for _ in range(3)), *(real(k) for _ in range(4))
-        return cls(*of_members, whole(1 << k), *(real(1 << k) for _ in range(3)))
+        drops, after, fallen, ranks = (np.zeros(n, np.int64) for n in (k, k, k, 1 << k))
+        alive, least, most, margin = (np.zeros(k) for _ in range(4))
+        sets = [np.zeros(1 << k) for _ in range(3)]
+        return cls(drops, after, fallen, alive, least, most, margin, ranks, *sets)
 
 
 class Tables(NamedTuple):

@@ -43,20 +43,13 @@ class PairLevel:
 class PairBound:
     """A proven upper bound of the success probability of every policy of two members.
 
-    Parameters
-    ----------
-    value : float
-        No policy exceeds it, with or without limits of acceleration.
-    known : float
-        The success probability that was given: policies that do not exceed it were not considered.
-    reason : str
-        Why the refinement ended.
-    levels : tuple of PairLevel
+    No policy exceeds `value`, with or without limits of acceleration. Those that do not exceed
+    `known`, the success probability that was given, were not considered.
     """
 
     value: float
     known: float
-    reason: str
+    reason: str  # why the refinement ended
     levels: tuple[PairLevel, ...] = field(default=(), repr=False)
 
     @property
@@ -118,7 +111,8 @@ def _levels(
     program: PairProgram, known: float, tolerance: float, max_nodes: int, clock: Clock
 ) -> Generator[PairLevel, None, str]:
     """Grids of a refinement, each with the bound so far; why there is no other one."""
-    value, finer = 1.0, program
+    value = 1.0
+    finer: PairProgram | None = program
     while finer is not None:
         program, bound, kept = _best_multiplier(finer, clock.deadline)
         value = max(known, min(value, bound))
@@ -172,8 +166,9 @@ def first_program(
         near = gathered(task, starts, margin, max(margins))
         nearer = Relaxation.from_scenario(scenario, near[0])
         tube = Tube.full(nearer, near, margin, velocities, change)
-        if certified and (near != starts).any():
-            tube = tube.departed()
+        if certified and (near != starts).any():  # who leaves the rectangle in the first step
+            nowhere = [np.zeros((0, 2, 4))] * task.steps
+            tube = replace(tube, boxes=(tube.boxes[0], *nowhere))
         candidates.append(PairProgram(nearer, near, tube, reach, margin, None))
     sizes = [program.size for program in candidates]
     if sizes[0] > max_nodes:

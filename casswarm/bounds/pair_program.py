@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations, product
 
@@ -34,15 +34,6 @@ Arrays = list[FloatArray]
 _SPLIT = 0.75  # a block is split if both parts have at most this fraction of its nodes
 _MIN_NODES = 20_000  # of a block that is split
 _PAIRS = tuple(combinations(range(4), 2))
-
-
-def nodes_of_box(box: FloatArray, spacing: float) -> NodeBlock:
-    """Nodes, along four axes, of the cells that meet the box (2, 4) of both members' coordinates.
-
-    Every node of the first member is in it with every node of the second: see `members`.
-    """
-    low = np.floor(box[0] / spacing)
-    return NodeBlock.between(low, np.maximum(np.ceil(box[1] / spacing), low + 1))
 
 
 def members(block: NodeBlock) -> tuple[NodeBlock, NodeBlock]:
@@ -91,14 +82,17 @@ class Tube:
         boxes = tuple(np.stack([low, high], axis=1)[:, None])
         return cls(boxes, retreat, np.ones((task.steps, 2), bool))
 
-    def departed(self) -> Tube:
-        """No positions but the starts: members leave the rectangle in the first step."""
-        empty = np.zeros((0, 2, 4))
-        return replace(self, boxes=(self.boxes[0], *(empty for _ in self.boxes[1:])))
-
     def blocks(self, spacing: float) -> list[list[NodeBlock]]:
-        """Nodes of the boxes, for every step."""
-        return [[nodes_of_box(box, spacing) for box in boxes] for boxes in self.boxes]
+        """Nodes of the cells that meet the boxes, for every step; of a box, along four axes.
+
+        Every node of the first member is in it with every node of the second: see `members`.
+        """
+
+        def nodes(box: FloatArray) -> NodeBlock:
+            low = np.floor(box[0] / spacing)
+            return NodeBlock.between(low, np.maximum(np.ceil(box[1] / spacing), low + 1))
+
+        return [[nodes(box) for box in boxes] for boxes in self.boxes]
 
     def nodes(self, spacing: float) -> int:
         """Number of nodes of all blocks."""
@@ -232,7 +226,8 @@ def pair_lattice(
     if certified:
         exact -= _rounding(task, grid.spacing)
         risk *= exact
-    bounds = task.hazard.pair_bounds(region.shape, grid.spacing, certified)
+    n, m = region.shape
+    bounds = task.hazard.pair_bounds((n, m), grid.spacing, certified)
     assert bounds is not None
     share, collision = bounds.share, exact * task.dt * bounds.collision
     least, largest = (_windows(collision, combine) for combine in (np.minimum, np.maximum))
@@ -248,11 +243,12 @@ def pair_lattice(
         float(share[row, min(column + margin, 2 * column)]),
     )
     inner = (slice(1, -1), slice(1, -1))
-    lone = (
+    alone, floor, with_guard = (
         lone_values(costs, region, factor, exact)
         for costs, factor in ((single, 1.0), (both, 1.0), (both, guarded))
     )
-    return PairLattice(grid, region, risk[inner], slopes[:, *inner], spread[inner], *lone, pair)
+    of_member = risk[inner], slopes[:, *inner], spread[inner]
+    return PairLattice(grid, region, *of_member, alone, floor, with_guard, pair)
 
 
 def lone_values(costs: StageCosts, region: NodeBlock, share: float, exact: float) -> FloatArray:
@@ -262,12 +258,13 @@ def lone_values(costs: StageCosts, region: NodeBlock, share: float, exact: float
     """
     grid = costs.grid
     out = np.zeros((len(grid.blocks) + 1, *region.shape))
-    samples, values = reversed(range(len(grid.blocks))), []
-    for sample, (after, values) in zip(samples, backwards(costs, share * exact), strict=True):  # noqa: B007
+    samples, first = reversed(range(len(grid.blocks))), list[FloatArray]()
+    for sample, (after, values) in zip(samples, backwards(costs, share * exact), strict=True):
         for nodes, to_go in zip(grid.nodes[sample], after, strict=True):
             common = nodes.common(region)
             out[sample + 1][common.within(region)] = _survival(to_go[common.within(nodes)])
-    out[0] = _survival(extremum_within_reach(values, grid.nodes[0], region, grid.reach))
+        first = values
+    out[0] = _survival(extremum_within_reach(first, grid.nodes[0], region, grid.reach))
     return out
 
 

@@ -30,28 +30,14 @@ MAX_NODES = 10_000_000  # maximum of any grid: three numbers each take 240 MB
 
 @dataclass(frozen=True)
 class Level:
-    """One grid of a refinement.
+    """One grid of a refinement."""
 
-    Parameters
-    ----------
-    stride, reach : int
-        Time steps and nodes per sample.
-    spacing : float
-        Side of a cell.
-    nodes : int
-        Over all samples.
-    bound : float
-        Lower bound on the risk of any guide, from the grids so far.
-    seconds : float
-        Since the start of the refinement.
-    """
-
-    stride: int
-    reach: int
-    spacing: float
-    nodes: int
-    bound: float
-    seconds: float
+    stride: int  # time steps per sample
+    reach: int  # nodes per sample
+    spacing: float  # side of a cell
+    nodes: int  # over all samples
+    bound: float  # below the risk of any guide, from the grids so far
+    seconds: float  # since the start of the refinement
 
 
 @dataclass(frozen=True)

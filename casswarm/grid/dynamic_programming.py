@@ -122,14 +122,17 @@ def rounding(stage_costs: StageCosts, risk: float, interpolated: bool = False) -
     return float(UNIT * (operations + coordinates) * (risk + 2 * stage_costs.max_terminal))
 
 
-def backwards(stage_costs: StageCosts, scale: float = 1.0) -> Iterator[tuple[Values, ...]]:
+def backwards(
+    stage_costs: StageCosts, scale: float = 1.0
+) -> Iterator[tuple[list[FloatArray], list[FloatArray]]]:
     """Costs after a visit and with it, of the nodes of every sample, from the last one.
 
     W_t of ``docs/global-guide.md``, equation (G2), with lambda in `StageCosts.nodes`, times
     `scale`, and phi in `StageCosts.terminal`: W_t(n) = lambda(n) + min(phi(n), min over n' within
     reach of W_(t+1)(n')).
     """
-    grid, values, blocks = stage_costs.grid, [], ()
+    grid, values = stage_costs.grid, list[FloatArray]()
+    blocks: tuple[NodeBlock, ...] = ()
     for nodes, costs in zip(reversed(grid.nodes), reversed(stage_costs.nodes), strict=True):
         after = [extremum_within_reach(values, blocks, each, grid.reach) for each in nodes]
         for to_go, each in zip(after, nodes, strict=True):

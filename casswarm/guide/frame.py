@@ -22,7 +22,6 @@ from ..scenario.sections import CONSTANTS
 from ..typing import FloatArray, IntArray, Progress
 
 if TYPE_CHECKING:
-    from ..problems.guide import GuideTask
     from .guide import Candidate, Guide
 
 _TURN, _MIRROR = np.array([[0.0, -1.0], [1.0, 0.0]]), np.diag([1.0, -1.0])
@@ -105,15 +104,6 @@ class Frame:
         if scenario.swarm.velocity != "guide":
             values["swarm.velocity"] = self.points_to(scenario.swarm.velocity)
         return scenario.with_values(values)
-
-    def guide_task_in(self, task: GuideTask) -> GuideTask:
-        """The task of a single agent of the scenario in the frame."""
-        return replace(
-            task,
-            start=self.points_to(task.start),
-            center=self.points_to(task.center),
-            initial_velocity=self.points_to(task.initial_velocity),
-        )
 
     def guide_to(self, guide: Guide) -> Guide:
         """Positions and candidates of a guide of the scenario in the frame."""

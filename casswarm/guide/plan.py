@@ -319,12 +319,10 @@ def plan_from(
     backend = _solver(scenario, solver, solver_options)
     kind = _checked_search(search, scenario, backend)
     frame = Frame.of_agent(scenario, task.start, task.initial_velocity)
+    vectors = {name: getattr(task, name) for name in ("start", "center", "initial_velocity")}
+    turned = replace(task, **{name: frame.points_to(each) for name, each in vectors.items()})
     multistart = Multistart(
-        frame.scenario_in(scenario),
-        frame.guide_task_in(task),
-        backend,
-        frame.reported(progress),
-        deadline,
+        frame.scenario_in(scenario), turned, backend, frame.reported(progress), deadline
     )
     if isinstance(backend, ProjectedGradient):
         candidates = [multistart.penalised()]

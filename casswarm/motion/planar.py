@@ -113,23 +113,11 @@ class PlanarSets:
         return PlanarSets(*(array[*key, ...] for array in arrays))
 
     def project(self, points: ArrayLike) -> FloatArray:
-        """Nearest points of the sets.
+        """Nearest points (..., 2) of the sets, whose `shape` broadcasts with that of the points.
 
-        Parameters
-        ----------
-        points : array_like of float, (..., 2)
-            Leading axes broadcast with `shape`.
-
-        Returns
-        -------
-        numpy.ndarray of float, (..., 2)
-            In the box exactly, in disc k up to ``ROUNDING * (max|x| + max|c_k| + r_k)``. A point
-            that is not finite gives NaN: one diverged entry does not stop a batch.
-
-        Raises
-        ------
-        ValueError
-            If a set is empty (see `is_empty`, `relax_infeasible`), or if shapes do not fit.
+        They are in the box exactly, in disc k up to ``ROUNDING * (max|x| + max|c_k| + r_k)``. A
+        point that is not finite gives NaN: one diverged entry does not stop a batch. ValueError is
+        raised if a set is empty (see `is_empty`, `relax_infeasible`), or if shapes do not fit.
         """
         flat, sets, shape = self._paired(points)
         nearest, exists = np.empty(flat.shape), np.empty(len(flat), dtype=bool)
@@ -165,19 +153,8 @@ class PlanarSets:
 
         The box and disc 0 are hard constraints; disc 1 is a soft constraint. Where the three do not
         meet, the set becomes the point of box ∩ disc 0 nearest to the centre of disc 1, and so to
-        disc 1: a box of zero width, both discs absent.
-
-        Returns
-        -------
-        sets : PlanarSets
-            None of them empty; feasible sets are unchanged.
-        infeasible : numpy.ndarray of bool, (...)
-            The sets that were replaced.
-
-        Raises
-        ------
-        ValueError
-            If box ∩ disc 0 is empty somewhere; the message says how often.
+        disc 1: a box of zero width, both discs absent. Returned are the sets, and which of them
+        (...) were replaced. ValueError is raised if box ∩ disc 0 is empty somewhere.
         """
         infeasible = self.is_empty
         if not infeasible.any():

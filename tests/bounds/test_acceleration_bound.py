@@ -356,31 +356,6 @@ def test_bound_increases_with_tighter_limit() -> None:
     assert bounds[0] > bounds[1] > bounds[2]
 
 
-def test_bound_does_not_depend_on_unit_of_length() -> None:
-    """Rates are proportional to the inverse square of lengths, as are risks per strength."""
-    results, risk = [], 0.0
-    for unit in (1.0, 1024.0):
-        scenario = Scenario.from_data(
-            {
-                "name": "units",
-                "swarm": {"positions": [(0.0, 0.0)], "v_max": 2 * unit, "a_max": 0.1 * unit**2},
-                "target": {"center": (5 * unit, 2 * unit), "radius": 0.5 * unit},
-                "time": {"dt": 0.33, "t_f": 4.0},
-                "hazard": {
-                    "kind": "saturation",
-                    "radars": [(unit * x, unit * y) for x, y in TWO],
-                    "alpha_1": 4.0 * unit**2,
-                    "alpha_2": 3.0,
-                    "alpha_3": 4.0 / unit**2,
-                },
-            }
-        )
-        risk = risk or plan(scenario, certify=False).risk
-        results.append(bounded(scenario, risk, first_nodes=50_000))
-    assert results[0].regions == results[1].regions
-    assert results[0].bound == pytest.approx(results[1].bound, rel=1e-9)
-
-
 def test_bound_after_deadline_is_known_one() -> None:
     scenario = agent((5.0, 2.0), TWO, 12)
     result = bounded(scenario, 1.0, deadline=time.monotonic() - 1, known=0.25)

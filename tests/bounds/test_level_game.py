@@ -204,18 +204,6 @@ def test_level_game_reaches_known_bounds() -> None:
     assert success_bound(load_scenario("barricade"), max_work=1.5e8).value < 0.70
 
 
-def test_level_game_is_the_same_for_images() -> None:
-    turned = ALLEY.with_values(
-        {
-            "swarm.positions": [(-y, x) for x, y in ALLEY.positions[::-1].tolist()],
-            "target.center": (0.0, 12.0),
-            "hazard.radars": [(-y, x) for x, y in ALLEY.hazard.radar_positions[::-1].tolist()],
-        }
-    )
-    bounds = [success_bound(scenario, 50_000, max_work=1e6) for scenario in (ALLEY, turned)]
-    assert bounds[0].value == pytest.approx(bounds[1].value, abs=1e-9)
-
-
 def test_level_game_is_monotone_in_rates() -> None:
     values = [
         success_bound(ALLEY.with_values({"hazard.alpha_1": alpha}), 100_000, max_work=3e6).value
@@ -273,11 +261,6 @@ def test_game_of_rates_that_do_not_grow_proves_nothing(intercept: float) -> None
     assert game_bound(task, scenario.positions, 0.0, Effort(100_000, 1e6, 0.0, math.inf)).value == 1
 
 
-def test_infinite_work_raises() -> None:
-    with pytest.raises(ValueError, match="max_work = inf; allowed: finite numbers"):
-        success_bound(ALLEY, max_work=math.inf)
-
-
 def test_time_limit_is_reported() -> None:
     bound = success_bound(ALLEY, 50_000, max_work=1e7, time_limit=0.0)
     assert bound.limited
@@ -285,12 +268,6 @@ def test_time_limit_is_reported() -> None:
     again = success_bound(ALLEY, 50_000, max_work=1e7, time_limit=0.0)
     assert again is not bound  # it is not cached: there may be more time
     assert bound.value <= success_bound(ALLEY, 50_000, max_work=0).value
-
-
-@pytest.mark.parametrize("option", ["max_work", "accuracy", "time_limit"])
-def test_negative_options_raise(option: str) -> None:
-    with pytest.raises(ValueError, match=f"{option} = -1; allowed: numbers from 0"):
-        success_bound(ALLEY, **{option: -1})  # type: ignore[arg-type]
 
 
 def climbed(scenario: Scenario, rng: np.random.Generator, trials: int) -> float:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.ndimage import maximum_filter
 from small_scenarios import DT, V_MAX, patrolled, small
 from test_success_bound import adversary, some_scenario
 
@@ -19,7 +18,7 @@ from casswarm.bounds.pair_bound import first_program
 from casswarm.bounds.pair_kernels import MemberNodes, step_back
 from casswarm.bounds.pair_program import PairProgram, pair_lattice, viable_boxes
 from casswarm.errors import PlanningError
-from casswarm.grid import NodeBlock, Relaxation, box_extremum
+from casswarm.grid import NodeBlock, Relaxation
 from casswarm.joint import PlanDistribution
 
 RADARS = [(1.3, 0.7), (2.1, -0.9)]
@@ -139,19 +138,6 @@ def test_pair_bound_of_tiny_success_is_positive(factor):
     assert 0 < bound.value < 1e-300
 
 
-@pytest.mark.parametrize("collides", [False, True])
-def test_pair_bound_is_equal_for_mirrored_scenarios(collides):
-    kind = COLLISIONS if collides else {}
-
-    def bound(turn):
-        positions, radars = ([turn(x, y) for x, y in points] for points in (PAIR, RADARS))
-        return pair_bound(small(positions, turn(2.0, 0.4), radars, 4, **kind), max_nodes=300_000)
-
-    images = [lambda x, y: (x, y), lambda x, y: (-x, y), lambda x, y: (y, x)]
-    first, *others = [bound(turn).value for turn in images]
-    np.testing.assert_allclose(others, first, rtol=1e-3)
-
-
 def test_pair_bound_falls_with_rates():
     bounds = [
         pair_bound(
@@ -241,21 +227,6 @@ def test_step_back_is_above_every_position_between_nodes(collides):
         assert exact <= found * (1 + 0.01)  # up to the error of the mean
 
 
-@settings(max_examples=40, deadline=None)
-@given(st.integers(0, 10**6), st.integers(1, 4))
-def test_box_maximum_equals_maximum_filter(seed, reach):
-    rng = np.random.default_rng(seed)
-    shape = tuple(rng.integers(1, 7, 4).tolist())
-    values = rng.normal(size=shape)
-    low, high = rng.integers(-3, 3, 4), rng.integers(3, 8, 4)
-    to = NodeBlock.between(low, high)
-    found = box_extremum(values, NodeBlock((0, 0, 0, 0), shape), to, reach, largest=True)
-    padded = np.pad(values, 12, constant_values=-np.inf)
-    expected = maximum_filter(padded, 2 * reach + 1, mode="constant", cval=-np.inf)
-    window = tuple(slice(12 + a, 12 + b + 1) for a, b in zip(low, high, strict=True))
-    np.testing.assert_array_equal(found, expected[window])
-
-
 def test_viable_boxes_hold_all_cells_around_viable_nodes():
     rng = np.random.default_rng(0)
     needed = np.full((16, 16, 16, 16), -np.inf)
@@ -290,20 +261,54 @@ def test_tube_keeps_bound_of_full_grid(collides):
     assert full <= bound
 
 
-# --- errors
+# --- the value function
+
+FIVE_STEPS = small(PAIR, (2.0, 0.4), RADARS, 5)
 
 
-def test_pair_bound_of_five_members_raises():
-    with pytest.raises(PlanningError, match="computed for two members; 'paper-1' has 5"):
-        pair_bound(load_scenario("paper-1"))
+def test_path_of_pair_keeps_speed_limit_and_arrives():
+    value = PairValueFunction.from_scenario(FIVE_STEPS, 300_000)
+    path = value.path(FIVE_STEPS.positions)
+    assert path.shape == (6, 2, 2)
+    np.testing.assert_array_equal(path[0], FIVE_STEPS.positions)
+    assert np.abs(np.diff(path, axis=0)).max() <= DT * V_MAX * (1 + 1e-9)
+    assert FIVE_STEPS.target.contains(path).any()
 
 
-def test_pair_bound_of_users_rates_raises():
-    scenario = small(PAIR, (2.0, 0.4), RADARS, 4).with_hazard(patrolled, radars=RADARS)
-    with pytest.raises(PlanningError, match="CustomHazard does not provide `pair_bounds`"):
-        pair_bound(scenario)
+def test_value_of_path_is_near_its_exact_law():
+    value = PairValueFunction.from_scenario(FIVE_STEPS, 3_000_000)
+    path = value.path(FIVE_STEPS.positions)
+    predicted = value.after(1, path[1:2])[0]
+    law = PlanDistribution.from_positions(FIVE_STEPS, path).success
+    assert law.low - 0.01 <= predicted <= pair_bound(FIVE_STEPS, max_nodes=3_000_000).value + 0.01
 
 
-def test_pair_bound_with_too_few_nodes_raises():
-    with pytest.raises(PlanningError, match="more than max_nodes = 10"):
-        pair_bound(small(PAIR, (2.0, 0.4), RADARS, 4), max_nodes=10)
+def test_value_is_zero_outside_grid_and_after_last_step():
+    value = PairValueFunction.from_scenario(FIVE_STEPS, 300_000)
+    far = np.full((3, 2, 2), 99.0)
+    np.testing.assert_array_equal(value.after(2, far), 0.0)
+    np.testing.assert_array_equal(value.after(6, far), 0.0)
+
+
+# --- refusals
+
+FOUR_STEPS = small(PAIR, (2.0, 0.4), RADARS, 4)
+USERS = FOUR_STEPS.with_hazard(patrolled, radars=RADARS)
+PAPER = load_scenario("paper-1")
+REFUSALS = [
+    (pair_bound, PAPER, {}, PlanningError, "computed for two members; 'paper-1' has 5"),
+    (pair_bound, USERS, {}, PlanningError, "CustomHazard does not provide `pair_bounds`"),
+    (pair_bound, FOUR_STEPS, {"max_nodes": 10}, PlanningError, "more than max_nodes = 10"),
+    (success_bound, PAPER, {"max_nodes": 10}, ValueError, "from 1000"),
+    (success_bound, PAPER, {"max_work": math.inf}, ValueError, "max_work = inf; allowed: finite"),
+    *(
+        (success_bound, PAPER, {name: -1}, ValueError, f"{name} = -1; allowed: numbers from 0")
+        for name in ("max_work", "accuracy", "time_limit")
+    ),
+]
+
+
+@pytest.mark.parametrize(("function", "scenario", "options", "error", "message"), REFUSALS)
+def test_bound_refuses(function, scenario, options, error, message):
+    with pytest.raises(error, match=message):
+        function(scenario, **options)

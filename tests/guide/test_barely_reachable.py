@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from small_scenarios import image
 
 from casswarm import Scenario, plan
 from casswarm.guide.multistart import solve_by
@@ -41,23 +42,6 @@ SCENARIO = {
 }
 
 
-def turned(turn: np.ndarray) -> Scenario:
-    """The scenario in other axes."""
-
-    def image(points):
-        return (np.asarray(points) @ turn.T).tolist()
-
-    changed = {
-        section: {
-            key: image(value) if key in ("positions", "velocity", "center", "radars") else value
-            for key, value in content.items()
-        }
-        for section, content in SCENARIO.items()
-        if isinstance(content, dict)
-    }
-    return Scenario.from_data(SCENARIO | changed)
-
-
 TURNS = {"none": np.eye(2), "quarter": np.array([[0.0, -1.0], [1.0, 0.0]])}
 
 
@@ -70,12 +54,13 @@ def test_ipopt_is_not_believed_that_feasible_guess_is_infeasible(turn, monkeypat
         return solve_by(deadline, solver, nlp, instance)
 
     monkeypatch.setattr("casswarm.guide.multistart.solve_by", recorded)
-    guide = plan(turned(TURNS[turn]), certify=False)
+    guide = plan(image(Scenario.from_data(SCENARIO), TURNS[turn]), certify=False)
     assert statuses == ["infeasible"]
     assert guide.solution.status.success
 
 
 def test_guide_to_barely_reachable_target_is_same_in_other_axes():
-    survival = [plan(turned(turn), certify=False).survival for turn in TURNS.values()]
+    images = [image(Scenario.from_data(SCENARIO), turn) for turn in TURNS.values()]
+    survival = [plan(each, certify=False).survival for each in images]
     assert survival[0] == pytest.approx(survival[1], abs=1e-6)
     assert survival[0] > 0.925

@@ -14,14 +14,11 @@ from small_scenarios import (
     Array,
     Point,
     free,
-    image,
     patrolled,
-    small,
 )
 
 from casswarm import HazardError, Saturation, ScenarioError, load_scenario, plan
 from casswarm.guide import certify_guide
-from casswarm.guide.frame import SYMMETRIES
 from casswarm.typing import FloatArray
 
 
@@ -161,32 +158,3 @@ def test_plan_without_certify_has_no_certificate() -> None:
 def test_plan_gap_or_time_limit_out_of_range_raises(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"{name} = .*allowed"):
         plan(free((4.0, 1.0), [(2.0, 0.5)], 12), **{name: value})
-
-
-@pytest.mark.parametrize(
-    "matrix", [pytest.param(SYMMETRIES[3], marks=pytest.mark.slow), SYMMETRIES[7]]
-)
-def test_guide_of_image_is_image_of_guide(matrix: Array) -> None:
-    """To the last digit, also bounds of a proof that ended at its gap."""
-    scenario = small(
-        [(0.0, 0.0)],
-        (3.0, 1.0),
-        [(1.2, 0.9), (1.6, -0.3)],
-        7,
-        swarm__velocity=(1.0, -1.0),
-        swarm__a_max=0.3,
-    )
-    guide, other = (plan(s, gap=0.05) for s in (scenario, image(scenario, matrix, [0])))
-    np.testing.assert_array_equal(other.positions, guide.positions @ matrix.T)
-    mirrored = str.maketrans("LR", "RL" if np.linalg.det(matrix) < 0 else "LR")
-    for one, its_image in zip(guide.candidates, other.candidates, strict=True):
-        assert its_image.homotopy == one.homotopy.translate(mirrored)
-        np.testing.assert_array_equal(its_image.velocities, one.velocities @ matrix.T)
-        x = one.solution.x.reshape(-1, 2) @ matrix.T
-        np.testing.assert_array_equal(its_image.solution.x, x.ravel())
-    bounds = [
-        (c.bound, c.accelerated.bound, c.accelerated.regions)
-        for c in (guide.certificate, other.certificate)
-    ]
-    assert bounds[0] == bounds[1]
-    assert bounds[0][2] > 20

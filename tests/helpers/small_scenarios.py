@@ -51,16 +51,21 @@ def three_members(**values: object) -> Scenario:
     return small(positions, (3.0, 0.0), [(1.5, 0.8)], 12, **values)
 
 
-def image(scenario: Scenario, matrix: Array, order: Sequence[int]) -> Scenario:
-    """The scenario with its axes mapped and its members in another order."""
-    velocity = np.array(scenario.swarm.velocity, dtype=float)
-    radars = np.array(scenario.hazard_table.radars)
+def image(
+    scenario: Scenario,
+    matrix: Array,
+    order: Sequence[int] | None = None,
+    shift: tuple[float, float] = (0.0, 0.0),
+) -> Scenario:
+    """The scenario with its axes mapped, moved by `shift`, and its members in another order."""
+    members = scenario.positions if order is None else scenario.positions[order]
+    velocity = scenario.swarm.velocity
     return scenario.with_values(
         {
-            "swarm.positions": scenario.positions[order] @ matrix.T,
-            "swarm.velocity": matrix @ velocity,
-            "target.center": matrix @ np.array(scenario.target.center),
-            "hazard.radars": radars @ matrix.T,
+            "swarm.positions": members @ matrix.T + shift,
+            "swarm.velocity": velocity if velocity == "guide" else matrix @ np.array(velocity),
+            "target.center": matrix @ np.array(scenario.target.center) + shift,
+            "hazard.radars": np.array(scenario.hazard_table.radars) @ matrix.T + shift,
         }
     )
 
